@@ -1,0 +1,51 @@
+# Only make and Python 3.11 are needed: every target sets up what it uses in .venv first.
+# ARGS adds options, for example: make recover ARGS="--seeds 3"; make test ARGS="tests/gait"
+
+PYTHON ?= python3.11
+VENV := .venv
+PY := $(VENV)/bin/python
+PIP := $(PY) -m pip install --quiet --disable-pip-version-check
+OUT ?= out/recovery
+
+.PHONY: recover test test-slow lint clean
+.DEFAULT_GOAL := recover
+
+recover: $(VENV)/.installed
+	$(PY) examples/damage_recovery.py --out $(OUT) $(ARGS)
+
+test: $(VENV)/.installed-test
+	$(PY) -m pytest -m "not slow" $(ARGS)
+
+test-slow: $(VENV)/.installed-test
+	$(PY) -m pytest -m slow $(ARGS)
+
+lint: $(VENV)/.installed-test
+	$(PY) -m ruff format --check .
+	$(PY) -m ruff check .
+	$(PY) -m mypy
+	$(VENV)/bin/lint-imports
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache \
+		.import_linter_cache .hypothesis
+
+# A stamp is touched last, so that an interrupted installation is taken up again.
+$(VENV)/.created:
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.installed: pyproject.toml | $(VENV)/.created
+	$(PIP) --editable .
+	touch $@
+
+# PyTorch first and by itself, from its CPU index: the build that the default index gives on
+# Linux brings gigabytes of CUDA. Where that index cannot be reached, pip says so once and
+# falls back to the default index.
+$(VENV)/.installed-torch: | $(VENV)/.created
+	$(PIP) --no-deps --retries 0 torch==2.13.0 \
+		--extra-index-url https://download.pytorch.org/whl/cpu
+	touch $@
+
+$(VENV)/.installed-test: $(VENV)/.installed $(VENV)/.installed-torch
+	$(PIP) --editable ".[test,rl]"
+	touch $@

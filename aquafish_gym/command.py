@@ -1,0 +1,33 @@
+"""What the robot is told: three servo speeds, held for the whole trial (Sec. 3.1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.validation import finite_array
+
+SERVOS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
+
+# Pectorals turn at [-0.5, 0.5] rev/s; the caudal fin sweeps +-30 degrees at [0, 1] Hz.
+COMMAND_LOW: NDArray[np.float64] = np.array([-0.5, -0.5, 0.0])
+COMMAND_HIGH: NDArray[np.float64] = np.array([0.5, 0.5, 1.0])
+COMMAND_LOW.setflags(write=False)
+COMMAND_HIGH.setflags(write=False)
+
+
+def check_commands(commands: ArrayLike, argument: str = "commands") -> NDArray[np.float64]:
+    """Return commands as a (B, 3) array in rev/s, rev/s and Hz.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the shape is not (B, 3), or a speed is not finite or out of bounds.
+    """
+    return finite_array(argument, commands, (None, 3), COMMAND_LOW, COMMAND_HIGH, "rev/s or Hz")
+
+
+def scale_action(action: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Map actions in [-1, 1], shape (..., 3), to servo commands in rev/s, rev/s, Hz."""
+    unit = 0.5 * (np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0) + 1.0)
+    return COMMAND_LOW + unit * (COMMAND_HIGH - COMMAND_LOW)

@@ -1,0 +1,196 @@
+"""One question to every engine: what do these robots feel when they are told these commands?"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.command import check_commands
+from aquafish_gym.imu import ImuLog
+from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.validation import InvalidArgumentError, finite_array, integer, one_of
+
+TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
+MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
+MAXIMUM_SUBSTEPS = 64
+RECORDS = ("rpy", "attitude", "pose")
+
+
+@dataclass(frozen=True)
+class Trials:
+    """B trials: a body, a command and initial fin angles each.
+
+    Attributes
+    ----------
+    morphologies
+        (B, 9) sizes in the order of ``DIMENSIONS``.
+    commands
+        (B, 3) rev/s, rev/s, Hz; held for the whole trial.
+    fin_angles
+        (B, 3) left and right pectoral angle and caudal phase, rad.
+    """
+
+    morphologies: NDArray[np.float64]
+    commands: NDArray[np.float64]
+    fin_angles: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.morphologies)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to simulate; checked by :func:`simulate`."""
+
+    steps: int
+    substeps: int
+    current: tuple[float, float, float]
+    dtype: type[np.floating]
+    threads: int | None
+    record: str
+
+
+class Engine(Protocol):
+    """Whatever turns trials into logs."""
+
+    def __call__(self, trials: Trials, settings: Settings) -> ImuLog: ...
+
+
+# Engines are loaded when first asked for, so that importing the package stays quick and
+# works without them.
+ENGINES: dict[str, str] = {
+    "numba": "aquafish_gym.engines.lanes:simulate_lanes",
+    "pybullet": "aquafish_gym.engines.bullet:simulate_bullet",
+}
+
+
+def find_engine(name: str) -> Engine:
+    """Return an engine by name.
+
+    Raises
+    ------
+    UnknownNameError
+        With the nearest known name.
+    EngineUnavailableError
+        If the package behind it is not installed.
+    """
+    module, function = ENGINES[one_of("engine", name, ENGINES)].split(":")
+    found: Callable[[Trials, Settings], ImuLog] = getattr(import_module(module), function)
+    return found
+
+
+def check_trials(morphologies: object, commands: object, fin_angles: object) -> Trials:
+    """Return trials from whatever describes them; a batch of one is spread over the others.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a shape, range or length is wrong.
+    """
+    if morphologies is None or isinstance(morphologies, Morphology | dict):
+        morphologies = Morphology.coerce(morphologies).to_array()
+    elif isinstance(morphologies, list | tuple) and any(
+        isinstance(m, Morphology) for m in morphologies
+    ):
+        morphologies = [Morphology.coerce(m).to_array() for m in morphologies]
+    bodies = finite_array("morphologies", _rows(morphologies), (None, 9), 0.0, MAXIMA)
+    speeds = check_commands(_rows(commands))
+    angles = finite_array("fin_angles", _rows(fin_angles), (None, 3), unit="rad")
+    lengths = {len(bodies), len(speeds), len(angles)}
+    batch = 0 if 0 in lengths else max(lengths)
+    if lengths - {1, batch}:
+        raise InvalidArgumentError(
+            "morphologies, commands and fin_angles must be equally many, or one for all; "
+            f"got {len(bodies)}, {len(speeds)} and {len(angles)}"
+        )
+    return Trials(
+        *(np.ascontiguousarray(np.broadcast_to(a, (batch, a.shape[1]))) for a in (bodies, speeds, angles))
+    )
+
+
+def _rows(value: object) -> ArrayLike:
+    """Let a single trial be given flat."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        return value  # type: ignore[return-value]  # finite_array says what is wrong with it
+    return array[None] if array.ndim == 1 and array.size else array
+
+
+def simulate(
+    morphologies: object,
+    commands: object,
+    fin_angles: object = (0.0, 0.0, 0.0),
+    steps: int = 512,
+    engine: str = "numba",
+    dtype: str = "float32",
+    current: ArrayLike = (0.0, 0.0, 0.0),
+    substeps: int = 1,
+    threads: int | None = None,
+    record: str = "attitude",
+) -> ImuLog:
+    """Swim B robots from rest and return what their IMUs log.
+
+    Every robot starts at the origin, upright and facing +y, and holds its command throughout.
+
+    Parameters
+    ----------
+    morphologies
+        (B, 9) sizes in units of 5 cm, or a :class:`Morphology`, or a list of them, or None for
+        the nominal body. One body serves for all trials.
+    commands
+        (B, 3) servo speeds in rev/s, rev/s, Hz, or (3,) for all.
+    fin_angles
+        (B, 3) initial left and right pectoral angle and caudal phase in rad, or (3,) for all;
+        zero is arms back.
+    steps
+        Samples of 0.01 s.
+    engine
+        ``"numba"`` (all robots at once) or ``"pybullet"`` (one after another).
+    dtype
+        ``"float32"`` or ``"float64"``, for the compiled engine; PyBullet always computes in
+        double precision.
+    current
+        (3,) the water's own velocity in the world, units/s.
+    substeps
+        Physics steps a sample.
+    threads
+        For the compiled engine: how many; None takes every core. No result depends on it.
+    record
+        ``"rpy"``, ``"attitude"`` (rpy and gyro) or ``"pose"`` (these, position and
+        quaternion).
+
+    Returns
+    -------
+    ImuLog
+        Samples taken after each step.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError
+        The message names the argument, what was expected and what came.
+    EngineUnavailableError
+        If the engine's package is missing.
+
+    Examples
+    --------
+    >>> log = simulate(None, (0.4, 0.4, 0.5), steps=100)
+    >>> log.rpy.shape
+    (1, 100, 3)
+    """
+    trials = check_trials(morphologies, commands, fin_angles)
+    water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
+    settings = Settings(
+        steps=integer("steps", steps, 1),
+        substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
+        current=(float(water[0]), float(water[1]), float(water[2])),
+        dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
+        threads=None if threads is None else integer("threads", threads, 1),
+        record=one_of("record", record, RECORDS),
+    )
+    return find_engine(engine)(trials, settings)

@@ -1,0 +1,215 @@
+"""The compiled engine: thousands of robots at once, on all cores."""
+
+from __future__ import annotations
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
+from aquafish_gym.engines.kernel import (
+    GYRO,
+    POSE,
+    RPY,
+    STATE_ROWS,
+    Policy,
+    compile_kernel,
+    hold,
+)
+from aquafish_gym.imu import ImuLog
+from aquafish_gym.physics.simd import register_bytes
+from aquafish_gym.robot import robot_parameters
+
+Floats = NDArray[np.floating]
+
+_RECORDS = {"nothing": 0, "rpy": RPY, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE}
+_NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
+# Under this many steps of a group, a second thread costs more than it brings.
+_WORTH_A_THREAD = 2000
+
+
+def lane_width(dtype: type[np.floating]) -> int:
+    """Return how many robots of this type share a register on this machine."""
+    return register_bytes() // np.dtype(dtype).itemsize
+
+
+def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -> Floats:
+    """Pad a table (rows, B) to whole groups by repeating its last column, and flatten it."""
+    spare = -rows.shape[1] % width
+    return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, spare)), mode="edge"), dtype).reshape(-1)
+
+
+def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the states (25, B) of robots at rest: upright, facing +y, fins at these angles.
+
+    ``fin_angles`` is (B, 3): left and right pectoral angle and caudal phase, rad.
+    """
+    rows = np.zeros((STATE_ROWS, len(fin_angles)))
+    rows[3] = 1.0
+    rows[13:19:2] = np.cos(fin_angles).T
+    rows[14:20:2] = np.sin(fin_angles).T
+    return rows
+
+
+class LaneBatch:
+    """B robots that live in the lanes between calls.
+
+    Parameters
+    ----------
+    morphologies
+        (B, 9) sizes, already checked.
+    fin_angles
+        (B, 3) initial left and right pectoral angle and caudal phase, rad.
+    current
+        The water's own velocity in the world, units/s.
+    dtype
+        float32 or float64.
+    substeps
+        Physics steps in each 0.01 s.
+    threads
+        None takes every core; no result depends on it.
+    width
+        Robots a register; None takes what the machine has; no result depends on it.
+    """
+
+    def __init__(
+        self,
+        morphologies: NDArray[np.float64],
+        fin_angles: NDArray[np.float64],
+        current: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        dtype: type[np.floating] = np.float32,
+        substeps: int = 1,
+        threads: int | None = None,
+        width: int | None = None,
+    ) -> None:
+        self.batch = len(morphologies)
+        self.dtype = dtype
+        self.width = width or lane_width(dtype)
+        self.groups = -(-self.batch // self.width)
+        self.current = current
+        self.substeps = substeps
+        self.threads = threads or len(os.sched_getaffinity(0))
+        self.steps_done = 0
+        self._parameters = pack_rows(robot_parameters(morphologies), dtype, self.width)
+        self._states = pack_rows(rest_rows(fin_angles), dtype, self.width)
+
+    def replace(
+        self,
+        mask: NDArray[np.bool_],
+        morphologies: NDArray[np.float64],
+        fin_angles: NDArray[np.float64],
+    ) -> None:
+        """Put the robots under ``mask`` (B,) back to rest, with these bodies and fin angles.
+
+        ``morphologies`` (n, 9) and ``fin_angles`` (n, 3) hold the n replaced robots only.
+        """
+        self._rows(self._parameters)[:, mask] = robot_parameters(morphologies)
+        self._rows(self._states)[:, mask] = rest_rows(fin_angles)
+
+    def advance(self, commands: NDArray[np.float64], steps: int, record: str = "nothing") -> ImuLog:
+        """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s."""
+        weights = pack_rows(commands.T, self.dtype, self.width)
+        return self.run(hold, weights, _NO_LAYOUT, 0, steps, steps, record)
+
+    def run(
+        self,
+        policy: Policy,
+        weights: Floats,
+        layout: NDArray[np.int64],
+        scratch_size: int,
+        steps: int,
+        interval: int,
+        record: str = "nothing",
+    ) -> ImuLog:
+        """Let a policy (see ``kernel.py``) command the robots every ``interval`` steps.
+
+        ``scratch_size`` is how many numbers a robot the policy may ``put``. Samples of what
+        is not recorded are missing from the log: its arrays are then of no length.
+        """
+        bits = _RECORDS[record]
+        logs = tuple(
+            np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
+            for n, bit in ((3, RPY), (3, GYRO), (7, POSE))
+        )
+        kernel = compile_kernel(policy, self.width)
+
+        def part(begin: int, end: int) -> None:
+            kernel(
+                self._parameters,
+                self._states,
+                weights,
+                layout,
+                scratch_size,
+                self.current,
+                TIMESTEP / self.substeps,
+                self.steps_done,
+                steps,
+                self.substeps,
+                interval,
+                logs,
+                bits,
+                begin,
+                end,
+            )
+
+        work = self.groups * steps * self.substeps
+        parts = max(1, min(self.threads, self.groups, work // _WORTH_A_THREAD))
+        if parts == 1:
+            part(0, self.groups)
+        else:
+            edges = [self.groups * i // parts for i in range(parts + 1)]
+            with ThreadPoolExecutor(parts) as pool:
+                list(pool.map(part, edges[:-1], edges[1:]))
+        self.steps_done += steps
+        rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
+        return ImuLog(
+            rpy=rpy,
+            gyro=gyro if bits & GYRO else None,
+            position=pose[:, :, :3] if bits & POSE else None,
+            quaternion=pose[:, :, 3:] if bits & POSE else None,
+            diverged=~np.isfinite(self._rows(self._states)).all(axis=0),
+        )
+
+    def state(self) -> dict[str, NDArray[np.float64]]:
+        """Return copies of what the robots are now.
+
+        ``quaternion`` (B, 4), ``position`` (B, 3), ``velocity`` (B, 3) in the world,
+        ``gyro`` (B, 3) in body axes, ``fin_angles`` (B, 3) (left, right, caudal *phase*, rad),
+        ``rates`` (B, 3) of the joints in rad/s, and ``rpy`` (B, 3).
+        """
+        rows = self._rows(self._states).astype(np.float64)
+        return {
+            "quaternion": rows[0:4].T,
+            "position": rows[4:7].T,
+            "velocity": rows[7:10].T,
+            "gyro": rows[10:13].T,
+            "fin_angles": np.arctan2(rows[14:20:2], rows[13:19:2]).T,
+            "rates": rows[19:22].T,
+            "rpy": rows[22:25].T,
+        }
+
+    def _rows(self, flat: Floats) -> Floats:
+        """View a flat table as (rows, B)."""
+        view: Floats = flat.reshape(-1, self.groups * self.width)[:, : self.batch]
+        return view
+
+
+def simulate_lanes(trials: Trials, settings: Settings) -> ImuLog:
+    """Answer :func:`aquafish_gym.simulate` with the compiled engine."""
+    lanes = LaneBatch(
+        trials.morphologies,
+        trials.fin_angles,
+        settings.current,
+        settings.dtype,
+        settings.substeps,
+        settings.threads,
+    )
+    return lanes.advance(trials.commands, settings.steps, settings.record)
+
+
+def warm_up(dtype: type[np.floating] = np.float32) -> Any:
+    """Compile the open-loop engine now rather than at the first trial."""
+    return LaneBatch(np.zeros((1, 9)), np.zeros((1, 3)), dtype=dtype).advance(np.zeros((1, 3)), 1)

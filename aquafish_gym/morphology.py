@@ -1,0 +1,161 @@
+"""The robot's variable body: nine fin dimensions (Sec. 3.1 of the paper).
+
+``DIMENSIONS`` is the only statement of the dimensions' names, order, ranges and genome bits;
+whatever needs one of them reads it there.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of
+
+
+class Dimension(NamedTuple):
+    """One of the nine morphological variables.
+
+    ``axis`` 0, 1, 2 is x (the robot's width), y (along the body) and z (vertical); ``size`` is
+    what that axis means for this fin. The pectoral flippers lie flat, so x is their width and
+    z their thickness; the caudal fin stands upright, so z is its width (its height) and x its
+    thickness.
+    """
+
+    fin: str
+    axis: int
+    size: str
+    maximum: float
+    nominal: float
+    bits: int
+
+    @property
+    def name(self) -> str:
+        """For example ``left_pectoral.length``."""
+        return f"{self.fin}.{self.size}"
+
+
+# Ranges: Sec. 3.1, [0, maximum] each, in units of 5 cm. Bits: Sec. 3.2 gives 5, 6, 4 for the
+# pectorals; for the caudal fin only the total of 15, which the same quantum splits 4, 6, 5.
+# Nominal sizes: Fig. 1 (flippers 2 x 8 cm, tail 7 cm long, 3 cm tall, 2 cm thick); the
+# flippers' thickness is not in the paper (assumed).
+DIMENSIONS: tuple[Dimension, ...] = (
+    Dimension("left_pectoral", 0, "width", 1.0, 0.4, 5),
+    Dimension("left_pectoral", 1, "length", 2.0, 1.6, 6),
+    Dimension("left_pectoral", 2, "thickness", 0.5, 0.1, 4),
+    Dimension("right_pectoral", 0, "width", 1.0, 0.4, 5),
+    Dimension("right_pectoral", 1, "length", 2.0, 1.6, 6),
+    Dimension("right_pectoral", 2, "thickness", 0.5, 0.1, 4),
+    Dimension("caudal", 0, "thickness", 0.5, 0.4, 4),
+    Dimension("caudal", 1, "length", 2.0, 1.4, 6),
+    Dimension("caudal", 2, "width", 1.0, 0.6, 5),
+)
+FINS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
+MAXIMA: NDArray[np.float64] = np.array([d.maximum for d in DIMENSIONS])
+MAXIMA.setflags(write=False)
+
+Size = tuple[float, float, float]
+
+
+def dimension_index(fin: str, size: str) -> int:
+    """Return the row of ``DIMENSIONS`` for a fin's ``length``, ``width`` or ``thickness``.
+
+    Raises
+    ------
+    UnknownNameError
+        If the fin or the size is unknown; the nearest valid name is offered.
+    """
+    one_of("fin", fin, FINS)
+    one_of("size", size, ("length", "width", "thickness"))
+    return next(i for i, d in enumerate(DIMENSIONS) if (d.fin, d.size) == (fin, size))
+
+
+@dataclass(frozen=True)
+class Morphology:
+    """Three fins' (x, y, z) sizes in units of 5 cm; a size of 0 is legal.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a size is not finite or leaves its range in ``DIMENSIONS``.
+
+    Examples
+    --------
+    >>> Morphology.nominal().caudal
+    (0.4, 1.4, 0.6)
+    """
+
+    left_pectoral: Size
+    right_pectoral: Size
+    caudal: Size
+
+    def __post_init__(self) -> None:
+        for i, fin in enumerate(FINS):
+            size = finite_array(
+                f"morphology.{fin}", getattr(self, fin), (3,), 0.0, MAXIMA[3 * i : 3 * i + 3]
+            )
+            object.__setattr__(self, fin, tuple(float(v) for v in size))
+
+    @classmethod
+    def nominal(cls) -> Self:
+        """Return the undamaged prototype (Fig. 1)."""
+        return cls.from_array([d.nominal for d in DIMENSIONS])
+
+    @classmethod
+    def from_array(cls, sizes: ArrayLike) -> Self:
+        """Make one from nine sizes in the order of ``DIMENSIONS``, shape (9,)."""
+        array = finite_array("morphology", sizes, (9,))
+        return cls(*(tuple(array[3 * i : 3 * i + 3]) for i in range(3)))
+
+    @classmethod
+    def coerce(cls, value: Morphology | Mapping[str, ArrayLike] | ArrayLike | None) -> Morphology:
+        """Make one from whatever a user may mean.
+
+        ``None`` is the nominal body, a mapping goes from fin to (x, y, z) with the fins left
+        out nominal, anything else is nine numbers.
+        """
+        if value is None:
+            return cls.nominal()
+        if isinstance(value, Morphology):
+            return value
+        if isinstance(value, Mapping):
+            sizes = {f.name: getattr(cls.nominal(), f.name) for f in fields(cls)}
+            for fin, size in value.items():
+                sizes[one_of("morphology fin", fin, FINS)] = size
+            return cls(**sizes)
+        return cls.from_array(value)
+
+    def to_array(self) -> NDArray[np.float64]:
+        """Return the nine sizes in the order of ``DIMENSIONS``, shape (9,)."""
+        return np.array([*self.left_pectoral, *self.right_pectoral, *self.caudal])
+
+    def to_dict(self) -> dict[str, list[float]]:
+        """Return fin -> [x, y, z], ready for JSON."""
+        return {fin: list(getattr(self, fin)) for fin in FINS}
+
+    def to_json(self) -> str:
+        """Return one line of JSON that ``from_json`` reads back exactly."""
+        return json.dumps(self.to_dict(), allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Morphology:
+        """Read what ``to_json`` wrote.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If it is not JSON, or not a full morphology.
+        """
+        try:
+            sizes: Any = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise InvalidArgumentError(f"morphology is not JSON: {error}") from None
+        if not isinstance(sizes, dict) or sorted(sizes) != sorted(FINS):
+            raise InvalidArgumentError(
+                f"a morphology's JSON must be an object with the keys {', '.join(FINS)}"
+            )
+        return cls.coerce(sizes)

@@ -1,0 +1,292 @@
+"""SIMD lanes for numba: a number type that is a whole vector register of robots.
+
+``Lanes(float32, 16)`` is sixteen float32 that compute together. It has ``+ - * /``, negation,
+``abs``, ``math.sqrt`` and the primitives of ``carriers.py``; plain numbers promote to it. The
+physics is then ordinary Python, compiled once for lanes and once for scalars from the same
+function objects (:func:`register`).
+
+Only the flags ``contract`` and ``nsz`` are set. Reassociation is not, so a robot's numbers
+are the same in every lane and at every width.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+import math
+import operator
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from llvmlite import binding, ir
+from numba.core import cgutils, types
+from numba.core.typeconv import Conversion
+from numba.core.typing.templates import AbstractTemplate, infer_global, signature
+from numba.extending import (
+    intrinsic,
+    lower_builtin,
+    lower_cast,
+    models,
+    overload,
+    register_jitable,
+    register_model,
+)
+
+from aquafish_gym import imu, robot
+from aquafish_gym.physics import carriers, dynamics, hydrodynamics
+
+FLAGS = ("contract", "nsz")
+
+
+class Lanes(types.Type):
+    """``width`` numbers of type ``base`` in one vector register."""
+
+    def __init__(self, base: types.Float, width: int) -> None:
+        self.base = base
+        self.width = width
+        super().__init__(name=f"Lanes({base}, {width})")
+
+    @property
+    def key(self) -> tuple[types.Float, int]:
+        return (self.base, self.width)
+
+    def can_convert_from(self, _typingctx: Any, other: types.Type) -> Any:
+        """Plain numbers promote to lanes."""
+        return Conversion.safe if isinstance(other, types.Float | types.Integer) else None
+
+    def unify(self, _typingctx: Any, other: types.Type) -> Any:
+        """A variable that starts as a plain number may become lanes."""
+        return self if isinstance(other, types.Float | types.Integer) else None
+
+
+@register_model(Lanes)
+class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
+    def __init__(self, dmm: Any, fe_type: Lanes) -> None:
+        element = ir.FloatType() if fe_type.base == types.float32 else ir.DoubleType()
+        super().__init__(dmm, fe_type, ir.VectorType(element, fe_type.width))
+
+
+@lower_cast(types.Float, Lanes)
+@lower_cast(types.Integer, Lanes)
+def _splat(context: Any, builder: Any, fromty: Any, toty: Lanes, value: Any) -> Any:
+    scalar = context.cast(builder, value, fromty, toty.base)
+    vector = context.get_value_type(toty)
+    first = builder.insert_element(
+        ir.Constant(vector, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0)
+    )
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), toty.width), [0] * toty.width)
+    return builder.shuffle_vector(first, ir.Constant(vector, ir.Undefined), mask)
+
+
+def _arithmetic(function: Any, instruction: str) -> None:
+    """Give lanes a binary operator."""
+
+    class Typing(AbstractTemplate):  # type: ignore[misc]
+        key = function
+
+        def generic(self, args: tuple[Any, ...], _kws: Any) -> Any:
+            lanes = next((a for a in args if isinstance(a, Lanes)), None)
+            if lanes is None or len(args) != 2:
+                return None
+            if all(a == lanes or isinstance(a, types.Float | types.Integer) for a in args):
+                return signature(lanes, lanes, lanes)
+            return None
+
+    infer_global(function)(Typing)
+
+    @lower_builtin(function, Lanes, Lanes)  # type: ignore[untyped-decorator]
+    def _lower(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return getattr(builder, instruction)(*args, flags=FLAGS)
+
+
+def _unary(function: Any, lower: Callable[[Any, Any, Any], Any]) -> None:
+    """Give lanes a function of one argument."""
+
+    class Typing(AbstractTemplate):  # type: ignore[misc]
+        key = function
+
+        def generic(self, args: tuple[Any, ...], _kws: Any) -> Any:
+            if len(args) == 1 and isinstance(args[0], Lanes):
+                return signature(args[0], args[0])
+            return None
+
+    infer_global(function)(Typing)
+
+    @lower_builtin(function, Lanes)  # type: ignore[untyped-decorator]
+    def _lower(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return lower(builder, args[0].type, args[0])
+
+
+def _call(name: str) -> Callable[[Any, Any, Any], Any]:
+    def lower(builder: Any, vector: Any, value: Any) -> Any:
+        kind = "f32" if isinstance(vector.element, ir.FloatType) else "f64"
+        function = cgutils.get_or_insert_function(
+            builder.module, ir.FunctionType(vector, [vector]), f"{name}.v{vector.count}{kind}"
+        )
+        return builder.call(function, [value])
+
+    return lower
+
+
+_arithmetic(operator.add, "fadd")
+_arithmetic(operator.sub, "fsub")
+_arithmetic(operator.mul, "fmul")
+_arithmetic(operator.truediv, "fdiv")
+_arithmetic(operator.iadd, "fadd")
+_arithmetic(operator.isub, "fsub")
+_arithmetic(operator.imul, "fmul")
+_unary(operator.neg, lambda builder, _vector, value: builder.fneg(value, flags=FLAGS))
+_unary(abs, _call("llvm.fabs"))
+_unary(math.sqrt, _call("llvm.sqrt"))
+
+
+@intrinsic
+def _select_less(_typingctx: Any, a: Any, b: Any, then: Any, otherwise: Any) -> Any:
+    lanes = next(t for t in (a, b, then, otherwise) if isinstance(t, Lanes))
+
+    def codegen(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return builder.select(builder.fcmp_ordered("<", args[0], args[1]), args[2], args[3])
+
+    return signature(lanes, lanes, lanes, lanes, lanes), codegen
+
+
+@overload(carriers.where_less, inline="always", strict=False)
+def _where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
+    if any(isinstance(t, Lanes) for t in (a, b, then, otherwise)):
+        return lambda a, b, then, otherwise: _select_less(a, b, then, otherwise)
+    return lambda a, b, then, otherwise: then if a < b else otherwise
+
+
+@intrinsic
+def _floor_lanes(_typingctx: Any, x: Any) -> Any:
+    def codegen(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        return _call("llvm.floor")(builder, args[0].type, args[0])
+
+    return signature(x, x), codegen
+
+
+@overload(carriers.floor, inline="always", strict=False)
+def _floor(x: Any) -> Any:
+    if isinstance(x, Lanes):
+        return lambda x: _floor_lanes(x)
+    return lambda x: float(math.floor(x))
+
+
+def _vector_pointer(context: Any, builder: Any, arrayty: Any, array: Any, lanes: Any, i: Any) -> Any:
+    """Point at entry i * width of a flat array, as at one vector."""
+    data = context.make_array(arrayty)(context, builder, value=array).data
+    start = builder.mul(i, ir.Constant(i.type, lanes.width))
+    pointer = builder.gep(data, [start])
+    return builder.bitcast(pointer, context.get_value_type(lanes).as_pointer())
+
+
+def _alignment(lanes: Lanes) -> int:
+    return 4 if lanes.base == types.float32 else 8
+
+
+@intrinsic
+def _load(_typingctx: Any, array: Any, index: Any, like: Any) -> Any:
+    """Lanes from entries index * width onwards of a flat array of the lanes' base type."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer = _vector_pointer(context, builder, sig.args[0], args[0], sig.return_type, args[1])
+        return builder.load(pointer, align=_alignment(sig.return_type))
+
+    if not isinstance(array, types.Array) or array.dtype != like.base:
+        return None
+    return signature(like, array, types.intp, like), codegen
+
+
+@intrinsic
+def _save(_typingctx: Any, array: Any, index: Any, value: Any) -> Any:
+    """Lanes into entries index * width onwards of a flat array of the lanes' base type."""
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        pointer = _vector_pointer(context, builder, sig.args[0], args[0], sig.args[2], args[1])
+        builder.store(args[2], pointer, align=_alignment(sig.args[2]))
+        return context.get_dummy_value()
+
+    if not isinstance(array, types.Array) or array.dtype != value.base:
+        return None
+    return signature(types.void, array, types.intp, value), codegen
+
+
+@intrinsic(prefer_literal=True)
+def zero_lanes(_typingctx: Any, array: Any, width: Any) -> Any:
+    """Return lanes of zeros, as many as the literal ``width``, of the array's type."""
+    if not isinstance(width, types.IntegerLiteral):
+        return None
+    lanes = Lanes(array.dtype, width.literal_value)
+
+    def codegen(context: Any, _builder: Any, _sig: Any, _args: Any) -> Any:
+        return cgutils.get_null_value(context.get_value_type(lanes))
+
+    return signature(lanes, array, width), codegen
+
+
+@overload(carriers.fetch, inline="always", strict=False)
+def _fetch(array: Any, index: Any, like: Any) -> Any:
+    if isinstance(like, Lanes):
+        return lambda array, index, like: _load(array, index, like)
+    return lambda array, index, like: array[index]
+
+
+@overload(carriers.put, inline="always", strict=False)
+def _put(array: Any, index: Any, value: Any) -> Any:
+    if isinstance(value, Lanes):
+        return lambda array, index, value: _save(array, index, value)
+
+    def put(array: Any, index: Any, value: Any) -> None:
+        array[index] = value
+
+    return put
+
+
+_PRIMITIVES = (carriers.where_less, carriers.floor, carriers.fetch, carriers.put)
+PHYSICS_MODULES = (carriers, hydrodynamics, dynamics, imu, robot)
+
+
+def register_module(module: ModuleType) -> None:
+    """Let compiled code call every plain function that a module defines."""
+    for function in vars(module).values():
+        if (
+            inspect.isfunction(function)
+            and function.__module__ == module.__name__
+            and function not in _PRIMITIVES
+        ):
+            register_jitable(function)
+
+
+@functools.cache
+def register() -> None:
+    """Let compiled code call the physics: the very function objects that plain Python runs."""
+    for module in (carriers, hydrodynamics, dynamics):
+        register_module(module)
+    for function in (imu.attitude, imu.nearest_turn, imu.continue_attitude):
+        register_jitable(function)
+
+
+def source_stamp(*functions: Any) -> str:
+    """Return a hash of the physics' sources, this file's and those of ``functions``.
+
+    numba's cache watches only the file of the cached function itself. Kernels close over this
+    stamp, and closures are part of the cache's key, so a kernel is never older than its
+    physics.
+    """
+    digest = hashlib.sha256()
+    modules = [*PHYSICS_MODULES, inspect.getmodule(source_stamp)]
+    modules += [inspect.getmodule(f) for f in functions]
+    for name in sorted({m.__file__ for m in modules if m is not None and m.__file__}):
+        with open(name, "rb") as source:  # noqa: PTH123
+            digest.update(source.read())
+    return digest.hexdigest()
+
+
+def register_bytes() -> int:
+    """Return how many bytes this machine's widest vector register holds."""
+    features = binding.get_host_cpu_features()
+    if features.get("avx512f"):
+        return 64
+    return 32 if features.get("avx") else 16

@@ -1,0 +1,74 @@
+"""Ranges of angles: the smallest that includes some poses, wider ones, samples of one (Sec. 3.3).
+
+A range is a pair ``min_angle <= max_angle`` in rad with ``min_angle`` in [-pi, pi); one that
+crosses pi has ``max_angle`` beyond it. All three of the robot's angles are circular, the caudal
+phase too.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Floats = NDArray[np.float64]
+Inclusion = Literal["circular", "linear"]
+TURN = 2.0 * np.pi
+
+
+def wrap(angles: ArrayLike) -> Floats:
+    """Return angles brought into [-pi, pi)."""
+    wrapped = (np.asarray(angles, dtype=np.float64) + np.pi) % TURN - np.pi
+    # The remainder of a tiny negative number rounds up to the whole turn.
+    return np.where(wrapped >= np.pi, -np.pi, wrapped)
+
+
+def circular_distance(a: ArrayLike, b: ArrayLike) -> Floats:
+    """Return the shorter way between angles, in [0, pi] rad."""
+    return np.abs(wrap(np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)))
+
+
+def smallest_inclusive(poses: ArrayLike, inclusion: Inclusion = "circular") -> tuple[Floats, Floats]:
+    """Return the smallest range that includes every pose, fin by fin.
+
+    Parameters
+    ----------
+    poses
+        Angles in rad, shape (K, F): K poses of F fins.
+    inclusion
+        ``"circular"``: the shortest arc, which may cross pi; ``"linear"``: from the least to the
+        greatest of the angles brought into [-pi, pi).
+
+    Returns
+    -------
+    min_angle, max_angle
+        Shape (F,) each.
+    """
+    ordered = np.sort(wrap(poses), axis=0)
+    if inclusion == "linear":
+        return ordered[0], ordered[-1]
+    # The arc is the whole turn less the largest gap between neighbours; the last gap is the one
+    # that crosses pi.
+    gaps = np.concatenate([np.diff(ordered, axis=0), ordered[:1] + TURN - ordered[-1:]])
+    fins = np.arange(ordered.shape[1])
+    last = np.argmax(gaps[::-1], axis=0)
+    before = len(ordered) - 1 - last
+    start = ordered[(before + 1) % len(ordered), fins]
+    end = ordered[before, fins]
+    return start, np.where(end < start, end + TURN, end)
+
+
+def widen(min_angle: Floats, max_angle: Floats, fraction: float) -> tuple[Floats, Floats]:
+    """Return the range reaching ``fraction`` of its width past each end, a turn at most."""
+    width = max_angle - min_angle
+    wider = np.minimum(width * (1.0 + 2.0 * fraction), TURN)
+    start = wrap(min_angle - 0.5 * (wider - width))
+    return start, start + wider
+
+
+def sample_range(
+    min_angle: Floats, max_angle: Floats, count: int, rng: np.random.Generator
+) -> Floats:
+    """Return ``count`` poses uniform in a range of shape (F,), shape (count, F)."""
+    return min_angle + (max_angle - min_angle) * rng.random((count, len(min_angle)))
