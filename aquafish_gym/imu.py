@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.carriers import TAU, Number, Vector, arctangent2, floor, where_less
-from aquafish_gym.physics.dynamics import Matrix
+from aquafish_gym.physics.kinematics import Matrix
 
 Floats = NDArray[np.floating]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -55,11 +54,8 @@ class Settings:
     record: str
 
 
-class Engine(Protocol):
-    """Whatever turns trials into logs."""
-
-    def __call__(self, trials: Trials, settings: Settings) -> ImuLog: ...
-
+# Whatever turns trials into logs.
+Engine = Callable[[Trials, Settings], ImuLog]
 
 # Engines are loaded when first asked for, so that importing the package stays quick and
 # works without them.
@@ -80,7 +76,7 @@ def find_engine(name: str) -> Engine:
         If the package behind it is not installed.
     """
     module, function = ENGINES[one_of("engine", name, ENGINES)].split(":")
-    found: Callable[[Trials, Settings], ImuLog] = getattr(import_module(module), function)
+    found: Engine = getattr(import_module(module), function)
     return found
 
 
@@ -109,7 +105,10 @@ def check_trials(morphologies: object, commands: object, fin_angles: object) -> 
             f"got {len(bodies)}, {len(speeds)} and {len(angles)}"
         )
     return Trials(
-        *(np.ascontiguousarray(np.broadcast_to(a, (batch, a.shape[1]))) for a in (bodies, speeds, angles))
+        *(
+            np.ascontiguousarray(np.broadcast_to(a, (batch, a.shape[1])))
+            for a in (bodies, speeds, angles)
+        )
     )
 
 

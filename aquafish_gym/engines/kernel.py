@@ -30,7 +30,8 @@ from numba.extending import register_jitable
 from aquafish_gym import imu
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.carriers import Number, Vector, fetch, put
-from aquafish_gym.physics.dynamics import State, drive, rotation, step
+from aquafish_gym.physics.dynamics import step
+from aquafish_gym.physics.kinematics import State, drive, rotation
 from aquafish_gym.robot import PARAMETERS_PER_FIN, Fin, Robot
 
 Policy = Callable[..., Vector]
@@ -185,9 +186,7 @@ def compile_kernel(policy: Policy, width: int) -> Any:
             for t in range(steps):
                 if t % interval == 0:
                     time = (first_step + t) * (h * substeps)
-                    command = policy(
-                        weights, layout, scratch, group, groups, time, rpy, state.spin
-                    )
+                    command = policy(weights, layout, scratch, group, groups, time, rpy, state.spin)
                     by = drive(command, h)
                 for _ in range(substeps):
                     state = step(robot, state, by, current, h)

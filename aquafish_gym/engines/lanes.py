@@ -170,7 +170,7 @@ class LaneBatch:
             gyro=gyro if bits & GYRO else None,
             position=pose[:, :, :3] if bits & POSE else None,
             quaternion=pose[:, :, 3:] if bits & POSE else None,
-            diverged=~np.isfinite(self._rows(self._states)).all(axis=0),
+            diverged=np.logical_not(np.isfinite(self._rows(self._states)).all(axis=0)),
         )
 
     def state(self) -> dict[str, NDArray[np.float64]]:

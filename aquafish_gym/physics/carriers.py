@@ -27,7 +27,7 @@ def floor(x: Number) -> Number:
     return float(math.floor(x))
 
 
-def fetch(array: Any, index: int, like: Number) -> Number:
+def fetch(array: Any, index: int, like: Number) -> Number:  # noqa: ARG001
     """Return entry ``index`` of a flat array; of ``width`` robots side by side, in lanes.
 
     ``like`` tells the carrier: in lanes of width w, entries index * w to index * w + w - 1.

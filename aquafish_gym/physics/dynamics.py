@@ -15,11 +15,9 @@ Frames: ``world`` is inertial; ``body`` turns with the capsule; each fin's ``hin
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 from aquafish_gym.physics.carriers import (
-    TAU,
     Number,
     Vector,
     add,
@@ -28,49 +26,25 @@ from aquafish_gym.physics.carriers import (
     small_sine_cosine,
 )
 from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
+from aquafish_gym.physics.kinematics import (
+    Drive,
+    Pair,
+    State,
+    caudal_angle,
+    next_joints,
+    rotation,
+    to_body,
+    to_world,
+    turn,
+)
 from aquafish_gym.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y, Fin, Robot
 
-SWEEP = math.radians(30.0)  # caudal angle = SWEEP sin(phase)
-
-Pair = tuple[Number, Number]
-Matrix = tuple[Vector, Vector, Vector]  # rows
+Wrench = tuple[Vector, Vector]  # force, torque
 Symmetric = tuple[Number, Number, Number, Number, Number, Number]  # xx, yy, zz, xy, xz, yz
 
 _LEFT_HINGE = (-PECTORAL_X, PECTORAL_Y, 0.0)
 _RIGHT_HINGE = (PECTORAL_X, PECTORAL_Y, 0.0)
 _CAUDAL_HINGE = (0.0, CAUDAL_Y, 0.0)
-
-
-class State(NamedTuple):
-    """Everything that changes from step to step.
-
-    ``orientation`` is a quaternion (x, y, z, w) from body to world, ``position`` and
-    ``velocity`` are the capsule centre's in the world (units, units/s), ``spin`` is the
-    angular velocity in body axes (rad/s). ``left`` and ``right`` are (cos, sin) of the
-    pectorals' angles, ``phase`` (cos, sin) of the caudal fin's phase, and ``rates`` the three
-    joints' present speeds (rad/s).
-    """
-
-    orientation: tuple[Number, Number, Number, Number]
-    position: Vector
-    velocity: Vector
-    spin: Vector
-    left: Pair
-    right: Pair
-    phase: Pair
-    rates: Vector
-
-
-class Drive(NamedTuple):
-    """A servo command as what it does in one step of length h.
-
-    (cos, sin) of each servo's turn, and the pectorals' speeds in rad/s.
-    """
-
-    left: Pair
-    right: Pair
-    phase: Pair
-    speeds: Pair
 
 
 class Share(NamedTuple):
@@ -88,58 +62,16 @@ class Share(NamedTuple):
     torque: Vector
 
 
-def drive(command: Vector, h: Number) -> Drive:
-    """Return the drive for a command in rev/s, rev/s and Hz."""
-    left, right, caudal = TAU * command[0], TAU * command[1], TAU * command[2]
-    sl, cl = small_sine_cosine(left * h)
-    sr, cr = small_sine_cosine(right * h)
-    sp, cp = small_sine_cosine(caudal * h)
-    return Drive((cl, sl), (cr, sr), (cp, sp), (left, right))
+class Water(NamedTuple):
+    """The water's (force, torque about the body's centre) on each part.
 
+    Each fin's are in its hinge frame's axes, the body's in body axes.
+    """
 
-def turned(pair: Pair, by: Pair) -> Pair:
-    """Return (cos, sin) of the sum of two angles, pulled back to the unit circle."""
-    c = pair[0] * by[0] - pair[1] * by[1]
-    s = pair[0] * by[1] + pair[1] * by[0]
-    pull = 1.5 - 0.5 * (c * c + s * s)
-    return (pull * c, pull * s)
-
-
-def caudal_angle(phase: Pair) -> Number:
-    """Return the caudal fin's angle in rad: +-30 degrees over a cycle of the phase."""
-    return SWEEP * phase[1]
-
-
-def rotation(q: tuple[Number, Number, Number, Number]) -> Matrix:
-    """Return the rotation matrix (rows) from body to world of a unit quaternion (x, y, z, w)."""
-    x, y, z, w = q
-    x2, y2, z2 = x + x, y + y, z + z
-    xx, yy, zz = x * x2, y * y2, z * z2
-    xy, xz, yz = x * y2, x * z2, y * z2
-    wx, wy, wz = w * x2, w * y2, w * z2
-    return (
-        (1.0 - (yy + zz), xy - wz, xz + wy),
-        (xy + wz, 1.0 - (xx + zz), yz - wx),
-        (xz - wy, yz + wx, 1.0 - (xx + yy)),
-    )
-
-
-def to_world(r: Matrix, v: Vector) -> Vector:
-    """Turn a vector from body to world axes."""
-    return (
-        r[0][0] * v[0] + r[0][1] * v[1] + r[0][2] * v[2],
-        r[1][0] * v[0] + r[1][1] * v[1] + r[1][2] * v[2],
-        r[2][0] * v[0] + r[2][1] * v[1] + r[2][2] * v[2],
-    )
-
-
-def to_body(r: Matrix, v: Vector) -> Vector:
-    """Turn a vector from world to body axes."""
-    return (
-        r[0][0] * v[0] + r[1][0] * v[1] + r[2][0] * v[2],
-        r[0][1] * v[0] + r[1][1] * v[1] + r[2][1] * v[2],
-        r[0][2] * v[0] + r[1][2] * v[1] + r[2][2] * v[2],
-    )
+    left: Wrench
+    right: Wrench
+    caudal: Wrench
+    body: Wrench
 
 
 def _to_fin(joint: Pair, v: Vector) -> Vector:
@@ -163,7 +95,7 @@ def _from_caudal(v: Vector) -> Vector:
 
 def _fin_water(
     fin: Fin, hinge: Vector, joint: Pair, rate: Number, velocity: Vector, spin: Vector
-) -> tuple[Vector, Vector]:
+) -> Wrench:
     """Return the water's force on a fin and its torque about the body's centre.
 
     All vectors are in the hinge frame's axes; ``velocity`` is the body centre's relative to
@@ -183,7 +115,7 @@ def _fin_share(
     rate: Number,
     acceleration: Number,
     spin: Vector,
-    water: tuple[Vector, Vector],
+    water: Wrench,
 ) -> Share:
     """Return one fin's share, in the hinge frame's axes (still about the body's centre)."""
     c, s = joint
@@ -274,89 +206,50 @@ def solve_symmetric(a: Symmetric, b: Vector) -> Vector:
     )
 
 
-def _water_on_fins(
-    robot: Robot, state: State, caudal: Pair, velocity: Vector
-) -> tuple[tuple[Vector, Vector], tuple[Vector, Vector], tuple[Vector, Vector]]:
-    """Return each fin's (force, torque) from the water, each in its hinge frame's axes."""
+def forces(robot: Robot, state: State, current: Vector) -> Water:
+    """Return what the water does to each part of the robot.
+
+    Parameters
+    ----------
+    robot
+        Fin sizes.
+    state
+        Of body and joints.
+    current
+        The water's own velocity in the world, units/s.
+    """
+    velocity = to_body(rotation(state.orientation), add(state.velocity, scale(-1.0, current)))
     spin, rates = state.spin, state.rates
-    return (
+    sine, cosine = small_sine_cosine(caudal_angle(state.phase))
+    return Water(
         _fin_water(robot.left, _LEFT_HINGE, state.left, rates[0], velocity, spin),
         _fin_water(robot.right, _RIGHT_HINGE, state.right, rates[1], velocity, spin),
         _fin_water(
             robot.caudal,
             _to_caudal(_CAUDAL_HINGE),
-            caudal,
+            (cosine, sine),
             rates[2],
             _to_caudal(velocity),
             _to_caudal(spin),
         ),
+        body_drag(velocity, spin),
     )
 
 
 def wrench(robot: Robot, state: State, current: Vector) -> tuple[Vector, Vector]:
     """Return the water's whole force on the robot and its torque about the capsule's centre.
 
-    This is the one lumped wrench that PyBullet is given.
-
-    Parameters
-    ----------
-    current
-        The water's own velocity in the world, units/s.
-
-    Returns
-    -------
-    force, torque
-        In world axes.
+    This is the one lumped wrench that PyBullet is given: both are in world axes.
     """
     r = rotation(state.orientation)
-    velocity = to_body(r, add(state.velocity, scale(-1.0, current)))
-    sine, cosine = small_sine_cosine(caudal_angle(state.phase))
-    left, right, tail = _water_on_fins(robot, state, (cosine, sine), velocity)
-    body = body_drag(velocity, state.spin)
+    left, right, tail, body = forces(robot, state, current)
     force = add(add(left[0], right[0]), add(_from_caudal(tail[0]), body[0]))
     torque = add(add(left[1], right[1]), add(_from_caudal(tail[1]), body[1]))
     return to_world(r, force), to_world(r, torque)
 
 
-def next_joints(state: State, by: Drive, h: Number) -> tuple[Pair, Pair, Pair, Vector]:
-    """Return the joints one step on: left, right, phase, and the three speeds over the step."""
-    phase = turned(state.phase, by.phase)
-    sweep = (caudal_angle(phase) - caudal_angle(state.phase)) / h
-    return (
-        turned(state.left, by.left),
-        turned(state.right, by.right),
-        phase,
-        (by.speeds[0], by.speeds[1], sweep),
-    )
-
-
-def turn(
-    q: tuple[Number, Number, Number, Number], spin: Vector, h: Number
-) -> tuple[Number, Number, Number, Number]:
-    """Turn a quaternion by ``spin`` (body axes) for a time h: the exponential map."""
-    # sin(a/2) / a and cos(a/2) by their series in a^2: spins of 100 rad/s are out of the
-    # question at h = 0.01, and below that eight terms leave 1e-17.
-    half = 0.5 * h
-    x, y, z = spin[0] * half, spin[1] * half, spin[2] * half
-    a = x * x + y * y + z * z
-    s = 1 - a * (1 / 42) * (1 - a * (1 / 72) * (1 - a * (1 / 110)))
-    s = 1 - a * (1 / 6) * (1 - a * (1 / 20) * s)
-    c = 1 - a * (1 / 30) * (1 - a * (1 / 56) * (1 - a * (1 / 90) * (1 - a * (1 / 132))))
-    c = 1 - a * (1 / 2) * (1 - a * (1 / 12) * c)
-    x, y, z = s * x, s * y, s * z
-    turned_q = (
-        q[3] * x + q[0] * c + q[1] * z - q[2] * y,
-        q[3] * y - q[0] * z + q[1] * c + q[2] * x,
-        q[3] * z + q[0] * y - q[1] * x + q[2] * c,
-        q[3] * c - q[0] * x - q[1] * y - q[2] * z,
-    )
-    n = turned_q
-    k = 1.0 / math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3])
-    return (k * n[0], k * n[1], k * n[2], k * n[3])
-
-
 def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> State:
-    """Advance one robot by one step of length ``h`` seconds.
+    """Advance one robot in the water by one step of length ``h`` seconds.
 
     Parameters
     ----------
@@ -371,51 +264,38 @@ def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> S
     h
         Seconds. Explicit, so h = 0.01 is needed: the fastest drag rate seen is 51/s.
     """
-    r = rotation(state.orientation)
-    spin = state.spin
-    velocity = to_body(r, add(state.velocity, scale(-1.0, current)))
+    return move(robot, state, by, forces(robot, state, current), h)
+
+
+def move(robot: Robot, state: State, by: Drive, water: Water, h: Number) -> State:
+    """Advance one robot by one step under given forces: Newton and Euler, then Bullet's scheme."""
+    spin, now = state.spin, state.rates
     left, right, phase, rates = next_joints(state, by, h)
     sine, cosine = small_sine_cosine(caudal_angle(state.phase))
-    caudal = (cosine, sine)
-    water = _water_on_fins(robot, state, caudal, velocity)
-    body_force, body_torque = body_drag(velocity, spin)
-
-    now = state.rates
-    one_over_h = 1.0 / h
-    a = _fin_share(
-        robot.left,
-        _LEFT_HINGE,
-        state.left,
-        now[0],
-        (rates[0] - now[0]) * one_over_h,
-        spin,
-        water[0],
+    per_h = 1.0 / h
+    push = (
+        (rates[0] - now[0]) * per_h,
+        (rates[1] - now[1]) * per_h,
+        (rates[2] - now[2]) * per_h,
     )
-    b = _fin_share(
-        robot.right,
-        _RIGHT_HINGE,
-        state.right,
-        now[1],
-        (rates[1] - now[1]) * one_over_h,
-        spin,
-        water[1],
-    )
+    a = _fin_share(robot.left, _LEFT_HINGE, state.left, now[0], push[0], spin, water.left)
+    b = _fin_share(robot.right, _RIGHT_HINGE, state.right, now[1], push[1], spin, water.right)
     c = _caudal_share_to_body(
         _fin_share(
             robot.caudal,
             _to_caudal(_CAUDAL_HINGE),
-            caudal,
+            (cosine, sine),
             now[2],
-            (rates[2] - now[2]) * one_over_h,
+            push[2],
             _to_caudal(spin),
-            water[2],
+            water.caudal,
         )
     )
 
     # Newton: M a - s x alpha = F. Euler about the centre: s x a + I alpha = T. Eliminating a
     # leaves (I + [s][s] / M) alpha = T - s x F / M.
-    force = add(add(a.force, b.force), add(c.force, body_force))
-    torque = add(add(a.torque, b.torque), add(c.torque, body_torque))
+    force = add(add(a.force, b.force), add(c.force, water.body[0]))
+    torque = add(add(a.torque, b.torque), add(c.torque, water.body[1]))
     capsule_momentum = (
         BODY_INERTIA[0] * spin[0],
         BODY_INERTIA[1] * spin[1],
@@ -435,24 +315,17 @@ def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> S
         i[5] + j[5] + k[5] + s[1] * s[2] * per_mass,
     )
     alpha = solve_symmetric(whole, add(torque, scale(-per_mass, cross(s, force))))
-    acceleration = to_world(r, scale(per_mass, add(force, cross(s, alpha))))
+    acceleration = scale(per_mass, add(force, cross(s, alpha)))
 
-    new_velocity = add(state.velocity, scale(h, acceleration))
+    velocity = add(state.velocity, scale(h, to_world(rotation(state.orientation), acceleration)))
     new_spin = add(spin, scale(h, alpha))
     return State(
         turn(state.orientation, new_spin, h),
-        add(state.position, scale(h, new_velocity)),
-        new_velocity,
+        add(state.position, scale(h, velocity)),
+        velocity,
         new_spin,
         left,
         right,
         phase,
         rates,
     )
-
-
-def at_rest(fin_angles: tuple[float, float, float]) -> State:
-    """Return the state every trial starts from, on plain floats: still, upright, facing +y."""
-    left, right, phase = ((math.cos(a), math.sin(a)) for a in fin_angles)
-    zero = (0.0, 0.0, 0.0)
-    return State((0.0, 0.0, 0.0, 1.0), zero, zero, zero, left, right, phase, zero)

@@ -35,7 +35,7 @@ from numba.extending import (
 )
 
 from aquafish_gym import imu, robot
-from aquafish_gym.physics import carriers, dynamics, hydrodynamics
+from aquafish_gym.physics import carriers, dynamics, hydrodynamics, kinematics
 
 FLAGS = ("contract", "nsz")
 
@@ -96,7 +96,7 @@ def _arithmetic(function: Any, instruction: str) -> None:
 
     infer_global(function)(Typing)
 
-    @lower_builtin(function, Lanes, Lanes)  # type: ignore[untyped-decorator]
+    @lower_builtin(function, Lanes, Lanes)
     def _lower(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         return getattr(builder, instruction)(*args, flags=FLAGS)
 
@@ -114,7 +114,7 @@ def _unary(function: Any, lower: Callable[[Any, Any, Any], Any]) -> None:
 
     infer_global(function)(Typing)
 
-    @lower_builtin(function, Lanes)  # type: ignore[untyped-decorator]
+    @lower_builtin(function, Lanes)
     def _lower(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
         return lower(builder, args[0].type, args[0])
 
@@ -174,7 +174,9 @@ def _floor(x: Any) -> Any:
     return lambda x: float(math.floor(x))
 
 
-def _vector_pointer(context: Any, builder: Any, arrayty: Any, array: Any, lanes: Any, i: Any) -> Any:
+def _vector_pointer(
+    context: Any, builder: Any, arrayty: Any, array: Any, lanes: Any, i: Any
+) -> Any:
     """Point at entry i * width of a flat array, as at one vector."""
     data = context.make_array(arrayty)(context, builder, value=array).data
     start = builder.mul(i, ir.Constant(i.type, lanes.width))
@@ -245,7 +247,7 @@ def _put(array: Any, index: Any, value: Any) -> Any:
 
 
 _PRIMITIVES = (carriers.where_less, carriers.floor, carriers.fetch, carriers.put)
-PHYSICS_MODULES = (carriers, hydrodynamics, dynamics, imu, robot)
+PHYSICS_MODULES = (carriers, kinematics, hydrodynamics, dynamics, imu, robot)
 
 
 def register_module(module: ModuleType) -> None:
@@ -262,7 +264,7 @@ def register_module(module: ModuleType) -> None:
 @functools.cache
 def register() -> None:
     """Let compiled code call the physics: the very function objects that plain Python runs."""
-    for module in (carriers, hydrodynamics, dynamics):
+    for module in (carriers, kinematics, hydrodynamics, dynamics):
         register_module(module)
     for function in (imu.attitude, imu.nearest_turn, imu.continue_attitude):
         register_jitable(function)

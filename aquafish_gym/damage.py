@@ -1,0 +1,285 @@
+"""What can break: a body with faults is another body.
+
+A :class:`Damage` is a row of faults. Each kind of fault is one final class with the words that
+spell it, listed in ``FAULTS``; a new kind is a class more.
+
+In text a fault is ``fin:word`` or ``fin:word=number``, and faults are joined by ``;`` or
+``,``: ``left_pectoral:length=0.5; caudal:missing``.
+"""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from itertools import chain
+from typing import Any, ClassVar, Self, final
+
+from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology, dimension_index
+from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of
+
+
+class Fault(ABC):
+    """One thing that is broken. Abstract; its kinds are final and immutable.
+
+    ``WORDS`` are the words by which its kind is written after the fin's name.
+    """
+
+    WORDS: ClassVar[tuple[str, ...]]
+
+    @classmethod
+    @abstractmethod
+    def from_words(cls, fin: str, word: str, number: float | None) -> Fault:
+        """Make one from ``fin:word=number``; ``number`` is None where none was written."""
+
+    @abstractmethod
+    def apply(self, morphology: Morphology) -> Morphology:
+        """Return the body with this fault."""
+
+    @abstractmethod
+    def __str__(self) -> str:
+        """Return the text that ``Damage.parse`` reads back."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the fault as an object ready for JSON."""
+        return {"kind": type(self).__name__, **asdict(self)}  # type: ignore[call-overload]
+
+
+@final
+@dataclass(frozen=True)
+class FinScaled(Fault):
+    """A fin's length, width or thickness is multiplied by ``factor``, which is 0 or more.
+
+    Raises
+    ------
+    UnknownNameError
+        If the fin or the size is unknown.
+    InvalidArgumentError
+        If the factor is negative or not finite.
+    """
+
+    fin: str
+    size: str
+    factor: float
+
+    WORDS: ClassVar[tuple[str, ...]] = ("length", "width", "thickness")
+
+    def __post_init__(self) -> None:
+        dimension_index(self.fin, self.size)
+        factor = finite_array(f"damage factor of {self.fin}:{self.size}", self.factor, (), 0.0)
+        object.__setattr__(self, "factor", float(factor))
+
+    @classmethod
+    def from_words(cls, fin: str, word: str, number: float | None) -> Self:
+        """Make one from ``fin:size=factor``."""
+        if number is None:
+            raise InvalidArgumentError(
+                f"damage {fin}:{word} needs a factor, for example {fin}:{word}=0.5"
+            )
+        return cls(fin, word, number)
+
+    def apply(self, morphology: Morphology) -> Morphology:
+        """Return the body with that size scaled.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the size would leave its range: a silently clipped fault would be another one
+            than was asked for.
+        """
+        index = dimension_index(self.fin, self.size)
+        sizes = morphology.to_array()
+        sizes[index] *= self.factor
+        maximum = DIMENSIONS[index].maximum
+        if sizes[index] > maximum:
+            raise InvalidArgumentError(
+                f"damage {self} would make {DIMENSIONS[index].name} {sizes[index]:g}; "
+                f"it must lie in [0, {maximum:g}]"
+            )
+        return Morphology.from_array(sizes)
+
+    def __str__(self) -> str:
+        return f"{self.fin}:{self.size}={self.factor!r}"
+
+
+@final
+@dataclass(frozen=True)
+class FinMissing(Fault):
+    """A fin is gone: all three of its sizes are zero. Its servo turns on, moving nothing.
+
+    Raises
+    ------
+    UnknownNameError
+        If the fin is unknown.
+    """
+
+    fin: str
+
+    WORDS: ClassVar[tuple[str, ...]] = ("missing",)
+
+    def __post_init__(self) -> None:
+        one_of("fin", self.fin, FINS)
+
+    @classmethod
+    def from_words(cls, fin: str, word: str, number: float | None) -> Self:
+        """Make one from ``fin:missing``."""
+        if number is not None:
+            raise InvalidArgumentError(f"damage {fin}:{word} takes no number; got {number:g}")
+        return cls(fin)
+
+    def apply(self, morphology: Morphology) -> Morphology:
+        """Return the body without that fin."""
+        sizes = morphology.to_dict()
+        sizes[self.fin] = [0.0, 0.0, 0.0]
+        return Morphology.coerce(sizes)
+
+    def __str__(self) -> str:
+        return f"{self.fin}:missing"
+
+
+FAULTS: tuple[type[Fault], ...] = (FinScaled, FinMissing)
+
+
+@dataclass(frozen=True)
+class Damage:
+    """Everything that is broken, in the order in which it is applied.
+
+    Examples
+    --------
+    >>> damage = Damage.parse("left_pectoral:length=0.5; caudal:missing")
+    >>> damage.apply(Morphology.nominal()).left_pectoral
+    (0.4, 0.8, 0.1)
+    >>> str(damage)
+    'left_pectoral:length=0.5;caudal:missing'
+    """
+
+    faults: tuple[Fault, ...] = ()
+
+    def __post_init__(self) -> None:
+        faults = tuple(self.faults)
+        for fault in faults:
+            if not isinstance(fault, Fault):
+                raise InvalidArgumentError(f"damage must be made of faults; got {fault!r}")
+        object.__setattr__(self, "faults", faults)
+
+    @classmethod
+    def parse(cls, text: str) -> Self:
+        """Read faults joined by ``;`` or ``,``; no text, or ``none``, is no damage.
+
+        Raises
+        ------
+        UnknownNameError
+            If a fin or a word is unknown; the nearest valid one is offered.
+        InvalidArgumentError
+            If a fault is not spelled ``fin:word`` or ``fin:word=number``.
+        """
+        if not isinstance(text, str):
+            raise InvalidArgumentError(f"damage must be text to be parsed; got {text!r}")
+        if text.strip().lower() in ("", "none"):
+            return cls()
+        return cls(tuple(_read_fault(part) for part in text.replace(",", ";").split(";")))
+
+    @classmethod
+    def coerce(cls, value: object) -> Damage:
+        """Make one from whatever a user may mean.
+
+        ``None`` is no damage; text is parsed; a fault is itself; an object as ``to_dict``
+        writes it is read; a list joins any of these.
+        """
+        match value:
+            case None:
+                return cls()
+            case Damage():
+                return value
+            case str():
+                return cls.parse(value)
+            case Fault():
+                return cls((value,))
+            case Mapping():
+                return cls((_fault_from_dict(value),))
+            case Iterable():
+                return cls(tuple(chain.from_iterable(cls.coerce(part) for part in value)))
+        raise InvalidArgumentError(
+            f"damage must be text such as 'left_pectoral:length=0.5', a Damage, or a list; "
+            f"got {value!r}"
+        )
+
+    def apply(self, morphology: Morphology) -> Morphology:
+        """Return the body with every fault, one after another.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If a size would leave its range in ``DIMENSIONS``.
+        """
+        for fault in self.faults:
+            morphology = fault.apply(morphology)
+        return morphology
+
+    def __iter__(self) -> Iterator[Fault]:
+        return iter(self.faults)
+
+    def __len__(self) -> int:
+        return len(self.faults)
+
+    def __str__(self) -> str:
+        return ";".join(map(str, self.faults)) or "none"
+
+    def to_list(self) -> list[dict[str, Any]]:
+        """Return the faults as objects ready for JSON."""
+        return [fault.to_dict() for fault in self.faults]
+
+    def to_json(self) -> str:
+        """Return one line of JSON that ``from_json`` reads back exactly."""
+        return json.dumps(self.to_list(), allow_nan=False)
+
+    @classmethod
+    def from_json(cls, text: str) -> Damage:
+        """Read what ``to_json`` wrote.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If it is not JSON, or not a list of faults.
+        """
+        try:
+            faults = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise InvalidArgumentError(f"damage is not JSON: {error}") from None
+        if not isinstance(faults, list) or not all(isinstance(f, dict) for f in faults):
+            raise InvalidArgumentError("a damage's JSON must be a list of faults")
+        return cls.coerce(faults)
+
+
+def _read_fault(text: str) -> Fault:
+    fin, colon, what = (part.strip() for part in text.partition(":"))
+    if not colon or not what:
+        raise InvalidArgumentError(
+            f"damage must be written fin:word=number, as left_pectoral:length=0.5 or "
+            f"caudal:missing; got {text.strip()!r}"
+        )
+    word, equals, digits = (part.strip() for part in what.partition("="))
+    one_of("damage fin", fin, FINS)
+    one_of("damage", word, [w for kind in FAULTS for w in kind.WORDS])
+    number = None
+    if equals:
+        try:
+            number = float(digits)
+        except ValueError:
+            raise InvalidArgumentError(
+                f"damage {fin}:{word} needs a number after '='; got {digits!r}"
+            ) from None
+    kind = next(kind for kind in FAULTS if word in kind.WORDS)
+    return kind.from_words(fin, word, number)
+
+
+def _fault_from_dict(fields: Mapping[str, Any]) -> Fault:
+    kinds = {kind.__name__: kind for kind in FAULTS}
+    kind = kinds[one_of("damage kind", fields.get("kind"), kinds)]
+    try:
+        return kind(**{name: value for name, value in fields.items() if name != "kind"})
+    except TypeError:
+        raise InvalidArgumentError(
+            f"damage of kind {kind.__name__} has other fields than {sorted(map(str, fields))}"
+        ) from None
