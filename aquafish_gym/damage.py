@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from itertools import chain
 from typing import Any, ClassVar, Self, final
 
@@ -23,7 +23,9 @@ from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of
 class Fault(ABC):
     """One thing that is broken. Abstract; its kinds are final and immutable.
 
-    ``WORDS`` are the words by which its kind is written after the fin's name.
+    ``WORDS`` are the words by which its kind is written after the fin's name. Each kind has a
+    field ``kind`` with the name of its class, so that ``dataclasses.asdict``, and with it an
+    environment's ``spec.to_json()``, keeps what is needed to read it back.
     """
 
     WORDS: ClassVar[tuple[str, ...]]
@@ -43,7 +45,7 @@ class Fault(ABC):
 
     def to_dict(self) -> dict[str, Any]:
         """Return the fault as an object ready for JSON."""
-        return {"kind": type(self).__name__, **asdict(self)}  # type: ignore[call-overload]
+        return asdict(self)  # type: ignore[call-overload,no-any-return]
 
 
 @final
@@ -62,6 +64,7 @@ class FinScaled(Fault):
     fin: str
     size: str
     factor: float
+    kind: str = field(default="FinScaled", init=False, repr=False)
 
     WORDS: ClassVar[tuple[str, ...]] = ("length", "width", "thickness")
 
@@ -115,6 +118,7 @@ class FinMissing(Fault):
     """
 
     fin: str
+    kind: str = field(default="FinMissing", init=False, repr=False)
 
     WORDS: ClassVar[tuple[str, ...]] = ("missing",)
 
@@ -184,8 +188,8 @@ class Damage:
     def coerce(cls, value: object) -> Damage:
         """Make one from whatever a user may mean.
 
-        ``None`` is no damage; text is parsed; a fault is itself; an object as ``to_dict``
-        writes it is read; a list joins any of these.
+        ``None`` is no damage; text is parsed; a fault is itself; a mapping is read as
+        ``to_list`` or ``dataclasses.asdict`` wrote it; a list joins any of these.
         """
         match value:
             case None:
@@ -196,6 +200,8 @@ class Damage:
                 return cls.parse(value)
             case Fault():
                 return cls((value,))
+            case {"faults": [*faults]}:
+                return cls.coerce(faults)
             case Mapping():
                 return cls((_fault_from_dict(value),))
             case Iterable():

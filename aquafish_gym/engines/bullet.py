@@ -24,7 +24,8 @@ from numpy.typing import NDArray
 from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
 from aquafish_gym.imu import ImuLog, attitude, continue_attitude
 from aquafish_gym.physics.carriers import Number, Vector
-from aquafish_gym.physics.dynamics import (
+from aquafish_gym.physics.dynamics import wrench
+from aquafish_gym.physics.kinematics import (
     Drive,
     State,
     at_rest,
@@ -33,7 +34,6 @@ from aquafish_gym.physics.dynamics import (
     next_joints,
     rotation,
     to_body,
-    wrench,
 )
 from aquafish_gym.robot import (
     BODY_INERTIA,
@@ -55,9 +55,11 @@ AXES = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 # Bullet's defaults are 1000 and 100, and joints would lag behind their servos.
 _UNLIMITED = 1e9
+# Bullet cuts speeds off there, so that a runaway never reaches infinity: it is caught before,
+# by its speeds' squares.
+_RUNAWAY = 1e12
 # Its default residual threshold of 1e-7 leaves errors of 1e-5 rad.
 _SOLVER_ITERATIONS = 50
-_NOT_A_NUMBER = math.nan
 
 
 @functools.cache
@@ -104,7 +106,8 @@ def take_client() -> int:
     client = _idle_clients.pop() if _idle_clients else bullet.connect(bullet.DIRECT)
     if client < 0:
         raise EngineUnavailableError(
-            'PyBullet opens no more clients in this process; close some environments with engine="pybullet"'
+            "PyBullet opens no more clients in this process; close some of the environments "
+            'whose engine is "pybullet"'
         )
     return int(client)
 
@@ -167,15 +170,22 @@ def _push(
     return force, torque, rates[2]
 
 
-def _follow(orientations: Any, world_spins: Any, rpy: Any, gyro: Any) -> None:
+def _follow(
+    orientations: NDArray[np.float64],
+    world_spins: NDArray[np.float64],
+    rpy: NDArray[np.float64],
+    gyro: NDArray[np.float64],
+) -> None:
     """Fill rpy (T, 3) and gyro (T, 3) from quaternions (T, 4) and world spins (T, 3)."""
-    before = (0.0, 0.0, 0.0)
-    for t in range(len(orientations)):
-        q, w = orientations[t], world_spins[t]
-        r = rotation((q[0], q[1], q[2], q[3]))
+    angles, spins = [], []
+    before: Vector = (0.0, 0.0, 0.0)
+    for q, w in zip(orientations.tolist(), world_spins.tolist(), strict=True):
+        r = rotation(q)
         before = continue_attitude(before, attitude(r))
-        rpy[t, 0], rpy[t, 1], rpy[t, 2] = before
-        gyro[t, 0], gyro[t, 1], gyro[t, 2] = to_body(r, (w[0], w[1], w[2]))
+        angles.append(before)
+        spins.append(to_body(r, w))
+    if angles:
+        rpy[:], gyro[:] = angles, spins
 
 
 @functools.cache
@@ -190,7 +200,17 @@ def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         return function
     simd.register()
     register_jitable(_fin)
-    return njit(function)  # type: ignore[no-any-return]
+    register_jitable(function)
+    stamp = simd.source_stamp(_compiled)
+
+    def call(*args: Any) -> Any:
+        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        return function(*args)
+
+    try:
+        return njit(cache=True)(call)  # type: ignore[no-any-return]
+    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
+        return njit(call)  # type: ignore[no-any-return]
 
 
 class BulletWorld:
@@ -299,8 +319,7 @@ class BulletWorld:
             physicsClientId=client,
         )
         fins = self._column.reshape(3, PARAMETERS_PER_FIN)
-        width, length, thickness, mass, across, along, normal = range(PARAMETERS_PER_FIN)
-        del width, thickness
+        length, mass, inertia = 1, 3, (4, 5, 6)  # the columns of Fin
         turns = [(0.0, 0.0, 0.0, 1.0)] * 3
         self._robot = robot = p.createMultiBody(
             baseMass=BODY_MASS,
@@ -323,9 +342,11 @@ class BulletWorld:
             raise RuntimeError("PyBullet could not build the robot")
         inertias = [BODY_INERTIA]
         for i, fin in enumerate(fins):
-            about = [float(fin[k]) for k in (across, along, normal)]
+            about = [float(fin[k]) for k in inertia]
             # The caudal fin's width axis is the body's z, its normal the body's x.
-            inertias.append((about[0], about[1], about[2]) if i < 2 else (about[2], about[1], about[0]))
+            inertias.append(
+                (about[0], about[1], about[2]) if i < 2 else (about[2], about[1], about[0])
+            )
         # Each in a call of its own: some of these arguments, given together, silently move
         # the others to the base.
         for link in range(-1, 3):
@@ -373,7 +394,6 @@ class BulletWorld:
         p, client, robot, push = self._bullet, self._client, self._robot, self._push
         column, joints, current = self._column, self._joints, self._current
         by, h, caudal = self._drive, self.timestep, 2
-        origin = (0.0, 0.0, 0.0)
         for _ in range(steps):
             if self.diverged:
                 return
@@ -393,17 +413,16 @@ class BulletWorld:
                 robot, physicsClientId=client
             )
             self.velocity, self.world_spin = p.getBaseVelocity(robot, physicsClientId=client)
-            if not math.isfinite(
-                sum(self.position) + sum(self.orientation) + sum(self.velocity) + sum(self.world_spin)
-            ):
+            (vx, vy, vz), (wx, wy, wz) = self.velocity, self.world_spin
+            # Written so that NaN fails it.
+            if not vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz < _RUNAWAY:
                 self._diverge()
-        del origin
 
     def _diverge(self) -> None:
-        nothing = (_NOT_A_NUMBER,) * 3
+        nothing = (math.nan,) * 3
         self.diverged = True
         self.position = self.velocity = self.world_spin = nothing
-        self.orientation = (_NOT_A_NUMBER,) * 4
+        self.orientation = (math.nan,) * 4
 
     def state(self) -> State:
         """Return the robot's state on plain floats."""
@@ -436,7 +455,6 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
     position, quaternion = np.empty((batch, steps, 3)), np.empty((batch, steps, 4))
     spins = np.empty((steps, 3))
     diverged = np.zeros(batch, dtype=np.bool_)
-    follow = _compiled(_follow)
     world = BulletWorld(settings.substeps)
     try:
         for i in range(batch):
@@ -447,8 +465,12 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
                 position[i, t] = world.position
                 quaternion[i, t] = world.orientation
                 spins[t] = world.world_spin
-            follow(quaternion[i], spins, rpy[i], gyro[i])
-            diverged[i] = world.diverged
+            good = steps
+            if world.diverged:
+                diverged[i] = True
+                good = int(np.isfinite(quaternion[i]).all(axis=1).sum())
+                rpy[i, good:] = gyro[i, good:] = math.nan
+            _follow(quaternion[i, :good], spins[:good], rpy[i, :good], gyro[i, :good])
     finally:
         world.close()
     pose = settings.record == "pose"

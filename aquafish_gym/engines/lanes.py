@@ -21,7 +21,7 @@ from aquafish_gym.engines.kernel import (
 )
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.simd import register_bytes
-from aquafish_gym.robot import robot_parameters
+from aquafish_gym.robot import PARAMETERS_PER_FIN, robot_parameters
 
 Floats = NDArray[np.floating]
 
@@ -38,6 +38,8 @@ def lane_width(dtype: type[np.floating]) -> int:
 
 def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -> Floats:
     """Pad a table (rows, B) to whole groups by repeating its last column, and flatten it."""
+    if not rows.shape[1]:
+        return np.empty(0, dtype)
     spare = -rows.shape[1] % width
     return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, spare)), mode="edge"), dtype).reshape(-1)
 
@@ -106,8 +108,10 @@ class LaneBatch:
 
         ``morphologies`` (n, 9) and ``fin_angles`` (n, 3) hold the n replaced robots only.
         """
-        self._rows(self._parameters)[:, mask] = robot_parameters(morphologies)
-        self._rows(self._states)[:, mask] = rest_rows(fin_angles)
+        self._table(self._parameters, 3 * PARAMETERS_PER_FIN)[:, mask] = robot_parameters(
+            morphologies
+        )
+        self._table(self._states, STATE_ROWS)[:, mask] = rest_rows(fin_angles)
 
     def advance(self, commands: NDArray[np.float64], steps: int, record: str = "nothing") -> ImuLog:
         """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s."""
@@ -170,7 +174,7 @@ class LaneBatch:
             gyro=gyro if bits & GYRO else None,
             position=pose[:, :, :3] if bits & POSE else None,
             quaternion=pose[:, :, 3:] if bits & POSE else None,
-            diverged=np.logical_not(np.isfinite(self._rows(self._states)).all(axis=0)),
+            diverged=np.logical_not(np.isfinite(self._table(self._states, STATE_ROWS)).all(axis=0)),
         )
 
     def state(self) -> dict[str, NDArray[np.float64]]:
@@ -180,7 +184,7 @@ class LaneBatch:
         ``gyro`` (B, 3) in body axes, ``fin_angles`` (B, 3) (left, right, caudal *phase*, rad),
         ``rates`` (B, 3) of the joints in rad/s, and ``rpy`` (B, 3).
         """
-        rows = self._rows(self._states).astype(np.float64)
+        rows = self._table(self._states, STATE_ROWS).astype(np.float64)
         return {
             "quaternion": rows[0:4].T,
             "position": rows[4:7].T,
@@ -191,9 +195,9 @@ class LaneBatch:
             "rpy": rows[22:25].T,
         }
 
-    def _rows(self, flat: Floats) -> Floats:
+    def _table(self, flat: Floats, rows: int) -> Floats:
         """View a flat table as (rows, B)."""
-        view: Floats = flat.reshape(-1, self.groups * self.width)[:, : self.batch]
+        view: Floats = flat.reshape(rows, self.groups * self.width)[:, : self.batch]
         return view
 
 

@@ -60,7 +60,7 @@ def scale(k: Number, a: Vector) -> Vector:
 
 
 def small_sine_cosine(x: Number) -> tuple[Number, Number]:
-    """Return (sin x, cos x) for abs(x) <= 0.6, to 1e-16: their Taylor series."""
+    """Return (sin x, cos x) for abs(x) <= 0.6, to 4e-16: their Taylor series."""
     z = x * x
     s = 1 - z * (1 / 110) * (1 - z * (1 / 156))
     s = 1 - z * (1 / 6) * (1 - z * (1 / 20) * (1 - z * (1 / 42) * (1 - z * (1 / 72) * s)))

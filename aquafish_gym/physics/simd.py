@@ -5,8 +5,10 @@
 physics is then ordinary Python, compiled once for lanes and once for scalars from the same
 function objects (:func:`register`).
 
-Only the flags ``contract`` and ``nsz`` are set. Reassociation is not, so a robot's numbers
-are the same in every lane and at every width.
+Instructions carry no fast-math flag, not even ``contract``: every operation is rounded as
+IEEE 754 says, so a robot's numbers are the same in every lane, at every width, on every CPU,
+and in float64 the same to the last bit as plain Python's. Fused multiply-adds would be 15%
+faster and give all that up.
 """
 
 from __future__ import annotations
@@ -36,8 +38,6 @@ from numba.extending import (
 
 from aquafish_gym import imu, robot
 from aquafish_gym.physics import carriers, dynamics, hydrodynamics, kinematics
-
-FLAGS = ("contract", "nsz")
 
 
 class Lanes(types.Type):
@@ -98,7 +98,7 @@ def _arithmetic(function: Any, instruction: str) -> None:
 
     @lower_builtin(function, Lanes, Lanes)
     def _lower(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        return getattr(builder, instruction)(*args, flags=FLAGS)
+        return getattr(builder, instruction)(*args)
 
 
 def _unary(function: Any, lower: Callable[[Any, Any, Any], Any]) -> None:
@@ -137,7 +137,7 @@ _arithmetic(operator.truediv, "fdiv")
 _arithmetic(operator.iadd, "fadd")
 _arithmetic(operator.isub, "fsub")
 _arithmetic(operator.imul, "fmul")
-_unary(operator.neg, lambda builder, _vector, value: builder.fneg(value, flags=FLAGS))
+_unary(operator.neg, lambda builder, _vector, value: builder.fneg(value))
 _unary(abs, _call("llvm.fabs"))
 _unary(math.sqrt, _call("llvm.sqrt"))
 

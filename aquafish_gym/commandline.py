@@ -1,0 +1,111 @@
+"""What the packages' command lines share: one line for a mistake, and honest exit codes."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import io
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Protocol
+
+from tyro.extras import SubcommandApp
+
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
+
+BAD_INPUT: tuple[type[Exception], ...] = (InvalidArgumentError, EngineUnavailableError)
+REFUSED = 2
+INTERRUPTED = 130
+
+
+class Command(Protocol):
+    """A subcommand, its options as fields."""
+
+    def execute(self) -> None:
+        """Do it."""
+
+
+def run_command_line(
+    program: str,
+    app: SubcommandApp,
+    arguments: Sequence[str] | None = None,
+    refused: tuple[type[Exception], ...] = BAD_INPUT,
+) -> int:
+    """Run one of an app's commands and return the exit code.
+
+    Parameters
+    ----------
+    program
+        The package's name, as in ``python -m gait``.
+    app
+        Its commands, each a :class:`Command`.
+    arguments
+        None takes the process's own.
+    refused
+        Errors that say what is wrong with the input.
+
+    Returns
+    -------
+    int
+        0; 2 after one line on stderr for a command or setting that is wrong; 130 after Ctrl-C.
+    """
+    said = io.StringIO()
+    try:
+        # tyro explains a bad command line in a box on stderr; one line of it is enough.
+        with contextlib.redirect_stderr(said):
+            command: Command = app.cli(prog=f"python -m {program}", args=arguments)
+    except SystemExit as stop:
+        if not stop.code:
+            return 0
+        return _refuse(program, _first_sentence(said.getvalue()))
+    except refused as error:
+        return _refuse(program, str(error))
+    try:
+        command.execute()
+    except KeyboardInterrupt:
+        print(f"{program}: interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except refused as error:
+        return _refuse(program, str(error))
+    return 0
+
+
+def read_morphology(path: Path | None, argument: str) -> Morphology:
+    """Return the body in a JSON file, or the nominal body for None.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the file cannot be read or holds no morphology; the message names ``argument``.
+    """
+    if path is None:
+        return Morphology.nominal()
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise InvalidArgumentError(
+            f"{argument} must be a file that can be read; {path}: {error.strerror}"
+        ) from None
+    except UnicodeDecodeError:
+        raise InvalidArgumentError(f"{argument} must be a JSON file; {path} is not text") from None
+    return Morphology.from_json(text)
+
+
+def _refuse(program: str, reason: str) -> int:
+    print(f"{program}: {' '.join(reason.split())}", file=sys.stderr)
+    return REFUSED
+
+
+def _first_sentence(box: str) -> str:
+    """Return what a box says before its first rule, and the nearest of the options it offers."""
+    lines = [line.strip("│ ") for line in box.splitlines() if line.startswith("│")]
+    rules = [i for i, line in enumerate(lines) if line.startswith("─")]
+    sentence = " ".join(lines[: rules[0]] if rules else lines)
+    said = [word.strip(",") for word in sentence.split()]
+    unknown = next((word for word in said if word.startswith("--")), "")
+    offered = [line.split()[0] for line in lines if line.startswith("--")]
+    offered = [option for option in offered if option not in said]
+    close = difflib.get_close_matches(unknown, offered, n=1, cutoff=0.6)
+    return f"{sentence}; did you mean {close[0]}?" if close else sentence

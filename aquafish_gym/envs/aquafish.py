@@ -1,0 +1,208 @@
+"""The swimming robot as a Gymnasium environment."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.error import ResetNeeded
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.command import scale_action
+from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.worlds import World, check_engine, make_world
+from aquafish_gym.envs.conditions import (
+    Conditions,
+    action_space,
+    check_action,
+    check_conditions,
+    check_frame_skip,
+    episode_length,
+    motion_info,
+    observation_space,
+    observe,
+)
+from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.rendering import RENDER_MODES, Window, check_render_mode, render_pose, usable_modes
+
+Observation = NDArray[np.float32]
+
+
+class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
+    r"""A damaged robot fish that feels its attitude and nothing else.
+
+    ## Description
+
+    A capsule-shaped robot hangs weightless in water, moved by two pectoral flippers, which turn
+    right round, and a tail fin, which sweeps from side to side. It is to swim forward. What
+    makes it hard is what it does not know: where its fins stand, and what is broken.
+
+    It is the robot of the Estimation-Exploration Algorithm's studies of damage recovery. Drag
+    is quadratic and scale-free; the unit of length is 5 cm. Axes: x to the right, y forward, z
+    up.
+
+    ## Action Space
+
+    The action space is a `Box(-1, 1, (3,), float32)`: the three servos' speeds. What lies
+    outside is clipped; NaN is refused.
+
+    | Num | Action | Control Min | Control Max | Unit at -1 and 1 |
+    |-----|--------|-------------|-------------|------------------|
+    | 0 | speed of the left pectoral flipper | -1 | 1 | -0.5 and 0.5 rev/s |
+    | 1 | speed of the right pectoral flipper | -1 | 1 | -0.5 and 0.5 rev/s |
+    | 2 | frequency of the tail's sweep of +-30 degrees | -1 | 1 | 0 and 1 Hz |
+
+    ## Observation Space
+
+    What an inertial measurement unit gives: which way is up, which way is north (the world's y,
+    where the robot faces at the start), and its gyro, all in the robot's own axes. Up and north
+    hold the same as roll, pitch and yaw without their jumps, as an accelerometer and a compass
+    measure them. Position, velocity and damage are never observed; the fins' angles only with
+    `observe_fins=True`.
+
+    | Num | Observation | Min | Max | Unit |
+    |-----|-------------|-----|-----|------|
+    | 0-2 | the world's up (z) in body axes x, y, z | -1 | 1 | |
+    | 3-5 | the world's north (y) in body axes x, y, z | -1 | 1 | |
+    | 6-8 | angular velocity about body axes x, y, z; saturates | -34.9 | 34.9 | rad/s |
+    | 9-11 | with `observe_fins`: sine of left and right flipper angle and of tail phase | -1 | 1 | |
+    | 12-14 | with `observe_fins`: cosine of the same | -1 | 1 | |
+
+    ## Rewards
+
+    The reward is *reward_forward + reward_ctrl*, both in `info`.
+
+    - *reward_forward*: `forward_reward_weight` times the mean speed along the world's y over
+      the step, in units/s.
+    - *reward_ctrl*: minus `ctrl_cost_weight` times the sum of the squares of the action.
+
+    `info` also holds `x_position`, `y_position`, `z_position` (units), `x_velocity`,
+    `y_velocity`, `z_velocity` (means over the step, units/s), `distance_from_origin`,
+    `diverged`, and the truth that is hidden from the observation: `fin_angles` (left, right
+    angle and tail phase, rad), `damage` (text) and `morphology` (the nine sizes of the body as
+    it is, damage included).
+
+    ## Starting State
+
+    At rest at the origin, upright, facing along y. `fin_angles` says how the fins stand:
+    `"zero"` (flippers straight back, tail straight and about to sweep), `"random"` (uniform on
+    the circle, drawn anew at every reset) or three angles in rad.
+
+    `reset(options=...)` takes `fin_angles`, `morphology` and `damage` for that episode alone.
+
+    ## Episode End
+
+    ### Termination
+
+    Only if the simulation diverges, which no body within the limits has been seen to do. `info`
+    then has `diverged` true, the reward is 0 and the observation is the last good one.
+
+    ### Truncation
+
+    After 20 s: 2000 physics steps, which is 400 steps at the default `frame_skip`.
+
+    ## Arguments
+
+    ```python
+    import gymnasium as gym
+    import aquafish_gym
+    env = gym.make("AquaFish-v0", damage="left_pectoral:length=0.5")
+    ```
+
+    | Parameter | Type | Default | Description |
+    |-----------|------|---------|-------------|
+    | `morphology` | Morphology, dict, nine numbers or None | `None` | the body before damage; None is the prototype |
+    | `damage` | Damage, text, list or None | `None` | what is broken, e.g. `"left_pectoral:length=0.5;caudal:missing"` |
+    | `engine` | str | `"pybullet"` | `"pybullet"` or `"numba"`: the same robot |
+    | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
+    | `fin_angles` | str or three numbers | `"zero"` | see Starting State |
+    | `observe_fins` | bool | `False` | whether the observation holds the fins' angles |
+    | `frame_skip` | int | `5` | physics steps of 0.01 s in each step |
+    | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
+    | `forward_reward_weight` | float | `1.0` | see Rewards |
+    | `ctrl_cost_weight` | float | `1e-4` | see Rewards |
+
+    An environment whose engine is PyBullet belongs to its process: after a fork it refuses to
+    work, and it cannot be pickled.
+
+    ## Version History
+
+    * v0: initial version.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        "render_modes": list(RENDER_MODES),
+        "render_fps": 20,
+    }
+
+    def __init__(
+        self,
+        morphology: object = None,
+        damage: object = None,
+        engine: str = "pybullet",
+        current: ArrayLike = (0.0, 0.0, 0.0),
+        fin_angles: object = "zero",
+        observe_fins: bool = False,
+        frame_skip: int = 5,
+        render_mode: str | None = None,
+        forward_reward_weight: float = 1.0,
+        ctrl_cost_weight: float = 1e-4,
+    ) -> None:
+        self._conditions = check_conditions(morphology, damage, current, fin_angles)
+        self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
+        self._engine = check_engine(engine)
+        self._observe_fins = bool(observe_fins)
+        self.frame_skip = check_frame_skip(frame_skip)
+        self.render_mode = check_render_mode(render_mode)
+        # The class says which modes there are, the environment which of them work here.
+        self.metadata = {
+            "render_modes": usable_modes(),
+            "render_fps": max(1, round(1 / self.dt)),
+        }
+        self.action_space = action_space()
+        self.observation_space = observation_space(self._observe_fins)
+        self._steps_left = 0
+        self._world: World | None = None
+        self._window: Window | None = None
+        self._episode: Conditions = self._conditions
+        self._body = self._conditions.body
+        self._remember()
+
+    @property
+    def dt(self) -> float:
+        """Length of one step, s."""
+        return TIMESTEP * self.frame_skip
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode.
+
+        Parameters
+        ----------
+        seed
+            For the random fin angles.
+        options
+            ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
+
+        Raises
+        ------
+        InvalidArgumentError, UnknownNameError
+            If an option is unknown or bad.
+        """
+        super().reset(seed=seed)
+        self._episode = self._conditions.with_options(options)
+        self._body = self._episode.body
+        if self._world is None:
+            self._world = make_world(self._engine)
+        left, right, phase = self._episode.draw_fin_angles(1, self.np_random)[0].tolist()
+        self._world.reset(self._body.to_array(), (left, right, phase), self._episode.current)
+        self._steps_left = episode_length(self.frame_skip)
+        self._remember(self._world)
+        if self.render_mode == "human":
+            self.render()
+        return self._observation(), {
+            **self._truth(),
+            **motion_info(self._position, self._position, self.dt),
+        }

@@ -1,0 +1,163 @@
+"""The compiled engine's promises: no result depends on lanes, threads, batches or the cache."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+import aquafish_gym
+from aquafish_gym.engines.lanes import LaneBatch
+from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.physics import simd
+
+Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def trials() -> Trial:
+    rng = np.random.default_rng(0)
+    n = 150
+    bodies = rng.uniform(0, 1, (n, 9)) * MAXIMA
+    bodies[0], bodies[1] = 0.0, MAXIMA
+    commands = rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1], (n, 3))
+    return bodies, commands, rng.uniform(-np.pi, np.pi, (n, 3))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_batch_order_and_size_change_nothing(trials: Trial, dtype: str) -> None:
+    whole = aquafish_gym.simulate(*trials, steps=200, dtype=dtype)
+    order = np.random.default_rng(1).permutation(len(trials[0]))
+    shuffled = aquafish_gym.simulate(*(t[order] for t in trials), steps=200, dtype=dtype)
+    assert_array_equal(shuffled.rpy, whole.rpy[order])
+    for i in (0, 7, 149):
+        one = aquafish_gym.simulate(*(t[i] for t in trials), steps=200, dtype=dtype)
+        assert_array_equal(one.rpy[0], whole.rpy[i])
+        assert one.gyro is not None
+        assert whole.gyro is not None
+        assert_array_equal(one.gyro[0], whole.gyro[i])
+
+
+def test_threads_change_nothing(trials: Trial) -> None:
+    one = aquafish_gym.simulate(*trials, steps=2000, threads=1)
+    three = aquafish_gym.simulate(*trials, steps=2000, threads=3)
+    assert_array_equal(one.rpy, three.rpy)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_lane_width_changes_nothing(trials: Trial, dtype: type[np.floating]) -> None:
+    bodies, commands, angles = trials
+    logs = [
+        LaneBatch(bodies, angles, dtype=dtype, width=w).advance(commands, 100, "rpy").rpy
+        for w in (4, 8, 16)
+    ]
+    assert_array_equal(logs[0], logs[1])
+    assert_array_equal(logs[0], logs[2])
+
+
+def test_a_run_in_parts_is_the_run_in_one(trials: Trial) -> None:
+    bodies, commands, angles = trials
+    whole = LaneBatch(bodies, angles).advance(commands, 100, "pose")
+    parts = LaneBatch(bodies, angles)
+    logs = [parts.advance(commands, n, "pose") for n in (1, 37, 62)]
+    assert_array_equal(np.concatenate([log.rpy for log in logs], axis=1), whole.rpy)
+    for name in ("gyro", "position", "quaternion"):
+        joined = np.concatenate([getattr(log, name) for log in logs], axis=1)
+        assert_array_equal(joined, getattr(whole, name))
+
+
+def test_float32_stays_near_float64(trials: Trial) -> None:
+    single = aquafish_gym.simulate(*trials, steps=512)
+    double = aquafish_gym.simulate(*trials, steps=512, dtype="float64")
+    worst = abs(single.rpy - double.rpy).max(axis=(1, 2))
+    assert np.median(worst) < 1e-3
+    assert not single.diverged.any()
+
+
+def test_records_hold_what_was_asked_for(trials: Trial) -> None:
+    bare = aquafish_gym.simulate(*trials, steps=20, record="rpy")
+    assert bare.gyro is None
+    assert bare.position is None
+    full = aquafish_gym.simulate(*trials, steps=20, record="pose")
+    assert full.rpy.shape == (150, 20, 3)
+    assert full.position is not None
+    assert full.position.shape == (150, 20, 3)
+    assert full.quaternion is not None
+    assert full.quaternion.shape == (150, 20, 4)
+    np.testing.assert_allclose(np.linalg.norm(full.quaternion, axis=2), 1, atol=1e-6)
+
+
+def test_an_empty_batch_gives_an_empty_log() -> None:
+    log = aquafish_gym.simulate(np.empty((0, 9)), np.empty((0, 3)), np.empty((0, 3)), steps=5)
+    assert log.rpy.shape == (0, 5, 3)
+
+
+BAD = {
+    "negative": ({"morphologies": -np.ones(9)}, r"morphologies\[0, 0\] must lie in \[0, 1\].*-1"),
+    "oversized": ({"morphologies": np.full(9, 9.0)}, r"must lie in \[0, 1\].*got 9"),
+    "nan body": ({"morphologies": np.full(9, np.nan)}, "morphologies must be finite"),
+    "nan command": ({"commands": (np.nan, 0, 0)}, "commands must be finite"),
+    "fast": ({"commands": (0.6, 0, 0)}, r"commands\[0, 0\] must lie in \[-0.5, 0.5\] rev/s"),
+    "shape": ({"morphologies": np.ones((3, 4))}, r"morphologies must have shape \(any, 9\)"),
+    "lengths": ({"commands": np.zeros((2, 3)), "fin_angles": np.zeros((3, 3))}, "equally many"),
+    "engine": ({"engine": "pybulet"}, "did you mean 'pybullet'"),
+    "dtype": ({"dtype": "float16"}, "dtype must be one of float32, float64"),
+    "steps": ({"steps": 0}, "steps must be a whole number of at least 1; got 0"),
+    "text": ({"fin_angles": "left"}, "fin_angles must be numbers"),
+    "current": ({"current": (1, 2)}, r"current must have shape \(3\)"),
+    "record": ({"record": "poses"}, "did you mean 'pose'"),
+    "threads": ({"threads": 0}, "threads must be a whole number of at least 1"),
+    "substeps": ({"substeps": 1.5}, "substeps must be a whole number"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_is_refused_with_a_sentence(case: str) -> None:
+    arguments, message = BAD[case]
+    arguments = {"morphologies": None, "commands": (0.1, 0.1, 0.5), **arguments}
+    with pytest.raises(ValueError, match=message):
+        aquafish_gym.simulate(**arguments)  # type: ignore[arg-type]
+
+
+def test_the_cache_is_tied_to_the_physics_sources(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A change in any physics file gives another stamp; kernels close over it."""
+    before = simd.source_stamp()
+    changed = tmp_path / "hydrodynamics.py"
+    source = pathlib.Path(str(simd.hydrodynamics.__file__))
+    changed.write_text(source.read_text() + "\n# a change\n")
+    monkeypatch.setattr(simd.hydrodynamics, "__file__", str(changed))
+    assert simd.source_stamp() != before
+
+
+SCRIPT = """
+import numpy as np
+from aquafish_gym.engines import kernel, lanes
+from aquafish_gym.physics import simd
+if {stamp!r}:
+    simd.source_stamp = lambda *_: {stamp!r}
+    kernel.simd.source_stamp = simd.source_stamp
+lanes.warm_up()
+k = kernel.compile_kernel(kernel.hold, lanes.lane_width(np.float32))
+print(sum(k.stats.cache_hits.values()), sum(k.stats.cache_misses.values()))
+"""
+
+
+def test_a_kernel_of_other_physics_is_not_taken_from_the_cache(tmp_path: pathlib.Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+
+    def run(stamp: str) -> str:
+        return subprocess.run(
+            [sys.executable, "-c", SCRIPT.format(stamp=stamp)],
+            env=environment, check=True, capture_output=True, text=True,
+        ).stdout.strip()  # fmt: skip
+
+    assert run("") == "0 1", "a first run compiles"
+    assert run("") == "1 0", "a second takes it from the cache"
+    assert run("other physics") == "0 1", "changed sources compile anew"
