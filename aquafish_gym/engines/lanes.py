@@ -38,10 +38,11 @@ def lane_width(dtype: type[np.floating]) -> int:
 
 def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -> Floats:
     """Pad a table (rows, B) to whole groups by repeating its last column, and flatten it."""
-    if not rows.shape[1]:
-        return np.empty(0, dtype)
-    spare = -rows.shape[1] % width
-    return np.ascontiguousarray(np.pad(rows, ((0, 0), (0, spare)), mode="edge"), dtype).reshape(-1)
+    batch = rows.shape[1]
+    table = np.empty((len(rows), batch + -batch % width), dtype)
+    table[:, :batch] = rows
+    table[:, batch:] = rows[:, -1:]
+    return table.reshape(-1)
 
 
 def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -286,6 +286,7 @@ def source_stamp(*functions: Any) -> str:
     return digest.hexdigest()
 
 
+@functools.cache
 def register_bytes() -> int:
     """Return how many bytes this machine's widest vector register holds."""
     features = binding.get_host_cpu_features()
