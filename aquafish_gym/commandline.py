@@ -8,9 +8,9 @@ import io
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
-from tyro.extras import SubcommandApp
+import tyro
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
@@ -29,7 +29,7 @@ class Command(Protocol):
 
 def run_command_line(
     program: str,
-    app: SubcommandApp,
+    app: CommandLine,
     arguments: Sequence[str] | None = None,
     refused: tuple[type[Exception], ...] = BAD_INPUT,
 ) -> int:
@@ -70,6 +70,23 @@ def run_command_line(
     except refused as error:
         return _refuse(program, str(error))
     return 0
+
+
+class CommandLine(Protocol):
+    """Whatever makes a command of a command line; tyro's ``SubcommandApp`` is one."""
+
+    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        """Return the command, or leave with SystemExit."""
+
+
+def single_command(command: type[Command]) -> CommandLine:
+    """Return the command line of a program that does one thing."""
+
+    class Single:
+        def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+            return tyro.cli(command, prog=prog, args=args)
+
+    return Single()
 
 
 def read_morphology(path: Path | None, argument: str) -> Morphology:

@@ -38,6 +38,9 @@ class ImuLog:
         ``record="pose"``.
     quaternion
         (B, T, 4) from body to world, (x, y, z, w); only with ``record="pose"``.
+    fin_angles
+        (B, T, 3) left and right pectoral angle and caudal phase in (-pi, pi]: the truth, which
+        no IMU knows; only with ``record="pose"``.
     diverged
         (B,) whether a robot left the finite numbers; its samples are then NaN from there on.
     """
@@ -46,6 +49,7 @@ class ImuLog:
     gyro: Floats | None
     position: Floats | None
     quaternion: Floats | None
+    fin_angles: Floats | None
     diverged: NDArray[np.bool_]
 
     def __len__(self) -> int:

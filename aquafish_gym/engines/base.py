@@ -161,8 +161,8 @@ def simulate(
     threads
         For the compiled engine: how many; None takes every core. No result depends on it.
     record
-        ``"rpy"``, ``"attitude"`` (rpy and gyro) or ``"pose"`` (these, position and
-        quaternion).
+        ``"rpy"``, ``"attitude"`` (rpy and gyro) or ``"pose"`` (these, position,
+        quaternion and fin angles).
 
     Returns
     -------

@@ -438,6 +438,12 @@ class BulletWorld:
             (j[6], j[7], j[8]),
         )
 
+    @property
+    def fin_angles(self) -> Vector:
+        """Left and right pectoral angle and caudal phase in (-pi, pi], rad."""
+        j = self._joints
+        return (math.atan2(j[1], j[0]), math.atan2(j[3], j[2]), math.atan2(j[5], j[4]))
+
     def joint_states(self) -> list[tuple[float, float]]:
         """Return Bullet's own (angle, speed) of the three joints, rad and rad/s."""
         self._check_process()
@@ -453,6 +459,7 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
     batch, steps = len(trials), settings.steps
     rpy, gyro = np.empty((batch, steps, 3)), np.empty((batch, steps, 3))
     position, quaternion = np.empty((batch, steps, 3)), np.empty((batch, steps, 4))
+    fin_angles = np.empty((batch, steps, 3))
     spins = np.empty((steps, 3))
     diverged = np.zeros(batch, dtype=np.bool_)
     world = BulletWorld(settings.substeps)
@@ -465,6 +472,7 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
                 position[i, t] = world.position
                 quaternion[i, t] = world.orientation
                 spins[t] = world.world_spin
+                fin_angles[i, t] = world.fin_angles
             good = steps
             if world.diverged:
                 diverged[i] = True
@@ -479,6 +487,7 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
         gyro=None if settings.record == "rpy" else gyro,
         position=position if pose else None,
         quaternion=quaternion if pose else None,
+        fin_angles=fin_angles if pose else None,
         diverged=diverged,
     )
 

@@ -31,7 +31,7 @@ from aquafish_gym import imu
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.carriers import Number, Vector, fetch, put
 from aquafish_gym.physics.dynamics import step
-from aquafish_gym.physics.kinematics import State, drive, rotation
+from aquafish_gym.physics.kinematics import State, drive, joint_angles, rotation
 from aquafish_gym.robot import PARAMETERS_PER_FIN, Fin, Robot
 
 Policy = Callable[..., Vector]
@@ -172,7 +172,7 @@ def compile_kernel(policy: Policy, width: int) -> Any:
         scratch = np.empty(scratch_size * width, parameters.dtype)
         block_rpy = np.empty(3 * BLOCK * width, parameters.dtype)
         block_gyro = np.empty(3 * BLOCK * width, parameters.dtype)
-        block_pose = np.empty(7 * BLOCK * width, parameters.dtype)
+        block_pose = np.empty(10 * BLOCK * width, parameters.dtype)
         for group in range(begin, end):
             robot = Robot(
                 fetch_fin(parameters, 0, group, groups, zero),
@@ -201,6 +201,7 @@ def compile_kernel(policy: Policy, width: int) -> Any:
                         put_vector(block_pose, 0, in_block, BLOCK, state.position)
                         put_vector(block_pose, 3, in_block, BLOCK, (q[0], q[1], q[2]))
                         put(block_pose, 6 * BLOCK + in_block, q[3])
+                        put_vector(block_pose, 7, in_block, BLOCK, joint_angles(state))
                     in_block += 1
                     if in_block == BLOCK or t == steps - 1:
                         first = t + 1 - in_block

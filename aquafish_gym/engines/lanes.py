@@ -137,7 +137,7 @@ class LaneBatch:
         bits = _RECORDS[record]
         logs = tuple(
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
-            for n, bit in ((3, RPY), (3, GYRO), (7, POSE))
+            for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
         )
         kernel = compile_kernel(policy, self.width)
 
@@ -174,7 +174,8 @@ class LaneBatch:
             rpy=rpy,
             gyro=gyro if bits & GYRO else None,
             position=pose[:, :, :3] if bits & POSE else None,
-            quaternion=pose[:, :, 3:] if bits & POSE else None,
+            quaternion=pose[:, :, 3:7] if bits & POSE else None,
+            fin_angles=pose[:, :, 7:] if bits & POSE else None,
             diverged=np.logical_not(np.isfinite(self._table(self._states, STATE_ROWS)).all(axis=0)),
         )
 

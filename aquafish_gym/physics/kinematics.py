@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from aquafish_gym.physics.carriers import TAU, Number, Vector, small_sine_cosine
+from aquafish_gym.physics.carriers import TAU, Number, Vector, arctangent2, small_sine_cosine
 
 SWEEP = math.radians(30.0)  # caudal angle = SWEEP sin(phase)
 
@@ -47,6 +47,16 @@ class Drive(NamedTuple):
     right: Pair
     phase: Pair
     speeds: Pair
+
+
+def joint_angles(state: State) -> Vector:
+    """Return left and right pectoral angle and caudal phase in (-pi, pi], rad."""
+    left, right, phase = state.left, state.right, state.phase
+    return (
+        arctangent2(left[1], left[0]),
+        arctangent2(right[1], right[0]),
+        arctangent2(phase[1], phase[0]),
+    )
 
 
 def rotation(q: tuple[Number, Number, Number, Number]) -> Matrix:

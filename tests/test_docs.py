@@ -1,0 +1,57 @@
+"""The documents are kept true: every symbol they name exists, every local link leads somewhere."""
+
+from __future__ import annotations
+
+import importlib
+import pathlib
+import re
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parent.parent
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+SYMBOL = re.compile(r"`((?:aquafish_gym|eea|gait)(?:\.[A-Za-z_]\w*)+)`")
+LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
+CODE_PATH = re.compile(r"`((?:aquafish_gym|eea|gait|tests|examples|docs)/[\w./-]+)`")
+
+
+def resolve(dotted: str) -> object:
+    parts = dotted.split(".")
+    for cut in range(len(parts), 0, -1):
+        try:
+            found: object = importlib.import_module(".".join(parts[:cut]))
+        except ModuleNotFoundError:
+            continue
+        for name in parts[cut:]:
+            found = getattr(found, name)
+        return found
+    raise ModuleNotFoundError(dotted)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_every_symbol_exists(page: pathlib.Path) -> None:
+    for dotted in SYMBOL.findall(page.read_text()):
+        resolve(dotted)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
+def test_every_local_link_and_path_leads_somewhere(page: pathlib.Path) -> None:
+    text = page.read_text()
+    for link in LINK.findall(text):
+        assert (page.parent / link).exists(), f"{page.name} links to {link}"
+    for path in CODE_PATH.findall(text):
+        assert (ROOT / path).exists(), f"{page.name} names {path}"
+
+
+def test_every_row_of_the_paper_map_names_a_symbol() -> None:
+    text = (ROOT / "docs" / "paper_map.md").read_text()
+    rows = [line for line in text.splitlines() if line.startswith("| ") and "---" not in line]
+    rows = [r for r in rows if not r.startswith(("| in the paper", "| choice"))]
+    assert len(rows) >= 40
+    for row in rows:
+        assert SYMBOL.search(row), f"names no symbol: {row[:60]}"
+
+
+def test_the_map_finds_a_missing_symbol() -> None:
+    with pytest.raises(AttributeError):
+        resolve("eea.fitness.no_such_function")
