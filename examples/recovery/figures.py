@@ -1,0 +1,186 @@
+"""The pictures of the case study: bodies (Fig. 11), paths (Fig. 12), fitness, distances, film."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aquafish_gym import Morphology
+from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
+from eea.aquafish import fish_models
+from eea.fitness import chance_level, mid_range_level
+from gait.plots import draw_trajectories
+from recovery.statistics import Outcomes, distances
+from recovery.treatments import TREATMENTS, read_swims
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = {
+    "undamaged": "#555555",
+    "none": "#d55e00",
+    "out-of-band": "#0072b2",
+    "oracle": "#009e73",
+}
+AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+BODY_CAMERA = Camera(distance=7.5, azimuth=205.0, target=(0.0, -0.5, 0.0))
+FILM_FPS = 12
+FILM_SPEED = 2  # times real time
+FILM_PIXELS = (288, 288)
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Return a figure without pyplot's global state or a window system."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def draw_bodies(path: Path, target: Morphology, outcomes: Outcomes) -> None:
+    """Draw the target and each treatment's body of the first replicate, fins in red (Fig. 11)."""
+    bodies = {"target": target} | {
+        t: Morphology.coerce(outcomes[t][0]["morphology"]) for t in TREATMENTS if t != "oracle"
+    }
+    figure = new_figure(10.5, 3.4)
+    for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
+        axes.imshow(
+            render_pose(
+                body,
+                ((0, 0, 0), (0, 0, 0, 1)),
+                (0, 0, 0),
+                520,
+                520,
+                Camera(distance=7.5, azimuth=205.0, target=(0.0, -0.5, 0.0)),
+            )
+        )
+        if name == "target":
+            axes.set_title("the damaged robot")
+        else:
+            fit = outcomes[name][0]["objective_fitness"]
+            axes.set_title(f"{name} (OBJ_FIT {fit:.2f})", color=COLOURS[name])
+        axes.set_axis_off()
+    figure.savefig(path)
+
+
+def draw_paths(path: Path, folders: dict[str, Path]) -> None:
+    """Draw each gait's path on its own model and on the target (Fig. 12).
+
+    ``folders`` is treatment -> the folder of its outcome.
+    """
+    figure = new_figure(12.0, 3.6)
+    panels = figure.subplots(1, len(folders), sharey=True)
+    for axes, (name, folder) in zip(panels, folders.items(), strict=True):
+        swims = read_swims(folder)
+        draw_trajectories(axes, {"own model": swims["native"], "target": swims["target"]})
+        axes.set_title(f"gait for {name}", color=COLOURS[name])
+    figure.savefig(path)
+
+
+def draw_fitness(
+    path: Path, target: Morphology, rounds: dict[str, list[list[dict[str, Any]]]]
+) -> None:
+    """Draw OBJ_FIT and MOD_FIT against round for both self-models.
+
+    ``rounds`` is treatment -> replicate -> records.
+    """
+    figure = new_figure(9.0, 3.8)
+    panels = figure.subplots(1, 2)
+    for axes, (field, title) in zip(
+        panels,
+        (
+            ("objective_fitness", "OBJ_FIT: likeness to the true body"),
+            ("model_fitness", "MOD_FIT: fit to what the IMU felt"),
+        ),
+        strict=True,
+    ):
+        for name, replicates in rounds.items():
+            curves = np.array([[r[field] for r in records] for records in replicates])
+            number = np.arange(1, curves.shape[1] + 1)
+            if len(curves) > 1:
+                axes.plot(number, curves.T, color=COLOURS[name], lw=0.5, alpha=0.4)
+            axes.plot(number, curves.mean(axis=0), "o-", ms=3, color=COLOURS[name], label=name)
+        axes.set_title(title)
+        axes.set_xlabel("round (trials on the robot)")
+        axes.grid(color="0.92")
+    array, layout = target.to_array(), fish_models()
+    panels[0].axhline(chance_level(array, layout), color="0.4", ls="--", lw=1, label="random body")
+    panels[0].axhline(
+        mid_range_level(array, layout), color="0.4", ls=":", lw=1, label="mid-range body"
+    )
+    panels[0].set_ylim(0.4, 1.01)
+    panels[1].set_ylim(max(-0.5, panels[1].get_ylim()[0]), 1.02)
+    panels[0].legend(loc="lower right", fontsize="small")
+    figure.savefig(path)
+
+
+def draw_distances(path: Path, outcomes: Outcomes) -> None:
+    """Draw every replicate's distance on the target, a line within each replicate."""
+    figure = new_figure(9.0, 3.8)
+    names = {
+        "target_distance": "from the zero pose",
+        "target_distance_random_poses": "mean over random fin poses",
+    }
+    for axes, (field, title) in zip(figure.subplots(1, 2, sharey=True), names.items(), strict=True):
+        table = np.array([[distances(o)[field] for o in outcomes[t]] for t in TREATMENTS])
+        _draw_pairs(axes, table)
+        axes.set_title(title)
+    figure.axes[0].set_ylabel("distance on the damaged robot (5 cm)")
+    figure.savefig(path)
+
+
+def _draw_pairs(axes: Axes, table: np.ndarray) -> None:
+    places = np.arange(len(TREATMENTS))
+    if table.shape[1] > 1:
+        axes.plot(places, table, color="0.8", lw=0.8, zorder=1)
+    for place, name, values in zip(places, TREATMENTS, table, strict=True):
+        axes.scatter(np.full(len(values), place), values, s=18, color=COLOURS[name], zorder=2)
+        axes.plot([place - 0.25, place + 0.25], [values.mean()] * 2, color=COLOURS[name], lw=2.5)
+    axes.axhline(0, color="0.6", lw=0.8)
+    axes.set_xticks(places, TREATMENTS)
+    axes.grid(axis="y", color="0.92")
+
+
+def film(path: Path, morphology: Morphology, target: Morphology, folders: dict[str, Path]) -> None:
+    """Write a GIF: healthy, damaged with the old gait, damaged with the recovered gait."""
+    old, new = read_swims(folders["undamaged"]), read_swims(folders["out-of-band"])
+    scenes = [
+        ("healthy", morphology, old["native"]),
+        ("damaged, old gait", target, old["target"]),
+        ("damaged, recovered", target, new["target"]),
+    ]
+    camera = Camera(distance=13.0)
+    columns = []
+    for title, body, swim in scenes:
+        stride = max(1, round(FILM_SPEED / FILM_FPS / (swim.time[1] - swim.time[0])))
+        frames = render_motion(
+            body,
+            swim.position[::stride],
+            swim.quaternion[::stride],
+            swim.fin_angles[::stride],
+            *FILM_PIXELS,
+            camera,
+        )
+        columns.append(
+            [
+                caption(frame, f"{title}: {y:+.1f}")
+                for frame, y in zip(frames, swim.position[::stride, 1], strict=True)
+            ]
+        )
+    write_gif([np.concatenate(row, axis=1) for row in zip(*columns, strict=True)], path, FILM_FPS)
+
+
+def caption(frame: np.ndarray, text: str) -> np.ndarray:
+    """Write a line of text into a frame."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    image = Image.fromarray(frame)
+    ImageDraw.Draw(image).text(
+        (8, 6), text, fill=(20, 20, 20), font=ImageFont.load_default(size=16)
+    )
+    return np.asarray(image)
