@@ -1,4 +1,10 @@
-"""AquaFish: a swimming robot, its water, and Gymnasium environments of it."""
+"""AquaFish: a swimming robot, its water, and Gymnasium environments of it.
+
+Importing the package registers ``AquaFish-v0``. The engines' packages, numba and PyBullet,
+are loaded when they are first used.
+"""
+
+import gymnasium as _gymnasium
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import simulate
@@ -7,3 +13,11 @@ from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
 
 __all__ = ["DIMENSIONS", "Damage", "Dimension", "ImuLog", "Morphology", "simulate"]
 __version__ = "0.1.0"
+
+# The environment itself counts to 20 s, whatever frame_skip is, so no limit is set here.
+if "AquaFish-v0" not in _gymnasium.registry:
+    _gymnasium.register(
+        id="AquaFish-v0",
+        entry_point="aquafish_gym.envs.aquafish:AquaFishEnv",
+        vector_entry_point="aquafish_gym.envs.vector:AquaFishVectorEnv",
+    )

@@ -11,27 +11,25 @@ number is checked before it goes in, and the motion after every step.
 
 from __future__ import annotations
 
-import functools
 import math
 import os
 import weakref
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
+from aquafish_gym.engines.clients import load_pybullet, return_client, take_client
+from aquafish_gym.engines.push import compiled_push
 from aquafish_gym.imu import ImuLog, attitude, continue_attitude
-from aquafish_gym.physics.carriers import Number, Vector
-from aquafish_gym.physics.dynamics import wrench
+from aquafish_gym.physics.carriers import Vector
 from aquafish_gym.physics.kinematics import (
     Drive,
     State,
     at_rest,
     caudal_angle,
     drive,
-    next_joints,
     rotation,
     to_body,
 )
@@ -42,11 +40,9 @@ from aquafish_gym.robot import (
     PARAMETERS_PER_FIN,
     PECTORAL_X,
     PECTORAL_Y,
-    Fin,
-    Robot,
     robot_parameters,
 )
-from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.validation import InvalidArgumentError
 
 Quaternion = tuple[float, float, float, float]
 
@@ -60,157 +56,6 @@ _UNLIMITED = 1e9
 _RUNAWAY = 1e12
 # Its default residual threshold of 1e-7 leaves errors of 1e-5 rad.
 _SOLVER_ITERATIONS = 50
-
-
-@functools.cache
-def load_pybullet() -> Any:
-    """Return the module.
-
-    Raises
-    ------
-    EngineUnavailableError
-        If it is not installed.
-    """
-    try:
-        return _import_quietly()
-    except ImportError as error:
-        raise EngineUnavailableError(
-            'the engine "pybullet" needs the package pybullet, which is not installed here '
-            f"({error}): pip install pybullet==3.2.7 on Linux with Python 3.9 to 3.11, or use "
-            'engine="numba", the same robot compiled'
-        ) from None
-
-
-def _import_quietly() -> Any:
-    """Import pybullet without the line that its C code prints to stderr."""
-    try:
-        kept = os.dup(2)
-    except OSError:  # no stderr to keep clean
-        return __import__("pybullet")
-    try:
-        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
-            os.dup2(nowhere.fileno(), 2)
-        return __import__("pybullet")
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-
-
-# A client costs 28 MB and connecting leaks, so clients are kept for the next world.
-_idle_clients: list[int] = []
-
-
-def take_client() -> int:
-    """Return a DIRECT client for this process to use alone until :func:`return_client`."""
-    bullet = load_pybullet()
-    client = _idle_clients.pop() if _idle_clients else bullet.connect(bullet.DIRECT)
-    if client < 0:
-        raise EngineUnavailableError(
-            "PyBullet opens no more clients in this process; close some of the environments "
-            'whose engine is "pybullet"'
-        )
-    return int(client)
-
-
-def return_client(client: int, process: int) -> None:
-    """Keep a client for the next world, if this is still the process that opened it."""
-    if os.getpid() == process:
-        _idle_clients.append(client)
-
-
-# A forked child must not touch its parent's clients.
-os.register_at_fork(after_in_child=_idle_clients.clear)
-
-
-def _fin(column: Any, first: int) -> Fin:
-    c = column
-    return Fin(
-        c[first],
-        c[first + 1],
-        c[first + 2],
-        c[first + 3],
-        (c[first + 4], c[first + 5], c[first + 6]),
-    )
-
-
-def _push(
-    column: Any,
-    joints: Any,
-    orientation: tuple[Number, Number, Number, Number],
-    velocity: Vector,
-    world_spin: Vector,
-    current: Vector,
-    by: Drive,
-    h: Number,
-) -> tuple[Vector, Vector, Number]:
-    """Return the water's wrench (world axes) now and the tail's speed over the next step.
-
-    ``column`` (21,) is the robot's of ``robot_parameters``; ``joints`` (9,) holds the (cos, sin)
-    of left, right and phase and the three rates, and is moved one step on.
-    """
-    robot = Robot(
-        _fin(column, 0), _fin(column, PARAMETERS_PER_FIN), _fin(column, 2 * PARAMETERS_PER_FIN)
-    )
-    state = State(
-        orientation,
-        (0.0, 0.0, 0.0),
-        velocity,
-        to_body(rotation(orientation), world_spin),
-        (joints[0], joints[1]),
-        (joints[2], joints[3]),
-        (joints[4], joints[5]),
-        (joints[6], joints[7], joints[8]),
-    )
-    force, torque = wrench(robot, state, current)
-    left, right, phase, rates = next_joints(state, by, h)
-    joints[0], joints[1] = left
-    joints[2], joints[3] = right
-    joints[4], joints[5] = phase
-    joints[6], joints[7], joints[8] = rates
-    return force, torque, rates[2]
-
-
-def _follow(
-    orientations: NDArray[np.float64],
-    world_spins: NDArray[np.float64],
-    rpy: NDArray[np.float64],
-    gyro: NDArray[np.float64],
-) -> None:
-    """Fill rpy (T, 3) and gyro (T, 3) from quaternions (T, 4) and world spins (T, 3)."""
-    angles, spins = [], []
-    before: Vector = (0.0, 0.0, 0.0)
-    for q, w in zip(orientations.tolist(), world_spins.tolist(), strict=True):
-        r = rotation(q)
-        before = continue_attitude(before, attitude(r))
-        angles.append(before)
-        spins.append(to_body(r, w))
-    if angles:
-        rpy[:], gyro[:] = angles, spins
-
-
-@functools.cache
-def _compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the function compiled if numba is here, else itself; the results are the same."""
-    try:
-        from numba import njit
-        from numba.extending import register_jitable
-
-        from aquafish_gym.physics import simd
-    except ImportError:
-        return function
-    simd.register()
-    register_jitable(_fin)
-    register_jitable(function)
-    stamp = simd.source_stamp(_compiled)
-
-    def call(*args: Any) -> Any:
-        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
-        return function(*args)
-
-    try:
-        return njit(cache=True)(call)  # type: ignore[no-any-return]
-    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
-        return njit(call)  # type: ignore[no-any-return]
 
 
 class BulletWorld:
@@ -235,7 +80,7 @@ class BulletWorld:
         self._process = os.getpid()
         self._client = take_client()
         self._closing = weakref.finalize(self, return_client, self._client, self._process)
-        self._push = _compiled(_push)
+        self._push = compiled_push()
         self._robot = -1
         self._column: NDArray[np.float64] = np.zeros(3 * PARAMETERS_PER_FIN)
         self._joints: NDArray[np.float64] = np.zeros(9)
@@ -449,6 +294,24 @@ class BulletWorld:
         self._check_process()
         states = self._bullet.getJointStates(self._robot, [0, 1, 2], physicsClientId=self._client)
         return [(float(s[0]), float(s[1])) for s in states]
+
+
+def _follow(
+    orientations: NDArray[np.float64],
+    world_spins: NDArray[np.float64],
+    rpy: NDArray[np.float64],
+    gyro: NDArray[np.float64],
+) -> None:
+    """Fill rpy (T, 3) and gyro (T, 3) from quaternions (T, 4) and world spins (T, 3)."""
+    angles, spins = [], []
+    before: Vector = (0.0, 0.0, 0.0)
+    for q, w in zip(orientations.tolist(), world_spins.tolist(), strict=True):
+        r = rotation(q)
+        before = continue_attitude(before, attitude(r))
+        angles.append(before)
+        spins.append(to_body(r, w))
+    if angles:
+        rpy[:], gyro[:] = angles, spins
 
 
 def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:

@@ -100,7 +100,7 @@ def check_engine(engine: object) -> str:
     """
     name = one_of("engine", engine, ENGINES)
     if name == "pybullet":
-        from aquafish_gym.engines.bullet import load_pybullet
+        from aquafish_gym.engines.clients import load_pybullet
 
         load_pybullet()
     return name

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar
+import math
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
@@ -13,7 +14,6 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.engines.worlds import World, check_engine, make_world
 from aquafish_gym.envs.conditions import (
-    Conditions,
     action_space,
     check_action,
     check_conditions,
@@ -24,7 +24,14 @@ from aquafish_gym.envs.conditions import (
     observe,
 )
 from aquafish_gym.envs.tasks import SwimForward
-from aquafish_gym.rendering import RENDER_MODES, Window, check_render_mode, render_pose, usable_modes
+from aquafish_gym.physics.kinematics import at_rest
+from aquafish_gym.rendering import (
+    RENDER_MODES,
+    Window,
+    check_render_mode,
+    render_pose,
+    usable_modes,
+)
 
 Observation = NDArray[np.float32]
 
@@ -66,7 +73,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | 0-2 | the world's up (z) in body axes x, y, z | -1 | 1 | |
     | 3-5 | the world's north (y) in body axes x, y, z | -1 | 1 | |
     | 6-8 | angular velocity about body axes x, y, z; saturates | -34.9 | 34.9 | rad/s |
-    | 9-11 | with `observe_fins`: sine of left and right flipper angle and of tail phase | -1 | 1 | |
+    | 9-11 | with `observe_fins`: sine of left, right flipper angle, tail phase | -1 | 1 | |
     | 12-14 | with `observe_fins`: cosine of the same | -1 | 1 | |
 
     ## Rewards
@@ -112,8 +119,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     | Parameter | Type | Default | Description |
     |-----------|------|---------|-------------|
-    | `morphology` | Morphology, dict, nine numbers or None | `None` | the body before damage; None is the prototype |
-    | `damage` | Damage, text, list or None | `None` | what is broken, e.g. `"left_pectoral:length=0.5;caudal:missing"` |
+    | `morphology` | Morphology, dict, nine numbers | `None` | before damage; None: the prototype |
+    | `damage` | Damage, text, list | `None` | e.g. `"left_pectoral:length=0.5;caudal:missing"` |
     | `engine` | str | `"pybullet"` | `"pybullet"` or `"numba"`: the same robot |
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
     | `fin_angles` | str or three numbers | `"zero"` | see Starting State |
@@ -131,10 +138,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     * v0: initial version.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": list(RENDER_MODES),
-        "render_fps": 20,
-    }
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012
 
     def __init__(
         self,
@@ -161,13 +165,14 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
             "render_fps": max(1, round(1 / self.dt)),
         }
         self.action_space = action_space()
-        self.observation_space = observation_space(self._observe_fins)
-        self._steps_left = 0
+        self._space = observation_space(self._observe_fins)
+        self.observation_space = self._space
         self._world: World | None = None
         self._window: Window | None = None
-        self._episode: Conditions = self._conditions
+        self._steps_left = 0
+        self._episode = self._conditions
         self._body = self._conditions.body
-        self._remember()
+        self._state = at_rest((0.0, 0.0, 0.0))
 
     @property
     def dt(self) -> float:
@@ -198,11 +203,88 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
             self._world = make_world(self._engine)
         left, right, phase = self._episode.draw_fin_angles(1, self.np_random)[0].tolist()
         self._world.reset(self._body.to_array(), (left, right, phase), self._episode.current)
+        self._state = self._world.state()
         self._steps_left = episode_length(self.frame_skip)
-        self._remember(self._world)
+        here = np.array(self._state.position)
         if self.render_mode == "human":
             self.render()
-        return self._observation(), {
-            **self._truth(),
-            **motion_info(self._position, self._position, self.dt),
+        return self._observation(), self._info(here, here)
+
+    def step(
+        self, action: NDArray[np.float32]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Set the servos for ``frame_skip`` physics steps.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the action is not three finite numbers.
+        ResetNeeded
+            If the episode is over.
+        """
+        wish = check_action(action, (3,))
+        if self._world is None or self._steps_left == 0:
+            raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
+        left, right, caudal = scale_action(wish).tolist()
+        self._world.advance((left, right, caudal), self.frame_skip)
+        self._steps_left -= 1
+        before = np.array(self._state.position)
+        terms = {"reward_forward": 0.0, "reward_ctrl": 0.0}
+        diverged = self._world.diverged
+        if diverged:
+            self._steps_left = 0
+        else:
+            self._state = self._world.state()
+            found = self._task.reward_terms(before, np.array(self._state.position), wish, self.dt)
+            terms = {name: float(value) for name, value in found.items()}
+        info = {**self._info(before, np.array(self._state.position)), **terms}
+        info["diverged"] = diverged
+        if self.render_mode == "human":
+            self.render()
+        truncated = self._steps_left == 0 and not diverged
+        return self._observation(), sum(terms.values()), diverged, truncated, info
+
+    def _fin_angles(self) -> NDArray[np.float64]:
+        """Return the left and right angle and the tail's phase, (3,) rad."""
+        state = self._state
+        return np.array([math.atan2(s, c) for c, s in (state.left, state.right, state.phase)])
+
+    def _observation(self) -> Observation:
+        return observe(
+            np.array(self._state.orientation),
+            np.array(self._state.spin),
+            self._fin_angles() if self._observe_fins else None,
+            self._space,
+        )
+
+    def _info(self, before: NDArray[np.float64], after: NDArray[np.float64]) -> dict[str, Any]:
+        motion = motion_info(before, after, self.dt)
+        return {
+            **{name: float(value) for name, value in motion.items()},
+            "diverged": False,
+            "fin_angles": self._fin_angles(),
+            "damage": str(self._episode.damage),
+            "morphology": self._body.to_array(),
         }
+
+    def render(self) -> Any:
+        """Return a frame (480, 640, 3) uint8, or show it in the window; None without a mode."""
+        if self.render_mode is None:
+            return None
+        pose = (self._state.position, self._state.orientation)
+        angles = tuple(self._fin_angles().tolist())
+        if self.render_mode == "human":
+            if self._window is None:
+                self._window = Window()
+            self._window.show(self._body, pose, angles)
+            return None
+        return render_pose(self._body, pose, angles)
+
+    def close(self) -> None:
+        """Give back what the engine and the window hold; closing twice does no harm."""
+        if self._world is not None:
+            self._world.close()
+            self._world = None
+        if self._window is not None:
+            self._window.close()
+            self._window = None

@@ -28,7 +28,7 @@ OPTIONS = ("fin_angles", "morphology", "damage")
 
 @dataclass(frozen=True)
 class Conditions:
-    """The robot, its water and how its fins stand at the start; make it with :func:`check_conditions`.
+    """The robot, its water and how its fins stand at first; from :func:`check_conditions`.
 
     ``fin_angles`` is ``"random"`` or three angles in rad.
     """
@@ -43,7 +43,9 @@ class Conditions:
         """The damaged body."""
         return self.damage.apply(self.morphology)
 
-    def with_options(self, options: Mapping[str, Any] | None, also: tuple[str, ...] = ()) -> Conditions:
+    def with_options(
+        self, options: Mapping[str, Any] | None, also: tuple[str, ...] = ()
+    ) -> Conditions:
         """Return the conditions of one episode, with the options given to ``reset``.
 
         ``also`` names options that are allowed but not read here.
@@ -57,14 +59,13 @@ class Conditions:
             return self
         if not isinstance(options, Mapping):
             raise InvalidArgumentError(f"options must be a dictionary; got {options!r}")
-        changes = {one_of("options", name, OPTIONS + also): v for name, v in options.items()}
-        checks = {
-            "morphology": Morphology.coerce,
-            "damage": Damage.coerce,
-            "fin_angles": check_fin_angles,
-        }
+        for name in options:
+            one_of("options", name, OPTIONS + also)
         found = replace(
-            self, **{name: checks[name](v) for name, v in changes.items() if name in checks}
+            self,
+            morphology=Morphology.coerce(options.get("morphology", self.morphology)),
+            damage=Damage.coerce(options.get("damage", self.damage)),
+            fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
         )
         found.body  # noqa: B018  # raises if the damage does not fit the body
         return found
@@ -87,10 +88,13 @@ def check_conditions(
         The message names the argument, what was expected and what came.
     """
     water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
-    nothing = Conditions(
-        Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), (water[0].item(), water[1].item(), water[2].item())
+    whole = Conditions(
+        Morphology.nominal(),
+        Damage(),
+        (0.0, 0.0, 0.0),
+        (water[0].item(), water[1].item(), water[2].item()),
     )
-    return nothing.with_options(
+    return whole.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )
 
@@ -115,22 +119,26 @@ def episode_length(frame_skip: int) -> int:
 
 
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:
-    """Return an action as float64 of this shape.
+    """Return an action as float64 of this shape, clipped to [-1, 1].
 
     Raises
     ------
     InvalidArgumentError
         If it has another shape or is not finite.
     """
-    return finite_array("action", action, shape)  # type: ignore[arg-type]
+    if isinstance(action, np.ndarray) and action.shape == shape and action.dtype.kind == "f":
+        wish = action.astype(np.float64)
+        if np.isfinite(wish).all():
+            return wish.clip(-1.0, 1.0)
+    return finite_array("action", action, shape).clip(-1.0, 1.0)  # type: ignore[arg-type]
 
 
-def action_space() -> Box:
+def action_space() -> Box[np.float32]:
     """Return the space of actions: three servos in [-1, 1]."""
     return Box(-1.0, 1.0, (3,), np.float32)
 
 
-def observation_space(observe_fins: bool) -> Box:
+def observation_space(observe_fins: bool) -> Box[np.float32]:
     """Return the space of observations; see ``AquaFishEnv``."""
     high = np.ones(15 if observe_fins else 9, np.float32)
     high[6:9] = GYRO_RANGE
@@ -138,7 +146,7 @@ def observation_space(observe_fins: bool) -> Box:
 
 
 def observe(
-    quaternion: Floats, gyro: Floats, fin_angles: Floats | None, space: Box
+    quaternion: Floats, gyro: Floats, fin_angles: Floats | None, space: Box[np.float32]
 ) -> NDArray[np.float32]:
     """Return what the IMU says, shape (..., 9), or (..., 15) with the fins' angles.
 
@@ -153,27 +161,30 @@ def observe(
     space
         Of one observation; what leaves it saturates.
     """
-    x, y, z, w = np.moveaxis(quaternion, -1, 0)
-    parts = [
-        # The world's z, then its y, in body axes: rows of the rotation matrix.
-        2 * (x * z - w * y),
-        2 * (y * z + w * x),
-        1 - 2 * (x * x + y * y),
-        2 * (x * y + w * z),
-        1 - 2 * (x * x + z * z),
-        2 * (y * z - w * x),
-        *np.moveaxis(gyro, -1, 0),
-    ]
+    x, y, z, w = (quaternion[..., i] for i in range(4))
+    senses = np.empty((*gyro.shape[:-1], *space.shape), np.float32)
+    # The world's z, then its y, in body axes: rows of the rotation matrix.
+    senses[..., 0] = 2 * (x * z - w * y)
+    senses[..., 1] = 2 * (y * z + w * x)
+    senses[..., 2] = 1 - 2 * (x * x + y * y)
+    senses[..., 3] = 2 * (x * y + w * z)
+    senses[..., 4] = 1 - 2 * (x * x + z * z)
+    senses[..., 5] = 2 * (y * z - w * x)
+    senses[..., 6:9] = gyro
     if fin_angles is not None:
-        parts += [*np.moveaxis(np.sin(fin_angles), -1, 0), *np.moveaxis(np.cos(fin_angles), -1, 0)]
-    return np.clip(np.stack(parts, axis=-1).astype(np.float32), space.low, space.high)
+        senses[..., 9:12] = np.sin(fin_angles)
+        senses[..., 12:15] = np.cos(fin_angles)
+    return np.minimum(np.maximum(senses, space.low), space.high)
 
 
 def motion_info(before: Floats, after: Floats, dt: float) -> dict[str, Any]:
-    """Return where the robot is and how fast it got there, from positions (..., 3)."""
+    """Return where the robot is and how fast it got there, from positions (..., 3).
+
+    Nothing returned shares memory with the positions.
+    """
     speed = (after - before) / dt
     return {
-        **{f"{axis}_position": after[..., i] for i, axis in enumerate("xyz")},
+        **{f"{axis}_position": after[..., i].copy() for i, axis in enumerate("xyz")},
         **{f"{axis}_velocity": speed[..., i] for i, axis in enumerate("xyz")},
-        "distance_from_origin": np.sqrt(np.square(after).sum(axis=-1)),
+        "distance_from_origin": np.sqrt((after * after).sum(axis=-1)),
     }

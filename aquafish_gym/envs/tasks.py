@@ -19,7 +19,9 @@ Floats = NDArray[np.float64]
 class Task(Protocol):
     """Turns what happened within one control step into named terms of reward."""
 
-    def reward_terms(self, before: Floats, after: Floats, action: Floats, dt: float) -> dict[str, Floats]:
+    def reward_terms(
+        self, before: Floats, after: Floats, action: Floats, dt: float
+    ) -> dict[str, Floats]:
         """Return the terms, shape (...) each; their sum is the reward.
 
         Parameters
@@ -27,7 +29,7 @@ class Task(Protocol):
         before, after
             (..., 3) the capsule's centre in the world at the step's two ends, units of 5 cm.
         action
-            (..., 3) in [-1, 1], as given.
+            (..., 3) in [-1, 1].
         dt
             The step's length, s.
         """
@@ -59,9 +61,11 @@ class SwimForward:
         finite_array("forward_reward_weight", self.forward_weight, ())
         finite_array("ctrl_cost_weight", self.ctrl_weight, (), 0.0)
 
-    def reward_terms(self, before: Floats, after: Floats, action: Floats, dt: float) -> dict[str, Floats]:
+    def reward_terms(
+        self, before: Floats, after: Floats, action: Floats, dt: float
+    ) -> dict[str, Floats]:
         """Return ``reward_forward`` and ``reward_ctrl``; see :class:`Task`."""
         return {
             "reward_forward": self.forward_weight * (after[..., 1] - before[..., 1]) / dt,
-            "reward_ctrl": -self.ctrl_weight * np.square(action).sum(axis=-1),
+            "reward_ctrl": -self.ctrl_weight * (action * action).sum(axis=-1),
         }

@@ -1,0 +1,333 @@
+"""Many swimming robots at once, as a Gymnasium vector environment on the batched engine."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.error import ResetNeeded
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.command import scale_action
+from aquafish_gym.engines.base import ENGINES, TIMESTEP
+from aquafish_gym.envs.conditions import (
+    action_space,
+    check_action,
+    check_conditions,
+    check_frame_skip,
+    episode_length,
+    motion_info,
+    observation_space,
+    observe,
+)
+from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.rendering import check_render_mode, render_pose
+from aquafish_gym.validation import InvalidArgumentError, integer, one_of
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Observations = NDArray[np.float32]
+Info = dict[str, Any]
+
+AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
+
+
+class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+    """``num_envs`` of :class:`~aquafish_gym.envs.aquafish.AquaFishEnv` in the lanes of one engine.
+
+    ``gym.make_vec("AquaFish-v0", num_envs=64)`` makes one. Spaces, rewards, start, end and
+    ``info`` are the single environment's, with a leading axis; each key of ``info`` has its
+    mask ``_key``. Robot i, seeded with s, is the single robot seeded with s + i; in float64 it
+    moves as that one does on the engine ``"numba"``, to the last bit.
+
+    Parameters
+    ----------
+    num_envs
+        How many robots.
+    morphology
+        As the single environment's, for all; or (num_envs, 9) sizes, one body each.
+    engine
+        ``"numba"``, the only batched one.
+    render_mode
+        ``"rgb_array"`` or None; ``render`` returns a frame a robot.
+    dtype
+        ``"float32"`` or ``"float64"``: what the robots compute in.
+    threads
+        None takes every core; no result depends on it.
+    autoreset_mode
+        An ``AutoresetMode`` or its name: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
+    damage, current, fin_angles, observe_fins, frame_skip, forward_reward_weight, ctrl_cost_weight
+        As the single environment's, for all.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError
+        The message names the argument, what was expected and what came.
+    """
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        morphology: object = None,
+        damage: object = None,
+        engine: str = "numba",
+        current: ArrayLike = (0.0, 0.0, 0.0),
+        fin_angles: object = "zero",
+        observe_fins: bool = False,
+        frame_skip: int = 5,
+        render_mode: str | None = None,
+        forward_reward_weight: float = 1.0,
+        ctrl_cost_weight: float = 1e-4,
+        dtype: str = "float32",
+        threads: int | None = None,
+        autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+    ) -> None:
+        from aquafish_gym.engines.lanes import LaneBatch
+
+        self.num_envs = integer("num_envs", num_envs, 1)
+        if one_of("engine", engine, ENGINES) != "numba":
+            raise InvalidArgumentError(
+                f'the batched environment runs on engine="numba" alone; for engine={engine!r} '
+                'use gym.make_vec(..., vectorization_mode="sync")'
+            )
+        if isinstance(autoreset_mode, AutoresetMode):
+            self._autoreset = autoreset_mode
+        else:
+            name = one_of("autoreset_mode", autoreset_mode, AUTORESET_MODES)
+            self._autoreset = AUTORESET_MODES[name]
+        if render_mode == "human":
+            raise InvalidArgumentError(
+                'render_mode="human" shows one robot: use gym.make; here "rgb_array" gives a '
+                "frame for each"
+            )
+        self.render_mode = check_render_mode(render_mode)
+        self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
+        self._observe_fins = bool(observe_fins)
+        self.frame_skip = check_frame_skip(frame_skip)
+        self.metadata = {
+            "render_modes": ["rgb_array"],
+            "render_fps": max(1, round(1 / self.dt)),
+            "autoreset_mode": self._autoreset,
+        }
+        self._space = observation_space(self._observe_fins)
+        self.single_observation_space = self._space
+        self.single_action_space = action_space()
+        self.observation_space = batch_space(self._space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
+
+        self._conditions = [
+            check_conditions(body, damage, current, fin_angles)
+            for body in _each_body(morphology, self.num_envs)
+        ]
+        self._episodes = list(self._conditions)
+        self._bodies = np.stack([c.body.to_array() for c in self._conditions])
+        self._lanes = LaneBatch(
+            self._bodies,
+            np.zeros((self.num_envs, 3)),
+            self._conditions[0].current,
+            getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
+            threads=None if threads is None else integer("threads", threads, 1),
+        )
+        self._now = self._lanes.state()
+        self._steps_left: NDArray[np.int64] = np.zeros(self.num_envs, np.int64)
+        self._rngs: list[np.random.Generator] = []
+        self._begun = False
+
+    @property
+    def dt(self) -> float:
+        """Length of one step, s."""
+        return TIMESTEP * self.frame_skip
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observations, Info]:
+        """Begin an episode of every robot, or of those under ``options["reset_mask"]``.
+
+        Parameters
+        ----------
+        seed
+            Robot i takes seed + i; or one seed each; None goes on with the generators as they
+            are.
+        options
+            ``fin_angles``, ``morphology`` and ``damage``, the same for all and for this episode
+            alone, and ``reset_mask`` (num_envs,) of bool.
+        """
+        self._seed(seed)
+        mask = np.ones(self.num_envs, np.bool_)
+        if options is not None and "reset_mask" in options:
+            mask = _check_mask(options["reset_mask"], self.num_envs)
+        if not self._begun and not mask.all():
+            raise ResetNeeded("the first reset must be of every robot")
+        self._begin(mask, options)
+        self._begun = True
+        here = self._now["position"]
+        return self._observation(), _masked(self._info(here, here), mask)
+
+    def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
+        """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If the actions are not finite numbers of that shape.
+        ResetNeeded
+            Before the first reset, or after an episode's end with autoreset disabled.
+        """
+        wish = check_action(actions, (self.num_envs, 3))
+        over = self._steps_left == 0
+        if not self._begun or (over.any() and self._autoreset is not AutoresetMode.NEXT_STEP):
+            raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
+        log = self._lanes.advance(scale_action(wish), self.frame_skip)
+        before, now = self._now, self._lanes.state()
+        # Robots that diverged stay at what was last good; a robot whose episode was over has
+        # swum for nothing, and begins anew.
+        diverged = log.diverged & ~over
+        for name, value in now.items():
+            value[log.diverged] = before[name][log.diverged]
+        self._now = now
+        self._steps_left -= 1
+        self._steps_left[diverged] = 0
+        found = self._task.reward_terms(before["position"], now["position"], wish, self.dt)
+        good = ~(diverged | over)
+        terms = {name: np.where(good, value, 0.0) for name, value in found.items()}
+        if over.any():
+            self._begin(over, None)
+            before["position"][over] = self._now["position"][over]
+        ended = self._steps_left == 0
+        info = _masked(
+            {**self._info(before["position"], self._now["position"]), "diverged": diverged},
+            np.ones(self.num_envs, np.bool_),
+        )
+        info |= _masked(terms, ~over)
+        if ended.any() and self._autoreset is AutoresetMode.SAME_STEP:
+            last = self._observation()
+            self._begin(ended, None)
+            here = self._now["position"]
+            fresh = _masked(self._info(here, here), ended)
+            info = _put_final(info, fresh, last, ended)
+        return (
+            self._observation(),
+            np.asarray(sum(terms.values())),
+            diverged,
+            ended & ~diverged,
+            info,
+        )
+
+    def _seed(self, seed: int | Sequence[int | None] | None) -> None:
+        if seed is None:
+            if not self._rngs:
+                self._rngs = [seeding.np_random(None)[0] for _ in range(self.num_envs)]
+            return
+        if isinstance(seed, int | np.integer):
+            seed = [int(seed) + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise InvalidArgumentError(
+                f"seed must be one number or {self.num_envs} of them; got {len(seed)}"
+            )
+        self._rngs = [
+            self._rngs[i] if s is None and self._rngs else seeding.np_random(s)[0]
+            for i, s in enumerate(seed)
+        ]
+
+    def _begin(self, mask: Mask, options: dict[str, Any] | None) -> None:
+        """Put the robots under ``mask`` back to the start."""
+        chosen = np.flatnonzero(mask).tolist()
+        for i in chosen:
+            if options is None:
+                self._episodes[i] = self._conditions[i]
+            else:
+                self._episodes[i] = self._conditions[i].with_options(options, ("reset_mask",))
+            self._bodies[i] = self._episodes[i].body.to_array()
+        angles = [self._episodes[i].draw_fin_angles(1, self._rngs[i])[0] for i in chosen]
+        self._lanes.replace(mask, self._bodies[mask], np.array(angles))
+        now = self._lanes.state()
+        for name, value in self._now.items():
+            value[mask] = now[name][mask]
+        self._steps_left[mask] = episode_length(self.frame_skip)
+
+    def _observation(self) -> Observations:
+        now = self._now
+        fins = now["fin_angles"] if self._observe_fins else None
+        return observe(now["quaternion"], now["gyro"], fins, self._space)
+
+    def _info(self, before: Floats, after: Floats) -> Info:
+        return {
+            **motion_info(before, after, self.dt),
+            "diverged": np.zeros(self.num_envs, np.bool_),
+            "fin_angles": self._now["fin_angles"].copy(),
+            "damage": np.array([str(e.damage) for e in self._episodes], dtype=object),
+            "morphology": self._bodies.copy(),
+        }
+
+    def render(self) -> tuple[Any, ...] | None:
+        """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
+        if self.render_mode is None:
+            return None
+        now = self._now
+        return tuple(
+            render_pose(
+                Morphology.from_array(self._bodies[i]),
+                (now["position"][i], now["quaternion"][i]),
+                now["fin_angles"][i],
+            )
+            for i in range(self.num_envs)
+        )
+
+
+def _each_body(morphology: object, count: int) -> list[Any]:
+    """Return a body for each robot from one for all, or from (count, 9) sizes."""
+    several = isinstance(morphology, np.ndarray) and morphology.ndim == 2
+    if isinstance(morphology, list | tuple) and morphology:
+        several = not isinstance(morphology[0], int | float | np.number)
+    if not several:
+        return [morphology] * count
+    if len(morphology) != count:  # type: ignore[arg-type]
+        raise InvalidArgumentError(
+            f"morphology must be one body or num_envs = {count} of them; got {len(morphology)}"  # type: ignore[arg-type]
+        )
+    return list(morphology)  # type: ignore[call-overload,no-any-return]
+
+
+def _check_mask(mask: object, count: int) -> Mask:
+    found = np.asarray(mask)
+    if found.dtype != np.bool_ or found.shape != (count,) or not found.any():
+        raise InvalidArgumentError(
+            f'options["reset_mask"] must be ({count},) of bool with at least one True; got {mask!r}'
+        )
+    return found
+
+
+def _masked(info: Info, mask: Mask) -> Info:
+    """Add the mask that Gymnasium wants beside each key."""
+    return info | {f"_{name}": mask.copy() for name in info}
+
+
+def _put_final(info: Info, fresh: Info, last: Observations, ended: Mask) -> Info:
+    """Move the ended robots' information to ``final_info`` and put the new episodes' instead."""
+    final = {name: value.copy() for name, value in info.items()}
+    for name in list(final):
+        if name.startswith("_"):
+            final[name] &= ended
+    for name, value in fresh.items():
+        if not name.startswith("_"):
+            info[name] = value
+    for name in info:
+        if name.startswith("_") and name not in fresh:
+            info[name] &= ~ended
+    observations = np.full(len(ended), None, dtype=object)
+    for i in np.flatnonzero(ended):
+        observations[i] = last[i]
+    return info | {
+        "final_obs": observations,
+        "_final_obs": ended.copy(),
+        "final_info": final,
+        "_final_info": ended.copy(),
+    }

@@ -1,0 +1,365 @@
+"""AquaFish-v0 keeps Gymnasium's promises, hides what it should, and refuses nonsense."""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.error import ResetNeeded
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+import aquafish_gym
+from aquafish_gym.engines.worlds import CompiledWorld
+from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.envs.conditions import observation_space, observe
+from aquafish_gym.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    UnknownNameError,
+)
+
+ENGINES = ("numba", "pybullet")
+GO = np.array([0.8, 0.6, 0.4], np.float32)
+
+
+def make(**kwargs: Any) -> AquaFishEnv:
+    env = gym.make("AquaFish-v0", **{"engine": "numba", **kwargs}).unwrapped
+    assert isinstance(env, AquaFishEnv)
+    return env
+
+
+@pytest.mark.parametrize(
+    "kwargs",
+    [
+        {"engine": "numba", "render_mode": "rgb_array"},
+        {"engine": "pybullet"},
+        {"observe_fins": True, "fin_angles": "random", "damage": "caudal:missing"},
+    ],
+)
+def test_gymnasium_finds_nothing_to_say(kwargs: dict[str, Any]) -> None:
+    """Warnings are errors here."""
+    env = make(**kwargs)
+    check_env(env)
+    env.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_stable_baselines_finds_nothing_to_say(engine: str) -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    env = make(engine=engine)
+    checker.check_env(env)
+    env.close()
+
+
+def test_importing_loads_no_engine_and_registers_once() -> None:
+    code = (
+        "import sys, importlib, aquafish_gym; importlib.reload(aquafish_gym); "
+        "print({'numba', 'pybullet', 'matplotlib', 'torch'} & set(sys.modules))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.strip() == "set()"
+
+
+def test_a_spec_survives_json() -> None:
+    env = gym.make(
+        "AquaFish-v0",
+        engine="numba",
+        morphology=aquafish_gym.Morphology.coerce({"caudal": (0.1, 2.0, 1.0)}),
+        damage=aquafish_gym.Damage.parse("left_pectoral:length=0.5;right_pectoral:missing"),
+        fin_angles=(0.1, 0.2, 0.3),
+    )
+    assert env.spec is not None
+    again = gym.make(EnvSpec.from_json(env.spec.to_json()))
+    (one, one_info), (two, two_info) = env.reset(seed=1), again.reset(seed=1)
+    assert (one == two).all()
+    assert one_info["damage"] == two_info["damage"]
+    assert (one_info["morphology"] == two_info["morphology"]).all()
+    assert two_info["morphology"].tolist() == [0.4, 0.8, 0.1, 0, 0, 0, 0.1, 2.0, 1.0]
+
+
+def test_both_engines_are_the_same_environment() -> None:
+    envs = [make(engine=e, damage="caudal:length=0.5", fin_angles="random") for e in ENGINES]
+    rng = np.random.default_rng(0)
+    firsts = [env.reset(seed=3) for env in envs]
+    assert (firsts[0][0] == firsts[1][0]).all()
+    for _ in range(100):
+        action = rng.uniform(-1, 1, 3).astype(np.float32)
+        (a, ra, *_, ia), (b, rb, *_, ib) = (env.step(action) for env in envs)
+        np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)
+        assert ra == pytest.approx(rb, abs=1e-9)
+        np.testing.assert_allclose(ia["fin_angles"], ib["fin_angles"], rtol=0, atol=1e-9)
+    for env in envs:
+        env.close()
+
+
+@pytest.mark.parametrize("frame_skip", [5, 7, 100, 2000])
+def test_an_episode_lasts_twenty_seconds(frame_skip: int) -> None:
+    env = make(frame_skip=frame_skip)
+    env.reset()
+    for _ in range(math.ceil(2000 / frame_skip) - 1):
+        assert env.step(GO)[2:4] == (False, False)
+    assert env.step(GO)[2:4] == (False, True)
+    with pytest.raises(ResetNeeded):
+        env.step(GO)
+    env.reset()
+    env.step(GO)
+
+
+def test_reward_is_its_named_terms_and_they_mean_what_they_say() -> None:
+    env = make(forward_reward_weight=2.0, ctrl_cost_weight=0.1)
+    _, start = env.reset()
+    assert start["y_position"] == 0.0
+    travelled, before = 0.0, 0.0
+    for _ in range(50):
+        _, reward, *_, info = env.step(GO)
+        assert reward == info["reward_forward"] + info["reward_ctrl"]
+        assert info["reward_ctrl"] == pytest.approx(-0.1 * float((GO.astype(float) ** 2).sum()))
+        assert info["y_velocity"] == pytest.approx((info["y_position"] - before) / env.dt)
+        before = info["y_position"]
+        travelled += info["reward_forward"] * env.dt / 2.0
+    assert travelled == pytest.approx(info["y_position"])
+    where = [info[f"{axis}_position"] for axis in "xyz"]
+    assert info["distance_from_origin"] == pytest.approx(np.linalg.norm(where))
+    json.dumps({k: v for k, v in info.items() if not isinstance(v, np.ndarray)})
+
+
+def test_the_observation_hides_the_fins_and_info_tells() -> None:
+    env = make()
+    first, info = env.reset(options={"fin_angles": (0.0, 0.0, 0.0)})
+    other, told = env.reset(options={"fin_angles": (1.0, -2.0, 3.0)})
+    assert (first == other).all()
+    np.testing.assert_allclose(told["fin_angles"], (1.0, -2.0, 3.0))
+    np.testing.assert_allclose(info["fin_angles"], 0.0)
+    seeing, _ = make(observe_fins=True).reset(options={"fin_angles": (1.0, -2.0, 3.0)})
+    np.testing.assert_allclose(seeing[9:12], np.sin((1.0, -2.0, 3.0)), atol=1e-6)
+    np.testing.assert_allclose(seeing[12:15], np.cos((1.0, -2.0, 3.0)), atol=1e-6)
+    np.testing.assert_array_equal(seeing[:9], first)
+
+
+@given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3), st.floats(-100, 100))
+@settings(max_examples=50, deadline=None)
+def test_up_and_north_are_the_attitude(rpy: tuple[float, float, float], rate: float) -> None:
+    """Yaw about z, then pitch about x, then roll about y."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    yaw = np.array([[cy, -sy, 0], [sy, cy, 0], [0, 0, 1]])
+    pitch = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]])
+    roll = np.array([[cr, 0, sr], [0, 1, 0], [-sr, 0, cr]])
+    matrix = yaw @ pitch @ roll
+    (hr, hp, hy), (gr, gp, gy) = np.cos(np.array(rpy) / 2), np.sin(np.array(rpy) / 2)
+    # The product of the three half-angle quaternions, in the same order.
+    quaternion = np.array(
+        [
+            hy * gp * hr - gy * hp * gr,
+            hy * hp * gr + gy * gp * hr,
+            gy * hp * hr + hy * gp * gr,
+            hy * hp * hr - gy * gp * gr,
+        ]
+    )
+    seen = observe(quaternion, np.array([0.0, rate, 0.0]), None, observation_space(False))
+    np.testing.assert_allclose(seen[:3], matrix[2], atol=1e-6)
+    np.testing.assert_allclose(seen[3:6], matrix[1], atol=1e-6)
+    assert seen[7] == pytest.approx(np.clip(rate, -34.906586, 34.906586))
+    assert observation_space(False).contains(seen)
+
+
+def test_everything_follows_from_the_seed() -> None:
+    def swim() -> list[Any]:
+        env = make(fin_angles="random")
+        first, info = env.reset(seed=11)
+        second = env.reset()[1]["fin_angles"]
+        env.reset(seed=11)
+        return [first, info["fin_angles"], second, *(env.step(GO)[0] for _ in range(20))]
+
+    one, two = swim(), swim()
+    assert all((a == b).all() for a, b in zip(one, two, strict=True))
+    assert not np.allclose(one[1], one[2])
+    assert (np.abs(one[1]) <= math.pi).all()
+
+
+def test_options_hold_for_one_episode() -> None:
+    env = make(damage="caudal:length=0.5")
+    _, info = env.reset(
+        options={"damage": "left_pectoral:missing", "morphology": {"caudal": [0] * 3}}
+    )
+    assert info["damage"] == "left_pectoral:missing"
+    assert info["morphology"].tolist() == [0, 0, 0, 0.4, 1.6, 0.1, 0, 0, 0]
+    _, info = env.reset()
+    assert info["damage"] == "caudal:length=0.5"
+    assert info["morphology"].tolist() == [0.4, 1.6, 0.1, 0.4, 1.6, 0.1, 0.4, 0.7, 0.6]
+
+
+def test_a_current_carries_the_robot() -> None:
+    env = make(current=(0.0, 1.0, 0.0))
+    env.reset()
+    still = np.array([0.0, 0.0, -1.0], np.float32)  # no servo moves
+    for _ in range(100):
+        *_, info = env.step(still)
+    assert 0.9 < info["y_position"] < 5.0
+    assert info["x_position"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_divergence_ends_the_episode_and_says_so() -> None:
+    env = make()
+    env.reset()
+    good, *_ = env.step(GO)
+    assert isinstance(env._world, CompiledWorld)
+    env._world._lanes._states[:] = np.nan
+    seen, reward, terminated, truncated, info = env.step(GO)
+    assert (seen == good).all()
+    assert (reward, terminated, truncated, info["diverged"]) == (0.0, True, False, True)
+    assert math.isfinite(info["y_position"])
+    with pytest.raises(ResetNeeded):
+        env.step(GO)
+    env.reset()
+    assert not env.step(GO)[4]["diverged"]
+
+
+@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_the_compiled_environment_can_be_copied(clone: Callable[[gym.Env], gym.Env]) -> None:  # type: ignore[type-arg]
+    env = gym.make("AquaFish-v0", engine="numba", fin_angles="random")
+    env.reset(seed=0)
+    env.step(GO)
+    other = clone(env)
+    for _ in range(5):
+        assert (env.step(GO)[0] == other.step(GO)[0]).all()
+    assert (env.reset()[1]["fin_angles"] == other.reset()[1]["fin_angles"]).all()
+
+
+def test_a_pybullet_environment_stays_in_its_process() -> None:
+    env = make(engine="pybullet")
+    env.reset()
+    with pytest.raises(TypeError, match="cannot be pickled"):
+        pickle.dumps(env)
+    env.close()
+    env.close()
+
+
+def test_workers_may_each_have_a_pybullet_environment() -> None:
+    vector = gym.make_vec("AquaFish-v0", num_envs=2, vectorization_mode="async")
+    single = make(engine="pybullet")
+    vector.reset(seed=0)
+    single.reset(seed=0)
+    seen, *_ = vector.step(np.stack([GO, GO]))
+    expected, *_ = single.step(GO)
+    assert (seen == expected).all()
+    vector.close()
+    single.close()
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "sentence"),
+    [
+        ({"engine": "bullet"}, "did you mean 'pybullet'"),
+        ({"damage": "left_pectorl:missing"}, "did you mean 'left_pectoral'"),
+        ({"damage": "left_pectoral:length=2"}, "left_pectoral.length"),
+        ({"morphology": {"tail": (1, 1, 1)}}, "morphology fin must be one of"),
+        ({"morphology": [-1.0] * 9}, "must lie in"),
+        ({"morphology": [1.0] * 8}, r"shape \(9\)"),
+        ({"current": (0.0, 0.0)}, "current must have shape"),
+        ({"current": (0.0, math.nan, 0.0)}, "current must be finite"),
+        ({"fin_angles": "randon"}, "did you mean 'random'"),
+        ({"fin_angles": (0.0, 1.0)}, "fin_angles must have shape"),
+        ({"frame_skip": 0}, "frame_skip must be a whole number"),
+        ({"frame_skip": 2.5}, "frame_skip must be a whole number"),
+        ({"ctrl_cost_weight": -1.0}, "ctrl_cost_weight"),
+        ({"forward_reward_weight": math.inf}, "forward_reward_weight"),
+        ({"render_mode": "rgb"}, "did you mean 'rgb_array'"),
+    ],
+)
+def test_bad_arguments_are_refused(kwargs: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=sentence):
+        AquaFishEnv(**{"engine": "numba", **kwargs})
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        ({"fin_angels": "zero"}, "did you mean 'fin_angles'"),
+        ({"damage": "caudal:broken"}, "damage must be one of"),
+        ({"morphology": [9.0] * 9}, "must lie in"),
+        ({"reset_mask": [True]}, "options must be one of"),
+        ("zero", "options must be a dictionary"),
+    ],
+)
+def test_bad_options_are_refused(options: Any, sentence: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=sentence):
+        make().reset(options=options)
+
+
+ENV = AquaFishEnv(engine="numba")
+
+
+@given(
+    st.one_of(
+        hnp.arrays(np.float32, hnp.array_shapes(min_dims=0, max_dims=2, max_side=4)),
+        st.lists(st.one_of(st.floats(), st.text(max_size=2), st.none()), max_size=4),
+    )
+)
+@settings(max_examples=150, deadline=None)
+def test_an_action_is_three_finite_numbers_or_refused(action: Any) -> None:
+    ENV.reset()
+    try:
+        numbers = np.array(action, dtype=np.float64)
+        fine = numbers.shape == (3,) and bool(np.isfinite(numbers).all())
+    except (TypeError, ValueError):
+        fine = False
+    if fine:
+        seen, reward, *_ = ENV.step(action)
+        assert ENV.observation_space.contains(seen)
+        assert math.isfinite(reward)
+    else:
+        with pytest.raises(InvalidArgumentError, match="action must"):
+            ENV.step(action)
+
+
+def test_an_action_beyond_the_bounds_is_the_bound() -> None:
+    one, two = make(), make()
+    one.reset()
+    two.reset()
+    a = one.step(np.array([5.0, -5.0, 2.0], np.float32))[0]
+    b = two.step(np.array([1.0, -1.0, 1.0], np.float32))[0]
+    assert (a == b).all()
+
+
+def test_stepping_before_resetting_is_refused() -> None:
+    with pytest.raises(ResetNeeded):
+        AquaFishEnv(engine="numba").step(GO)
+
+
+def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    with pytest.raises(EngineUnavailableError, match="no display"):
+        gym.make("AquaFish-v0", engine="numba", render_mode="human")
+    assert make().metadata["render_modes"] == ["rgb_array"]
+
+
+def test_frames_follow_the_robot() -> None:
+    env = make(render_mode="rgb_array")
+    env.reset()
+    first = env.render()
+    for _ in range(20):
+        env.step(GO)
+    second = env.render()
+    assert first.shape == second.shape == (480, 640, 3)
+    assert (first != second).any()
+    assert make().render() is None
+
+
+def test_engine_name_is_checked_like_any_name() -> None:
+    with pytest.raises(UnknownNameError):
+        AquaFishEnv(engine=3)  # type: ignore[arg-type]

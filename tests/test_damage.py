@@ -1,0 +1,127 @@
+"""Damage: text, JSON and bodies agree, and bad descriptions are refused with a sentence."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+from dataclasses import asdict
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from aquafish_gym.damage import Damage, Fault, FinMissing, FinScaled
+from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.validation import InvalidArgumentError, UnknownNameError
+
+faults = st.one_of(
+    st.builds(
+        FinScaled,
+        st.sampled_from(FINS),
+        st.sampled_from(FinScaled.WORDS),
+        st.floats(0.0, 1.0),
+    ),
+    st.builds(FinMissing, st.sampled_from(FINS)),
+)
+damages = st.lists(faults, max_size=4).map(lambda f: Damage(tuple(f)))
+
+
+@given(damages)
+def test_text_and_json_read_back_exactly(damage: Damage) -> None:
+    assert Damage.parse(str(damage)) == damage
+    assert Damage.from_json(damage.to_json()) == damage
+    assert Damage.coerce(damage.to_list()) == damage
+    assert Damage.coerce(json.loads(json.dumps(asdict(damage)))) == damage
+    assert Damage.coerce(str(damage)) == damage
+
+
+@given(damages)
+def test_a_broken_body_is_never_larger(damage: Damage) -> None:
+    whole, broken = Morphology.nominal(), damage.apply(Morphology.nominal())
+    assert (broken.to_array() <= whole.to_array()).all()
+    for fault in damage:
+        if isinstance(fault, FinMissing):
+            assert getattr(broken, fault.fin) == (0.0, 0.0, 0.0)
+
+
+def test_each_size_stands_on_its_own_axis() -> None:
+    """Width is x for the pectorals and z for the upright tail."""
+    nominal = Morphology.nominal()
+    assert Damage.parse("left_pectoral:width=0.5").apply(nominal).left_pectoral == (0.2, 1.6, 0.1)
+    assert Damage.parse("right_pectoral:thickness=0").apply(nominal).right_pectoral[2] == 0.0
+    assert Damage.parse("caudal:width=0.5").apply(nominal).caudal == (0.4, 1.4, 0.3)
+    assert Damage.parse("caudal:thickness=0.5").apply(nominal).caudal == (0.2, 1.4, 0.6)
+
+
+def test_several_faults_join_in_any_form() -> None:
+    expected = Damage((FinScaled("left_pectoral", "length", 0.5), FinMissing("caudal")))
+    assert Damage.parse(" left_pectoral : length = .5 , caudal:missing") == expected
+    assert Damage.coerce(["left_pectoral:length=0.5", FinMissing("caudal")]) == expected
+    assert Damage.coerce([Damage(expected.faults[:1]), {"kind": "FinMissing", "fin": "caudal"}])
+    assert Damage.coerce(expected) is expected
+    assert Damage.coerce(None) == Damage.parse("") == Damage.parse("none") == Damage()
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("left_pectorl:length=0.5", "did you mean 'left_pectoral'"),
+        ("caudal:lenght=0.5", "did you mean 'length'"),
+        ("caudal:misssing", "did you mean 'missing'"),
+        ("caudal", "fin:word=number"),
+        ("caudal:", "fin:word=number"),
+        ("caudal:missing;", "fin:word=number"),
+        ("caudal:length", "needs a factor"),
+        ("caudal:length=", "needs a number"),
+        ("caudal:length=half", "needs a number"),
+        ("caudal:length=-0.5", "must lie in"),
+        ("caudal:length=nan", "must be finite"),
+        ("caudal:length=inf", "must be finite"),
+        ("caudal:missing=1", "takes no number"),
+    ],
+)
+def test_bad_text_is_refused(text: str, sentence: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=sentence):
+        Damage.parse(text)
+
+
+def test_a_fin_that_outgrows_its_range_is_refused() -> None:
+    with pytest.raises(InvalidArgumentError, match=r"left_pectoral.length 3.2.*\[0, 2\]"):
+        Damage.parse("left_pectoral:length=2").apply(Morphology.nominal())
+
+
+@pytest.mark.parametrize("value", [3, 0.5, [3], [["caudal:length=x"]], {"fin": "caudal"}, b"x"])
+def test_other_things_are_refused(value: object) -> None:
+    with pytest.raises(InvalidArgumentError):
+        Damage.coerce(value)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["", "{", "3", "{}", "[3]", '[{"kind": "FinMissing"}]', '[{"kind": "FinMissing", "fin": 3}]',
+     '[{"kind": "FinMissing", "fin": "caudal", "more": 1}]', '[{"kind": "FinScalde"}]'],
+)  # fmt: skip
+def test_bad_json_is_refused(text: str) -> None:
+    with pytest.raises(InvalidArgumentError):
+        Damage.from_json(text)
+
+
+@given(st.text(max_size=30))
+def test_any_text_parses_or_is_refused(text: str) -> None:
+    with contextlib.suppress(InvalidArgumentError):
+        assert isinstance(Damage.parse(text), Damage)
+
+
+@pytest.mark.parametrize("factor", [-1.0, math.nan, math.inf, "x", None])
+def test_bad_factors_are_refused(factor: object) -> None:
+    with pytest.raises(InvalidArgumentError, match="damage factor of caudal:length"):
+        FinScaled("caudal", "length", factor)  # type: ignore[arg-type]
+
+
+def test_unknown_names_are_refused() -> None:
+    with pytest.raises(UnknownNameError):
+        FinMissing("tail")
+    with pytest.raises(InvalidArgumentError, match="made of faults"):
+        Damage(("caudal:missing",))  # type: ignore[arg-type]
+    assert issubclass(FinMissing, Fault)

@@ -1,0 +1,179 @@
+"""Pictures show the robot where it is; films are readable; bad input is refused."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.rendering import (
+    Camera,
+    fin_poses,
+    render_motion,
+    render_pose,
+    write_gif,
+    write_mp4,
+)
+from aquafish_gym.scenery import multiply, rotate
+from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
+
+pytest.importorskip("pybullet")
+
+NOMINAL = Morphology.nominal()
+HERE = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+BACK = (0.0, 0.0, 0.0)
+ABOVE = Camera(azimuth=0, elevation=89, distance=12)
+
+
+def picture(
+    morphology: Morphology = NOMINAL, pose: Any = HERE, angles: Any = BACK, camera: Any = None
+) -> NDArray[np.int64]:
+    frame = render_pose(morphology, pose, angles, 160, 120, camera)
+    assert frame.shape == (120, 160, 3)
+    assert frame.dtype == np.uint8
+    return frame.astype(np.int64)
+
+
+def red(frame: NDArray[np.int64]) -> NDArray[np.bool_]:
+    mask: NDArray[np.bool_] = (frame[..., 0] > 130) & (frame[..., 1] < 80)
+    return mask
+
+
+def test_fins_are_red_and_stand_where_they_should() -> None:
+    """From above, nose up: the left flipper is left, the tail below."""
+    mask = red(picture(camera=ABOVE))
+    assert mask[:, :74].any()
+    assert mask[:, 86:].any()
+    assert mask[75:, 74:86].any()
+    assert not mask[:40, 74:86].any()
+
+
+def test_a_missing_fin_is_not_drawn() -> None:
+    body = Morphology.coerce({"left_pectoral": (0.0, 0.0, 0.0)})
+    mask = red(picture(body, camera=ABOVE))
+    assert not mask[:, :74].any()
+    assert mask[:, 86:].any()
+    assert not red(picture(Morphology.from_array(np.zeros(9)))).any()
+    plate = Morphology.coerce({"left_pectoral": (0.5, 1.0, 0.0)})
+    assert red(picture(plate, camera=ABOVE))[:, :74].any()
+
+
+def test_bodies_and_poses_show() -> None:
+    base = picture()
+    assert (picture() == base).all()
+    assert (picture(Morphology.coerce({"caudal": (0.5, 2.0, 1.0)})) != base).any()
+    assert (picture(angles=(1.0, 0.0, 0.0)) != base).any()
+    assert (picture(pose=((0.0, 0.5, 0.0), HERE[1])) != base).any(), "the floor must pass by"
+    assert (picture() == base).all()
+
+
+def test_the_water_is_seamless_far_away() -> None:
+    """The floor repeats every ten units, also where single precision has no digits left."""
+    np.testing.assert_allclose(picture(pose=((1e5, -2e5, 0.0), HERE[1])), picture(), atol=3)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera(target=(50.0, 50.0, 50.0)),  # the robot is out of the picture
+        Camera(elevation=-45),  # under the floor
+        Camera(distance=0.3),  # inside the robot
+        Camera(target=(0.0, 1.0, 0.0), distance=900.0),
+    ],
+)
+def test_any_camera_gives_a_picture(camera: Camera) -> None:
+    picture(camera=camera)
+
+
+def test_a_robot_that_dives_stays_over_the_floor() -> None:
+    deep = picture(pose=((0.0, 0.0, -40.0), HERE[1]))
+    assert red(deep).sum() == pytest.approx(red(picture()).sum(), abs=3)
+    assert deep.std() > 5
+
+
+def test_fins_hang_from_their_hinges() -> None:
+    turn = np.array([0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)])  # yaw 90 degrees
+    (left, _), (right, _), (tail, how) = fin_poses(
+        NOMINAL, np.array([1.0, 2.0, 3.0]), turn, (0.0, math.pi / 2, math.pi / 2)
+    )
+    np.testing.assert_allclose(left, (1 - 1.0 + 0.8, 2 - 0.75, 3.0), atol=1e-12)
+    np.testing.assert_allclose(right, (1 - 1.0, 2 + 0.75, 3.0 - 0.8), atol=1e-12)
+    # The tail's phase of 90 degrees is its full sweep of 30.
+    s, c = math.sin(math.pi / 6), math.cos(math.pi / 6)
+    np.testing.assert_allclose(tail, (1 + 2 + 0.7 * c, 2 + 0.7 * s, 3.0), atol=1e-12)
+    np.testing.assert_allclose(rotate(how, np.array([0.0, 1.0, 0.0])), (-c, -s, 0), atol=1e-12)
+    np.testing.assert_allclose(multiply(turn, turn), (0, 0, 1, 0), atol=1e-12)
+
+
+def test_films_hold_their_frames(tmp_path: Path) -> None:
+    poses = np.zeros((5, 3))
+    poses[:, 1] = np.linspace(0, 1, 5)
+    frames = render_motion(
+        NOMINAL, poses, np.tile((0.0, 0.0, 0.0, 1.0), (5, 1)), np.zeros((5, 3)), 64, 48
+    )
+    gif = write_gif(frames, tmp_path / "a.gif", fps=10)
+    assert iio.imread(gif).shape == (5, 48, 64, 3)
+    assert iio.immeta(gif)["duration"] == 100
+    film = write_mp4(frames, tmp_path / "a.mp4", fps=10)
+    assert b"ftyp" in film.read_bytes()[:16]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["a.gif", "a.mp4"]
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"pose": ((0, 0), (0, 0, 0, 1))}, "pose position must have shape"),
+        ({"pose": ((0, 0, math.nan), (0, 0, 0, 1))}, "pose position must be finite"),
+        ({"pose": ((0, 0, 0), (0, 0, 0, 2))}, "length 1"),
+        ({"pose": 3}, "position and a quaternion"),
+        ({"fin_angles": (0, 0)}, "fin_angles must have shape"),
+        ({"width": 0}, "width must be"),
+        ({"height": 1e9}, "height must be"),
+    ],
+)
+def test_bad_pictures_are_refused(change: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=sentence):
+        render_pose(**{"morphology": NOMINAL, "pose": HERE, "fin_angles": BACK, **change})
+
+
+@pytest.mark.parametrize(
+    "change", [{"distance": 0}, {"elevation": 90}, {"azimuth": math.nan}, {"target": (1, 2)}]
+)
+def test_bad_cameras_are_refused(change: dict[str, Any]) -> None:
+    with pytest.raises(InvalidArgumentError, match="camera"):
+        Camera(**change)
+
+
+def test_bad_films_are_refused(tmp_path: Path) -> None:
+    frame = np.zeros((9, 10, 3), np.uint8)
+    for frames, sentence in (
+        ([], "at least one"),
+        ([frame, frame[:8]], "one size"),
+        ([frame[..., 0]], "pictures of uint8"),
+        ([frame.astype(float)], "pictures of uint8"),
+    ):
+        with pytest.raises(InvalidArgumentError, match=sentence):
+            write_gif(frames, tmp_path / "a.gif")
+    with pytest.raises(InvalidArgumentError, match="even"):
+        write_mp4([frame], tmp_path / "a.mp4")
+    with pytest.raises(InvalidArgumentError, match="fps"):
+        write_gif([frame], tmp_path / "a.gif", fps=0)
+    with pytest.raises(OSError, match="missing"):
+        write_gif([frame], tmp_path / "missing" / "a.gif")
+
+
+def test_drawing_needs_pybullet(monkeypatch: pytest.MonkeyPatch) -> None:
+    import aquafish_gym.rendering as rendering
+
+    def missing() -> Any:
+        raise EngineUnavailableError("no pybullet")
+
+    monkeypatch.setattr(rendering, "load_pybullet", missing)
+    with pytest.raises(EngineUnavailableError):
+        rendering.check_render_mode("rgb_array")
