@@ -116,13 +116,23 @@ def _refuse(program: str, reason: str) -> int:
 
 
 def _first_sentence(box: str) -> str:
-    """Return what a box says before its first rule, and the nearest of the options it offers."""
-    lines = [line.strip("│ ") for line in box.splitlines() if line.startswith("│")]
-    rules = [i for i, line in enumerate(lines) if line.startswith("─")]
-    sentence = " ".join(lines[: rules[0]] if rules else lines)
+    """Return what a box of tyro's says first, and the nearest of the options it offers.
+
+    Its parts are divided by rules. Where the terminal has no UTF-8, there is no frame, and the
+    title is a part of its own.
+    """
+    framed = box.startswith("╭")
+    rows = [row.strip(" │") for row in box.splitlines() if not row.startswith(("╭", "╰"))]
+    parts: list[list[str]] = [[]]
+    for row in filter(None, rows):
+        if set(row) <= set("─-"):
+            parts.append([])
+        else:
+            parts[-1].append(row)
+    sentence = " ".join(parts[0] if framed else parts[min(1, len(parts) - 1)])
     said = [word.strip(",") for word in sentence.split()]
     unknown = next((word for word in said if word.startswith("--")), "")
-    offered = [line.split()[0] for line in lines if line.startswith("--")]
+    offered = [row.split()[0] for row in rows if row.startswith("--") and set(row) != {"-"}]
     offered = [option for option in offered if option not in said]
     close = difflib.get_close_matches(unknown, offered, n=1, cutoff=0.6)
     return f"{sentence}; did you mean {close[0]}?" if close else sentence

@@ -76,13 +76,16 @@ class DamageRecovery:
     """Population of candidate bodies, for both self-models."""
     angle_sets: int = 25
     """Population of Out-of-Band's inner search for the fins' angles."""
-    sampled_models: int | None = None
-    """Bodies that judge the angles in Out-of-Band's inner search; all if not given."""
+    sampled_models: int = 5
+    """Bodies that judge the angles in Out-of-Band's inner search, as in the paper's Fig. 10."""
+    revisit: int = 5
+    """Earlier trials whose angles each of Out-of-Band's searches infers anew; the paper's 0 locks
+    them in."""
     generations: int = 60
     """Generations of gait evolution."""
     population: int = 150
     """Gaits a generation."""
-    gait_poses: int = 4
+    gait_poses: int = 8
     """Random fin poses that a gait must swim from while it evolves, besides the zero pose."""
     poses: int = 16
     """Random fin poses that a finished gait is scored from, besides the zero pose."""
@@ -116,7 +119,9 @@ class DamageRecovery:
             steps=self.steps,
             estimation=EstimationConfig(population=self.models),
             out_of_band=OutOfBandConfig(
-                inner_population=self.angle_sets, sampled_models=self.sampled_models
+                inner_population=self.angle_sets,
+                sampled_models=self.sampled_models,
+                revisit=self.revisit,
             ),
         )
         order = ("out-of-band", "none", "undamaged", "oracle")
@@ -265,7 +270,8 @@ def _progress(jobs: list[Job]) -> Iterator[Any]:
     console = Console(stderr=True)
     width = max(len(job.name) for job in jobs)
     columns = (TextColumn("{task.description}"), BarColumn(24), TextColumn("{task.fields[text]}"))
-    with Progress(*columns, TimeElapsedColumn(), console=console) as bars:
+    live = console.is_terminal
+    with Progress(*columns, TimeElapsedColumn(), console=console, disable=not live) as bars:
         tasks = {
             job.name: bars.add_task(job.name.ljust(width), total=1.0, start=False, text="waiting")
             for job in jobs
@@ -277,7 +283,7 @@ def _progress(jobs: list[Job]) -> Iterator[Any]:
                 started.add(name)
                 bars.start_task(tasks[name])
             bars.update(tasks[name], completed=share, text=text)
-            if share == 1.0 and not console.is_terminal:
+            if share == 1.0 and not live:
                 print(f"{name}: {text}", file=sys.stderr, flush=True)
 
         yield show

@@ -152,7 +152,7 @@ def _select_less(_typingctx: Any, a: Any, b: Any, then: Any, otherwise: Any) -> 
     return signature(lanes, lanes, lanes, lanes, lanes), codegen
 
 
-@overload(carriers.where_less, inline="always", strict=False)
+@overload(carriers.where_less, strict=False)
 def _where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     if any(isinstance(t, Lanes) for t in (a, b, then, otherwise)):
         return lambda a, b, then, otherwise: _select_less(a, b, then, otherwise)
@@ -167,7 +167,7 @@ def _floor_lanes(_typingctx: Any, x: Any) -> Any:
     return signature(x, x), codegen
 
 
-@overload(carriers.floor, inline="always", strict=False)
+@overload(carriers.floor, strict=False)
 def _floor(x: Any) -> Any:
     if isinstance(x, Lanes):
         return lambda x: _floor_lanes(x)
@@ -228,14 +228,14 @@ def zero_lanes(_typingctx: Any, array: Any, width: Any) -> Any:
     return signature(lanes, array, width), codegen
 
 
-@overload(carriers.fetch, inline="always", strict=False)
+@overload(carriers.fetch, strict=False)
 def _fetch(array: Any, index: Any, like: Any) -> Any:
     if isinstance(like, Lanes):
         return lambda array, index, like: _load(array, index, like)
     return lambda array, index, like: array[index]
 
 
-@overload(carriers.put, inline="always", strict=False)
+@overload(carriers.put, strict=False)
 def _put(array: Any, index: Any, value: Any) -> Any:
     if isinstance(value, Lanes):
         return lambda array, index, value: _save(array, index, value)

@@ -25,6 +25,12 @@ COLOURS = {
     "out-of-band": "#0072b2",
     "oracle": "#009e73",
 }
+SHOWN = {
+    "undamaged": "the old body",
+    "none": "plain EEA's model",
+    "out-of-band": "Out-of-Band EEA's model",
+    "oracle": "the true body",
+}
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=205.0, target=(0.0, -0.5, 0.0))
 FILM_FPS = 12
@@ -60,10 +66,10 @@ def draw_bodies(path: Path, target: Morphology, outcomes: Outcomes) -> None:
             )
         )
         if name == "target":
-            axes.set_title("the damaged robot")
+            axes.set_title("the damaged robot\n")
         else:
             fit = outcomes[name][0]["objective_fitness"]
-            axes.set_title(f"{name} (OBJ_FIT {fit:.2f})", color=COLOURS[name])
+            axes.set_title(f"{SHOWN[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
     figure.savefig(path)
 
@@ -78,7 +84,8 @@ def draw_paths(path: Path, folders: dict[str, Path]) -> None:
     for axes, (name, folder) in zip(panels, folders.items(), strict=True):
         swims = read_swims(folder)
         draw_trajectories(axes, {"own model": swims["native"], "target": swims["target"]})
-        axes.set_title(f"gait for {name}", color=COLOURS[name])
+        axes.legend(loc="lower right", fontsize="small", framealpha=0.85)
+        axes.set_title(f"gait for {SHOWN[name]}", color=COLOURS[name])
     figure.savefig(path)
 
 
@@ -104,7 +111,9 @@ def draw_fitness(
             number = np.arange(1, curves.shape[1] + 1)
             if len(curves) > 1:
                 axes.plot(number, curves.T, color=COLOURS[name], lw=0.5, alpha=0.4)
-            axes.plot(number, curves.mean(axis=0), "o-", ms=3, color=COLOURS[name], label=name)
+            axes.plot(
+                number, curves.mean(axis=0), "o-", ms=3, color=COLOURS[name], label=SHOWN[name]
+            )
         axes.set_title(title)
         axes.set_xlabel("round (trials on the robot)")
         axes.grid(color="0.92")
@@ -142,7 +151,7 @@ def _draw_pairs(axes: Axes, table: np.ndarray) -> None:
         axes.scatter(np.full(len(values), place), values, s=18, color=COLOURS[name], zorder=2)
         axes.plot([place - 0.25, place + 0.25], [values.mean()] * 2, color=COLOURS[name], lw=2.5)
     axes.axhline(0, color="0.6", lw=0.8)
-    axes.set_xticks(places, TREATMENTS)
+    axes.set_xticks(places, [SHOWN[t].replace(" ", "\n", 1) for t in TREATMENTS])
     axes.grid(axis="y", color="0.92")
 
 

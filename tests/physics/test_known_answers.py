@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 
-import harness
 import numpy as np
 import pytest
-from harness import CARRIERS, ROUNDING, drag, march
-from momentum import Momentum
 from numpy.testing import assert_allclose, assert_array_equal
 
+import harness
 from aquafish_gym.engines.lanes import rest_rows
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics.hydrodynamics import (
@@ -27,6 +25,8 @@ from aquafish_gym.robot import (
     robot_from_column,
     robot_parameters,
 )
+from harness import CARRIERS, ROUNDING, drag, march
+from momentum import Momentum
 
 POSITION, VELOCITY, SPIN = slice(4, 7), slice(7, 10), slice(10, 13)
 NOMINAL = Morphology.nominal().to_array()

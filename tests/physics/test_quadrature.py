@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from harness import drag
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.hydrodynamics import NORMAL_DRAG, SKIN_FRICTION
+from harness import drag
 
 Array = NDArray[np.float64]
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(64)
