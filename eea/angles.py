@@ -29,7 +29,9 @@ def circular_distance(a: ArrayLike, b: ArrayLike) -> Floats:
     return np.abs(wrap(np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)))
 
 
-def smallest_inclusive(poses: ArrayLike, inclusion: Inclusion = "circular") -> tuple[Floats, Floats]:
+def smallest_inclusive(
+    poses: ArrayLike, inclusion: Inclusion = "circular"
+) -> tuple[Floats, Floats]:
     """Return the smallest range that includes every pose, fin by fin.
 
     Parameters

@@ -48,12 +48,13 @@ class Variable:
     @property
     def quantum(self) -> float:
         """The distance between neighbouring values."""
-        return (self.high - self.low) / (2**self.bits - (0 if self.periodic else 1))
+        steps: int = 2**self.bits if self.periodic else 2**self.bits - 1
+        return (self.high - self.low) / steps
 
     @property
     def levels(self) -> NDArray[np.float64]:
         """Every value the bits can give, in order, shape (2^bits,)."""
-        return self.low + self.quantum * np.arange(2**self.bits)
+        return np.minimum(self.low + self.quantum * np.arange(2**self.bits), self.high)
 
 
 class BitLayout:
@@ -107,7 +108,8 @@ class BitLayout:
         bits = np.asarray(genomes, dtype=np.float64)
         if self.coding == "gray":
             bits = (bits @ self._parity) % 2.0
-        return self.low + self._quantum * (bits @ self._place)
+        # The greatest k may round to just above the range.
+        return np.minimum(self.low + self._quantum * (bits @ self._place), self.high)
 
     def encode(self, values: ArrayLike) -> Genomes:
         """Return the genomes (N, bits) nearest to values (N, variables).

@@ -7,6 +7,7 @@ elite are not in the paper.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -28,8 +29,8 @@ class GeneticConfig:
     tournament_size
         Contestants for each parent.
     crossover
-        ``"two_point"`` swaps one stretch of bits between the parents, ``"uniform"`` each bit
-        with probability one half.
+        ``"uniform"`` swaps each bit between the parents with probability one half,
+        ``"two_point"`` one stretch of bits.
     crossover_rate
         Probability that a pair of parents is crossed at all.
     mutations
@@ -41,7 +42,7 @@ class GeneticConfig:
     """
 
     tournament_size: int = 2
-    crossover: Crossover = "two_point"
+    crossover: Crossover = "uniform"
     crossover_rate: float = 0.75
     mutations: float = 1.0
     elites: int = 1
@@ -90,7 +91,8 @@ def crossover(
 def mutate(genomes: Genomes, mutations: float, rng: np.random.Generator) -> Genomes:
     """Return genomes (N, bits) with a mean of ``mutations`` bits flipped in each."""
     flips = rng.random(genomes.shape) < mutations / genomes.shape[1]
-    return genomes ^ flips.astype(np.uint8)
+    mutated: Genomes = genomes ^ flips.astype(np.uint8)
+    return mutated
 
 
 def next_generation(
@@ -126,3 +128,47 @@ def next_generation(
     # A stable sort, so that of equally fit genomes the earlier is the elite.
     elites = genomes[np.argsort(-fitness, kind="stable")[: config.elites]]
     return np.concatenate([elites, children])[:count]
+
+
+def evolve(
+    genomes: Genomes,
+    generations: int,
+    evaluate: Callable[[Genomes], NDArray[np.floating]],
+    config: GeneticConfig,
+    rng: np.random.Generator,
+) -> tuple[Genomes, float]:
+    """Evolve a population under a fitness that stands still; return the last generation's best.
+
+    Parameters
+    ----------
+    genomes
+        The first generation, shape (N, bits).
+    generations
+        How many are evaluated, the first included.
+    evaluate
+        From genomes (n, bits), all different, to their fitness (n,). None is asked for twice.
+    config
+        The operators' settings.
+    rng
+        Where chance comes from.
+
+    Returns
+    -------
+    genome
+        Shape (bits,).
+    fitness
+        Its fitness.
+    """
+    known: dict[bytes, float] = {}
+    fitness = np.empty(0)
+    for generation in range(generations):
+        if generation:
+            genomes = next_generation(genomes, fitness, config, rng)
+        keys = [genome.tobytes() for genome in genomes]
+        fresh = {key: i for i, key in enumerate(keys) if key not in known}
+        if fresh:
+            scores = evaluate(genomes[list(fresh.values())])
+            known.update(zip(fresh, scores.tolist(), strict=True))
+        fitness = np.array([known[key] for key in keys])
+    best = int(np.argmax(fitness))
+    return genomes[best], float(fitness[best])

@@ -1,0 +1,300 @@
+"""The Estimation-Exploration Algorithm: rounds of asking the target and modelling it (Sec. 3.2)."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eea.angles import circular_distance
+from eea.behavior import summarize
+from eea.bits import BitLayout, pose_layout
+from eea.checks import TargetError, whole
+from eea.config import EEAConfig
+from eea.estimation import Estimation
+from eea.experiment import Context, Experiment, Floats, Simulator, Target, reveals
+from eea.exploration import Exploration
+from eea.fitness import chance_level, mid_range_level, objective_fitness
+from eea.inference import FINS, Ideal, InBand, Inference, NoInference, OutOfBand
+from eea.laboratory import Laboratory
+
+SCHEMA = "eea.result/1"
+STREAMS: tuple[str, ...] = ("target", "exploration", "estimation", "inference")
+
+
+def streams(seed: int) -> dict[str, np.random.Generator]:
+    """Return one replicate's named sources of chance.
+
+    The target has its own, so that the angles it hides are the same under every condition and
+    comparisons are paired.
+
+    Raises
+    ------
+    ConfigurationError
+        If the seed is not a whole number of at least 0.
+    """
+    whole("seed", seed, 0)
+    children = np.random.SeedSequence(seed).spawn(len(STREAMS))
+    return {
+        name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)
+    }
+
+
+@dataclass(frozen=True)
+class RoundRecord:
+    """What one round did and found; every field is ready for JSON.
+
+    Attributes
+    ----------
+    round
+        From 1; also the number of experiments so far.
+    command
+        What the target performed.
+    action_fitness
+        ACT_FIT of that command (Eq. 1); ``None`` for the first, which is random.
+    model_fitness
+        The best MOD_FIT (Eq. 3).
+    morphology
+        The model that has it, nine numbers.
+    min_angle, max_angle
+        The range inferred for the fins' angles in this round's experiment, rad.
+    true_angles, angle_error
+        The truth, and its distance from the range's middle, rad; ``None`` if not revealed.
+    objective_fitness
+        OBJ_FIT (Eq. 4); ``None`` if the truth is not known.
+    trials
+        Simulated in this round.
+    seconds
+        Since the run began.
+    """
+
+    round: int
+    command: tuple[float, ...]
+    action_fitness: float | None
+    model_fitness: float
+    morphology: tuple[float, ...]
+    min_angle: tuple[float, ...]
+    max_angle: tuple[float, ...]
+    true_angles: tuple[float, ...] | None
+    angle_error: tuple[float, ...] | None
+    objective_fitness: float | None
+    trials: int
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the record for JSON."""
+        return asdict(self)
+
+
+@dataclass
+class Result:
+    """A run's settings, rounds and conclusion; readable after every round.
+
+    Attributes
+    ----------
+    config, seed
+        What was run.
+    layout
+        The models' genome, for the ranges of the dimensions.
+    truth
+        The target's dimensions (n,), if known: an oracle.
+    rounds
+        One record a round.
+    stopped
+        Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, or ``"interrupted"`` until then.
+    """
+
+    config: EEAConfig
+    seed: int
+    layout: BitLayout
+    truth: Floats | None = None
+    rounds: list[RoundRecord] = field(default_factory=list)
+    stopped: str = "interrupted"
+
+    @property
+    def model(self) -> Floats:
+        """The last round's best model, shape (n,).
+
+        Raises
+        ------
+        TargetError
+            If no round has been completed.
+        """
+        if not self.rounds:
+            raise TargetError("there is no model yet: no round was completed")
+        return np.array(self.rounds[-1].morphology)
+
+    @property
+    def chance(self) -> float | None:
+        """The mean OBJ_FIT of uniform random genomes, if the truth is known."""
+        return None if self.truth is None else chance_level(self.truth, self.layout)
+
+    @property
+    def mid_range(self) -> float | None:
+        """The OBJ_FIT of the body in the middle of all ranges, if the truth is known."""
+        return None if self.truth is None else mid_range_level(self.truth, self.layout)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON."""
+        return {
+            "schema": SCHEMA,
+            "config": self.config.to_dict(),
+            "seed": self.seed,
+            "stopped": self.stopped,
+            "dimensions": list(self.layout.names),
+            "morphology": list(self.rounds[-1].morphology) if self.rounds else None,
+            "truth": None if self.truth is None else self.truth.tolist(),
+            "chance": self.chance,
+            "mid_range": self.mid_range,
+            "rounds": [record.to_dict() for record in self.rounds],
+        }
+
+    def to_json(self) -> str:
+        """Return everything as one line of JSON."""
+        return json.dumps(self.to_dict(), allow_nan=False)
+
+
+def make_inference(
+    config: EEAConfig, fins: Sequence[str], laboratory: Laboratory, rng: np.random.Generator
+) -> Inference:
+    """Return the strategy for ``config.condition``; ``fins`` names the angles of a pose."""
+    if config.condition == "ideal":
+        return Ideal()
+    if config.condition == "none":
+        return NoInference()
+    if config.condition == "in-band":
+        return InBand(config.in_band)
+    poses = pose_layout(fins, config.genetic.coding)
+    return OutOfBand(config.out_of_band, poses, laboratory, config.genetic, rng)
+
+
+class EEA:
+    """One run of the algorithm against one target.
+
+    Parameters
+    ----------
+    target
+        What is to be modelled; it is asked once a round.
+    simulator
+        Runs the models.
+    models, actions
+        The two genomes' layouts.
+    config
+        Settings.
+    seed
+        Of the replicate.
+    truth
+        The target's dimensions (n,) if known: only for OBJ_FIT in the records.
+
+    Raises
+    ------
+    TargetError
+        If the condition is Ideal and the target does not reveal its fins' angles.
+
+    Examples
+    --------
+    ``for record in EEA(...)`` yields a record as each round ends, and ``run`` is that loop.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        simulator: Simulator,
+        models: BitLayout,
+        actions: BitLayout,
+        config: EEAConfig,
+        seed: int = 0,
+        truth: Floats | None = None,
+    ) -> None:
+        if config.condition == "ideal" and not reveals(target):
+            raise TargetError(
+                "the ideal condition needs a target with last_fin_angles, the fins' angles when "
+                f"its last command began; {type(target).__name__} has none"
+            )
+        chance = streams(seed)
+        self.result = Result(config, seed, models, truth)
+        self._target = target
+        self._laboratory = Laboratory(simulator, config.behavior)
+        self._exploration = Exploration(
+            actions, self._laboratory, config.exploration, config.genetic, chance["exploration"]
+        )
+        self._estimation = Estimation(
+            models, self._laboratory, config.estimation, config.genetic, chance["estimation"]
+        )
+        self._chance = chance["inference"]
+        self._inference = make_inference(config, actions.names, self._laboratory, self._chance)
+        self._experiments: list[Experiment] = []
+
+    def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:
+        """Run to a stop rule; call ``progress`` after each round. Ctrl-C loses only its round."""
+        for record in self:
+            if progress is not None:
+                progress(record)
+        return self.result
+
+    def __iter__(self) -> Iterator[RoundRecord]:
+        """Yield a record a round until a stop rule holds; ``result`` grows with them."""
+        config, result, began = self.result.config, self.result, time.monotonic()
+        while True:
+            if len(result.rounds) >= config.rounds:
+                result.stopped = "rounds"
+                return
+            if config.time_limit is not None and time.monotonic() - began >= config.time_limit:
+                result.stopped = "time"
+                return
+            record = self._round(began)
+            result.rounds.append(record)
+            yield record
+            if config.accurate is not None and record.model_fitness >= config.accurate:
+                result.stopped = "accurate"
+                return
+
+    def _round(self, began: float) -> RoundRecord:
+        trials = self._laboratory.trials
+        estimation = self._estimation
+        action_fitness: float | None = None
+        if self._experiments:
+            command, action_fitness = self._exploration.run(estimation.models, estimation.fitness)
+        else:
+            command = self._exploration.first()
+        newest = self._perform(command)
+        self._experiments.append(newest)
+        morphology, model_fitness = estimation.run(self._experiments, self._inference, self._chance)
+        truth, true = self.result.truth, newest.true_angles
+        objective: float | None = None
+        if truth is not None:
+            objective = float(objective_fitness(morphology, truth, self.result.layout))
+        return RoundRecord(
+            round=len(self._experiments),
+            command=tuple(command.tolist()),
+            action_fitness=action_fitness,
+            model_fitness=model_fitness,
+            morphology=tuple(morphology.tolist()),
+            min_angle=tuple(newest.context.min_angle.tolist()),
+            max_angle=tuple(newest.context.max_angle.tolist()),
+            true_angles=None if true is None else tuple(true.tolist()),
+            angle_error=None
+            if true is None
+            else tuple(circular_distance(newest.context.middle, true).tolist()),
+            objective_fitness=objective,
+            trials=self._laboratory.trials - trials,
+            seconds=time.monotonic() - began,
+        )
+
+    def _perform(self, command: Floats) -> Experiment:
+        """Let the target perform; its fins' angles are noted only if it reveals them."""
+        behavior = summarize(self._target.perform(command.copy()), self._laboratory.behavior)
+        if len(behavior) != 1:
+            raise TargetError(
+                f"the target must return the log of one trial; it returned {len(behavior)}"
+            )
+        if not np.isfinite(behavior).all():
+            raise TargetError("the target's log must be finite; it holds NaN or infinity")
+        true: Floats | None = None
+        if reveals(self._target):
+            true = np.array(self._target.last_fin_angles, dtype=np.float64)
+        return Experiment(command, behavior[0], Context.unknown(FINS, 0.0), true)

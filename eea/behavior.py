@@ -1,0 +1,154 @@
+"""Behaviour summaries of IMU logs, and how alike two of them are (Sec. 3.1 and Eq. 2).
+
+A behaviour is a row of coefficients, complex for the Fourier transform unless only their
+magnitudes are kept, else real. Everything here works on whole batches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eea.checks import TargetError, choice, real
+
+Coefficients = NDArray[Any]  # complex or real floats, single or double precision
+
+Summary = Literal["dft", "mean_rate", "rms_rate"]
+Signal = Literal["attitude", "body_rates"]
+Unit = Literal["degrees", "radians"]
+Difference = Literal["complex", "magnitude"]
+
+
+class Log(Protocol):
+    """What a robot's IMU recorded: (B, T, 3) for B trials, or (T, 3) for one."""
+
+    @property
+    def rpy(self) -> NDArray[Any]:
+        """Roll, pitch and yaw in rad, unwrapped, after each step."""
+
+    @property
+    def gyro(self) -> NDArray[Any] | None:
+        """Angular velocity about the body's axes in rad/s; ``None`` if it was not logged."""
+
+
+@dataclass(frozen=True)
+class BehaviorConfig:
+    """What counts as a behaviour, and how two are compared.
+
+    Attributes
+    ----------
+    summary
+        ``"dft"``: the discrete Fourier transform, the paper's choice; ``"mean_rate"`` and
+        ``"rms_rate"``: the mean and the root mean square of the angular velocity in each axis,
+        which it tried before.
+    signal
+        ``"attitude"``: roll, pitch and yaw; ``"body_rates"``: the gyroscope. The rates
+        summarise the attitude's rate of change or the gyroscope.
+    unit
+        ``"degrees"`` or ``"radians"``. At MAX = 100 a median 1 - sim between random robots is
+        about 0.3 in degrees and 0.01 in radians.
+    normalised
+        Divide the transform by the number of samples, so that trials of all lengths compare.
+    difference
+        ``"complex"``: the modulus of the difference of coefficients; ``"magnitude"``: the
+        difference of their moduli, which drops the phase.
+    clamp
+        Count no coefficient's difference as more than ``maximum``.
+    maximum
+        MAX of Eq. 2.
+    timestep
+        Seconds between samples, for the attitude's rates.
+    """
+
+    summary: Summary = "dft"
+    signal: Signal = "attitude"
+    unit: Unit = "degrees"
+    normalised: bool = False
+    difference: Difference = "complex"
+    clamp: bool = False
+    maximum: float = 100.0
+    timestep: float = 0.01
+
+    def __post_init__(self) -> None:
+        choice("behavior.summary", self.summary, ("dft", "mean_rate", "rms_rate"))
+        choice("behavior.signal", self.signal, ("attitude", "body_rates"))
+        choice("behavior.unit", self.unit, ("degrees", "radians"))
+        choice("behavior.difference", self.difference, ("complex", "magnitude"))
+        real("behavior.maximum", self.maximum, 1e-9)
+        real("behavior.timestep", self.timestep, 1e-9)
+
+
+def summarize(log: Log, config: BehaviorConfig) -> Coefficients:
+    """Return the behaviours of a log's trials, shape (B, coefficients).
+
+    The transform keeps T // 2 + 1 frequencies of each of the three axes; a rate is one number
+    an axis.
+
+    Raises
+    ------
+    TargetError
+        If the log lacks the signal, or it is not of shape (B, T, 3) or (T, 3) with T of at
+        least 2.
+    """
+    signal = log.rpy if config.signal == "attitude" else log.gyro
+    if signal is None:
+        raise TargetError("a log must hold gyro for behavior.signal = body_rates; it holds none")
+    samples = np.asarray(signal)
+    if samples.ndim == 2:
+        samples = samples[None]
+    if samples.ndim != 3 or samples.shape[1] < 2 or samples.shape[2] != 3:
+        raise TargetError(
+            "a log must hold samples of shape (B, T, 3) or (T, 3) with at least 2 steps; "
+            f"got {samples.shape}"
+        )
+    if config.unit == "degrees":
+        samples = samples * (180.0 / np.pi)
+    axes_first = np.ascontiguousarray(samples.transpose(0, 2, 1))
+    coefficients: Coefficients
+    if config.summary == "dft":
+        coefficients = np.fft.rfft(axes_first, axis=-1).reshape(len(samples), -1)
+        if config.normalised:
+            coefficients = coefficients / samples.shape[1]
+    else:
+        rates = axes_first
+        if config.signal == "attitude":
+            rates = np.diff(axes_first, axis=-1) / config.timestep
+        if config.summary == "mean_rate":
+            coefficients = rates.mean(axis=-1)
+        else:
+            coefficients = np.sqrt(np.square(rates).mean(axis=-1))
+    return modulus(coefficients) if config.difference == "magnitude" else coefficients
+
+
+def modulus(coefficients: Coefficients) -> Coefficients:
+    """Return |c|, real; several times as fast as ``abs`` on single-precision complex numbers."""
+    if not np.iscomplexobj(coefficients):
+        return np.abs(coefficients)
+    squares: Coefficients = np.square(coefficients.real)
+    squares += np.square(coefficients.imag)
+    return np.sqrt(squares, out=squares)
+
+
+def similarity(a: Coefficients, b: Coefficients, config: BehaviorConfig) -> NDArray[np.float64]:
+    """Return how alike behaviours are, at most 1 (Eq. 2); below 0 where they differ by > MAX.
+
+    Parameters
+    ----------
+    a, b
+        Behaviours (..., coefficients) that broadcast.
+    config
+        Gives MAX and the clamp.
+
+    Returns
+    -------
+    sim
+        Shape (...).
+    """
+    apart = modulus(a - b)
+    if config.clamp:
+        apart = np.minimum(apart, config.maximum)
+    mean = np.asarray(apart.mean(axis=-1, dtype=np.float64))
+    return 1.0 - mean / config.maximum  # Eq. 2

@@ -1,0 +1,89 @@
+"""A robot that is a few lines of arithmetic, for fast tests of the search around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eea.algorithm import EEA
+from eea.bits import action_layout, model_layout
+from eea.config import EEAConfig
+from eea.experiment import Trials
+
+STEPS = 64
+TABLE = [
+    ("left.width", 1.0, 5),
+    ("left.length", 2.0, 6),
+    ("left.thickness", 0.5, 4),
+    ("right.width", 1.0, 5),
+    ("right.length", 2.0, 6),
+    ("right.thickness", 0.5, 4),
+    ("tail.thickness", 0.5, 4),
+    ("tail.length", 2.0, 6),
+    ("tail.width", 1.0, 5),
+]
+MODELS = model_layout(TABLE)
+ACTIONS = action_layout([("left", -0.5, 0.5), ("right", -0.5, 0.5), ("tail", 0.0, 1.0)])
+TRUTH = np.array([0.4, 0.8, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, 0.6])
+
+
+@dataclass
+class FakeLog:
+    rpy: NDArray[np.float64]
+    gyro: NDArray[np.float64]
+
+
+class FakeSimulator:
+    """Each fin swings one axis of the attitude, by its sizes and from its angle."""
+
+    def __init__(self, steps: int = STEPS) -> None:
+        self.steps = steps
+        self.calls = 0
+        self.sizes: list[int] = []
+
+    def simulate(self, trials: Trials) -> FakeLog:
+        self.calls += 1
+        self.sizes.append(len(trials))
+        sizes = trials.morphologies.reshape(-1, 3, 3, 1) / np.array([1.0, 2.0, 1.0])[:, None]
+        time = 0.01 * np.arange(1, self.steps + 1)
+        phase = 2 * np.pi * 3.0 * trials.commands[..., None] * time + trials.fin_angles[..., None]
+        swing = sizes[:, :, 0] * np.sin(phase) + sizes[:, :, 1] * (1 - np.cos(phase))
+        swing = swing + sizes[:, :, 2] * np.sin(2 * phase)
+        rpy = np.ascontiguousarray(swing.transpose(0, 2, 1))
+        return FakeLog(rpy, np.gradient(rpy, 0.01, axis=1))
+
+
+class FakeTarget:
+    """The fake robot with a body and angles of its own; it tells only what its IMU felt."""
+
+    def __init__(self, seed: int = 0, steps: int = STEPS) -> None:
+        self._rng = np.random.default_rng(seed)
+        self._simulator = FakeSimulator(steps)
+        self.commands: list[NDArray[np.float64]] = []
+        self._last = np.zeros(3)
+
+    def perform(self, command: NDArray[np.float64]) -> FakeLog:
+        self.commands.append(command)
+        self._last = self._rng.uniform(-np.pi, np.pi, size=3)
+        return self._simulator.simulate(Trials(TRUTH[None], command[None], self._last[None]))
+
+
+class FakeRevealingTarget(FakeTarget):
+    @property
+    def last_fin_angles(self) -> NDArray[np.float64]:
+        return self._last
+
+
+def fake_eea(config: EEAConfig, seed: int = 0, truth: bool = True) -> EEA:
+    """The algorithm bound to the fake robot."""
+    return EEA(
+        FakeRevealingTarget(seed),
+        FakeSimulator(),
+        MODELS,
+        ACTIONS,
+        config,
+        seed,
+        TRUTH if truth else None,
+    )

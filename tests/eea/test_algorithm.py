@@ -1,0 +1,228 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eea.algorithm import EEA, STREAMS, streams
+from eea.checks import ConfigurationError, TargetError
+from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config
+from eea.estimation import EstimationConfig
+from eea.exploration import ExplorationConfig
+from eea.inference import InBandConfig, OutOfBandConfig
+from fake_fish import (
+    ACTIONS,
+    MODELS,
+    TRUTH,
+    FakeLog,
+    FakeRevealingTarget,
+    FakeSimulator,
+    FakeTarget,
+    fake_eea,
+)
+
+QUICK = EEAConfig(
+    rounds=3,
+    exploration=ExplorationConfig(8, 4),
+    estimation=EstimationConfig(population=10, generations=15),
+)
+
+
+def without_clock(records):
+    return [replace(record, seconds=0.0) for record in records]
+
+
+@pytest.mark.parametrize("condition", CONDITIONS)
+def test_the_same_seed_makes_the_same_run(condition):
+    config = replace(QUICK, condition=condition)
+    runs = [without_clock(fake_eea(config, seed=3).run().rounds) for _ in range(2)]
+    assert runs[0] == runs[1]
+    other = without_clock(fake_eea(config, seed=4).run().rounds)
+    assert other[-1].morphology != runs[0][-1].morphology
+
+
+def test_conditions_are_paired_by_hidden_angles_and_first_command():
+    runs = [fake_eea(replace(QUICK, condition=c)).run().rounds for c in CONDITIONS]
+    assert len({tuple(r.true_angles for r in rounds) for rounds in runs}) == 1
+    assert len({rounds[0].command for rounds in runs}) == 1
+    assert len({rounds[2].morphology for rounds in runs}) == 4
+
+
+def test_the_streams_are_independent_of_each_other():
+    drawn = {name: rng.random() for name, rng in streams(0).items()}
+    assert tuple(drawn) == STREAMS
+    assert len(set(drawn.values())) == 4
+    assert drawn == {name: rng.random() for name, rng in streams(0).items()}
+
+
+def test_knowing_the_angles_beats_not_knowing_them():
+    config = EEAConfig(rounds=3, estimation=EstimationConfig(generations=60))
+    score = {
+        c: fake_eea(replace(config, condition=c)).run().rounds[-1].objective_fitness
+        for c in ("ideal", "none")
+    }
+    assert score["ideal"] > 0.95
+    assert score["none"] < score["ideal"] - 0.1
+
+
+def test_inferring_the_angles_lies_between():
+    result = fake_eea(EEAConfig(rounds=3, out_of_band=OutOfBandConfig(sampled_models=5))).run()
+    assert result.rounds[-1].objective_fitness > result.chance + 0.1
+    assert np.mean([r.angle_error for r in result.rounds]) < 0.5
+
+
+def test_a_record_tells_what_happened():
+    target = FakeRevealingTarget()
+    eea = EEA(target, FakeSimulator(), MODELS, ACTIONS, QUICK, 0, TRUTH)
+    seen = []
+    result = eea.run(seen.append)
+    assert seen == result.rounds
+    assert [r.round for r in seen] == [1, 2, 3]
+    assert [r.action_fitness is None for r in seen] == [True, False, False]
+    assert np.array_equal([r.command for r in seen], target.commands)
+    assert result.stopped == "rounds"
+    assert np.array_equal(result.model, seen[-1].morphology)
+    assert seen[0].objective_fitness == pytest.approx(
+        1 - np.mean(np.abs(np.array(seen[0].morphology) - TRUTH) / MODELS.high)
+    )
+
+
+def test_the_truth_may_be_unknown():
+    eea = EEA(FakeTarget(), FakeSimulator(), MODELS, ACTIONS, QUICK, 0)
+    result = eea.run()
+    assert all(r.objective_fitness is None and r.angle_error is None for r in result.rounds)
+    assert result.chance is None
+    assert result.mid_range is None
+    assert json.loads(result.to_json())["truth"] is None
+
+
+def test_a_revealing_target_changes_nothing_but_the_records():
+    known = fake_eea(QUICK).run()
+    hidden = EEA(FakeTarget(0), FakeSimulator(), MODELS, ACTIONS, QUICK, 0).run()
+    assert [r.morphology for r in known.rounds] == [r.morphology for r in hidden.rounds]
+
+
+def test_ideal_is_refused_before_anything_is_performed():
+    target = FakeTarget()
+    with pytest.raises(TargetError, match="FakeTarget has none"):
+        EEA(target, FakeSimulator(), MODELS, ACTIONS, replace(QUICK, condition="ideal"))
+    assert not target.commands
+
+
+def test_json_holds_everything():
+    result = fake_eea(QUICK).run()
+    document = json.loads(result.to_json())
+    assert document["schema"] == "eea.result/1"
+    assert document["morphology"] == list(result.rounds[-1].morphology)
+    assert document["truth"] == TRUTH.tolist()
+    assert document["config"]["estimation"]["population"] == 10
+    assert len(document["rounds"]) == 3
+    assert document["rounds"][0]["command"] == list(result.rounds[0].command)
+    assert document["chance"] == pytest.approx(result.chance)
+    assert document["dimensions"] == list(MODELS.names)
+
+
+def test_it_stops_when_the_model_is_accurate():
+    result = fake_eea(replace(QUICK, condition="ideal", rounds=50, accurate=0.6)).run()
+    assert result.stopped == "accurate"
+    assert len(result.rounds) < 50
+    assert result.rounds[-1].model_fitness >= 0.6
+    assert all(r.model_fitness < 0.6 for r in result.rounds[:-1])
+
+
+def test_it_stops_when_time_is_up():
+    result = fake_eea(replace(QUICK, time_limit=0.0)).run()
+    assert result.stopped == "time"
+    assert result.rounds == []
+    with pytest.raises(TargetError, match="no round was completed"):
+        _ = result.model
+    assert json.loads(result.to_json())["morphology"] is None
+
+
+def test_an_interrupted_run_keeps_its_rounds():
+    eea = fake_eea(QUICK)
+
+    def interrupt(record):
+        if record.round == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        eea.run(interrupt)
+    assert len(eea.result.rounds) == 2
+    assert eea.result.stopped == "interrupted"
+    assert len(json.loads(eea.result.to_json())["rounds"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("rpy", "message"),
+    [
+        (np.zeros((2, 64, 3)), "the log of one trial; it returned 2"),
+        (np.full((64, 3), np.nan), "must be finite"),
+        (np.zeros((64, 2)), r"\(B, T, 3\)"),
+    ],
+)
+def test_a_target_that_answers_wrongly_is_named(rpy, message):
+    class Broken(FakeTarget):
+        def perform(self, command):
+            super().perform(command)
+            return FakeLog(rpy, rpy)
+
+    with pytest.raises(TargetError, match=message):
+        EEA(Broken(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()
+
+
+def test_the_figures_are_the_papers_settings():
+    assert set(FIGURES) == {
+        "fig5",
+        "fig6",
+        "fig7",
+        "fig8",
+        "fig9",
+        "fig10",
+        "in-band-split",
+        "in-band-extended",
+    }
+    tenth = figure_config("fig10", steps=1024)
+    assert (tenth.condition, tenth.steps, tenth.rounds) == ("out-of-band", 1024, 25)
+    assert tenth.estimation.population == 100
+    assert (tenth.out_of_band.inner_population, tenth.out_of_band.sampled_models) == (50, 5)
+    assert figure_config("fig8").estimation.population == 200
+    assert figure_config("in-band-extended").in_band.extension == 0.2
+    assert figure_config("in-band-split").in_band.dynamic_split
+    with pytest.raises(ConfigurationError, match="did you mean 'fig10'"):
+        figure_config("fig100")
+
+
+def test_the_defaults_are_the_papers():
+    config = EEAConfig()
+    assert (config.exploration.population, config.exploration.generations) == (25, 25)
+    assert (config.estimation.population, config.estimation.generations) == (25, 100)
+    assert (config.rounds, config.in_band.k, config.out_of_band.period) == (25, 3, 35)
+    assert (config.genetic.tournament_size, config.genetic.crossover_rate) == (2, 0.75)
+    assert config.genetic.mutations == 1.0
+    assert config.behavior.maximum == 100.0
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"condition": "outofband"}, "did you mean 'out-of-band'"),
+        ({"steps": 100}, "steps must be a power of two; got 100"),
+        ({"steps": 1}, "steps must be a whole number of at least 2"),
+        ({"rounds": 0}, "rounds"),
+        ({"accurate": 1.5}, "accurate"),
+        ({"time_limit": -1.0}, "time_limit"),
+        ({"in_band": InBandConfig(k=26)}, "in_band.k must be at most estimation.population, 25"),
+    ],
+)
+def test_bad_settings_are_refused(settings, message):
+    with pytest.raises(ConfigurationError, match=message):
+        EEAConfig(**settings)
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, None])
+def test_bad_seeds_are_refused(seed):
+    with pytest.raises(ConfigurationError, match="seed must be a whole number"):
+        streams(seed)

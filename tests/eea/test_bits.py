@@ -1,0 +1,110 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from eea.bits import BitLayout, Variable, action_layout, model_layout, pose_layout
+from eea.checks import ConfigurationError
+from fake_fish import ACTIONS, MODELS, TABLE
+
+CODINGS = st.sampled_from(["gray", "binary"])
+VARIABLES = st.lists(
+    st.builds(
+        Variable,
+        st.just("v"),
+        st.integers(1, 9),
+        st.floats(-10, 0),
+        st.floats(0.01, 10),
+        st.booleans(),
+    ),
+    min_size=1,
+    max_size=5,
+)
+
+
+@given(VARIABLES, CODINGS, st.integers(0, 2**32 - 1))
+def test_encoding_undoes_decoding(variables, coding, seed):
+    layout = BitLayout(variables, coding)
+    genomes = layout.random(20, np.random.default_rng(seed))
+    assert np.array_equal(layout.encode(layout.decode(genomes)), genomes)
+
+
+@given(VARIABLES, CODINGS, st.integers(0, 2**32 - 1))
+def test_values_stay_in_range_and_both_ends_are_reached(variables, coding, seed):
+    layout = BitLayout(variables, coding)
+    values = layout.decode(layout.random(50, np.random.default_rng(seed)))
+    assert (values >= layout.low).all()
+    assert (values <= layout.high).all()
+    ends = layout.decode(layout.encode([layout.low, layout.high]))
+    assert np.array_equal(ends[0], layout.low)
+    for value, variable in zip(ends[1], variables, strict=True):
+        # The end of a periodic variable is its beginning.
+        assert value == pytest.approx(variable.low if variable.periodic else variable.high)
+        assert value <= variable.high
+
+
+@given(st.integers(2, 10), st.data())
+def test_gray_neighbours_differ_in_one_bit(bits, data):
+    layout = BitLayout([Variable("v", bits, 0.0, 2.0**bits - 1)], "gray")
+    k = data.draw(st.integers(0, 2**bits - 2))
+    a, b = layout.encode([[k], [k + 1]])
+    assert (a != b).sum() == 1
+
+
+def test_binary_reads_the_most_significant_bit_first():
+    layout = BitLayout([Variable("a", 3, 0.0, 7.0), Variable("b", 2, 0.0, 3.0)], "binary")
+    assert layout.decode([[1, 1, 0, 0, 1]]).tolist() == [[6.0, 1.0]]
+
+
+def test_a_value_is_the_range_times_k_over_two_to_the_n_less_one():
+    layout = BitLayout([Variable("length", 6, 0.0, 2.0)], "binary")
+    assert layout.decode([[0, 0, 0, 1, 0, 1]])[0, 0] == pytest.approx(2.0 * 5 / 63)
+
+
+def test_the_papers_genomes_have_45_and_18_bits():
+    assert MODELS.bits == 45
+    assert [v.bits for v in MODELS.variables] == [5, 6, 4, 5, 6, 4, 4, 6, 5]
+    assert ACTIONS.bits == 18
+    assert [v.bits for v in ACTIONS.variables] == [6, 6, 6]
+
+
+def test_a_pose_has_24_bits_and_wraps():
+    layout = pose_layout(["a", "b", "c"])
+    assert layout.bits == 24
+    genomes = layout.encode([[np.pi, -np.pi, 3 * np.pi]])
+    assert np.allclose(layout.decode(genomes), -np.pi)
+
+
+@given(hnp.arrays(np.float64, (4, 9), elements=st.floats(0, 1)))
+def test_encoding_takes_the_nearest_value(fractions):
+    values = fractions * MODELS.high
+    quanta = np.array([v.quantum for v in MODELS.variables])
+    error = np.abs(MODELS.decode(MODELS.encode(values)) - values)
+    assert (error <= quanta / 2 + 1e-12).all()
+
+
+def test_decoding_takes_whole_populations_of_every_layout():
+    assert model_layout(TABLE, "binary").decode(np.ones((3, 45))).shape == (3, 9)
+    assert np.array_equal(model_layout(TABLE, "binary").decode(np.ones((1, 45)))[0], MODELS.high)
+    fine = action_layout([("a", -1.0, 1.0)], bits=10)
+    assert fine.variables[0].quantum == pytest.approx(2 / 1023)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Variable("v", 0, 0.0, 1.0), "bits of v must be a whole number of at least 1"),
+        (lambda: Variable("v", 3, 1.0, 1.0), "high of v"),
+        (lambda: BitLayout([Variable("v", 3, 0.0, 1.0)], "grey"), "did you mean 'gray'"),
+        (lambda: BitLayout([]), "number of variables"),
+        (lambda: MODELS.encode([[0.0] * 8]), r"values must have shape \(any, 9\)"),
+        (lambda: MODELS.encode([[np.nan] * 9]), "values must be finite"),
+        (lambda: MODELS.encode("fish"), "values must be numbers"),
+    ],
+)
+def test_bad_layouts_and_values_are_refused(make, message):
+    with pytest.raises(ConfigurationError, match=message):
+        make()

@@ -1,0 +1,68 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from eea.checks import ConfigurationError
+from eea.config import EEAConfig
+from eea.estimation import EstimationConfig
+from eea.exploration import ExplorationConfig
+from eea.plots import draw_fitness, fitness_figure, save_fitness_figure
+from fake_fish import TRUTH, fake_eea
+
+QUICK = EEAConfig(
+    condition="none",
+    rounds=3,
+    exploration=ExplorationConfig(4, 2),
+    estimation=EstimationConfig(population=6, generations=3),
+)
+
+
+def labels(figure):
+    return {line.get_label(): line for line in figure.axes[0].lines}
+
+
+def test_the_figure_shows_both_fitnesses_and_what_guessing_scores():
+    result = fake_eea(QUICK).run()
+    lines = labels(fitness_figure(result))
+    objective = next(line for label, line in lines.items() if label.startswith("OBJ_FIT"))
+    model = next(line for label, line in lines.items() if label.startswith("MOD_FIT"))
+    assert objective.get_ydata().tolist() == [r.objective_fitness for r in result.rounds]
+    assert model.get_ydata().tolist() == [r.model_fitness for r in result.rounds]
+    assert list(objective.get_xdata()) == [1, 2, 3]
+    assert set(lines["random bodies"].get_ydata()) == {result.chance}
+    assert set(lines["mid-range body"].get_ydata()) == {result.mid_range}
+
+
+def test_without_the_truth_only_the_model_fitness_is_drawn():
+    lines = labels(fitness_figure(fake_eea(QUICK, truth=False).run()))
+    assert [label[:7] for label in lines] == ["MOD_FIT"]
+
+
+def test_replicates_are_drawn_with_their_mean_up_to_the_shortest():
+    from matplotlib.figure import Figure
+
+    results = [fake_eea(QUICK, 0).run(), fake_eea(replace(QUICK, rounds=2), 1).run()]
+    axes = Figure().add_subplot()
+    draw_fitness(axes, results)
+    mean = next(line for line in axes.lines if line.get_label().startswith("OBJ_FIT"))
+    first = [result.rounds[0].objective_fitness for result in results]
+    assert mean.get_ydata()[0] == pytest.approx(sum(first) / 2)
+    assert len(mean.get_ydata()) == 2
+    assert results[0].truth.tolist() == TRUTH.tolist()
+
+
+def test_nothing_to_draw_is_refused():
+    with pytest.raises(ConfigurationError, match="at least one round"):
+        fitness_figure(fake_eea(QUICK).result)
+
+
+def test_a_picture_is_written_without_touching_global_state(tmp_path):
+    import matplotlib
+
+    backend = matplotlib.rcParams["backend"]
+    for name in ("a.png", "a.svg"):
+        save_fitness_figure(fake_eea(QUICK).run(), tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 1000
+    assert matplotlib.rcParams["backend"] == backend

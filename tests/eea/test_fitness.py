@@ -1,0 +1,94 @@
+from __future__ import annotations
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eea.behavior import BehaviorConfig, similarity
+from eea.checks import ConfigurationError
+from eea.fitness import (
+    action_fitness,
+    chance_level,
+    mid_range_level,
+    model_fitness,
+    objective_fitness,
+)
+from fake_fish import MODELS, TRUTH
+
+
+def naive_action_fitness(behaviors: np.ndarray, config: BehaviorConfig) -> list[float]:
+    """Eq. 1 as it is written."""
+    scores = []
+    for action in behaviors:
+        pairs = list(combinations(range(len(action)), 2))
+        total = sum(1 - similarity(action[i], action[j], config) for i, j in pairs)
+        scores.append(total / len(pairs))
+    return scores
+
+
+@given(
+    st.integers(1, 4),
+    st.integers(2, 12),
+    st.integers(1, 9),
+    st.booleans(),
+    st.booleans(),
+    st.sampled_from([np.float32, np.float64]),
+    st.integers(0, 2**32 - 1),
+)
+def test_disagreement_is_the_double_loop(actions, models, size, is_complex, clamp, dtype, seed):
+    rng = np.random.default_rng(seed)
+    behaviors = rng.normal(0, 80, size=(actions, models, size)).astype(dtype)
+    if is_complex:
+        behaviors = behaviors + 1j * rng.normal(0, 80, size=behaviors.shape).astype(dtype)
+    config = BehaviorConfig(clamp=clamp)
+    found = action_fitness(behaviors, config)
+    assert np.allclose(found, naive_action_fitness(behaviors, config), rtol=1e-5)
+
+
+def test_models_that_agree_make_an_action_worthless():
+    assert action_fitness(np.ones((3, 5, 4)), BehaviorConfig()).tolist() == [0.0] * 3
+
+
+def test_one_model_cannot_disagree():
+    with pytest.raises(ConfigurationError, match="at least 2 models; got 1"):
+        action_fitness(np.ones((3, 1, 4)), BehaviorConfig())
+
+
+def test_model_fitness_is_the_mean_over_experiments():
+    assert model_fitness(np.array([[1.0, 0.5], [0.0, -1.0]])).tolist() == [0.75, -0.5]
+
+
+def test_objective_fitness_is_one_less_the_mean_share_of_the_range():
+    assert objective_fitness(TRUTH, TRUTH, MODELS) == 1.0
+    off = TRUTH.copy()
+    off[1] += 1.0  # half of the range [0, 2] in one of nine dimensions
+    assert objective_fitness(off, TRUTH, MODELS) == pytest.approx(1 - 0.5 / 9)
+    assert objective_fitness(np.stack([off, TRUTH]), TRUTH, MODELS).shape == (2,)
+    assert objective_fitness(MODELS.high, MODELS.low, MODELS) == 0.0
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=10)
+def test_chance_is_the_mean_over_random_genomes(seed):
+    rng = np.random.default_rng(seed)
+    target = rng.random(9) * MODELS.high
+    bodies = MODELS.decode(MODELS.random(20_000, rng))
+    assert chance_level(target, MODELS) == pytest.approx(
+        objective_fitness(bodies, target, MODELS).mean(), abs=0.004
+    )
+
+
+def test_guessing_scores_between_a_half_and_three_quarters():
+    assert chance_level(MODELS.high, MODELS) == pytest.approx(0.5)
+    assert chance_level(MODELS.high / 2, MODELS) == pytest.approx(0.75, abs=0.02)
+    assert mid_range_level(MODELS.high, MODELS) == pytest.approx(0.5)
+    assert mid_range_level(MODELS.high / 2, MODELS) == 1.0
+
+
+@pytest.mark.parametrize("target", [[0.0] * 8, [np.nan] * 9])
+def test_a_target_of_the_wrong_form_is_refused(target):
+    with pytest.raises(ConfigurationError, match="target must"):
+        objective_fitness(TRUTH, target, MODELS)
