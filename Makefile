@@ -4,7 +4,7 @@
 PYTHON ?= python3.11
 VENV := .venv
 PY := $(VENV)/bin/python
-PIP := $(PY) -m pip install --quiet --disable-pip-version-check
+PIP := $(PY) -m pip install -qq --disable-pip-version-check
 OUT ?= out/recovery
 
 .PHONY: recover test test-slow lint clean
@@ -31,6 +31,7 @@ clean:
 
 # A stamp is touched last, so that an interrupted installation is taken up again.
 $(VENV)/.created:
+	@echo "installing into $(VENV), once: this takes a minute"
 	$(PYTHON) -m venv $(VENV)
 	touch $@
 

@@ -1,38 +1,55 @@
 """What a controller computes, as straight-line scalar Python.
 
-These few functions are the only statement of the controller's inputs and of its forward
-pass. They run on plain floats (one robot), and the lane engine compiles the same function
-objects into its time loop, where a number is a register of many robots. So nothing here
-branches on data, and nothing but ``+ - * /`` and the carriers' primitives is used.
+:func:`steer` is the only statement of the controller's inputs and of its forward pass. It
+runs on plain floats (one robot), and the lane engine compiles the same function objects into
+its time loop, where a number is a register of many robots. So nothing here branches on data,
+and nothing but ``+ - * /`` and the primitives of ``carriers.py`` is used.
 """
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
-from aquafish_gym.physics.carriers import Number, fetch, floor, where_less
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.physics.carriers import (
+    TAU,
+    Number,
+    Vector,
+    fetch,
+    floor,
+    put,
+    small_sine_cosine,
+    where_less,
+)
 
-# What the IMU gives, and a clock; in this order in every controller's weights.
+# What the IMU gives, as AquaFish-v0 observes it, and a clock; in this order in every
+# controller's weights. Attitude comes as direction cosines rather than as angles: they are
+# bounded, never jump, and do not depend on which of its two triples (see imu.py) the log is in.
 INPUTS: tuple[str, ...] = (
-    "roll",
-    "pitch",
-    "yaw",
-    "gyro_x",
+    "up_x",  # the world's vertical (z) in body axes
+    "up_y",
+    "up_z",
+    "north_x",  # the world's y, where the robot faces at the start, in body axes
+    "north_y",
+    "north_z",
+    "gyro_x",  # body rates, 1 at GYRO_SCALE, clipped to [-1, 1]
     "gyro_y",
     "gyro_z",
     "clock_sine",
     "clock_cosine",
 )
 OUTPUTS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
+INPUT_COUNT = len(INPUTS)
 
-# Angles come as shares of half a turn; body rates as shares of GYRO_RANGE rad/s, clipped.
-GYRO_RANGE = 2.0
+GYRO_SCALE = 2.0  # rad/s
 
 # neat-python's activation is tanh(2.5 z); its clamp at 60 is far beyond where tanh is 1.
 GAIN = 2.5
 _TANH_LIMIT = 20.0  # 1 - tanh(20) = 8e-18
-_TURN = 2 * math.pi
+
+# scale_action, for one robot in numbers of any carrier.
+_MIDDLE = tuple(float(v) for v in (COMMAND_LOW + COMMAND_HIGH) / 2)
+_REACH = tuple(float(v) for v in (COMMAND_HIGH - COMMAND_LOW) / 2)
 
 
 def clip(x: Number, limit: float) -> Number:
@@ -56,72 +73,116 @@ def tanh(z: Number) -> Number:
     return n / d
 
 
-def store(array: Any, index: int, value: Number) -> None:
-    """Set entry ``index`` of a flat array; of all robots side by side, in lanes."""
-    array[index] = value
+def sine_cosine(turns: Number) -> tuple[Number, Number]:
+    """Return (sin, cos) of an angle given in turns, by thrice doubling an eighth of it."""
+    s, c = small_sine_cosine((turns - floor(turns + 0.5)) * (TAU / 8))
+    for _ in range(3):
+        s, c = 2 * s * c, c * c - s * s
+    return s, c
 
 
-def half_turns(angle: Number) -> Number:
-    """Return an angle in rad as a share of half a turn in [-1, 1), unwrapped or not."""
-    turns = angle * (1 / _TURN)
-    return 2 * (turns - floor(turns + 0.5))
+def listen(
+    values: Any, clock: Number, time: float, up: Vector, north: Vector, gyro: Vector
+) -> None:
+    """Put the inputs, in the order of ``INPUTS``, into the first entries of ``values``.
+
+    Parameters
+    ----------
+    values
+        Flat scratch space.
+    clock
+        Hz.
+    time
+        Seconds since the controller was switched on.
+    up, north
+        The world's z and y in body axes.
+    gyro
+        Angular velocity in body axes, rad/s.
+    """
+    sine, cosine = sine_cosine(clock * time)
+    put(values, 0, up[0])
+    put(values, 1, up[1])
+    put(values, 2, up[2])
+    put(values, 3, north[0])
+    put(values, 4, north[1])
+    put(values, 5, north[2])
+    put(values, 6, clip(gyro[0] * (1 / GYRO_SCALE), 1.0))
+    put(values, 7, clip(gyro[1] * (1 / GYRO_SCALE), 1.0))
+    put(values, 8, clip(gyro[2] * (1 / GYRO_SCALE), 1.0))
+    put(values, 9, sine)
+    put(values, 10, cosine)
 
 
-def gene_count(nodes: int) -> int:
-    """Return how many numbers describe a network of ``nodes`` nodes to :func:`act`."""
-    return nodes * (2 + len(INPUTS)) + nodes * (nodes - 1) // 2
+def directions(rpy: Vector) -> tuple[Vector, Vector]:
+    """Return the world's z and y in body axes, for roll, pitch, yaw in rad."""
+    rs, rc = sine_cosine(rpy[0] * (1 / TAU))
+    ps, pc = sine_cosine(rpy[1] * (1 / TAU))
+    ys, yc = sine_cosine(rpy[2] * (1 / TAU))
+    up = (-pc * rs, ps, pc * rc)
+    north = (ys * rc + yc * ps * rs, yc * pc, ys * rs - yc * ps * rc)
+    return up, north
 
 
-def act(
-    genes: Any,
-    values: Any,
-    nodes: int,
-    roll: Number,
-    pitch: Number,
-    yaw: Number,
-    gyro_x: Number,
-    gyro_y: Number,
-    gyro_z: Number,
-    sine: Number,
-    cosine: Number,
-) -> tuple[Number, Number, Number]:
-    """Return the three actions in [-1, 1] for what the IMU and the clock say.
+def forward(genes: Any, nodes: int, values: Any, group: int, groups: int, like: Number) -> Vector:
+    """Return the last three nodes' values, given the inputs in ``values``.
 
     Parameters
     ----------
     genes
-        Flat, :func:`gene_count` entries: for each node in topological order its bias, its
-        response, and its weights from the inputs and from all nodes before it.
-    values
-        Flat scratch space of ``len(INPUTS) + nodes`` entries.
+        Flat table whose row r is entry ``r * groups + group``. Row 0 is the clock; then, for
+        each node in topological order, follow its bias, its response, and its weights from
+        the inputs and from all nodes before it.
     nodes
         How many nodes there are; the last three are the outputs.
-    roll, pitch, yaw
-        rad.
-    gyro_x, gyro_y, gyro_z
-        rad/s, in body axes.
-    sine, cosine
-        Of the clock's phase.
+    values
+        Flat scratch space of ``INPUT_COUNT + nodes`` entries.
+    group, groups
+        Which robots (see ``engines/kernel.py``); 0 of 1 on plain floats.
+    like
+        Any number of the carrier.
     """
-    store(values, 0, half_turns(roll))
-    store(values, 1, half_turns(pitch))
-    store(values, 2, half_turns(yaw))
-    store(values, 3, clip(gyro_x * (1 / GYRO_RANGE), 1.0))
-    store(values, 4, clip(gyro_y * (1 / GYRO_RANGE), 1.0))
-    store(values, 5, clip(gyro_z * (1 / GYRO_RANGE), 1.0))
-    store(values, 6, sine)
-    store(values, 7, cosine)
-    k = 0
-    for node in range(8, 8 + nodes):
-        total = fetch(values, 0, roll) * fetch(genes, k + 2, roll)
-        for i in range(1, node):
-            total = total + fetch(values, i, roll) * fetch(genes, k + 2 + i, roll)
-        total = fetch(genes, k, roll) + fetch(genes, k + 1, roll) * total
-        store(values, node, tanh(GAIN * total))
-        k += 2 + node
-    last = 8 + nodes
+    at = groups + group
+    for node in range(INPUT_COUNT, INPUT_COUNT + nodes):
+        bias = fetch(genes, at, like)
+        response = fetch(genes, at + groups, like)
+        at += 2 * groups
+        total = 0.0 * like
+        for i in range(node):
+            total = total + fetch(genes, at, like) * fetch(values, i, like)
+            at += groups
+        put(values, node, tanh(GAIN * (bias + response * total)))
+    last = INPUT_COUNT + nodes
     return (
-        fetch(values, last - 3, roll),
-        fetch(values, last - 2, roll),
-        fetch(values, last - 1, roll),
+        fetch(values, last - 3, like),
+        fetch(values, last - 2, like),
+        fetch(values, last - 1, like),
     )
+
+
+def steer(
+    genes: Any,
+    layout: Any,
+    scratch: Any,
+    group: int,
+    groups: int,
+    time: float,
+    rpy: Vector,
+    gyro: Vector,
+) -> Vector:
+    """Return the servo command in rev/s, rev/s, Hz: the policy of ``engines/kernel.py``.
+
+    ``layout[0]`` is the number of nodes; for the rest see :func:`listen` and :func:`forward`.
+    """
+    up, north = directions(rpy)
+    listen(scratch, fetch(genes, group, rpy[0]), time, up, north, gyro)
+    a = forward(genes, layout[0], scratch, group, groups, rpy[0])
+    return (
+        _MIDDLE[0] + _REACH[0] * a[0],
+        _MIDDLE[1] + _REACH[1] * a[1],
+        _MIDDLE[2] + _REACH[2] * a[2],
+    )
+
+
+def gene_count(nodes: int) -> int:
+    """Return how many rows describe a network of ``nodes`` nodes and its clock."""
+    return 1 + nodes * (2 + INPUT_COUNT) + nodes * (nodes - 1) // 2

@@ -1,0 +1,204 @@
+"""The command line: ``python -m gait evolve``, ``transfer`` and ``baseline``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from tyro.extras import SubcommandApp
+
+from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line
+from aquafish_gym.damage import Damage
+from aquafish_gym.storage import ensure_writable_directory, write_json
+from gait.baselines import Baseline, BaselineConfig, MissingExtraError
+from gait.controller import Controller
+from gait.evolve import CONTROLLER_FILE, HISTORY_FILE, EvolveConfig, Generation, evolve_gait
+from gait.rollout import ZERO_POSE, random_poses
+from gait.transfer import Transfer, TransferConfig, transfer
+
+app = SubcommandApp()
+
+
+@app.command(name="evolve")
+@dataclass(frozen=True)
+class Evolve:
+    """Evolve a controller that swims a body forward.
+
+    Into --out go controller.json (the best so far), history.csv (a row a generation),
+    checkpoint.json and history.png. The same command takes up a run that was interrupted.
+
+    Attributes
+    ----------
+    out
+        Directory for the results; made if need be.
+    morphology
+        JSON file of the body; without it, the nominal body.
+    damage
+        What broke on it, as left_pectoral:length=0.5, or none.
+    config
+        How to evolve.
+    """
+
+    out: Path
+    morphology: Path | None = None
+    damage: str = "none"
+    config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
+
+    def execute(self) -> None:
+        """Evolve to the last generation, with a progress line."""
+        body = Damage.parse(self.damage).apply(read_morphology(self.morphology, "morphology"))
+        out = ensure_writable_directory(self.out)
+        with _progress() as progress:
+            task = progress.add_task("evolving", total=self.config.generations)
+
+            def show(row: Generation) -> None:
+                progress.update(task, advance=1, description=_progress_line(row))
+
+            evolved = evolve_gait(body, self.config, out=out, on_generation=show)
+        from gait.plots import plot_history
+
+        plot_history(out / "history.png", evolved.history)
+        network = evolved.controller
+        print(
+            f"swims {evolved.fitness:.2f} units in {self.config.seconds:g} s, over its poses "
+            f"({network.nodes} nodes, {network.connections} connections); "
+            f"{CONTROLLER_FILE} and {HISTORY_FILE} are in {out}"
+        )
+
+
+@app.command(name="transfer")
+@dataclass(frozen=True)
+class TransferCommand:
+    """Swim a controller on the body it was evolved on, and on a target.
+
+    Attributes
+    ----------
+    controller
+        A controller.json.
+    target_morphology
+        JSON file of the target before its damage; without it, the nominal body.
+    target_damage
+        What broke on the target, as left_pectoral:length=0.5, or none.
+    out
+        Directory for transfer.json and trajectories.png, if they are wanted.
+    config
+        How to compare.
+    """
+
+    controller: Path
+    target_morphology: Path | None = None
+    target_damage: str = "none"
+    out: Path | None = None
+    config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
+        default_factory=TransferConfig
+    )
+
+    def execute(self) -> None:
+        """Swim both and print a table."""
+        controller = Controller.load(self.controller)
+        body = read_morphology(self.target_morphology, "target_morphology")
+        target = Damage.parse(self.target_damage).apply(body)
+        out = None if self.out is None else ensure_writable_directory(self.out)
+        result = transfer(controller, target, self.config)
+        print(_table(result, self.config))
+        if out is not None:
+            from gait.plots import plot_trajectories
+
+            document = {
+                "schema": "gait.transfer/1",
+                "native_morphology": controller.morphology.to_dict(),
+                "target_morphology": target.to_dict(),
+                "native_engine": self.config.native_engine,
+                "target_engine": self.config.target_engine,
+                "seconds": self.config.seconds,
+                "seed": self.config.seed,
+                **result.to_dict(),
+            }
+            write_json(out / "transfer.json", document)
+            swims = {"native": result.native.swim, "target": result.target.swim}
+            plot_trajectories(out / "trajectories.png", swims)
+
+
+@app.command(name="baseline")
+@dataclass(frozen=True)
+class BaselineCommand:
+    """Train a baseline of stable-baselines3 on a body, and say how far it swims.
+
+    Into --out go baseline.json and parameters.npz. It needs the extra rl.
+
+    Attributes
+    ----------
+    out
+        Directory for the results; made if need be.
+    morphology
+        JSON file of the body; without it, the nominal body.
+    damage
+        What broke on it, as left_pectoral:length=0.5, or none.
+    config
+        How to learn.
+    """
+
+    out: Path
+    morphology: Path | None = None
+    damage: str = "none"
+    config: Annotated[BaselineConfig, tyro.conf.arg(name="")] = field(
+        default_factory=BaselineConfig
+    )
+
+    def execute(self) -> None:
+        """Train with a progress line, write, and evaluate."""
+        body = Damage.parse(self.damage).apply(read_morphology(self.morphology, "morphology"))
+        out = ensure_writable_directory(self.out)
+        baseline = Baseline(body, self.config)
+        with _progress() as progress:
+            task = progress.add_task(self.config.algorithm, total=self.config.steps)
+            baseline.train(lambda taken: progress.update(task, completed=taken))
+        baseline.save(out)
+        poses = random_poses(TransferConfig().poses, self.config.seed)
+        zero, *others = baseline.evaluate(body, np.vstack([ZERO_POSE, poses])).tolist()
+        print(
+            f"swims {zero:.2f} units in 20 s from the zero pose, {np.mean(others):.2f} on average "
+            f"over {len(others)} random poses; written to {out}"
+        )
+
+
+def _progress() -> Progress:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    return Progress(*columns, console=Console(stderr=True), transient=True)
+
+
+def _progress_line(row: Generation) -> str:
+    return (
+        f"generation {row.generation + 1}  winner {row.final:6.2f}  mean {row.mean:6.2f}  "
+        f"species {row.species}  nodes {row.nodes}"
+    )
+
+
+def _table(result: Transfer, config: TransferConfig) -> str:
+    lines = [f"{'units of 5 cm':16s}{'zero pose':>12s}{f'{config.poses} random poses':>20s}"]
+    lines += [
+        f"{name:16s}{scored.distance:12.2f}{scored.random_distance:20.2f}"
+        for name, scored in (("native", result.native), ("target", result.target))
+    ]
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    return run_command_line("gait", app, arguments, (*BAD_INPUT, MissingExtraError))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

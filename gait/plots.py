@@ -1,0 +1,85 @@
+"""Pictures of gaits: paths on native and target body (Fig. 12), and a run's history."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from gait.evolve import Generation
+from gait.rollout import Swim
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+# Told apart in grey and by the colour-blind too.
+_STYLES = (("#0072b2", "-"), ("#d55e00", "--"), ("#009e73", "-."), ("#555555", ":"))
+
+
+def draw_trajectories(axes: Axes, swims: Mapping[str, Swim]) -> None:
+    """Draw paths from above, x to the right and y (forward) upwards, in units of 5 cm.
+
+    Parameters
+    ----------
+    axes
+        Where.
+    swims
+        Label to swim, for example ``{"native": ..., "target": ...}``.
+    """
+    for (label, one), (colour, line) in zip(swims.items(), _cycle(len(swims)), strict=True):
+        x, y, text = one.position[:, 0], one.position[:, 1], f"{label}: {one.distance:.1f}"
+        axes.plot(x, y, line, color=colour, label=text, linewidth=1.8)
+        axes.plot(x[-1], y[-1], "o", color=colour, markersize=5)
+    axes.plot(0.0, 0.0, "+", color="black", markersize=10)
+    axes.axhline(0.0, color="0.85", linewidth=0.8, zorder=0)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x (5 cm)")
+    axes.set_ylabel("forward, y (5 cm)")
+    axes.legend(loc="best", frameon=False)
+
+
+def draw_history(axes: Axes, history: Sequence[Generation]) -> None:
+    """Draw each generation's winner and mean, and the best so far."""
+    x = [row.generation for row in history]
+    final = [row.final for row in history]
+    axes.plot(x, np.maximum.accumulate(final), color=_STYLES[0][0], label="best so far")
+    axes.plot(x, final, ".", color=_STYLES[0][0], alpha=0.6, label="winner of the generation")
+    axes.plot(x, [row.mean for row in history], _STYLES[1][1], color=_STYLES[1][0], label="mean")
+    axes.set_xlabel("generation")
+    axes.set_ylabel("distance in a swim (5 cm)")
+    axes.legend(loc="best", frameon=False)
+
+
+def plot_trajectories(path: Path | str, swims: Mapping[str, Swim], title: str = "") -> None:
+    """Write :func:`draw_trajectories` to a PNG, PDF or SVG file."""
+    figure = _figure(5.0, 5.0)
+    axes = figure.add_subplot()
+    draw_trajectories(axes, swims)
+    axes.set_title(title)
+    figure.savefig(path, dpi=150)
+
+
+def plot_history(path: Path | str, history: Sequence[Generation], title: str = "") -> None:
+    """Write :func:`draw_history` to a PNG, PDF or SVG file."""
+    figure = _figure(6.0, 4.0)
+    axes = figure.add_subplot()
+    draw_history(axes, history)
+    axes.set_title(title)
+    figure.savefig(path, dpi=150)
+
+
+def _figure(width: float, height: float) -> Figure:
+    # The object interface: no pyplot, no window system, no global state.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width, height), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _cycle(count: int) -> list[tuple[str, str]]:
+    return [_STYLES[i % len(_STYLES)] for i in range(count)]

@@ -1,0 +1,67 @@
+"""What the gait tests share."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import neat
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.morphology import Morphology
+from gait import evolution
+from gait.controller import Controller
+
+
+def random_genome(seed: int, mutations: int) -> tuple[Any, Any]:
+    """Return neat-python's configuration and a genome mutated so many times."""
+    config = evolution.load_config(10)
+    genome_config = config.genome_config
+    # Quicker growth, and responses too, so that a few mutations reach every kind of network.
+    genome_config.conn_add_prob = genome_config.node_add_prob = 0.5
+    genome_config.conn_delete_prob = 0.2
+    genome_config.enabled_mutate_rate = 0.1
+    genome_config.response_mutate_rate = 0.5
+    genome_config.response_mutate_power = 0.5
+    genome_config.innovation_tracker = neat.InnovationTracker()
+    others = random.getstate()
+    random.seed(seed)
+    try:
+        genome = neat.DefaultGenome(1)
+        genome.configure_new(genome_config)
+        for _ in range(mutations):
+            genome.mutate(genome_config)
+    finally:
+        random.setstate(others)
+    return config, genome
+
+
+def make_controller(seed: int = 3, mutations: int = 12) -> Controller:
+    """Return a small network with hidden nodes."""
+    _, genome = random_genome(seed, mutations)
+    return evolution.genome_to_controller(genome, 1.0, Morphology.nominal(), seed)
+
+
+class WeightScorer:
+    """Stands in for the water: a distance that depends on every gene and pose."""
+
+    def __init__(self, interrupt_at: int | None = None) -> None:
+        self.calls = 0
+        self.interrupt_at = interrupt_at
+
+    def __call__(
+        self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        self.calls += 1
+        if self.calls == self.interrupt_at:
+            raise KeyboardInterrupt
+        worth = [float(np.sin(c.weights.sum()) - np.abs(c.bias).sum()) for c in controllers]
+        return np.add.outer(np.array(worth), np.sin(fin_angles).sum(axis=1))
+
+
+def contents(directory: Path) -> dict[str, bytes]:
+    """Return every file's content."""
+    return {path.name: path.read_bytes() for path in directory.iterdir()}

@@ -1,0 +1,112 @@
+"""A controller as a value: checked where it enters, and the same after a trip through JSON."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.validation import InvalidArgumentError
+from gait.controller import Controller
+from gait.network import INPUT_COUNT, gene_count
+from gait_fakes import make_controller
+
+
+@given(st.integers(0, 1000), st.integers(0, 40))
+def test_json_gives_back_the_same_controller(seed: int, mutations: int) -> None:
+    controller = make_controller(seed, mutations)
+    text = json.dumps(controller.to_dict(), allow_nan=False)
+    again = Controller.from_dict(json.loads(text))
+    assert json.dumps(again.to_dict()) == text
+    np.testing.assert_array_equal(again.genes(), controller.genes())
+
+
+@given(st.integers(0, 1000), st.integers(0, 40), st.integers(0, 5))
+def test_padding_changes_no_answer(seed: int, mutations: int, padding: int) -> None:
+    from gait.network import forward
+
+    controller = make_controller(seed, mutations)
+    inputs = np.random.default_rng(seed).uniform(-1, 1, INPUT_COUNT).tolist()
+    outputs = []
+    for nodes in (controller.nodes, controller.nodes + padding):
+        genes = controller.genes(nodes)
+        assert len(genes) == gene_count(nodes)
+        outputs.append(forward(genes, nodes, inputs + [0.0] * nodes, 0, 1, 0.0))
+    assert outputs[0] == outputs[1]
+
+
+def test_a_policy_answers_with_a_legal_action() -> None:
+    policy = make_controller().policy()
+    rng = np.random.default_rng(0)
+    for t in range(20):
+        action = policy(rng.normal(size=9), time=0.05 * t)
+        assert action.shape == (3,)
+        assert (np.abs(action) <= 1.0).all()
+
+
+def test_arrays_cannot_be_changed_behind_its_back() -> None:
+    controller = make_controller()
+    with pytest.raises(ValueError, match="read-only"):
+        controller.weights[0, 0] = 1.0
+
+
+def change(**values: object) -> dict[str, Any]:
+    return {**make_controller().to_dict(), **values}
+
+
+def without(name: str) -> dict[str, Any]:
+    return {k: v for k, v in make_controller().to_dict().items() if k != name}
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        ([], '"kind": "aquafish-controller"'),
+        ({"kind": "other"}, '"kind": "aquafish-controller"'),
+        (change(schema=2), r"controller\.schema must be 1; got 2"),
+        (without("bias"), "missing or unknown fields: bias"),
+        (change(extra=1), "missing or unknown fields: extra"),
+        (change(inputs=["roll"]), r"controller\.inputs must be up_x, up_y"),
+        (change(seed="1"), r"controller\.seed must be a whole number; got '1'"),
+        (change(seed=True), r"controller\.seed must be a whole number"),
+        (change(clock=-1.0), r"controller\.clock must lie in \[0, 50\] Hz"),
+        (change(clock=None), r"controller\.clock must be (numbers|finite)"),
+        (change(bias=[0.0, 1.0]), r"controller\.bias must have 3 to 1000 entries; got 2"),
+        (change(bias=[0.0, 1.0, "x"]), r"controller\.bias must be numbers"),
+        (change(bias=[0.0] * 3), r"controller\.response must have shape \(3\)"),
+        (change(morphology={}), "morphology's JSON"),
+    ],
+)
+def test_a_broken_file_is_refused_by_name(data: object, message: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        Controller.from_dict(data)
+
+
+def test_a_node_that_hears_a_later_one_is_refused() -> None:
+    weights = np.zeros((3, INPUT_COUNT + 3))
+    weights[1, INPUT_COUNT + 1] = 0.5
+    with pytest.raises(InvalidArgumentError, match="hear itself or a later node"):
+        Controller(weights, np.zeros(3), np.ones(3), 1.0, Morphology.nominal(), 0)
+
+
+def test_nan_is_refused() -> None:
+    controller = make_controller()
+    bias = np.where(np.arange(controller.nodes) == 1, np.nan, controller.bias)
+    with pytest.raises(InvalidArgumentError, match=r"controller\.bias must be finite"):
+        replace(controller, bias=bias)
+
+
+def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
+    missing = tmp_path / "none.json"
+    with pytest.raises(InvalidArgumentError, match=r"controller: cannot read .*none\.json"):
+        Controller.load(missing)
+    (tmp_path / "text.json").write_text("{")
+    with pytest.raises(InvalidArgumentError, match=r"text\.json is not JSON"):
+        Controller.load(tmp_path / "text.json")

@@ -1,0 +1,195 @@
+"""A run of evolution: its files, its interruptions, its refusals."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.validation import InvalidArgumentError
+from gait.controller import Controller
+from gait.evolve import (
+    CHECKPOINT_FILE,
+    CONTROLLER_FILE,
+    DIVERGED_DISTANCE,
+    HISTORY_FILE,
+    EvolveConfig,
+    Generation,
+    evolve_gait,
+    read_history,
+)
+from gait_fakes import WeightScorer, contents
+
+CONFIG = EvolveConfig(seed=1000, generations=6, population=20, poses=2)
+
+
+def test_files_say_what_the_result_says(tmp_path: Path) -> None:
+    seen: list[Generation] = []
+    result = evolve_gait(
+        None, CONFIG, out=tmp_path, scorer=WeightScorer(), on_generation=seen.append
+    )
+    assert set(contents(tmp_path)) == {CONTROLLER_FILE, HISTORY_FILE, CHECKPOINT_FILE}
+    assert read_history(tmp_path / HISTORY_FILE) == result.history == tuple(seen)
+    assert Controller.load(tmp_path / CONTROLLER_FILE).to_dict() == result.controller.to_dict()
+    assert result.controller.morphology == Morphology.nominal()
+    assert result.controller.seed == 1000
+    assert [row.generation for row in seen] == list(range(6))
+    assert result.fitness == max(row.final for row in seen)
+
+
+def test_poses_are_other_ones_every_generation_and_the_finals_are_always_the_same() -> None:
+    class Noting(WeightScorer):
+        seen: list[NDArray[np.float64]] = []  # noqa: RUF012
+
+        def __call__(
+            self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
+        ) -> NDArray[np.float64]:
+            self.seen.append(fin_angles)
+            return super().__call__(controllers, fin_angles)
+
+    evolve_gait(None, CONFIG, scorer=Noting())
+    trials, finals = Noting.seen[::2], Noting.seen[1::2]
+    assert all((poses[0] == 0.0).all() for poses in Noting.seen)
+    assert {len(poses) for poses in trials} == {3}
+    assert len({poses.tobytes() for poses in trials}) == len(trials) == 6
+    assert len({poses.tobytes() for poses in finals}) == 1
+
+
+def test_without_random_poses_the_finals_change_nothing() -> None:
+    config = EvolveConfig(seed=1000, generations=4, population=20, poses=0)
+    for row in evolve_gait(None, config, scorer=WeightScorer()).history:
+        assert row.final == row.distance == row.best
+
+
+def test_same_seed_same_files_and_another_seed_another_run(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        evolve_gait(None, CONFIG, out=tmp_path / name, scorer=WeightScorer())
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+    other = evolve_gait(
+        None, EvolveConfig(seed=1001, generations=6, population=20), scorer=WeightScorer()
+    )
+    assert other.history != read_history(tmp_path / "a" / HISTORY_FILE)
+
+
+@pytest.mark.parametrize("at", [2, 4, 6])
+def test_an_interrupted_run_ends_in_the_same_files(tmp_path: Path, at: int) -> None:
+    evolve_gait(None, CONFIG, out=tmp_path / "straight", scorer=WeightScorer())
+    with pytest.raises(KeyboardInterrupt):
+        evolve_gait(None, CONFIG, out=tmp_path / "stopped", scorer=WeightScorer(2 * at - 1))
+    # What is there reads well, and holds every generation that was finished.
+    assert len(read_history(tmp_path / "stopped" / HISTORY_FILE)) == at - 1
+    Controller.load(tmp_path / "stopped" / CONTROLLER_FILE)
+    seen: list[Generation] = []
+    scorer = WeightScorer()
+    evolve_gait(None, CONFIG, out=tmp_path / "stopped", scorer=scorer, on_generation=seen.append)
+    assert scorer.calls == 2 * (6 - (at - 1))
+    assert len(seen) == 6
+    assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
+
+
+def test_a_run_may_be_prolonged(tmp_path: Path) -> None:
+    short = EvolveConfig(seed=1000, generations=3, population=20, poses=2, threads=1)
+    evolve_gait(None, short, out=tmp_path / "grown", scorer=WeightScorer())
+    grown = evolve_gait(None, CONFIG, out=tmp_path / "grown", scorer=WeightScorer())
+    assert grown.history == evolve_gait(None, CONFIG, scorer=WeightScorer()).history
+
+
+def test_files_behind_the_checkpoint_are_brought_up_to_date(tmp_path: Path) -> None:
+    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+    before = contents(tmp_path)
+    (tmp_path / HISTORY_FILE).write_text("torn")
+    (tmp_path / CONTROLLER_FILE).unlink()
+    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+    assert contents(tmp_path) == before
+
+
+def test_a_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
+    class Diverging(WeightScorer):
+        def __call__(
+            self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
+        ) -> NDArray[np.float64]:
+            distances = super().__call__(controllers, fin_angles)
+            distances[::3, 0] = np.nan
+            distances[1::3, 0] = np.inf
+            return distances
+
+    result = evolve_gait(None, EvolveConfig(generations=3, population=20), scorer=Diverging())
+    assert np.isfinite([row.mean for row in result.history]).all()
+    assert result.fitness > DIVERGED_DISTANCE / 2
+
+
+def test_another_run_in_the_directory_is_refused(tmp_path: Path) -> None:
+    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+    before = contents(tmp_path)
+    half = Morphology.coerce({"left_pectoral": (0.4, 0.8, 0.1)})
+    for body, config, message in (
+        (None, EvolveConfig(seed=1001, generations=6, population=20, poses=2), "with seed 1000"),
+        (None, EvolveConfig(seed=1000, generations=6, population=21, poses=2), "population 20"),
+        (half, CONFIG, "another morphology"),
+        (None, EvolveConfig(seed=1000, generations=5, population=20, poses=2), "at least the 6"),
+    ):
+        with pytest.raises(InvalidArgumentError, match=message):
+            evolve_gait(body, config, out=tmp_path, scorer=WeightScorer())
+    assert contents(tmp_path) == before
+
+
+def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
+    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+    path = tmp_path / CHECKPOINT_FILE
+    sound = json.loads(path.read_text())
+    changed = json.loads(path.read_text())
+    changed["run"]["fitness"] = 99.0
+    for text, message in (
+        ("{", "is not JSON"),
+        ("[]", "not a checkpoint of schema 1"),
+        (json.dumps({**sound, "schema": 9}), "not a checkpoint of schema 1"),
+        (json.dumps(changed), "is damaged"),
+    ):
+        path.write_text(text)
+        with pytest.raises(InvalidArgumentError, match=message):
+            evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+
+
+def test_an_unwritable_directory_is_refused_before_anything_swims(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    scorer = WeightScorer()
+    with pytest.raises(InvalidArgumentError, match="out must be a directory"):
+        evolve_gait(None, CONFIG, out=tmp_path / "file", scorer=scorer)
+    assert scorer.calls == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("seed", -1),
+        ("generations", 0),
+        ("population", 9),
+        ("poses", -1),
+        ("clock", float("nan")),
+        ("clock", 51.0),
+        ("seconds", 0.0),
+        ("threads", 0),
+        ("seed", 1.5),
+    ],
+)
+def test_a_bad_setting_is_refused_by_name(name: str, value: float) -> None:
+    with pytest.raises(InvalidArgumentError, match=f"^{name} must"):
+        EvolveConfig(**{name: value})  # type: ignore[arg-type]
+
+
+def test_a_foreign_history_is_refused(tmp_path: Path) -> None:
+    for text in (
+        "",
+        "a,b\n1,2\n",
+        "generation,best,mean,species,final,distance,nodes,connections\n1\n",
+    ):
+        (tmp_path / "h.csv").write_text(text)
+        with pytest.raises(InvalidArgumentError, match=r"history: .*h\.csv is not a history"):
+            read_history(tmp_path / "h.csv")
+    with pytest.raises(InvalidArgumentError, match="cannot read"):
+        read_history(tmp_path / "none.csv")

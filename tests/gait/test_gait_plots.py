@@ -1,0 +1,45 @@
+"""The pictures are drawn from the data, without a display."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+
+from aquafish_gym.morphology import Morphology
+from gait.evolve import Generation
+from gait.plots import draw_history, draw_trajectories, plot_history, plot_trajectories
+from gait.rollout import swim
+from gait_fakes import make_controller
+
+HISTORY = [
+    Generation(i, best, best - 1.0, 2, best, best, 3, 30) for i, best in enumerate((1.0, 0.5, 2.0))
+]
+
+
+def test_paths_are_drawn_from_above_and_say_how_far() -> None:
+    one = swim(make_controller(), Morphology.nominal(), engine="numba", seconds=1.0)
+    axes = Figure().add_subplot()
+    draw_trajectories(axes, {"native": one, "target": one})
+    np.testing.assert_array_equal(axes.lines[0].get_xydata(), one.position[:, :2])
+    legend = axes.get_legend()
+    assert legend is not None
+    labels = [text.get_text() for text in legend.get_texts()]
+    assert labels == [f"{name}: {one.distance:.1f}" for name in ("native", "target")]
+
+
+def test_the_best_so_far_never_falls() -> None:
+    axes = Figure().add_subplot()
+    draw_history(axes, HISTORY)
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), [1.0, 1.0, 2.0])
+
+
+@pytest.mark.parametrize("name", ["picture.png", "picture.svg"])
+def test_pictures_are_written(tmp_path: Path, name: str) -> None:
+    one = swim(make_controller(), Morphology.nominal(), engine="numba", seconds=0.5)
+    plot_trajectories(tmp_path / name, {"native": one}, "title")
+    assert (tmp_path / name).stat().st_size > 1000
+    plot_history(tmp_path / name, HISTORY)
+    assert (tmp_path / name).stat().st_size > 1000

@@ -1,0 +1,77 @@
+"""A gait on its own body and on another."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.validation import InvalidArgumentError, UnknownNameError
+from gait.rollout import swim, swim_all
+from gait.transfer import TransferConfig, transfer
+from gait_fakes import make_controller
+
+QUICK = TransferConfig(poses=3, seconds=2.0)
+
+
+def test_on_its_own_body_nothing_is_lost_between_the_engines() -> None:
+    result = transfer(make_controller(), Morphology.nominal(), QUICK)
+    assert result.native.distance == pytest.approx(result.target.distance, abs=1e-9)
+    np.testing.assert_allclose(
+        result.native.random_distances, result.target.random_distances, atol=1e-9
+    )
+
+
+def test_scores_are_the_swims_they_say() -> None:
+    controller = make_controller()
+    half = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
+    result = transfer(controller, half, QUICK)
+    assert result.target.distance == swim(controller, half, seconds=2.0).distance
+    expected = swim_all([controller], half, result.poses, 2.0, "float64")[0]
+    np.testing.assert_allclose(result.target.random_distances, expected, atol=1e-9)
+    assert result.target.random_distance == result.target.random_distances.mean()
+    assert result.native.distance != result.target.distance
+    document = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert document["target"]["distance"] == result.target.distance
+    assert len(document["native"]["random_distances"]) == len(document["poses"]) == 3
+
+
+def test_poses_follow_from_the_seed_alone() -> None:
+    first, second, other = (
+        transfer(
+            make_controller(),
+            Morphology.nominal(),
+            TransferConfig(poses=2, seed=seed, seconds=0.1, target_engine="numba"),
+        ).poses
+        for seed in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, second)
+    assert not np.array_equal(first, other)
+
+
+def test_a_robot_that_diverged_is_null_in_json() -> None:
+    from gait.rollout import Swim
+    from gait.transfer import Scored, Transfer
+
+    path = Swim(np.zeros(1), np.full((1, 3), np.nan), np.zeros((1, 4)), np.zeros((1, 3)))
+    lost = Scored(path, np.array([1.0, np.nan]))
+    document = Transfer(lost, lost, np.zeros((2, 3))).to_dict()
+    assert document["native"] == {
+        "distance": None,
+        "random_distance": None,
+        "random_distances": [1.0, None],
+    }
+
+
+def test_bad_settings_are_refused_by_name() -> None:
+    with pytest.raises(InvalidArgumentError, match="poses must"):
+        TransferConfig(poses=0)
+    with pytest.raises(InvalidArgumentError, match="seed must"):
+        TransferConfig(seed=-1)
+    with pytest.raises(InvalidArgumentError, match="seconds must"):
+        TransferConfig(seconds=0.0)
+    with pytest.raises(UnknownNameError, match=r"target_engine must be .* 'pybullet'"):
+        TransferConfig(target_engine="pybulet")
