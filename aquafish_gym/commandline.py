@@ -130,7 +130,7 @@ def _first_sentence(box: str) -> str:
         else:
             parts[-1].append(row)
     sentence = " ".join(parts[0] if framed else parts[min(1, len(parts) - 1)])
-    said = [word.strip(",") for word in sentence.split()]
+    said = [word.strip(",:") for word in sentence.split()]
     unknown = next((word for word in said if word.startswith("--")), "")
     offered = [row.split()[0] for row in rows if row.startswith("--") and set(row) != {"-"}]
     offered = [option for option in offered if option not in said]

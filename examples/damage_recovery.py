@@ -36,6 +36,7 @@ from aquafish_gym.storage import ensure_writable_directory, read_records, write_
 from aquafish_gym.validation import InvalidArgumentError, integer
 from eea import ConfigurationError, EEAConfig
 from eea.estimation import EstimationConfig
+from eea.genetic import GeneticConfig
 from eea.inference import OutOfBandConfig
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
@@ -118,6 +119,8 @@ class DamageRecovery:
             rounds=self.rounds,
             steps=self.steps,
             estimation=EstimationConfig(population=self.models),
+            # Measured better than uniform for Out-of-Band, whatever else was set.
+            genetic=GeneticConfig(crossover="two_point"),
             out_of_band=OutOfBandConfig(
                 inner_population=self.angle_sets,
                 sampled_models=self.sampled_models,
