@@ -66,8 +66,9 @@ class Evolve:
 
         plot_history(out / "history.png", evolved.history)
         network = evolved.controller
+        start = "all its poses" if self.config.poses else "the zero pose"
         print(
-            f"swims {evolved.fitness:.2f} units in {self.config.seconds:g} s, over its poses "
+            f"swims {evolved.fitness:.2f} units in {self.config.seconds:g} s from {start} "
             f"({network.nodes} nodes, {network.connections} connections); "
             f"{CONTROLLER_FILE} and {HISTORY_FILE} are in {out}"
         )
