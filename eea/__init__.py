@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from eea.algorithm import EEA, Result, RoundRecord
 from eea.checks import ConfigurationError, TargetError
-from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config
+from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config, recovery_config
 from eea.experiment import RevealingTarget, Simulator, Target, Trials
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ __all__ = [
     "estimate_morphology",
     "estimate_morphology_of",
     "figure_config",
+    "recovery_config",
 ]
 
 

@@ -21,10 +21,11 @@ from aquafish_gym.storage import append_record, ensure_writable_directory, write
 from aquafish_gym.validation import InvalidArgumentError
 from eea.algorithm import Result, RoundRecord, streams
 from eea.aquafish import EngineTarget, fish_eea
-from eea.checks import ConfigurationError, TargetError
-from eea.config import EEAConfig
+from eea.checks import ConfigurationError, TargetError, choice
+from eea.config import EEAConfig, recovery_config
 
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
+ROUNDS, RESULT, PICTURE = "rounds.jsonl", "result.json", "rounds.png"
 
 app = SubcommandApp()
 
@@ -122,17 +123,40 @@ class Run:
         try:
             with console.status(_waiting(self.config, 0)) as status:
                 for record in eea:
-                    append_record(directory / "rounds.jsonl", record.to_dict())
+                    append_record(directory / ROUNDS, record.to_dict())
                     console.print(_progress_line(record, self.config))
                     status.update(_waiting(self.config, record.round))
         finally:
             _conclude(directory, eea.result, console)
 
 
+@app.command(name="recover")
+@dataclass(frozen=True)
+class Recover(Run):
+    """As run, with the settings of the damage-recovery case study as defaults.
+
+    They are what is recommended; ``eea.recovery_config`` says why.
+    """
+
+    config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=recovery_config)
+
+
+class Commands:
+    """The subcommands, the nearest of which is offered for an unknown one."""
+
+    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        """Return the command that the arguments ask for."""
+        words = sys.argv[1:] if args is None else args
+        if words and not words[0].startswith("-"):
+            choice("the command", words[0], ("run", "recover"))
+        return app.cli(prog=prog, args=args)
+
+
 def _prepare(out: Path, header: dict[str, Any]) -> Path:
-    """Make the directory ready; refuse to replace another run than this one."""
+    """Make the directory ready; refuse to replace anything but an earlier run of the same."""
     directory = ensure_writable_directory(out)
     path = directory / "run.json"
+    present = [name for name in (ROUNDS, RESULT, PICTURE) if (directory / name).exists()]
     if path.exists():
         try:
             same = json.loads(path.read_bytes()) == json.loads(json.dumps(header))
@@ -143,24 +167,30 @@ def _prepare(out: Path, header: dict[str, Any]) -> Path:
                 f"out must be a new directory or hold an earlier run of the same settings; "
                 f"{directory} holds another run"
             )
-    for name in ("rounds.jsonl", "result.json", "rounds.png"):
-        (directory / name).unlink(missing_ok=True)
+    elif present:
+        raise InvalidArgumentError(
+            f"out must be a new directory or hold an earlier run of the same settings; "
+            f"{directory} holds {' and '.join(present)} but no run.json, so they are not a run's"
+        )
+    for name in present:
+        (directory / name).unlink()
     write_json(path, header)
     return directory
 
 
 def _conclude(directory: Path, result: Result, console: Console) -> None:
     """Write what is known, also after Ctrl-C."""
-    if not result.rounds:
-        return
-    from eea.plots import save_fitness_figure
+    write_json(directory / RESULT, result.to_dict())
+    if result.rounds:
+        from eea.plots import save_fitness_figure
 
-    write_json(directory / "result.json", result.to_dict())
-    save_fitness_figure(result, directory / "rounds.png")
-    for dimension, found, true in zip(
-        DIMENSIONS, result.model, result.truth if result.truth is not None else [], strict=False
-    ):
-        console.print(f"{dimension.name:26s} found {found:5.3f}   true {true:5.3f}")
+        save_fitness_figure(result, directory / PICTURE)
+        for dimension, found, true in zip(
+            DIMENSIONS, result.model, result.truth if result.truth is not None else [], strict=False
+        ):
+            console.print(f"{dimension.name:26s} found {found:5.3f}   true {true:5.3f}")
+    else:
+        console.print("no round was completed")
     console.print(f"stopped: {result.stopped}; written to {directory}")
 
 
@@ -171,7 +201,7 @@ def _waiting(config: EEAConfig, done: int) -> str:
 def _progress_line(record: RoundRecord, config: EEAConfig) -> str:
     objective = record.objective_fitness
     return (
-        f"round {record.round:2d}/{config.rounds}  experiments {record.round:2d}  "
+        f"experiments {record.round:2d}/{config.rounds}  "
         f"best MOD_FIT {record.model_fitness:6.3f}  "
         f"OBJ_FIT {'unknown' if objective is None else f'{objective:5.3f}'}  "
         f"{record.seconds:6.1f} s"
@@ -183,7 +213,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     2 and one line for a command or a setting that is wrong, 130 after Ctrl-C.
     """
-    return run_command_line("eea", app, arguments, REFUSED)
+    return run_command_line("eea", Commands(), arguments, REFUSED)
 
 
 if __name__ == "__main__":

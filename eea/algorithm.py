@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from eea.angles import circular_distance
 from eea.behavior import summarize
 from eea.bits import BitLayout, pose_layout
-from eea.checks import TargetError, whole
+from eea.checks import ConfigurationError, TargetError, at_most, finite, instance, whole
 from eea.config import EEAConfig
 from eea.estimation import Estimation
 from eea.experiment import Context, Experiment, Floats, Simulator, Target, reveals
@@ -69,7 +70,7 @@ class RoundRecord:
     trials
         Simulated in this round.
     seconds
-        Since the run began.
+        Since the run began; a run that goes on after an interruption goes on counting.
     """
 
     round: int
@@ -192,12 +193,17 @@ class EEA:
 
     Raises
     ------
+    ConfigurationError
+        If a setting is wrong, or the truth has another shape.
     TargetError
         If the condition is Ideal and the target does not reveal its fins' angles.
 
     Examples
     --------
-    ``for record in EEA(...)`` yields a record as each round ends, and ``run`` is that loop.
+    ``for record in EEA(...)`` yields a record as each round ends, and ``run`` is that loop. A
+    round that is broken off, by Ctrl-C or by an error of the target's, leaves no trace here, and
+    a new loop goes on after the last complete one. (The target has moved, of course: it performs
+    that round's command again.)
     """
 
     def __init__(
@@ -210,6 +216,15 @@ class EEA:
         seed: int = 0,
         truth: Floats | None = None,
     ) -> None:
+        instance("config", config, EEAConfig)
+        poses = pose_layout(actions.names, config.genetic.coding)
+        searched = [models, actions, *([poses] if config.condition == "out-of-band" else [])]
+        shortest = min(layout.bits for layout in searched)
+        at_most(
+            "genetic.mutations", config.genetic.mutations, "the shortest genome's bits", shortest
+        )
+        if truth is not None:
+            truth = finite("truth", truth, (len(models),))
         if config.condition == "ideal" and not reveals(target):
             raise TargetError(
                 "the ideal condition needs a target with last_fin_angles, the fins' angles when "
@@ -218,19 +233,23 @@ class EEA:
         chance = streams(seed)
         self.result = Result(config, seed, models, truth)
         self._target = target
-        self._laboratory = Laboratory(simulator, config.behavior)
+        self._laboratory = Laboratory(simulator, config.behavior, config.steps)
         self._exploration = Exploration(
             actions, self._laboratory, config.exploration, config.genetic, chance["exploration"]
         )
         self._estimation = Estimation(
             models, self._laboratory, config.estimation, config.genetic, chance["estimation"]
         )
+        self._streams = tuple(chance.values())
         self._chance = chance["inference"]
         self._inference = make_inference(config, actions.names, self._laboratory, self._chance)
         self._experiments: list[Experiment] = []
 
     def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:
-        """Run to a stop rule; call ``progress`` after each round. Ctrl-C loses only its round."""
+        """Run to a stop rule; call ``progress`` after each round.
+
+        Ctrl-C loses only its round: ``result`` has the others, and to run again is to go on.
+        """
         for record in self:
             if progress is not None:
                 progress(record)
@@ -238,20 +257,42 @@ class EEA:
 
     def __iter__(self) -> Iterator[RoundRecord]:
         """Yield a record a round until a stop rule holds; ``result`` grows with them."""
-        config, result, began = self.result.config, self.result, time.monotonic()
+        config, result = self.result.config, self.result
+        began = time.monotonic() - (result.rounds[-1].seconds if result.rounds else 0.0)
         while True:
+            fitness = result.rounds[-1].model_fitness if result.rounds else float("-inf")
+            if config.accurate is not None and fitness >= config.accurate:
+                result.stopped = "accurate"
+                return
             if len(result.rounds) >= config.rounds:
                 result.stopped = "rounds"
                 return
             if config.time_limit is not None and time.monotonic() - began >= config.time_limit:
                 result.stopped = "time"
                 return
-            record = self._round(began)
-            result.rounds.append(record)
+            with self._whole_or_not_at_all():
+                record = self._round(began)
+                result.rounds.append(record)
             yield record
-            if config.accurate is not None and record.model_fitness >= config.accurate:
-                result.stopped = "accurate"
-                return
+
+    @contextmanager
+    def _whole_or_not_at_all(self) -> Iterator[None]:
+        """Undo a round that is broken off: its experiment, what it inferred, what it drew."""
+        rounds = len(self.result.rounds)
+        contexts = [experiment.context for experiment in self._experiments]
+        drawn = [stream.bit_generator.state for stream in self._streams]
+        saved = self._estimation.save()
+        try:
+            yield
+        except BaseException:
+            del self.result.rounds[rounds:]
+            del self._experiments[rounds:]
+            for experiment, context in zip(self._experiments, contexts, strict=True):
+                experiment.context = context
+            for stream, state in zip(self._streams, drawn, strict=True):
+                stream.bit_generator.state = state
+            self._estimation.restore(saved)
+            raise
 
     def _round(self, began: float) -> RoundRecord:
         trials = self._laboratory.trials
@@ -287,7 +328,9 @@ class EEA:
 
     def _perform(self, command: Floats) -> Experiment:
         """Let the target perform; its fins' angles are noted only if it reveals them."""
-        behavior = summarize(self._target.perform(command.copy()), self._laboratory.behavior)
+        laboratory = self._laboratory
+        log = self._target.perform(command.copy())
+        behavior = summarize(log, laboratory.behavior, laboratory.steps, "the target")
         if len(behavior) != 1:
             raise TargetError(
                 f"the target must return the log of one trial; it returned {len(behavior)}"
@@ -296,5 +339,8 @@ class EEA:
             raise TargetError("the target's log must be finite; it holds NaN or infinity")
         true: Floats | None = None
         if reveals(self._target):
-            true = np.array(self._target.last_fin_angles, dtype=np.float64)
+            try:
+                true = finite("last_fin_angles", self._target.last_fin_angles, (FINS,))
+            except ConfigurationError as error:
+                raise TargetError(f"the target's {error}") from None
         return Experiment(command, behavior[0], Context.unknown(FINS, 0.0), true)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from typing import TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,7 @@ from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from eea.algorithm import EEA, Result, RoundRecord, streams
 from eea.bits import BitLayout, Coding, action_layout, model_layout
+from eea.checks import instance
 from eea.config import EEAConfig
 from eea.experiment import Floats, Target, Trials
 
@@ -30,6 +32,16 @@ def fish_actions(coding: Coding = "gray") -> BitLayout:
     """Return the 18-bit genome of the fish's three servo speeds."""
     bounds = zip(SERVOS, COMMAND_LOW.tolist(), COMMAND_HIGH.tolist(), strict=True)
     return action_layout(bounds, coding)
+
+
+class SimulatorOptions(TypedDict, total=False):
+    """The candidates' simulator, as keywords; ``EngineSimulator`` says what they mean."""
+
+    engine: str
+    dtype: str
+    current: ArrayLike
+    substeps: int
+    threads: int | None
 
 
 class EngineSimulator:
@@ -160,13 +172,8 @@ def fish_eea(
     target: Target,
     config: EEAConfig,
     seed: int = 0,
-    truth: Morphology | None = None,
-    *,
-    engine: str = "numba",
-    dtype: str = "float32",
-    current: ArrayLike = (0.0, 0.0, 0.0),
-    substeps: int = 1,
-    threads: int | None = None,
+    truth: Morphology | ArrayLike | None = None,
+    **simulator: Unpack[SimulatorOptions],
 ) -> EEA:
     """Return the algorithm, ready to iterate, bound to a target and the fish's simulator.
 
@@ -177,27 +184,28 @@ def fish_eea(
     config, seed
         Settings, and the replicate's seed.
     truth
-        The target's body, if known, for OBJ_FIT in the records.
-    engine, dtype, current, substeps, threads
-        Of the candidates' simulator; see ``EngineSimulator``.
+        The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
+        (x, y, z), or nine numbers.
+    **simulator
+        engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``.
+
+    Raises
+    ------
+    ConfigurationError, TargetError
+        As ``EEA``.
+    InvalidArgumentError, UnknownNameError, EngineUnavailableError
+        As ``EngineSimulator``, and if the truth is no body.
     """
-    simulator = EngineSimulator(
-        config.steps,
-        engine,
-        dtype,
-        current,
-        substeps,
-        threads,
-        record="rpy" if config.behavior.signal == "attitude" else "attitude",
-    )
+    instance("config", config, EEAConfig)
+    record = "rpy" if config.behavior.signal == "attitude" else "attitude"
     return EEA(
         target,
-        simulator,
+        EngineSimulator(config.steps, record=record, **simulator),
         fish_models(config.genetic.coding),
         fish_actions(config.genetic.coding),
         config,
         seed,
-        None if truth is None else truth.to_array(),
+        None if truth is None else Morphology.coerce(truth).to_array(),
     )
 
 
@@ -206,13 +214,8 @@ def estimate_morphology_of(
     config: EEAConfig | None = None,
     seed: int = 0,
     progress: Progress | None = None,
-    truth: Morphology | None = None,
-    *,
-    engine: str = "numba",
-    dtype: str = "float32",
-    current: ArrayLike = (0.0, 0.0, 0.0),
-    substeps: int = 1,
-    threads: int | None = None,
+    truth: Morphology | ArrayLike | None = None,
+    **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Model any target that performs commands, a physical robot for example.
 
@@ -223,25 +226,21 @@ def estimate_morphology_of(
         behaviour is of body rates) of shape (steps, 3) or (1, steps, 3).
     progress
         Called with each round's record.
-    config, seed, truth, engine, dtype, current, substeps, threads
+    config, seed, truth, **simulator
         See ``fish_eea``.
 
     Returns
     -------
     MorphologyEstimate
         ``.morphology``, ``.rounds``, ``.to_json()``.
+
+    Notes
+    -----
+    Ctrl-C passes through as KeyboardInterrupt, and nothing is returned then; ``progress`` has
+    been given every completed round. To keep the result, or to go on later, iterate over
+    ``fish_eea`` instead: its ``.result`` is readable after every round.
     """
-    eea = fish_eea(
-        target,
-        EEAConfig() if config is None else config,
-        seed,
-        truth,
-        engine=engine,
-        dtype=dtype,
-        current=current,
-        substeps=substeps,
-        threads=threads,
-    )
+    eea = fish_eea(target, EEAConfig() if config is None else config, seed, truth, **simulator)
     result = eea.run(progress)
     return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
 
@@ -254,11 +253,7 @@ def estimate_morphology(
     progress: Progress | None = None,
     *,
     target_engine: str = "pybullet",
-    engine: str = "numba",
-    dtype: str = "float32",
-    current: ArrayLike = (0.0, 0.0, 0.0),
-    substeps: int = 1,
-    threads: int | None = None,
+    **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Let a damaged fish work out its own body, from blind trials only.
 
@@ -277,33 +272,28 @@ def estimate_morphology(
         Called with each round's record.
     target_engine
         Where the target swims; the candidates swim in ``engine``.
-    engine, dtype, current, substeps, threads
-        See ``EngineSimulator``; current and substeps hold for the target too.
+    **simulator
+        engine, dtype, current, substeps, threads; see ``EngineSimulator``. The current and the
+        substeps hold for the target too.
 
     Returns
     -------
     MorphologyEstimate
         ``.morphology``, ``.rounds``, ``.to_json()``.
+
+    Notes
+    -----
+    For Ctrl-C, see ``estimate_morphology_of``.
     """
     settings = EEAConfig() if config is None else config
+    instance("config", settings, EEAConfig)
     target = EngineTarget(
         target_morphology,
         damage,
         streams(seed)["target"],
         settings.steps,
         target_engine,
-        current,
-        substeps,
+        simulator.get("current", (0.0, 0.0, 0.0)),
+        simulator.get("substeps", 1),
     )
-    return estimate_morphology_of(
-        target,
-        settings,
-        seed,
-        progress,
-        target.morphology,
-        engine=engine,
-        dtype=dtype,
-        current=current,
-        substeps=substeps,
-        threads=threads,
-    )
+    return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

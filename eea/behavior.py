@@ -12,7 +12,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.checks import TargetError, choice, real
+from eea.checks import TargetError, choice, flag, real
 
 Coefficients = NDArray[Any]  # complex or real floats, single or double precision
 
@@ -76,33 +76,45 @@ class BehaviorConfig:
         choice("behavior.summary", self.summary, ("dft", "mean_rate", "rms_rate"))
         choice("behavior.signal", self.signal, ("attitude", "body_rates"))
         choice("behavior.unit", self.unit, ("degrees", "radians"))
+        flag("behavior.normalised", self.normalised)
         choice("behavior.difference", self.difference, ("complex", "magnitude"))
+        flag("behavior.clamp", self.clamp)
         real("behavior.maximum", self.maximum, 1e-9)
         real("behavior.timestep", self.timestep, 1e-9)
 
 
-def summarize(log: Log, config: BehaviorConfig) -> Coefficients:
+def summarize(
+    log: Log, config: BehaviorConfig, steps: int | None = None, source: str = "a robot"
+) -> Coefficients:
     """Return the behaviours of a log's trials, shape (B, coefficients).
 
     The transform keeps T // 2 + 1 frequencies of each of the three axes; a rate is one number
     an axis.
 
+    Parameters
+    ----------
+    log
+        One or many trials.
+    config
+        What to make of it.
+    steps
+        The length T that the trials must have; ``None`` for any.
+    source
+        Whose log it is, for the message if it is no such log.
+
     Raises
     ------
     TargetError
         If the log lacks the signal, or it is not of shape (B, T, 3) or (T, 3) with T of at
-        least 2.
+        least 2, or of another length than ``steps``.
     """
-    signal = log.rpy if config.signal == "attitude" else log.gyro
-    if signal is None:
-        raise TargetError("a log must hold gyro for behavior.signal = body_rates; it holds none")
-    samples = np.asarray(signal)
-    if samples.ndim == 2:
-        samples = samples[None]
-    if samples.ndim != 3 or samples.shape[1] < 2 or samples.shape[2] != 3:
+    samples = _samples(log, config, source)
+    if steps is not None and samples.shape[1] != steps:
+        # Transforms of T and T + 1 samples are equally long, and a rate does not tell T at all:
+        # the comparison would not notice.
         raise TargetError(
-            "a log must hold samples of shape (B, T, 3) or (T, 3) with at least 2 steps; "
-            f"got {samples.shape}"
+            f"{source} must log trials of {steps} steps, as config.steps says; "
+            f"it logged {samples.shape[1]}"
         )
     if config.unit == "degrees":
         samples = samples * (180.0 / np.pi)
@@ -121,6 +133,37 @@ def summarize(log: Log, config: BehaviorConfig) -> Coefficients:
         else:
             coefficients = np.sqrt(np.square(rates).mean(axis=-1))
     return modulus(coefficients) if config.difference == "magnitude" else coefficients
+
+
+def _samples(log: Log, config: BehaviorConfig, source: str) -> NDArray[Any]:
+    """Return what the log holds of the signal, shape (B, T, 3)."""
+    name = "rpy" if config.signal == "attitude" else "gyro"
+    try:
+        signal = getattr(log, name)
+    except AttributeError as error:
+        got = "None" if log is None else f"a {type(log).__name__}"
+        raise TargetError(f"{source} must return a log with {name}; it returned {got}") from error
+    if signal is None:
+        raise TargetError(
+            f"a log must hold {name} for behavior.signal = {config.signal}; "
+            f"that of {source} holds none"
+        )
+    try:
+        samples = np.asarray(signal)
+    except ValueError:
+        raise TargetError(
+            f"a log must hold samples of shape (B, T, 3) or (T, 3); {name} of {source} is ragged"
+        ) from None
+    if samples.dtype.kind not in "fiu":
+        raise TargetError(f"a log must hold real numbers; {name} of {source} is {samples.dtype}")
+    if samples.ndim == 2:
+        samples = samples[None]
+    if samples.ndim != 3 or samples.shape[1] < 2 or samples.shape[2] != 3:
+        raise TargetError(
+            "a log must hold samples of shape (B, T, 3) or (T, 3) with at least 2 steps; "
+            f"got {samples.shape} from {source}"
+        )
+    return samples
 
 
 def modulus(coefficients: Coefficients) -> Coefficients:

@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eea.checks import choice, finite, real, whole
+from eea.checks import choice, finite, flag, real, whole
 
 Coding = Literal["gray", "binary"]
 Genomes = NDArray[np.uint8]
@@ -44,6 +44,7 @@ class Variable:
         whole(f"bits of {self.name}", self.bits, 1)
         real(f"low of {self.name}", self.low, -np.inf)
         real(f"high of {self.name}", self.high, np.nextafter(self.low, np.inf))
+        flag(f"periodic of {self.name}", self.periodic)
 
     @property
     def quantum(self) -> float:

@@ -1,6 +1,6 @@
 """Refusing bad settings at the door, in sentences that name the setting.
 
-The EEA knows no robot and so cannot borrow ``aquafish_gym.validation``; these four helpers are
+The EEA knows no robot and so cannot borrow ``aquafish_gym.validation``; these few helpers are
 all it needs.
 """
 
@@ -38,17 +38,55 @@ def choice(argument: str, value: object, choices: Iterable[str]) -> None:
     raise ConfigurationError(f"{argument} must be one of {', '.join(known)}; got {value!r}{hint}")
 
 
-def whole(argument: str, value: object, low: int) -> None:
-    """Refuse ``value`` unless it is a whole number of at least ``low``.
+def flag(argument: str, value: object) -> None:
+    """Refuse ``value`` unless it is True or False.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not; ``"no"`` and 0 would else be taken by their truth.
+    """
+    if not isinstance(value, bool):
+        raise ConfigurationError(f"{argument} must be True or False; got {value!r}")
+
+
+def instance(argument: str, value: object, kind: type) -> None:
+    """Refuse ``value`` unless it is a ``kind``.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is not.
+    """
+    if not isinstance(value, kind):
+        raise ConfigurationError(f"{argument} must be of type {kind.__name__}; got {value!r}")
+
+
+def at_most(argument: str, value: float, bound: str, limit: float) -> None:
+    """Refuse a ``value`` above the ``limit`` that another setting, ``bound``, is for it.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is above; the message names both.
+    """
+    if value > limit:
+        raise ConfigurationError(f"{argument} must be at most {bound}, {limit}; got {value}")
+
+
+def whole(argument: str, value: object, low: int, high: int | None = None) -> None:
+    """Refuse ``value`` unless it is a whole number in [``low``, ``high``].
 
     Raises
     ------
     ConfigurationError
         If it is not. Booleans are not numbers here.
     """
-    if isinstance(value, bool) or not isinstance(value, int | np.integer) or value < low:
+    number = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    if not number or value < low or (high is not None and value > high):  # type: ignore[operator]
+        most = "" if high is None else f" and at most {high}"
         raise ConfigurationError(
-            f"{argument} must be a whole number of at least {low}; got {value!r}"
+            f"{argument} must be a whole number of at least {low}{most}; got {value!r}"
         )
 
 

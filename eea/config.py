@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any, Literal
 
 from eea.behavior import BehaviorConfig
-from eea.checks import ConfigurationError, choice, real, whole
+from eea.checks import ConfigurationError, at_most, choice, instance, real, whole
 from eea.estimation import EstimationConfig
 from eea.exploration import ExplorationConfig
 from eea.genetic import GeneticConfig
@@ -14,6 +14,7 @@ from eea.inference import InBandConfig, OutOfBandConfig
 
 Condition = Literal["ideal", "none", "in-band", "out-of-band"]
 CONDITIONS: tuple[Condition, ...] = ("ideal", "none", "in-band", "out-of-band")
+MAXIMUM_STEPS = 2**20  # the paper's longest trial has 1024
 
 
 @dataclass(frozen=True)
@@ -26,7 +27,7 @@ class EEAConfig:
         What is known of the fins' angles: ``"ideal"`` all, ``"none"`` nothing, ``"in-band"`` and
         ``"out-of-band"`` what the two methods infer.
     steps
-        Length of a trial in steps of 0.01 s; a power of two.
+        Length of a trial in steps of 0.01 s; a power of two, 2^20 at most.
     rounds
         Rounds at most, which is also the number of commands the target performs.
     accurate
@@ -39,7 +40,8 @@ class EEAConfig:
     Raises
     ------
     ConfigurationError
-        If a setting is out of range or unknown; the nearest valid name is offered.
+        If a setting is out of range or unknown, or contradicts another that has a say under this
+        condition; the nearest valid name is offered.
     """
 
     condition: Condition = "out-of-band"
@@ -56,7 +58,7 @@ class EEAConfig:
 
     def __post_init__(self) -> None:
         choice("condition", self.condition, CONDITIONS)
-        whole("steps", self.steps, 2)
+        whole("steps", self.steps, 2, MAXIMUM_STEPS)
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
         whole("rounds", self.rounds, 1)
@@ -64,16 +66,44 @@ class EEAConfig:
             real("accurate", self.accurate, float("-inf"), 1.0)
         if self.time_limit is not None:
             real("time_limit", self.time_limit, 0.0)
-        if self.in_band.k > self.estimation.population:
-            raise ConfigurationError(
-                f"in_band.k must be at most estimation.population, {self.estimation.population}; "
-                f"got {self.in_band.k}"
-            )
+        for name, kind in PARTS.items():
+            instance(name, getattr(self, name), kind)
+        self._check_sizes()
+
+    def _check_sizes(self) -> None:
+        """Refuse numbers that exceed the populations they are taken from."""
+        models = self.estimation.population
+        populations = {
+            "exploration.population": self.exploration.population,
+            "estimation.population": models,
+        }
+        if self.exploration.best_models is not None:
+            best = self.exploration.best_models
+            at_most("exploration.best_models", best, "estimation.population", models)
+        if self.condition == "in-band":
+            at_most("in_band.k", self.in_band.k, "estimation.population", models)
+        if self.condition == "out-of-band":
+            populations["out_of_band.inner_population"] = self.out_of_band.inner_population
+            sampled = self.out_of_band.sampled_models
+            if sampled is not None:
+                at_most("out_of_band.sampled_models", sampled, "estimation.population", models)
+        for name, population in populations.items():
+            # With none but elites no generation would differ from the first.
+            at_most("genetic.elites", self.genetic.elites, f"{name} - 1", population - 1)
 
     def to_dict(self) -> dict[str, Any]:
         """Return every setting, nested, ready for JSON."""
         return asdict(self)
 
+
+PARTS: dict[str, type] = {
+    "exploration": ExplorationConfig,
+    "estimation": EstimationConfig,
+    "genetic": GeneticConfig,
+    "behavior": BehaviorConfig,
+    "in_band": InBandConfig,
+    "out_of_band": OutOfBandConfig,
+}
 
 FIGURES: dict[str, EEAConfig] = {
     "fig5": EEAConfig(condition="ideal"),
@@ -89,6 +119,33 @@ FIGURES: dict[str, EEAConfig] = {
         out_of_band=OutOfBandConfig(inner_population=50, sampled_models=5),
     ),
 }
+
+
+RECOVERY = EEAConfig(
+    condition="out-of-band",
+    steps=256,
+    rounds=16,
+    genetic=GeneticConfig(crossover="two_point"),
+    out_of_band=OutOfBandConfig(sampled_models=5, revisit=5),
+)
+
+
+def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
+    """Return the recommended settings, those of the damage-recovery case study.
+
+    They differ from the paper's Out-of-Band Inference where that was measured to be better.
+    Above all ``revisit=5``: each search for angles also infers those of five earlier trials
+    anew, which the paper locks in, and with them whatever was inferred wrongly while the models
+    were still poor. On seeds from 1000, with 256 steps and 10 rounds, the mean OBJ_FIT is 0.930,
+    against 0.884 without revisits. Two-point crossover is the better for Out-of-Band whatever
+    else is set; five sampled judges are those of Fig. 10, and save most of the trials.
+
+    Parameters
+    ----------
+    steps, rounds
+        Length of a trial, and how many the damaged robot performs.
+    """
+    return replace(RECOVERY, steps=steps, rounds=rounds)
 
 
 def figure_config(name: str, steps: int = 256, rounds: int = 25) -> EEAConfig:

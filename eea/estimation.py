@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.bits import BitLayout, Genomes
-from eea.checks import choice, whole
+from eea.checks import choice, flag, whole
 from eea.experiment import Context, Experiment, Floats, perform_angles
 from eea.fitness import model_fitness
 from eea.genetic import GeneticConfig, next_generation
@@ -45,6 +45,7 @@ class EstimationConfig:
         whole("estimation.population", self.population, 2)
         whole("estimation.generations", self.generations, 1)
         choice("estimation.carry_over", self.carry_over, ("continue", "reseed"))
+        flag("estimation.remember", self.remember)
 
 
 class SimilarityTable:
@@ -132,6 +133,15 @@ class Estimation:
         self._table = SimilarityTable()
         self.models: Floats = layout.decode(self._genomes)
         self.fitness: Floats = np.full(config.population, np.nan)
+
+    def save(self) -> tuple[Genomes, Floats, Floats]:
+        """Return the population as it is between rounds, for ``restore``."""
+        return self._genomes, self.models, self.fitness
+
+    def restore(self, saved: tuple[Genomes, Floats, Floats]) -> None:
+        """Go back to a saved population; what was learnt of experiments since is forgotten."""
+        self._genomes, self.models, self.fitness = saved
+        self._table = SimilarityTable()
 
     def run(
         self, experiments: Sequence[Experiment], inference: Inference, chance: np.random.Generator

@@ -16,7 +16,7 @@ import numpy as np
 
 from eea.angles import Inclusion, smallest_inclusive, widen
 from eea.bits import BitLayout
-from eea.checks import TargetError, choice, real, whole
+from eea.checks import TargetError, choice, flag, real, whole
 from eea.experiment import Context, Experiment, Floats
 from eea.genetic import GeneticConfig, evolve
 from eea.laboratory import Laboratory
@@ -120,6 +120,7 @@ class InBandConfig:
         whole("in_band.k", self.k, 1)
         choice("in_band.rank_by", self.rank_by, ("newest", "overall"))
         real("in_band.confidence", self.confidence, 0.0, 1.0)
+        flag("in_band.dynamic_split", self.dynamic_split)
         real("in_band.extension", self.extension, 0.0)
         choice("in_band.inclusion", self.inclusion, ("circular", "linear"))
 
@@ -206,8 +207,9 @@ class OutOfBandConfig:
         whole("out_of_band.inner_generations", self.inner_generations, 1)
         if self.sampled_models is not None:
             whole("out_of_band.sampled_models", self.sampled_models, 1)
-        whole("out_of_band.revisit", self.revisit, 0)
         choice("out_of_band.pose_fitness", self.pose_fitness, ("mean", "best"))
+        flag("out_of_band.warm_start", self.warm_start)
+        whole("out_of_band.revisit", self.revisit, 0)
 
 
 class OutOfBand(Inference):

@@ -20,11 +20,14 @@ class Laboratory:
         Runs the trials.
     behavior
         How logs are summarised and compared.
+    steps
+        How long every log must be.
     """
 
-    def __init__(self, simulator: Simulator, behavior: BehaviorConfig) -> None:
+    def __init__(self, simulator: Simulator, behavior: BehaviorConfig, steps: int) -> None:
         self._simulator = simulator
         self.behavior: BehaviorConfig = behavior
+        self.steps: int = steps
         self.trials: int = 0
 
     def behaviors(self, morphologies: Floats, commands: Floats, fin_angles: Floats) -> Coefficients:
@@ -35,11 +38,12 @@ class Laboratory:
         Raises
         ------
         TargetError
-            If the simulator returns another number of logs.
+            If the simulator returns another number of logs, or logs another number of steps.
         """
         trials = Trials(morphologies, commands, fin_angles)
         with np.errstate(invalid="ignore", over="ignore"):
-            coefficients = summarize(self._simulator.simulate(trials), self.behavior)
+            log = self._simulator.simulate(trials)
+            coefficients = summarize(log, self.behavior, self.steps, "the simulator")
         if len(coefficients) != len(trials):
             raise TargetError(
                 f"the simulator must return a log for each of {len(trials)} trials; "
@@ -54,18 +58,8 @@ class Laboratory:
         """Return sim (B,) between those behaviours and observed ones, (F,) or (B, F).
 
         A robot that left the finite numbers is like nothing: its sim is ``DIVERGED``.
-
-        Raises
-        ------
-        TargetError
-            If target and simulator log different numbers of steps.
         """
         simulated = self.behaviors(morphologies, commands, fin_angles)
-        if simulated.shape[-1] != observed.shape[-1]:
-            raise TargetError(
-                "the target and the simulator must log the same number of steps; their behaviours "
-                f"have {observed.shape[-1]} and {simulated.shape[-1]} coefficients"
-            )
         with np.errstate(invalid="ignore", over="ignore"):
             sim = similarity(simulated, observed, self.behavior)
         return np.where(np.isfinite(sim), sim, DIVERGED)

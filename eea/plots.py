@@ -5,14 +5,17 @@ matplotlib is loaded when a picture is drawn, and no global state of it is touch
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aquafish_gym.storage import write_bytes
 from eea.algorithm import Result
-from eea.checks import ConfigurationError
+from eea.checks import ConfigurationError, choice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,6 +27,8 @@ _OBJECTIVE, _MODEL = "#0072B2", "#D55E00"
 
 def draw_fitness(axes: Axes, results: Sequence[Result]) -> None:
     """Draw replicates of one condition into axes: thin lines each, thick ones their means.
+
+    Bands reach a standard deviation to each side of the means.
 
     Parameters
     ----------
@@ -53,12 +58,20 @@ def draw_fitness(axes: Axes, results: Sequence[Result]) -> None:
         axes.axhline(float(np.mean(chances)), color="0.4", ls="--", lw=1, label="random bodies")
         axes.axhline(float(np.mean(middles)), color="0.4", ls=":", lw=1, label="mid-range body")
     for label, color, values in curves:
+        mean = values.mean(axis=0)
         if len(values) > 1:
             axes.plot(number, values.T, color=color, lw=0.6, alpha=0.4)
-        mean = values.mean(axis=0)
+            deviation = values.std(axis=0, ddof=1)
+            low, high = mean - deviation, mean + deviation
+            band = f"{label.partition(',')[0]}, mean ± SD"
+            axes.fill_between(number, low, high, color=color, alpha=0.15, lw=0, label=band)
         axes.plot(number, mean, color=color, lw=2, marker="o", ms=4, label=label)
     # Without a clamp MOD_FIT can fall far below 0, where it would squash the rest.
     axes.set_ylim(max(0.0, min(0.4, axes.get_ylim()[0])), 1.02)
+    least = min(float(values.min()) for _, _, values in curves)
+    if least < 0.0:
+        note = f"cut at 0: MOD_FIT falls to {least:.3g}"
+        axes.text(0.01, 0.01, note, transform=axes.transAxes, color=_MODEL, fontsize="small")
     axes.set_xlim(0.5, rounds + 0.5)
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("round (experiments on the target)")
@@ -82,8 +95,23 @@ def fitness_figure(result: Result) -> Figure:
 
 
 def save_fitness_figure(result: Result, path: str | os.PathLike[str]) -> None:
-    """Draw one run into a file whose suffix names the format, ``.png`` or ``.svg``."""
-    fitness_figure(result).savefig(os.fspath(path))
+    """Draw one run into a file whose suffix names the format, ``.png`` or ``.svg``.
+
+    The file is replaced at once or not at all.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no such format, or no round to draw.
+    """
+    figure = fitness_figure(result)
+    suffix = Path(path).suffix
+    choice(
+        "the picture's suffix", suffix, [f".{f}" for f in figure.canvas.get_supported_filetypes()]
+    )
+    content = io.BytesIO()
+    figure.savefig(content, format=suffix[1:])
+    write_bytes(path, content.getvalue())
 
 
 def _series(

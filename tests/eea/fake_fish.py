@@ -77,10 +77,10 @@ class FakeRevealingTarget(FakeTarget):
 
 
 def fake_eea(config: EEAConfig, seed: int = 0, truth: bool = True) -> EEA:
-    """The algorithm bound to the fake robot."""
+    """The algorithm bound to the fake robot, whose trials are as long as ``config.steps``."""
     return EEA(
-        FakeRevealingTarget(seed),
-        FakeSimulator(),
+        FakeRevealingTarget(seed, config.steps),
+        FakeSimulator(config.steps),
         MODELS,
         ACTIONS,
         config,

@@ -7,14 +7,18 @@ import numpy as np
 import pytest
 
 from eea.algorithm import EEA, STREAMS, streams
+from eea.behavior import BehaviorConfig
 from eea.checks import ConfigurationError, TargetError
-from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config
+from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config, recovery_config
 from eea.estimation import EstimationConfig
+from eea.experiment import Trials
 from eea.exploration import ExplorationConfig
+from eea.genetic import GeneticConfig
 from eea.inference import InBandConfig, OutOfBandConfig
 from fake_fish import (
     ACTIONS,
     MODELS,
+    STEPS,
     TRUTH,
     FakeLog,
     FakeRevealingTarget,
@@ -24,6 +28,7 @@ from fake_fish import (
 )
 
 QUICK = EEAConfig(
+    steps=STEPS,
     rounds=3,
     exploration=ExplorationConfig(8, 4),
     estimation=EstimationConfig(population=10, generations=15),
@@ -58,7 +63,7 @@ def test_the_streams_are_independent_of_each_other():
 
 
 def test_knowing_the_angles_beats_not_knowing_them():
-    config = EEAConfig(rounds=3, estimation=EstimationConfig(generations=60))
+    config = EEAConfig(steps=STEPS, rounds=3, estimation=EstimationConfig(generations=60))
     score = {
         c: fake_eea(replace(config, condition=c)).run().rounds[-1].objective_fitness
         for c in ("ideal", "none")
@@ -68,7 +73,8 @@ def test_knowing_the_angles_beats_not_knowing_them():
 
 
 def test_inferring_the_angles_lies_between():
-    result = fake_eea(EEAConfig(rounds=3, out_of_band=OutOfBandConfig(sampled_models=5))).run()
+    inference = OutOfBandConfig(sampled_models=5)
+    result = fake_eea(EEAConfig(steps=STEPS, rounds=3, out_of_band=inference)).run()
     assert result.rounds[-1].objective_fitness > result.chance + 0.1
     assert np.mean([r.angle_error for r in result.rounds]) < 0.5
 
@@ -155,6 +161,121 @@ def test_an_interrupted_run_keeps_its_rounds():
     assert len(json.loads(eea.result.to_json())["rounds"]) == 2
 
 
+class Steady(FakeTarget):
+    """Hides angles that follow from the command, so that a repeated round is the same."""
+
+    def perform(self, command):
+        self.commands.append(command)
+        angles = 3.0 * np.sin(1000.0 * command)
+        return self._simulator.simulate(Trials(TRUTH[None], command[None], angles[None]))
+
+
+class Interrupted(FakeSimulator):
+    """Presses Ctrl-C once, in its so-many-th call."""
+
+    def __init__(self, call: int) -> None:
+        super().__init__()
+        self._call = call
+
+    def simulate(self, trials):
+        log = super().simulate(trials)
+        if self.calls == self._call:
+            raise KeyboardInterrupt
+        return log
+
+
+@pytest.mark.parametrize("condition", ["none", "in-band", "out-of-band"])
+def test_going_on_after_an_interrupt_ends_as_if_there_had_been_none(condition):
+    inference = OutOfBandConfig(period=5, inner_population=6, inner_generations=3, revisit=1)
+    config = replace(QUICK, condition=condition, out_of_band=inference)
+    simulator = FakeSimulator()
+    whole = EEA(Steady(), simulator, MODELS, ACTIONS, config, 0, TRUTH).run()
+    expected = [replace(r, trials=0) for r in without_clock(whole.rounds)]
+    for call in (2, simulator.calls // 2, simulator.calls // 2 + 8, simulator.calls - 1):
+        eea = EEA(Steady(), Interrupted(call), MODELS, ACTIONS, config, 0, TRUTH)
+        with pytest.raises(KeyboardInterrupt):
+            eea.run()
+        kept = len(eea.result.rounds)
+        assert kept < 3
+        assert eea.result.stopped == "interrupted"
+        result = eea.run()
+        assert [r.round for r in result.rounds] == [1, 2, 3]
+        assert [replace(r, trials=0) for r in without_clock(result.rounds)] == expected
+        assert np.all(np.diff([r.seconds for r in result.rounds]) >= 0)
+
+
+def test_a_target_that_fails_once_may_be_asked_again():
+    class Flaky(Steady):
+        failed = False
+
+        def perform(self, command):
+            if len(self.commands) == 1 and not self.failed:
+                self.failed = True
+                raise OSError("the tank is empty")
+            return super().perform(command)
+
+    expected = EEA(Steady(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()
+    eea = EEA(Flaky(), FakeSimulator(), MODELS, ACTIONS, QUICK)
+    with pytest.raises(OSError, match="the tank is empty"):
+        eea.run()
+    assert [r.morphology for r in eea.run().rounds] == [r.morphology for r in expected.rounds]
+
+
+def test_a_run_that_ended_stays_ended():
+    eea = fake_eea(replace(QUICK, condition="ideal", rounds=50, accurate=0.6))
+    rounds = list(eea.run().rounds)
+    assert list(eea) == []
+    assert (eea.result.rounds, eea.result.stopped) == (rounds, "accurate")
+
+
+@pytest.mark.parametrize("steps", [STEPS - 1, STEPS + 1, 2 * STEPS])
+@pytest.mark.parametrize("summary", ["dft", "mean_rate"])
+def test_a_target_that_logs_another_number_of_steps_is_refused(steps, summary):
+    config = replace(QUICK, behavior=BehaviorConfig(summary=summary))
+    eea = EEA(FakeTarget(steps=steps), FakeSimulator(), MODELS, ACTIONS, config)
+    with pytest.raises(TargetError, match=f"target must log trials of 64 .*; it logged {steps}"):
+        eea.run()
+
+
+def test_a_target_that_returns_no_log_is_named():
+    class Mute(FakeTarget):
+        def perform(self, command):
+            super().perform(command)
+
+    with pytest.raises(TargetError, match="the target must return a log with rpy; it returned N"):
+        EEA(Mute(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()
+
+
+@pytest.mark.parametrize("angles", [None, [1.0, 2.0], [0.0, np.nan, 0.0], "left"])
+def test_revealed_angles_must_be_three_numbers(angles):
+    class Confused(FakeTarget):
+        @property
+        def last_fin_angles(self):
+            return angles
+
+    with pytest.raises(TargetError, match="the target's last_fin_angles must"):
+        EEA(Confused(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"config": {"rounds": 3}}, "config must be of type EEAConfig; got {'rounds': 3}"),
+        ({"truth": TRUTH[:8]}, r"truth must have shape \(9\); got \(8,\)"),
+        (
+            {"config": replace(QUICK, genetic=GeneticConfig(mutations=18.5))},
+            "genetic.mutations must be at most the shortest genome's bits, 18; got 18.5",
+        ),
+    ],
+)
+def test_bad_arguments_are_refused_before_anything_is_performed(changed, message):
+    target = FakeTarget()
+    arguments = {"config": QUICK, "seed": 0, "truth": TRUTH, **changed}
+    with pytest.raises(ConfigurationError, match=message):
+        EEA(target, FakeSimulator(), MODELS, ACTIONS, **arguments)
+    assert not target.commands
+
+
 @pytest.mark.parametrize(
     ("rpy", "message"),
     [
@@ -195,6 +316,14 @@ def test_the_figures_are_the_papers_settings():
         figure_config("fig100")
 
 
+def test_the_recommended_settings_are_the_case_studys():
+    config = recovery_config()
+    assert (config.condition, config.steps, config.rounds) == ("out-of-band", 256, 16)
+    assert (config.out_of_band.sampled_models, config.out_of_band.revisit) == (5, 5)
+    assert config.genetic.crossover == "two_point"
+    assert recovery_config(64, 3) == replace(config, steps=64, rounds=3)
+
+
 def test_the_defaults_are_the_papers():
     config = EEAConfig()
     assert (config.exploration.population, config.exploration.generations) == (25, 25)
@@ -214,12 +343,50 @@ def test_the_defaults_are_the_papers():
         ({"rounds": 0}, "rounds"),
         ({"accurate": 1.5}, "accurate"),
         ({"time_limit": -1.0}, "time_limit"),
-        ({"in_band": InBandConfig(k=26)}, "in_band.k must be at most estimation.population, 25"),
+        ({"steps": 2**40}, "steps must be .* and at most 1048576; got 1099511627776"),
+        ({"genetic": None}, "genetic must be of type GeneticConfig; got None"),
+        ({"in_band": {"k": 3}}, "in_band must be of type InBandConfig"),
+        ({"behavior": BehaviorConfig}, "behavior must be of type BehaviorConfig"),
+        (
+            {"condition": "in-band", "in_band": InBandConfig(k=26)},
+            "in_band.k must be at most estimation.population, 25; got 26",
+        ),
+        (
+            {"out_of_band": OutOfBandConfig(sampled_models=26)},
+            "out_of_band.sampled_models must be at most estimation.population, 25; got 26",
+        ),
+        (
+            {"exploration": ExplorationConfig(best_models=26)},
+            "exploration.best_models must be at most estimation.population, 25; got 26",
+        ),
+        (
+            {"genetic": GeneticConfig(elites=25)},
+            "genetic.elites must be at most exploration.population - 1, 24; got 25",
+        ),
+        (
+            {"genetic": GeneticConfig(elites=9), "estimation": EstimationConfig(9)},
+            "genetic.elites must be at most estimation.population - 1, 8; got 9",
+        ),
+        (
+            {"genetic": GeneticConfig(elites=4), "out_of_band": OutOfBandConfig(5, 4)},
+            "genetic.elites must be at most out_of_band.inner_population - 1, 3; got 4",
+        ),
     ],
 )
 def test_bad_settings_are_refused(settings, message):
     with pytest.raises(ConfigurationError, match=message):
         EEAConfig(**settings)
+
+
+def test_settings_that_have_no_say_are_not_refused():
+    few = EstimationConfig(population=2)
+    unused = OutOfBandConfig(sampled_models=5, inner_population=2)
+    for condition in ("ideal", "none"):
+        EEAConfig(condition=condition, estimation=few, out_of_band=unused)
+    EEAConfig(condition="in-band", estimation=few, in_band=InBandConfig(k=2), out_of_band=unused)
+    EEAConfig(condition="out-of-band", estimation=few)
+    EEAConfig(condition="none", genetic=GeneticConfig(elites=2), out_of_band=unused)
+    EEAConfig(steps=2**20, genetic=GeneticConfig(elites=24))
 
 
 @pytest.mark.parametrize("seed", [-1, 1.5, None])

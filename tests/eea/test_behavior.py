@@ -122,11 +122,26 @@ def test_the_modulus_is_the_absolute_value(values):
         (FakeLog(np.zeros((2, 8, 2)), None), DFT, r"\(B, T, 3\)"),
         (FakeLog(np.zeros(8), None), DFT, r"\(B, T, 3\)"),
         (FakeLog(np.zeros((1, 8, 3)), None), BehaviorConfig(signal="body_rates"), "holds none"),
+        (FakeLog(None, np.zeros((1, 8, 3))), DFT, "must hold rpy .* holds none"),
+        (None, DFT, "a robot must return a log with rpy; it returned None"),
+        (np.zeros((8, 3)), DFT, "a log with rpy; it returned a ndarray"),
+        (FakeLog([["left"] * 3] * 8, None), DFT, "must hold real numbers"),
+        (FakeLog([[0.0], [0.0, 0.0]], None), DFT, "rpy of a robot is ragged"),
     ],
 )
 def test_a_log_of_the_wrong_form_is_refused(log, config, message):
     with pytest.raises(TargetError, match=message):
         summarize(log, config)
+
+
+@pytest.mark.parametrize("summary", ["dft", "mean_rate", "rms_rate"])
+def test_a_log_of_another_length_is_refused(summary):
+    config = BehaviorConfig(summary=summary)
+    assert np.array_equal(summarize(LOG, config, 16), summarize(LOG, config))
+    for steps in (15, 17, 32):
+        message = f"the fish must log trials of {steps} steps, .*; it logged 16"
+        with pytest.raises(TargetError, match=message):
+            summarize(LOG, config, steps, "the fish")
 
 
 @pytest.mark.parametrize(
@@ -138,6 +153,8 @@ def test_a_log_of_the_wrong_form_is_refused(log, config, message):
         ({"difference": "magnitudes"}, "did you mean 'magnitude'"),
         ({"maximum": 0.0}, "behavior.maximum"),
         ({"timestep": -0.01}, "behavior.timestep"),
+        ({"clamp": "no"}, "behavior.clamp must be True or False; got 'no'"),
+        ({"normalised": 0}, "behavior.normalised must be True or False; got 0"),
     ],
 )
 def test_bad_settings_are_refused(settings, message):

@@ -98,6 +98,7 @@ def test_decoding_takes_whole_populations_of_every_layout():
     [
         (lambda: Variable("v", 0, 0.0, 1.0), "bits of v must be a whole number of at least 1"),
         (lambda: Variable("v", 3, 1.0, 1.0), "high of v"),
+        (lambda: Variable("v", 3, 0.0, 1.0, "no"), "periodic of v must be True or False"),
         (lambda: BitLayout([Variable("v", 3, 0.0, 1.0)], "grey"), "did you mean 'gray'"),
         (lambda: BitLayout([]), "number of variables"),
         (lambda: MODELS.encode([[0.0] * 8]), r"values must have shape \(any, 9\)"),

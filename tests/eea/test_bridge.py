@@ -9,7 +9,7 @@ import eea
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from aquafish_gym.validation import InvalidArgumentError, UnknownNameError
 from eea import EEAConfig, EngineSimulator, EngineTarget, Trials, estimate_morphology
-from eea.aquafish import estimate_morphology_of, fish_actions, fish_models
+from eea.aquafish import estimate_morphology_of, fish_actions, fish_eea, fish_models
 from eea.behavior import BehaviorConfig
 from eea.estimation import EstimationConfig
 from eea.exploration import ExplorationConfig
@@ -143,6 +143,35 @@ def test_a_physical_robot_need_only_perform():
     assert result.rounds[0].true_angles is None
     with pytest.raises(eea.TargetError, match="Tank has none"):
         estimate_morphology_of(Tank(), EEAConfig(condition="ideal"))
+
+
+def test_the_truth_may_be_whatever_makes_a_body():
+    target = EngineTarget(None, DAMAGE, np.random.default_rng(0), 32, "numba")
+    sizes = target.morphology.to_array().tolist()
+    for truth in (target.morphology, sizes, np.array(sizes), {"left_pectoral": (0.4, 0.8, 0.1)}):
+        result = fish_eea(target, QUICK, truth=truth).result
+        assert result.truth.tolist() == sizes
+    with pytest.raises(InvalidArgumentError, match="morphology"):
+        estimate_morphology_of(target, QUICK, truth=sizes[:8])
+
+
+def test_a_target_of_other_steps_than_the_models_is_refused():
+    target = EngineTarget(None, DAMAGE, np.random.default_rng(0), 33, "numba")
+    with pytest.raises(eea.TargetError, match=r"must log trials of 32 steps, .*; it logged 33"):
+        estimate_morphology_of(target, QUICK)
+
+
+def test_a_config_of_another_kind_is_refused():
+    for config in ({"rounds": 3}, "fig5", EEAConfig):
+        with pytest.raises(eea.ConfigurationError, match="config must be of type EEAConfig"):
+            estimate_morphology(config=config)
+        with pytest.raises(eea.ConfigurationError, match="config must be of type EEAConfig"):
+            estimate_morphology_of(None, config)
+
+
+def test_an_unknown_keyword_is_refused():
+    with pytest.raises(TypeError, match="thread"):
+        estimate_morphology(config=QUICK, target_engine="numba", thread=1)
 
 
 @pytest.mark.parametrize(

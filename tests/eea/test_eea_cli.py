@@ -9,7 +9,6 @@ import time
 
 import pytest
 
-from aquafish_gym.commandline import _first_sentence
 from aquafish_gym.storage import read_records
 from eea.__main__ import main
 
@@ -38,7 +37,7 @@ def test_a_run_writes_its_rounds_its_result_and_its_picture(tmp_path, capsys):
     ]
     assert (out / "rounds.png").read_bytes().startswith(b"\x89PNG")
     printed = capsys.readouterr().out
-    for words in ("round  2/2", "experiments  2", "best MOD_FIT", "OBJ_FIT 0.", "true 0.800"):
+    for words in ("experiments  2/2", "best MOD_FIT", "OBJ_FIT 0.", "true 0.800"):
         assert words in printed
 
 
@@ -71,6 +70,9 @@ def test_a_body_can_be_read_from_a_file(tmp_path):
     ("arguments", "message"),
     [
         (["--steps", "100"], "steps must be a power of two; got 100"),
+        (["--steps", "1099511627776"], "and at most 1048576; got 1099511627776"),
+        (["--genetic.elites", "6"], "genetic.elites must be at most exploration.population - 1, 5"),
+        (["--genetic.mutations", "19"], "genetic.mutations must be at most"),
         (["--step", "64"], "did you mean --steps"),
         (["--steps", "many"], "--steps"),
         (["--condition", "outofband"], "out-of-band"),
@@ -104,30 +106,40 @@ def test_an_incomplete_command_is_explained_in_one_line(capsys, arguments):
     assert len(said) > len("eea: \n")
 
 
-def test_a_box_is_read_however_it_is_drawn():
-    lines = """\
-╭─ Unrecognized options ────────────╮
-│ Unrecognized options: --stepps, 5 │
-│ ───────────────────────────────── │
-│ Perhaps you meant:                │
-│     --steps INT                   │
-│ ───────────────────────────────── │
-│ For full helptext, run eea --help │
-╰───────────────────────────────────╯
-"""
-    hyphens = """\
- Unrecognized options
- ----------------------------------
-  Unrecognized options: --stepps, 5
-  ---------------------------------
-  Perhaps you meant:
-      --steps INT
-  ---------------------------------
-  For full helptext, run eea --help
-"""
-    sentence = "Unrecognized options: --stepps, 5; did you mean --steps?"
-    assert _first_sentence(lines) == sentence
-    assert _first_sentence(hyphens) == sentence
+def test_the_nearest_subcommand_is_offered(capsys):
+    assert main(["rum"]) == 2
+    said = capsys.readouterr().err
+    assert said == (
+        "eea: the command must be one of run, recover; got 'rum'; did you mean 'run'?\n"
+    )
+
+
+def test_recover_is_run_with_the_case_studys_settings(tmp_path):
+    out = tmp_path / "out"
+    assert main(["recover", *QUICK[1:], "--condition", "out-of-band", "--out", str(out)]) == 0
+    config = json.loads((out / "run.json").read_text())["config"]
+    assert config["genetic"]["crossover"] == "two_point"
+    assert (config["out_of_band"]["sampled_models"], config["out_of_band"]["revisit"]) == (5, 5)
+    assert (config["steps"], config["rounds"]) == (32, 2)
+
+
+def test_a_run_without_a_round_says_so_and_leaves_a_result(tmp_path, capsys):
+    assert main([*QUICK, "--time-limit", "0", "--out", str(tmp_path)]) == 0
+    printed = capsys.readouterr().out
+    assert "no round was completed" in printed
+    assert "stopped: time" in printed
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert (result["stopped"], result["rounds"], result["morphology"]) == ("time", [], None)
+    assert not (tmp_path / "rounds.png").exists()
+
+
+@pytest.mark.parametrize("name", ["rounds.jsonl", "result.json", "rounds.png"])
+def test_files_that_are_not_a_runs_are_left_alone(tmp_path, capsys, name):
+    (tmp_path / name).write_text("mine")
+    assert main([*QUICK, "--out", str(tmp_path)]) == 2
+    assert f"holds {name} but no run.json" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    assert (tmp_path / name).read_text() == "mine"
 
 
 def test_help_lists_the_options(capsys):

@@ -18,7 +18,7 @@ from eea.inference import (
     OutOfBandConfig,
 )
 from eea.laboratory import Laboratory
-from fake_fish import ACTIONS, MODELS, TRUTH, FakeSimulator
+from fake_fish import ACTIONS, MODELS, STEPS, TRUTH, FakeSimulator
 
 COMMAND = np.array([0.4, -0.3, 0.8])
 POSE = np.array([2.5, -0.7, 3.0])
@@ -117,7 +117,7 @@ def out_of_band(
     config: OutOfBandConfig | None = None, seed: int = 0
 ) -> tuple[OutOfBand, FakeSimulator]:
     simulator = FakeSimulator()
-    laboratory = Laboratory(simulator, BehaviorConfig())
+    laboratory = Laboratory(simulator, BehaviorConfig(), STEPS)
     rng = np.random.default_rng(seed)
     poses = pose_layout(ACTIONS.names)
     return OutOfBand(
@@ -208,6 +208,8 @@ def test_revisiting_mends_a_pose_that_was_locked_in_wrongly():
         (lambda: OutOfBandConfig(sampled_models=0), "out_of_band.sampled_models"),
         (lambda: OutOfBandConfig(pose_fitness="max"), "out_of_band.pose_fitness"),
         (lambda: OutOfBandConfig(revisit=-1), "out_of_band.revisit"),
+        (lambda: InBandConfig(dynamic_split="no"), "in_band.dynamic_split must be True or False"),
+        (lambda: OutOfBandConfig(warm_start=1), "out_of_band.warm_start must be True or False"),
     ],
 )
 def test_bad_settings_are_refused(make, message):

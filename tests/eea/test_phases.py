@@ -14,9 +14,18 @@ from eea.estimation import Estimation, EstimationConfig
 from eea.experiment import Context, Experiment, Trials
 from eea.exploration import Exploration, ExplorationConfig
 from eea.genetic import GeneticConfig
-from eea.inference import Ideal, OutOfBandConfig
+from eea.inference import Ideal, NoInference, OutOfBandConfig
 from eea.laboratory import DIVERGED, Laboratory
-from fake_fish import ACTIONS, MODELS, TRUTH, FakeLog, FakeRevealingTarget, FakeSimulator, fake_eea
+from fake_fish import (
+    ACTIONS,
+    MODELS,
+    STEPS,
+    TRUTH,
+    FakeLog,
+    FakeRevealingTarget,
+    FakeSimulator,
+    fake_eea,
+)
 
 BEHAVIOR = BehaviorConfig()
 
@@ -24,7 +33,7 @@ BEHAVIOR = BehaviorConfig()
 def explore(
     config: ExplorationConfig, simulator: FakeSimulator | None = None, seed: int = 0
 ) -> Exploration:
-    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR)
+    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR, STEPS)
     return Exploration(ACTIONS, laboratory, config, GeneticConfig(), np.random.default_rng(seed))
 
 
@@ -102,7 +111,7 @@ def experiments(count: int) -> list[Experiment]:
 
 
 def estimate(config: EstimationConfig, simulator: FakeSimulator | None = None) -> Estimation:
-    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR)
+    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR, STEPS)
     return Estimation(MODELS, laboratory, config, GeneticConfig(), np.random.default_rng(0))
 
 
@@ -130,6 +139,7 @@ def test_a_generation_runs_as_one_batch_and_forgets_nothing_it_may_keep():
 def test_memory_changes_no_bit_of_any_result(condition):
     config = EEAConfig(
         condition=condition,
+        steps=STEPS,
         rounds=4,
         exploration=ExplorationConfig(10, 5),
         estimation=EstimationConfig(population=12, generations=30),
@@ -157,6 +167,26 @@ def test_the_population_lives_on_unless_it_is_reseeded():
         assert np.array_equal(estimation.models, first) == same
 
 
+def test_what_was_learnt_of_an_undone_experiment_is_forgotten():
+    # Both begin arms back, so nothing but the behaviour tells the second from the third.
+    first, undone, second = experiments(3)
+    found = []
+    for interrupted in (True, False):
+        rng = np.random.default_rng(0)
+        laboratory = Laboratory(FakeSimulator(), BEHAVIOR, STEPS)
+        config = EstimationConfig(generations=8)
+        estimation = Estimation(MODELS, laboratory, config, GeneticConfig(), rng)
+        estimation.run([first], NoInference(), rng)
+        saved, drawn = estimation.save(), rng.bit_generator.state
+        if interrupted:
+            estimation.run([first, undone], NoInference(), rng)
+            estimation.restore(saved)
+            rng.bit_generator.state = drawn
+        found.append(estimation.run([first, second], NoInference(), rng))
+    assert found[0][1] == found[1][1]
+    assert np.array_equal(found[0][0], found[1][0])
+
+
 def test_a_body_that_cannot_be_simulated_loses():
     class Fragile(FakeSimulator):
         def simulate(self, trials):
@@ -170,9 +200,10 @@ def test_a_body_that_cannot_be_simulated_loses():
     assert DIVERGED < mod_fit <= 1
 
 
-def test_target_and_simulator_must_log_equally_long():
-    estimation = estimate(EstimationConfig(), FakeSimulator(steps=32))
-    with pytest.raises(TargetError, match="same number of steps"):
+@pytest.mark.parametrize("steps", [STEPS // 2, STEPS + 1])
+def test_a_simulator_must_log_all_steps(steps):
+    estimation = estimate(EstimationConfig(), FakeSimulator(steps))
+    with pytest.raises(TargetError, match=f"simulator must log trials of 64 .* logged {steps}"):
         estimation.run(experiments(1), Ideal(), np.random.default_rng(0))
 
 
@@ -196,6 +227,7 @@ def test_a_simulator_must_answer_every_trial():
         (lambda: EstimationConfig(population=1), "estimation.population"),
         (lambda: EstimationConfig(generations=2.5), "estimation.generations"),
         (lambda: EstimationConfig(carry_over="continued"), "did you mean 'continue'"),
+        (lambda: EstimationConfig(remember="no"), "estimation.remember must be True or False"),
     ],
 )
 def test_bad_settings_are_refused(make, message):
