@@ -7,7 +7,7 @@ PY := $(VENV)/bin/python
 PIP := $(PY) -m pip install -qq --disable-pip-version-check
 OUT ?= out/recovery
 
-.PHONY: recover test test-slow lint clean
+.PHONY: recover test test-slow lint docs clean
 .DEFAULT_GOAL := recover
 
 recover: $(VENV)/.installed
@@ -25,9 +25,12 @@ lint: $(VENV)/.installed-test
 	$(PY) -m mypy
 	$(VENV)/bin/lint-imports
 
+docs: $(VENV)/.installed-docs
+	$(VENV)/bin/sphinx-build -q -W docs docs/_build
+
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache \
-		.import_linter_cache .hypothesis
+		.import_linter_cache .hypothesis docs/_build
 
 # A stamp is touched last, so that an interrupted installation is taken up again.
 $(VENV)/.created:
@@ -49,4 +52,8 @@ $(VENV)/.installed-torch: | $(VENV)/.created
 
 $(VENV)/.installed-test: $(VENV)/.installed $(VENV)/.installed-torch
 	$(PIP) --editable ".[test,rl]"
+	touch $@
+
+$(VENV)/.installed-docs: $(VENV)/.installed
+	$(PIP) --editable ".[docs]"
 	touch $@

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import os
 import pathlib
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 pytest.importorskip("pybullet")
@@ -85,6 +87,71 @@ def test_a_second_run_repeats_the_first_to_the_byte(
         assert (again / name).read_bytes() == (study / name).read_bytes()
 
 
+def test_a_swim_that_diverged_counts_as_no_progress_and_is_told(
+    study: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    again = tmp_path / "again"
+    shutil.copytree(study, again)
+    path = again / "seed-000" / "none" / "outcome.json"
+    outcome = json.loads(path.read_text())
+    outcome["diverged"], outcome["target_distance"] = 1, 0.0
+    path.write_text(json.dumps(outcome))
+    done = recover(again, *SMALL, "--seeds", "2")
+    assert done.returncode == 0, done.stderr
+    assert "1 swims on the damaged robot diverged" in (again / "report.md").read_text()
+
+
+def test_a_study_is_not_continued_by_other_code(
+    study: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    again = tmp_path / "again"
+    shutil.copytree(study, again)
+    held = json.loads((again / "config.json").read_text())
+    (again / "config.json").write_text(json.dumps(held | {"source": "other"}))
+    done = recover(again, *SMALL, "--seeds", "2")
+    assert done.returncode == 2
+    assert "holds a study with source 'other'" in done.stderr
+    (again / "config.json").write_text("{")
+    done = recover(again, *SMALL, "--seeds", "2")
+    assert done.returncode == 2
+    assert "config.json is damaged" in done.stderr
+
+
+def test_two_commands_do_not_share_a_folder(study: pathlib.Path) -> None:
+    with (study / ".lock").open("a+") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        lock.truncate(0)
+        lock.write("1234")
+        lock.flush()
+        done = recover(study, *SMALL, "--seeds", "2")
+    assert done.returncode == 2
+    assert "is in use by another run of this command (process 1234)" in done.stderr
+
+
+def test_without_pybullet_the_study_is_whole_but_for_the_robots_picture(
+    tmp_path: pathlib.Path,
+) -> None:
+    hidden = (
+        "import importlib.util, runpy, sys; sys.modules['pybullet'] = None; "
+        "find = importlib.util.find_spec; "
+        "importlib.util.find_spec = lambda n, *a: None if n == 'pybullet' else find(n, *a); "
+        "sys.argv = sys.argv[1:]; runpy.run_path(sys.argv[0], run_name='__main__')"
+    )
+    out = tmp_path / "out"
+    script = [str(SCRIPT), "--out", str(out), *SMALL]
+    done = subprocess.run(
+        [sys.executable, "-c", hidden, *script],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "PYTHONPATH": str(SCRIPT.parent)},
+    )
+    assert done.returncode == 0, done.stderr
+    assert "need PyBullet" in done.stderr
+    assert (out / "report.json").exists()
+    assert (out / "paths.png").exists()
+    assert not (out / "bodies.png").exists()
+
+
 def test_another_configuration_in_the_same_folder_is_refused(study: pathlib.Path) -> None:
     done = recover(study, *SMALL, "--damage", "caudal:missing")
     assert done.returncode == 2
@@ -97,6 +164,7 @@ MISTAKES = {
     "engine": (("--engine", "bullet"), "did you mean 'pybullet'"),
     "steps": (("--steps", "100"), "steps must be a power of two; got 100"),
     "body": (("--morphology", "nowhere.json"), "morphology must be a file that can be read"),
+    "models": (("--models", "0"), "estimation.population must be"),
     "seeds": (("--seeds", "0"), "seeds must be a whole number of at least 1; got 0"),
     "option": (("--round", "3"), "did you mean --rounds"),
 }
@@ -120,7 +188,10 @@ def test_an_unwritable_folder_is_refused(tmp_path: pathlib.Path) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
-def test_ctrl_c_leaves_what_can_be_read_and_gone_on_with(tmp_path: pathlib.Path) -> None:
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_leaves_what_can_be_read_and_gone_on_with(
+    tmp_path: pathlib.Path, sent: signal.Signals
+) -> None:
     out = tmp_path / "out"
     process = subprocess.Popen(
         [sys.executable, str(SCRIPT), "--out", str(out), *SMALL, "--generations", "4000"],
@@ -134,11 +205,32 @@ def test_ctrl_c_leaves_what_can_be_read_and_gone_on_with(tmp_path: pathlib.Path)
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.1)
-    os.killpg(process.pid, signal.SIGINT)
+    os.kill(process.pid, sent)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
     assert "interrupted" in said
     assert "Traceback" not in said
-    assert json.loads((out / "config.json").read_text())["rounds"] == 2
+    assert json.loads((out / "config.json").read_text())["eea"]["rounds"] == 2
     written = next(h for h in histories if h.exists())
     assert written.read_text().splitlines()[0].startswith("generation,best")
+
+
+def test_statistics_by_hand() -> None:
+    sys.path.insert(0, str(SCRIPT.parent))
+    try:
+        from recovery.statistics import mean_interval, ratio_interval, sign_test
+    finally:
+        sys.path.pop(0)
+    assert sign_test([1.0] * 10) == pytest.approx(2 / 2**10)
+    assert sign_test([1.0, -1.0, 0.0]) == 1.0
+    assert mean_interval(np.arange(4.0)) is None
+    assert mean_interval(np.full(6, 2.0)) == [2.0, 2.0]
+    rng = np.random.default_rng(1)
+    held = 0
+    for _ in range(200):
+        interval = mean_interval(rng.normal(size=10))
+        assert interval is not None
+        held += interval[0] <= 0 <= interval[1]
+    assert 180 <= held <= 199, "near 95% of them hold the true mean"
+    low, high = ratio_interval(rng.normal(3, 0.1, 10), rng.normal(6, 0.1, 10)) or (0, 0)
+    assert low < 0.5 < high

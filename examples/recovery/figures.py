@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from aquafish_gym import Morphology
 from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
+from aquafish_gym.storage import write_bytes
 from eea.aquafish import fish_models
 from eea.fitness import chance_level, mid_range_level
 from gait.plots import draw_trajectories
@@ -33,9 +36,9 @@ SHOWN = {
 }
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=205.0, target=(0.0, -0.5, 0.0))
-FILM_FPS = 12
+FILM_FPS = 10
 FILM_SPEED = 2  # times real time
-FILM_PIXELS = (288, 288)
+FILM_PIXELS = (256, 256)
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -48,6 +51,13 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
+def save(figure: Figure, path: Path) -> None:
+    """Write a figure whole or not at all."""
+    content = io.BytesIO()
+    figure.savefig(content, format="png")
+    write_bytes(path, content.getvalue())
+
+
 def draw_bodies(path: Path, target: Morphology, outcomes: Outcomes) -> None:
     """Draw the target and each treatment's body of the first replicate, fins in red (Fig. 11)."""
     bodies = {"target": target} | {
@@ -55,23 +65,14 @@ def draw_bodies(path: Path, target: Morphology, outcomes: Outcomes) -> None:
     }
     figure = new_figure(10.5, 3.4)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
-        axes.imshow(
-            render_pose(
-                body,
-                ((0, 0, 0), (0, 0, 0, 1)),
-                (0, 0, 0),
-                520,
-                520,
-                Camera(distance=7.5, azimuth=205.0, target=(0.0, -0.5, 0.0)),
-            )
-        )
+        axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA))
         if name == "target":
             axes.set_title("the damaged robot\n")
         else:
             fit = outcomes[name][0]["objective_fitness"]
             axes.set_title(f"{SHOWN[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
-    figure.savefig(path)
+    save(figure, path)
 
 
 def draw_paths(path: Path, folders: dict[str, Path]) -> None:
@@ -86,7 +87,7 @@ def draw_paths(path: Path, folders: dict[str, Path]) -> None:
         draw_trajectories(axes, {"own model": swims["native"], "target": swims["target"]})
         axes.legend(loc="lower right", fontsize="small", framealpha=0.85)
         axes.set_title(f"gait for {SHOWN[name]}", color=COLOURS[name])
-    figure.savefig(path)
+    save(figure, path)
 
 
 def draw_fitness(
@@ -125,7 +126,7 @@ def draw_fitness(
     panels[0].set_ylim(0.4, 1.01)
     panels[1].set_ylim(max(-0.5, panels[1].get_ylim()[0]), 1.02)
     panels[0].legend(loc="lower right", fontsize="small")
-    figure.savefig(path)
+    save(figure, path)
 
 
 def draw_distances(path: Path, outcomes: Outcomes) -> None:
@@ -140,7 +141,7 @@ def draw_distances(path: Path, outcomes: Outcomes) -> None:
         _draw_pairs(axes, table)
         axes.set_title(title)
     figure.axes[0].set_ylabel("distance on the damaged robot (5 cm)")
-    figure.savefig(path)
+    save(figure, path)
 
 
 def _draw_pairs(axes: Axes, table: np.ndarray) -> None:
@@ -186,8 +187,6 @@ def film(path: Path, morphology: Morphology, target: Morphology, folders: dict[s
 
 def caption(frame: np.ndarray, text: str) -> np.ndarray:
     """Write a line of text into a frame."""
-    from PIL import Image, ImageDraw, ImageFont
-
     image = Image.fromarray(frame)
     ImageDraw.Draw(image).text(
         (8, 6), text, fill=(20, 20, 20), font=ImageFont.load_default(size=16)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from aquafish_gym.storage import write_bytes, write_json
-from recovery.statistics import Outcomes, paired_table, treatment_table
+from recovery.statistics import FEWEST, Outcomes, paired_table, treatment_table
 
 SCHEMA = "damage_recovery/1"
 UNIT_IN_M = 0.05
@@ -56,28 +56,34 @@ def write_report(directory: Path, report: dict[str, Any], figures: list[str]) ->
 def markdown(report: dict[str, Any], figures: list[str]) -> str:
     """Return the report for people."""
     config, seeds = report["config"], report["seeds"]
-    damage = config["damage"] or "no damage"
+    damage, swims, trials = config["damage"], config["transfer"], config["eea"]
     lines = [
         "# Damage recovery",
         "",
         f"The robot has suffered `{damage}`. Each row believes in another body, evolved a gait on "
-        f"it, and swam that gait for {config['seconds']:g} s on the damaged robot "
-        f"({config['engine']}). Distances forward are in units of 5 cm; the robot is 4 units long.",
+        f"it, and swam that gait for {swims['seconds']:g} s on the damaged robot "
+        f"({swims['target_engine']}). Distances forward are in units of 5 cm; the robot is 4 "
+        "units long.",
         "",
         f"{len(seeds)} replicate{'s' if len(seeds) > 1 else ''}, seed"
         f"{'s' if len(seeds) > 1 else ''} {', '.join(map(str, seeds))}"
-        f"{'; means, with 95% bootstrap intervals' if len(seeds) > 1 else ''}. "
-        f"Self-models: {config['rounds']} trials of {config['steps'] / 100:g} s.",
+        f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST else ''}. "
+        f"Self-models: {trials['rounds']} trials of {trials['steps'] / 100:g} s.",
         "",
         *_main_table(report["treatments"]),
         "",
         "*Own model* is the body the gait was evolved on. *Random poses* is the mean over "
-        f"{config['poses']} starts with the fins anywhere, since the robot cannot know where its "
-        "fins are. *Share* is of the oracle's distance.",
+        f"{swims['poses']} starts with the fins anywhere, since the robot cannot know where its "
+        "fins are. *Share* is of the oracle's distance. The old body has eight of the nine "
+        "dimensions right, so its OBJ_FIT is high although it is wrong where it matters; the "
+        "self-models start from random bodies.",
         "",
     ]
     for treatment, sentence in SAYS.items():
         lines.append(f"- **{treatment}**: {sentence}")
+    lost = sum(row["diverged_swims"] for row in report["treatments"].values())
+    if lost:
+        lines += ["", f"{lost} swims on the damaged robot diverged and count as no progress."]
     if len(seeds) > 1:
         lines += ["", "## Within replicates", "", *_paired_table(report["paired"])]
     lines += ["", "## Figures", ""]
@@ -94,8 +100,11 @@ def _number(summary: dict[str, Any], digits: int) -> str:
     return text
 
 
-def _share(value: float | None) -> str:
-    return "none" if value is None else f"{value:.0%}"
+def _share(row: dict[str, Any], name: str) -> str:
+    value, interval = row[name], row["spread"][name]["interval"]
+    if value is None:
+        return "none"
+    return f"{value:.0%}" + (f" [{interval[0]:.0%}, {interval[1]:.0%}]" if interval else "")
 
 
 def _main_table(treatments: dict[str, Any]) -> list[str]:
@@ -108,22 +117,22 @@ def _main_table(treatments: dict[str, Any]) -> list[str]:
         lines.append(
             f"| {name} | {_number(spread['objective_fitness'], 3)} "
             f"| {_number(spread['native_distance'], 1)} "
-            f"| {_number(spread['target_distance'], 1)} | {_share(row['share_of_oracle'])} "
+            f"| {_number(spread['target_distance'], 1)} | {_share(row, 'share_of_oracle')} "
             f"| {_number(spread['target_distance_random_poses'], 1)} "
-            f"| {_share(row['share_of_oracle_random_poses'])} |"
+            f"| {_share(row, 'share_of_oracle_random_poses')} |"
         )
     return lines
 
 
 def _paired_table(rows: list[dict[str, Any]]) -> list[str]:
     lines = [
-        "| on the target | is better than | in | by (units) |",
-        "|---|---|---|---|",
+        "| on the target | is better than | in | sign test | by (units) |",
+        "|---|---|---|---|---|",
     ]
     for row in rows:
         where = ", random poses" if row["measure"].endswith("poses") else ", zero pose"
         lines.append(
             f"| {row['first']}{where} | {row['second']} | {row['wins']} of {row['replicates']} "
-            f"| {_number(row['difference'], 1)} |"
+            f"| p = {row['sign_test_p']:.2g} | {_number(row['difference'], 1)} |"
         )
     return lines

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from recovery.treatments import TREATMENTS
 
 RESAMPLES = 10_000
+FEWEST = 5  # replicates that an interval is given for
 # The questions of the case study: does the recovered gait beat the old one, and plain EEA's?
 COMPARISONS = (("out-of-band", "undamaged"), ("out-of-band", "none"), ("oracle", "out-of-band"))
 
@@ -17,25 +19,55 @@ Outcomes = dict[str, list[dict[str, Any]]]  # treatment -> one outcome a replica
 
 
 def summarize(values: list[float]) -> dict[str, Any]:
-    """Return the mean, SD and 95% bootstrap interval of the mean (None for one replicate)."""
+    """Return the mean, SD (None for one number) and 95% interval of the mean (None under 5)."""
     data = np.array(values, dtype=np.float64)
-    interval = bootstrap_interval(data)
     return {
         "mean": float(data.mean()),
         "sd": float(data.std(ddof=1)) if len(data) > 1 else None,
-        "interval": interval,
+        "interval": mean_interval(data),
         "values": data.tolist(),
     }
 
 
-def bootstrap_interval(data: NDArray[np.float64]) -> list[float] | None:
-    """Return the percentile interval of the mean at 95%, or None for fewer than two numbers."""
-    if len(data) < 2:
+def mean_interval(data: NDArray[np.float64]) -> list[float] | None:
+    """Return the studentised bootstrap's 95% interval of the mean, or None for under 5 numbers.
+
+    The percentile bootstrap of so few numbers is too narrow: ten of them give it a coverage of
+    92%, five 84%. Studentising each resample mends that (Efron and Tibshirani 1993, 12.5).
+    """
+    if len(data) < FEWEST:
         return None
+    spread = data.std(ddof=1)
+    if spread == 0:
+        return [float(data.mean())] * 2
+    samples = data[_draws(len(data))]
+    spreads = samples.std(axis=1, ddof=1)
+    fair = spreads > 1e-9 * spread
+    pivots = (samples.mean(axis=1)[fair] - data.mean()) / spreads[fair]
+    high, low = np.quantile(pivots, [0.025, 0.975])
+    return [float(data.mean() - low * spread), float(data.mean() - high * spread)]
+
+
+def ratio_interval(above: NDArray[np.float64], below: NDArray[np.float64]) -> list[float] | None:
+    """Return the percentile interval at 95% of a ratio of paired means, or None for under 5."""
+    if len(above) < FEWEST:
+        return None
+    draws = _draws(len(above))
+    ratios = above[draws].mean(axis=1) / below[draws].mean(axis=1)
+    return [float(q) for q in np.quantile(ratios, [0.025, 0.975])]
+
+
+def sign_test(gains: list[float]) -> float:
+    """Return the exact two-sided p of so many gains and losses by chance; ties do not count."""
+    wins, losses = sum(g > 0 for g in gains), sum(g < 0 for g in gains)
+    count = wins + losses
+    tail = sum(math.comb(count, k) for k in range(min(wins, losses) + 1)) / 2**count
+    return min(1.0, 2.0 * float(tail))
+
+
+def _draws(count: int) -> NDArray[np.intp]:
     # A fixed seed: the same results give the same report.
-    rng = np.random.default_rng(0)
-    means = data[rng.integers(0, len(data), (RESAMPLES, len(data)))].mean(axis=1)
-    return [float(q) for q in np.quantile(means, [0.025, 0.975])]
+    return np.random.default_rng(0).integers(0, count, (RESAMPLES, count))
 
 
 def distances(outcome: dict[str, Any]) -> dict[str, float]:
@@ -73,8 +105,14 @@ def treatment_table(outcomes: Outcomes) -> dict[str, dict[str, Any]]:
             ("target_distance", ""),
             ("target_distance_random_poses", "_random_poses"),
         ):
-            best = float(np.mean([d[name] for d in oracle]))
-            row[f"share_of_oracle{suffix}"] = row[name] / best if best > 0 else None
+            best = np.array([d[name] for d in oracle])
+            ours = np.array([d[name] for d in swum])
+            sound = best.mean() > 0
+            row[f"share_of_oracle{suffix}"] = float(ours.mean() / best.mean()) if sound else None
+            spread[f"share_of_oracle{suffix}"] = {
+                "interval": ratio_interval(ours, best) if sound else None
+            }
+        row["diverged_swims"] = sum(o["diverged"] for o in outcomes[treatment])
         table[treatment] = row | {"spread": spread}
     return table
 
@@ -93,6 +131,7 @@ def paired_table(outcomes: Outcomes) -> list[dict[str, Any]]:
                     "second": second,
                     "wins": sum(g > 0 for g in gains),
                     "replicates": len(gains),
+                    "sign_test_p": sign_test(gains),
                     "difference": summarize(gains),
                 }
             )

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.storage import append_record, ensure_writable_directory, write_bytes, write_json
@@ -26,6 +27,7 @@ from gait.transfer import TransferConfig, transfer
 TREATMENTS = ("undamaged", "none", "out-of-band", "oracle")
 MODELLED: dict[str, Condition] = {"none": "none", "out-of-band": "out-of-band"}
 
+MODEL_FILE = "model.json"
 OUTCOME_FILE = "outcome.json"
 ROUNDS_FILE = "rounds.jsonl"
 SWIMS_FILE = "swims.npz"
@@ -66,8 +68,11 @@ def run_job(job: Job, say: Say) -> dict[str, Any]:
     """Do one job, write its files and return its outcome, ready for JSON.
 
     ``outcome.json`` is written last, so a job that has it is complete. Rounds of the self-model
-    and generations of the gait are on disk as they come; a gait that was interrupted goes on
-    where it stopped, to the same end.
+    and generations of the gait are on disk as they come. An interrupted job goes on, to the same
+    end: with its gait where that stopped, or with its self-model from the first round.
+
+    A robot that diverges has made no progress: its distance counts as 0, and ``diverged`` tells
+    how many of the swims on the target did.
     """
     ensure_writable_directory(job.directory)
     model, model_fitness = _model(job, say)
@@ -93,10 +98,14 @@ def run_job(job: Job, say: Say) -> dict[str, Any]:
         "objective_fitness": float(
             objective_fitness(model.to_array(), job.target.to_array(), fish_models())
         ),
-        "native_distance": numbers["native"]["distance"],
-        "target_distance": numbers["target"]["distance"],
-        "native_random_distances": numbers["native"]["random_distances"],
-        "target_random_distances": numbers["target"]["random_distances"],
+        "native_distance": numbers["native"]["distance"] or 0.0,
+        "target_distance": numbers["target"]["distance"] or 0.0,
+        "native_random_distances": [d or 0.0 for d in numbers["native"]["random_distances"]],
+        "target_random_distances": [d or 0.0 for d in numbers["target"]["random_distances"]],
+        "diverged": [
+            numbers["target"]["distance"],
+            *numbers["target"]["random_distances"],
+        ].count(None),
     }
     write_json(job.directory / OUTCOME_FILE, outcome)
     return outcome
@@ -109,19 +118,33 @@ def read_outcome(directory: Path) -> dict[str, Any]:
 
 
 def read_swims(directory: Path) -> dict[str, Swim]:
-    """Return the swims from the zero pose on the ``native`` body and on the ``target``."""
+    """Return the swims from the zero pose on the ``native`` body and on the ``target``.
+
+    A robot that diverged stays where it was last seen.
+    """
     with np.load(directory / SWIMS_FILE, allow_pickle=False) as arrays:
         return {
-            body: Swim(*(arrays[f"{body}_{name}"].astype(np.float64) for name in PATHS))
+            body: Swim(*(_held(arrays[f"{body}_{name}"]) for name in PATHS))
             for body in ("native", "target")
         }
+
+
+def _held(samples: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Return samples (T, ...) with those that are not finite replaced by the last that was."""
+    good = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1)
+    return samples[np.maximum.accumulate(np.where(good, np.arange(len(samples)), 0))].astype(
+        np.float64
+    )
 
 
 def _model(job: Job, say: Say) -> tuple[Morphology, float | None]:
     """Return the body that this treatment believes in, and its MOD_FIT if it was inferred."""
     if job.treatment not in MODELLED:
         return (job.morphology if job.treatment == "undamaged" else job.target), None
-    rounds = job.directory / ROUNDS_FILE
+    kept, rounds = job.directory / MODEL_FILE, job.directory / ROUNDS_FILE
+    if kept.exists():
+        found = json.loads(kept.read_text(encoding="utf-8"))
+        return Morphology.coerce(found["morphology"]), found["model_fitness"]
     rounds.unlink(missing_ok=True)
 
     def on_round(record: RoundRecord) -> None:
@@ -142,7 +165,9 @@ def _model(job: Job, say: Say) -> tuple[Morphology, float | None]:
         target_engine=job.transfer.target_engine,
         threads=job.gait.threads,
     )
-    return estimate.morphology, estimate.rounds[-1].model_fitness
+    fitness = estimate.rounds[-1].model_fitness
+    write_json(kept, {"morphology": estimate.morphology.to_dict(), "model_fitness": fitness})
+    return estimate.morphology, fitness
 
 
 def _write_swims(path: Path, native: Swim, target: Swim) -> None:

@@ -1,0 +1,35 @@
+"""The README's thirty lines are the example's, and run."""
+
+from __future__ import annotations
+
+import pathlib
+import subprocess
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).parent.parent
+EXAMPLE = (ROOT / "examples" / "thirty_lines.py").read_text()
+
+
+def test_the_readme_shows_the_example() -> None:
+    code = EXAMPLE.split('"""', 2)[2].strip()
+    assert f"```python\n{code}\n```" in (ROOT / "README.md").read_text()
+
+
+def test_it_runs(tmp_path: pathlib.Path) -> None:
+    pytest.importorskip("pybullet")
+    short = EXAMPLE
+    for long, brief in (("rounds=10", "rounds=1"), ("generations=30", "generations=1")):
+        assert short.count(long) == 1
+        short = short.replace(long, brief)
+    script = tmp_path / "short.py"
+    script.write_text(short)
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    said = done.stdout.splitlines()
+    assert said[0].startswith("random commands:")
+    assert said[1].startswith("trial 1: OBJ_FIT 0.")
+    assert [line.split(":")[0] for line in said[2:]] == [
+        "gait for the old body",
+        "gait for the self-model",
+    ]
