@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aquafish_gym.commandline import run_command_line, single_command
-from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.base import MAXIMUM_STEPS, check_engine, simulate
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.validation import integer
@@ -36,7 +36,8 @@ class Agreement:
     def execute(self) -> None:
         """Print one table."""
         few, many = integer("robots", self.robots, 1), integer("lane_robots", self.lane_robots, 1)
-        integer("steps", self.steps, 1)
+        integer("steps", self.steps, 1, MAXIMUM_STEPS)
+        check_engine("pybullet")
         rng = np.random.default_rng(integer("seed", self.seed, 0))
         count = max(few, many)
         bodies = rng.uniform(0, 1, (count, 9)) * MAXIMA

@@ -19,10 +19,12 @@ from rich.progress import track
 from rich.table import Table
 
 from aquafish_gym.commandline import run_command_line, single_command
-from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.base import MAXIMUM_STEPS, check_engine, simulate
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.storage import ensure_writable_directory, write_json
-from aquafish_gym.validation import integer
+from aquafish_gym.validation import InvalidArgumentError, integer
+
+FEW_ROBOTS = 16  # in the lanes' smallest batch
 
 
 @dataclass(frozen=True)
@@ -45,10 +47,14 @@ class Bench:
     def execute(self) -> None:
         """Time, print one table and write what was asked for."""
         integer("robots", self.robots, 1)
-        integer("steps", self.steps, 1)
+        integer("steps", self.steps, 1, MAXIMUM_STEPS)
         integer("bullet_robots", self.bullet_robots, 1)
         integer("turns", self.turns, 1)
+        integer("seed", self.seed, 0)
+        check_engine("pybullet")
         if self.out is not None:
+            if self.out.is_dir():
+                raise InvalidArgumentError(f"out must be a file; {self.out} is a directory")
             ensure_writable_directory(self.out.parent, "out")
         records = measure(self)
         show(records, f"{self.steps} steps of 0.01 s, best of {self.turns} turns")
@@ -73,9 +79,10 @@ class Row:
 def rows(config: Bench) -> list[Row]:
     """Return what is timed; the first row is what the others are compared with."""
     rng = np.random.default_rng(config.seed)
-    bodies = rng.uniform(0, 1, (config.robots, 9)) * MAXIMA
-    commands = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (config.robots, 3))
-    angles = rng.uniform(-np.pi, np.pi, (config.robots, 3))
+    count = max(config.robots, config.bullet_robots, FEW_ROBOTS)
+    bodies = rng.uniform(0, 1, (count, 9)) * MAXIMA
+    commands = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (count, 3))
+    angles = rng.uniform(-np.pi, np.pi, (count, 3))
 
     def run(engine: str, robots: int, dtype: str, threads: int, record: str) -> Row:
         def call() -> object:
@@ -94,7 +101,7 @@ def rows(config: Bench) -> list[Row]:
         found.append(run("numba", config.robots, dtype, 1, "attitude"))
         if cores > 1:
             found.append(run("numba", config.robots, dtype, cores, "attitude"))
-    found.append(run("numba", 16, "float32", 1, "attitude"))
+    found.append(run("numba", FEW_ROBOTS, "float32", 1, "attitude"))
     return found
 
 

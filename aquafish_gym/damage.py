@@ -17,7 +17,7 @@ from itertools import chain
 from typing import Any, ClassVar, Self, final
 
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology, dimension_index
-from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of
+from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of, parse_json
 
 
 class Fault(ABC):
@@ -161,6 +161,11 @@ class Damage:
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
+        if not isinstance(self.faults, Iterable):
+            raise InvalidArgumentError(
+                "damage must be a row of faults, as Damage.coerce makes of whatever is broken; "
+                f"got {self.faults!r}"
+            )
         faults = tuple(self.faults)
         for fault in faults:
             if not isinstance(fault, Fault):
@@ -249,10 +254,7 @@ class Damage:
         InvalidArgumentError
             If it is not JSON, or not a list of faults.
         """
-        try:
-            faults = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise InvalidArgumentError(f"damage is not JSON: {error}") from None
+        faults = parse_json("damage", text)
         if not isinstance(faults, list) or not all(isinstance(f, dict) for f in faults):
             raise InvalidArgumentError("a damage's JSON must be a list of faults")
         return cls.coerce(faults)

@@ -88,7 +88,11 @@ def continue_attitude(before: Vector, now: Vector) -> Vector:
 
 
 def unwrap_rpy(rpy: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Make a log of attitudes (T, 3), in rad, continuous; the first sample is kept."""
+    """Make a log of attitudes (T, 3), in rad, continuous; the first sample is kept.
+
+    The engines' logs are so already. This is for a physical robot's, before it is compared with
+    theirs.
+    """
     out = np.array(rpy, dtype=np.float64)
     for t in range(1, len(out)):
         out[t] = continue_attitude(tuple(out[t - 1]), tuple(out[t]))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of
+from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of, parse_json
 
 
 class Dimension(NamedTuple):
@@ -112,7 +112,7 @@ class Morphology:
         return cls(*(tuple(array[3 * i : 3 * i + 3]) for i in range(3)))
 
     @classmethod
-    def coerce(cls, value: Morphology | Mapping[str, ArrayLike] | ArrayLike | None) -> Morphology:
+    def coerce(cls, value: MorphologyLike) -> Morphology:
         """Make one from whatever a user may mean.
 
         ``None`` is the nominal body, a mapping goes from fin to (x, y, z) with the fins left
@@ -150,12 +150,13 @@ class Morphology:
         InvalidArgumentError
             If it is not JSON, or not a full morphology.
         """
-        try:
-            sizes: Any = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise InvalidArgumentError(f"morphology is not JSON: {error}") from None
+        sizes: Any = parse_json("morphology", text)
         if not isinstance(sizes, dict) or sorted(sizes) != sorted(FINS):
             raise InvalidArgumentError(
                 f"a morphology's JSON must be an object with the keys {', '.join(FINS)}"
             )
         return cls.coerce(sizes)
+
+
+# Whatever ``Morphology.coerce`` makes a body of.
+MorphologyLike = Morphology | Mapping[str, ArrayLike] | ArrayLike | None

@@ -10,8 +10,10 @@ world. Fin angles are as everywhere: left and right pectoral angle and caudal *p
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import os
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -66,15 +68,45 @@ def check_render_mode(mode: object) -> str | None:
     # Without one, Bullet's window code ends the whole process.
     if name == "human" and not _has_display():
         raise EngineUnavailableError(
-            'render_mode="human" opens a window and there is no display here (DISPLAY is not '
-            'set); use render_mode="rgb_array" and save the frames'
+            f'render_mode="human" opens a window and there is no display here ({_display()}); '
+            'use render_mode="rgb_array" and save the frames'
         )
-    load_pybullet()
+    _load_renderer()
     return name
 
 
+def _load_renderer() -> Any:
+    """Return PyBullet, or say that drawing needs it, whatever engine moves the robot."""
+    try:
+        return load_pybullet()
+    except EngineUnavailableError:
+        raise EngineUnavailableError(
+            "drawing the robot needs the package pybullet, with every engine, and it is not "
+            "installed here: pip install pybullet==3.2.7 on Linux with Python 3.9 to 3.11, or "
+            "leave render_mode out"
+        ) from None
+
+
+def _display() -> str:
+    name = os.environ.get("DISPLAY")
+    return f"no X server answers at DISPLAY={name}" if name else "DISPLAY is not set"
+
+
 def _has_display() -> bool:
-    return bool(os.environ.get("DISPLAY"))
+    """Return whether a window can be opened, by asking the X server that Bullet would ask."""
+    if not os.environ.get("DISPLAY"):
+        return False
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError:  # Bullet needs it too
+        return False
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    display = x11.XOpenDisplay(None)
+    if display is None:
+        return False
+    x11.XCloseDisplay(display)
+    return True
 
 
 @functools.cache
@@ -118,6 +150,7 @@ def render_pose(
     EngineUnavailableError
         If PyBullet, which draws, is not installed.
     """
+    _load_renderer()
     integer("width", width, 16, 4096)
     integer("height", height, 16, 4096)
     position, quaternion, angles = _check_pose(pose, fin_angles)

@@ -7,6 +7,7 @@ names the argument and reads alike.
 from __future__ import annotations
 
 import difflib
+import json
 from collections.abc import Iterable
 from typing import Any
 
@@ -26,10 +27,6 @@ class EngineUnavailableError(ImportError):
     """The engine asked for needs a package or a display that this machine lacks."""
 
 
-class DivergedError(ArithmeticError):
-    """A simulation left the finite numbers; the message says which robot and when."""
-
-
 def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
     """Return ``name`` if it is one of ``choices``.
 
@@ -41,9 +38,12 @@ def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
     known = list(choices)
     if isinstance(name, str) and name in known:
         return name
-    close = difflib.get_close_matches(str(name), known, n=1, cutoff=0.4)
+    said = name if isinstance(name, str) else _brief(name)
+    close = difflib.get_close_matches(said, known, n=1, cutoff=0.4)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise UnknownNameError(f"{argument} must be one of {', '.join(known)}; got {name!r}{hint}")
+    raise UnknownNameError(
+        f"{argument} must be one of {', '.join(known)}; got {_brief(name)}{hint}"
+    )
 
 
 def finite_array(
@@ -61,12 +61,13 @@ def finite_array(
     Raises
     ------
     InvalidArgumentError
-        If it is not numeric, has another shape, is not finite or leaves the range.
+        If it is not real numbers (text that spells them is not), has another shape, is not
+        finite or leaves the range.
     """
     wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
     try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        array = _real(value)
+    except (TypeError, ValueError, OverflowError, RecursionError):
         raise InvalidArgumentError(
             f"{argument} must be numbers of shape {wanted}; got {_brief(value)}"
         ) from None
@@ -100,10 +101,55 @@ def integer(argument: str, value: object, low: int, high: int | None = None) -> 
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise InvalidArgumentError(f"{argument} must be {wanted}; got {_brief(value)}")
     if value < low or (high is not None and value > high):
-        raise InvalidArgumentError(f"{argument} must be {wanted}; got {value}")
+        raise InvalidArgumentError(f"{argument} must be {wanted}; got {_brief(int(value))}")
     return int(value)
 
 
+def flag(argument: str, value: object) -> bool:
+    """Return ``value`` as a bool.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is not True or False: ``"no"`` would count as True.
+    """
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidArgumentError(f"{argument} must be True or False; got {_brief(value)}")
+    return bool(value)
+
+
+def parse_json(argument: str, text: object) -> Any:
+    """Return what a text in JSON holds.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is not text or not JSON, or has more digits or deeper nesting than can be read.
+    """
+    if not isinstance(text, str | bytes | bytearray):
+        raise InvalidArgumentError(f"{argument} must be text in JSON; got {_brief(text)}")
+    try:
+        return json.loads(text)
+    except ValueError as error:  # of too many digits, too
+        raise InvalidArgumentError(f"{argument} is not JSON: {error}") from None
+    except RecursionError:
+        raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep") from None
+
+
+def _real(value: ArrayLike) -> NDArray[np.float64]:
+    raw = np.asarray(value)
+    # numpy would read text, and drop the imaginary parts of complex numbers.
+    odd = str | bytes | np.complexfloating
+    if raw.dtype.kind not in "biufO" or (
+        raw.dtype.kind == "O" and any(isinstance(v, odd) for v in raw.flat)
+    ):
+        raise TypeError("not real numbers")
+    return np.array(raw, dtype=np.float64)
+
+
 def _brief(value: Any) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # too many digits, too deep
+        text = f"a {type(value).__name__} too long to show"
     return text if len(text) <= 80 else text[:77] + "..."

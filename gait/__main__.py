@@ -16,6 +16,7 @@ from tyro.extras import SubcommandApp
 
 from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line
 from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.storage import ensure_writable_directory, write_json
 from gait.baselines import Baseline, BaselineConfig, MissingExtraError
 from gait.controller import Controller
@@ -26,9 +27,26 @@ from gait.transfer import Transfer, TransferConfig, transfer
 app = SubcommandApp()
 
 
+@dataclass(frozen=True)
+class _OnBody:
+    """A command that works on a body and fills a directory."""
+
+    out: Path
+    """Directory for the results; made if need be."""
+    morphology: Path | None = None
+    """JSON file of the body; without it, the nominal body."""
+    damage: str = "none"
+    """What broke on it, as left_pectoral:length=0.5, or none."""
+
+    def prepare(self) -> tuple[Morphology, Path]:
+        """Return the body as it is, damage included, and the directory, checked."""
+        body = Damage.parse(self.damage).apply(read_morphology(self.morphology, "morphology"))
+        return body, ensure_writable_directory(self.out)
+
+
 @app.command(name="evolve")
 @dataclass(frozen=True)
-class Evolve:
+class Evolve(_OnBody):
     """Evolve a controller that swims a body forward.
 
     Into --out go controller.json (the best so far), history.csv (a row a generation),
@@ -36,25 +54,15 @@ class Evolve:
 
     Attributes
     ----------
-    out
-        Directory for the results; made if need be.
-    morphology
-        JSON file of the body; without it, the nominal body.
-    damage
-        What broke on it, as left_pectoral:length=0.5, or none.
     config
         How to evolve.
     """
 
-    out: Path
-    morphology: Path | None = None
-    damage: str = "none"
     config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
 
     def execute(self) -> None:
         """Evolve to the last generation, with a progress line."""
-        body = Damage.parse(self.damage).apply(read_morphology(self.morphology, "morphology"))
-        out = ensure_writable_directory(self.out)
+        body, out = self.prepare()
         with _progress() as progress:
             task = progress.add_task("evolving", total=self.config.generations)
 
@@ -129,34 +137,24 @@ class TransferCommand:
 
 @app.command(name="baseline")
 @dataclass(frozen=True)
-class BaselineCommand:
+class BaselineCommand(_OnBody):
     """Train a baseline of stable-baselines3 on a body, and say how far it swims.
 
     Into --out go baseline.json and parameters.npz. It needs the extra rl.
 
     Attributes
     ----------
-    out
-        Directory for the results; made if need be.
-    morphology
-        JSON file of the body; without it, the nominal body.
-    damage
-        What broke on it, as left_pectoral:length=0.5, or none.
     config
         How to learn.
     """
 
-    out: Path
-    morphology: Path | None = None
-    damage: str = "none"
     config: Annotated[BaselineConfig, tyro.conf.arg(name="")] = field(
         default_factory=BaselineConfig
     )
 
     def execute(self) -> None:
         """Train with a progress line, write, and evaluate."""
-        body = Damage.parse(self.damage).apply(read_morphology(self.morphology, "morphology"))
-        out = ensure_writable_directory(self.out)
+        body, out = self.prepare()
         baseline = Baseline(body, self.config)
         with _progress() as progress:
             task = progress.add_task(self.config.algorithm, total=self.config.steps)

@@ -6,6 +6,7 @@ pickles, which run whatever they contain when they are loaded; none is written o
 
 from __future__ import annotations
 
+import json
 import zipfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.storage import ensure_writable_directory, write_bytes, write_json
-from aquafish_gym.validation import InvalidArgumentError, finite_array, integer, one_of
+from aquafish_gym.validation import InvalidArgumentError, finite_array, flag, integer, one_of
 from gait.controller import read_json
 
 SPEC_FILE = "baseline.json"
@@ -55,8 +56,11 @@ class BaselineConfig:
         integer("steps", self.steps, 1)
         integer("environments", self.environments, 1, 1024)
         integer("seed", self.seed, 0, 2**32 - 1)
-        for width in self.hidden:
-            integer("hidden", width, 1, 4096)
+        if not isinstance(self.hidden, list | tuple):
+            raise InvalidArgumentError(f"hidden must be a row of widths; got {self.hidden!r}")
+        widths = tuple(integer("hidden", width, 1, 4096) for width in self.hidden)
+        object.__setattr__(self, "hidden", widths)
+        flag("random_poses", self.random_poses)
 
 
 class Baseline:
@@ -183,8 +187,12 @@ class Baseline:
             raise InvalidArgumentError(
                 f"baseline: config must have the fields {', '.join(sorted(names))}"
             )
-        config = BaselineConfig(**{**settings, "hidden": tuple(settings["hidden"])})
-        baseline = cls(Morphology.coerce(spec.get("morphology")), config)
+        if not isinstance(spec.get("morphology"), dict):
+            raise InvalidArgumentError(
+                f"baseline: {directory / SPEC_FILE} does not say what body it was trained on"
+            )
+        body = Morphology.from_json(json.dumps(spec["morphology"]))
+        baseline = cls(body, BaselineConfig(**settings))
         baseline._set_parameters(_read_arrays(directory / PARAMETERS_FILE))
         return baseline
 
@@ -216,5 +224,5 @@ def _load(module: str) -> Any:
     except ImportError as error:
         raise MissingExtraError(
             f"baselines need stable-baselines3 and torch, which are not installed here ({error}): "
-            'pip install "aquafish-gym[rl]"'
+            'pip install -e ".[rl]" in a clone of the repository'
         ) from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import InvalidArgumentError, finite_array
+from aquafish_gym.validation import InvalidArgumentError, finite_array, integer, parse_json
 from gait.network import INPUTS, OUTPUTS, forward, listen
 
 SCHEMA = 1
 KIND = "aquafish-controller"
 # Nobody's network is this large; a file that says so is broken or meant to hurt.
 MAXIMUM_NODES = 1000
+_HEARD = 9  # entries of an observation
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,8 @@ class Controller:
     Raises
     ------
     InvalidArgumentError
-        If a shape does not fit, a number is not finite, or a node hears a later one.
+        If a shape does not fit, a number is not finite, a node hears a later one, or the seed
+        is not a whole number of at least 0.
     """
 
     weights: NDArray[np.float64]
@@ -77,6 +80,7 @@ class Controller:
             object.__setattr__(self, name, array)
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
         object.__setattr__(self, "clock", clock)
+        object.__setattr__(self, "seed", integer("controller.seed", self.seed, 0))
 
     @property
     def nodes(self) -> int:
@@ -154,16 +158,13 @@ class Controller:
         for name, names in (("inputs", INPUTS), ("outputs", OUTPUTS)):
             if data[name] != list(names):
                 raise InvalidArgumentError(f"controller.{name} must be {', '.join(names)}")
-        seed = data["seed"]
-        if isinstance(seed, bool) or not isinstance(seed, int):
-            raise InvalidArgumentError(f"controller.seed must be a whole number; got {seed!r}")
         return cls(
             weights=data["weights"],
             bias=data["bias"],
             response=data["response"],
             clock=data["clock"],
             morphology=Morphology.from_json(json.dumps(data["morphology"])),
-            seed=seed,
+            seed=data["seed"],
         )
 
     @classmethod
@@ -196,8 +197,20 @@ class Policy:
             observes them; entries that follow are not heard.
         time
             Seconds since the controller was switched on.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If there are fewer entries, or one of the nine or the time is not finite.
         """
-        o = np.asarray(observation).tolist()
+        senses = np.asarray(observation)
+        if senses.ndim != 1 or len(senses) < _HEARD:
+            raise InvalidArgumentError(
+                f"observation must be {_HEARD} numbers or more in a row; got shape {senses.shape}"
+            )
+        o = finite_array("observation", senses[:_HEARD], (_HEARD,)).tolist()
+        if not math.isfinite(time):
+            raise InvalidArgumentError(f"time must be finite; got {time}")
         listen(self._values, self._genes[0], time, o[0:3], o[3:6], o[6:9])
         return np.array(forward(self._genes, self._nodes, self._values, 0, 1, 0.0))
 
@@ -211,11 +224,12 @@ def read_json(path: Path, argument: str) -> object:
         If the file cannot be read or is not JSON; the message names ``argument``.
     """
     try:
-        data: object = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
     except OSError as error:
         raise InvalidArgumentError(
             f"{argument}: cannot read {path}: {error.strerror or error}"
         ) from None
     except ValueError as error:
         raise InvalidArgumentError(f"{argument}: {path} is not JSON: {error}") from None
+    data: object = parse_json(f"{argument}: {path}", text)
     return data

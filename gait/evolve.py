@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.storage import ensure_writable_directory, write_bytes, write_json
 from aquafish_gym.validation import InvalidArgumentError, finite_array, integer
 from gait.controller import Controller, read_json
 from gait.evolution import Evolution, genome_to_controller
-from gait.rollout import SECONDS, ZERO_POSE, Scorer, random_poses, step_count, swim_all
+from gait.rollout import SECONDS, ZERO_POSE, Scorer, random_poses, step_count, stream, swim_all
 
 CONTROLLER_FILE = "controller.json"
 HISTORY_FILE = "history.csv"
 CHECKPOINT_FILE = "checkpoint.json"
-CHECKPOINT_SCHEMA = 1
+CHECKPOINT_SCHEMA = 2  # 1 drew from streams that were not this package's own
 
 # With random poses, fitness is noisy, and the best of many is the luckiest. So the leaders of
 # each generation swim once more, from poses that are the same throughout the run, and that
@@ -189,11 +189,11 @@ class GaitRun:
 
     def _stream(self, *key: int) -> np.random.SeedSequence:
         # Streams of their own, found by name, so that a run taken up again needs no generator.
-        return np.random.SeedSequence(self.config.seed, spawn_key=key)
+        return stream(self.config.seed, *key)
 
     @staticmethod
-    def _poses(count: int, stream: np.random.SeedSequence) -> NDArray[np.float64]:
-        return np.vstack([ZERO_POSE, random_poses(count, stream)])
+    def _poses(count: int, source: np.random.SeedSequence) -> NDArray[np.float64]:
+        return np.vstack([ZERO_POSE, random_poses(count, source)])
 
     def checkpoint(self) -> dict[str, Any]:
         """Return everything that the rest of the run depends on, ready for JSON."""
@@ -238,7 +238,7 @@ class GaitRun:
 
 
 def evolve_gait(
-    morphology: Morphology | None = None,
+    morphology: MorphologyLike = None,
     config: EvolveConfig | None = None,
     *,
     out: Path | str | None = None,
@@ -250,7 +250,7 @@ def evolve_gait(
     Parameters
     ----------
     morphology
-        The body; None is the nominal one.
+        The body, as ``Morphology.coerce`` takes it; None is the nominal one.
     config
         How; None is ``EvolveConfig()``.
     out
@@ -266,7 +266,8 @@ def evolve_gait(
     Raises
     ------
     InvalidArgumentError
-        If ``out`` cannot be written, holds another run, or its checkpoint is damaged.
+        If the body is none, or ``out`` cannot be written, holds another run, or its checkpoint
+        is damaged.
 
     Examples
     --------
@@ -274,7 +275,7 @@ def evolve_gait(
     >>> gait.controller.to_dict()["outputs"]
     ['left_pectoral', 'right_pectoral', 'caudal']
     """
-    run = GaitRun(morphology or Morphology.nominal(), config or EvolveConfig(), scorer)
+    run = GaitRun(Morphology.coerce(morphology), config or EvolveConfig(), scorer)
     directory = None if out is None else ensure_writable_directory(out)
     if directory is not None and (directory / CHECKPOINT_FILE).exists():
         _read_checkpoint(run, directory / CHECKPOINT_FILE)
@@ -332,8 +333,8 @@ def _write_results(run: GaitRun, directory: Path) -> None:
     names = [f.name for f in fields(Generation)]
     lines = [",".join(names)]
     lines += [",".join(json.dumps(getattr(row, n)) for n in names) for row in run.history]
-    write_bytes(directory / HISTORY_FILE, ("\n".join(lines) + "\n").encode())
     write_json(directory / CONTROLLER_FILE, run.result.controller.to_dict())
+    write_bytes(directory / HISTORY_FILE, ("\n".join(lines) + "\n").encode())
 
 
 def _write_checkpoint(run: GaitRun, path: Path) -> None:
@@ -351,7 +352,14 @@ def _read_checkpoint(run: GaitRun, path: Path) -> None:
         )
     if data.get("checksum") != _checksum(json.dumps(data.get("run"))):
         raise InvalidArgumentError(f"out: {path} is damaged; delete it to start again")
-    run.restore(data["run"])
+    try:
+        run.restore(data["run"])
+    except InvalidArgumentError:
+        raise
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError):
+        raise InvalidArgumentError(
+            f"out: {path} lacks something that a run needs; choose another directory"
+        ) from None
 
 
 def _checksum(text: str) -> str:

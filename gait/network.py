@@ -181,8 +181,3 @@ def steer(
         _MIDDLE[1] + _REACH[1] * a[1],
         _MIDDLE[2] + _REACH[2] * a[2],
     )
-
-
-def gene_count(nodes: int) -> int:
-    """Return how many rows describe a network of ``nodes`` nodes and its clock."""
-    return 1 + nodes * (2 + INPUT_COUNT) + nodes * (nodes - 1) // 2

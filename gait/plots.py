@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from aquafish_gym.storage import write_bytes
 from gait.evolve import Generation
 from gait.rollout import Swim
 
@@ -59,7 +61,7 @@ def plot_trajectories(path: Path | str, swims: Mapping[str, Swim], title: str = 
     axes = figure.add_subplot()
     draw_trajectories(axes, swims)
     axes.set_title(title)
-    figure.savefig(path, dpi=150)
+    _save(figure, path)
 
 
 def plot_history(path: Path | str, history: Sequence[Generation], title: str = "") -> None:
@@ -68,7 +70,16 @@ def plot_history(path: Path | str, history: Sequence[Generation], title: str = "
     axes = figure.add_subplot()
     draw_history(axes, history)
     axes.set_title(title)
-    figure.savefig(path, dpi=150)
+    _save(figure, path)
+
+
+def _save(figure: Figure, path: Path | str) -> None:
+    """Write a picture whole or not at all; what kind it is, its name says, or else PNG."""
+    target = Path(path)
+    target = target if target.suffix else target.with_suffix(".png")
+    picture = BytesIO()
+    figure.savefig(picture, format=target.suffix[1:], dpi=150)
+    write_bytes(target, picture.getvalue())
 
 
 def _figure(width: float, height: float) -> Figure:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.base import ENGINES
-from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import integer, one_of
+from aquafish_gym.engines.base import ENGINES, check_engine
+from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.validation import finite_array, integer, one_of
 from gait.controller import Controller
 from gait.rollout import SECONDS, Swim, random_poses, step_count, swim, swim_all
 
@@ -93,36 +93,52 @@ class Transfer:
 
 
 def transfer(
-    controller: Controller, target: Morphology, config: TransferConfig | None = None
+    controller: Controller, target: MorphologyLike, config: TransferConfig | None = None
 ) -> Transfer:
     """Swim a controller on the body it was evolved on, and on the target.
 
+    ``target`` is whatever ``Morphology.coerce`` takes.
+
     Raises
     ------
+    InvalidArgumentError
+        If the target is no body.
     EngineUnavailableError
         If an engine's package is missing.
     """
     c = config or TransferConfig()
+    body = Morphology.coerce(target)
+    check_engine(c.native_engine)
+    check_engine(c.target_engine)
     poses = random_poses(c.poses, c.seed)
     return Transfer(
         native=score(controller, controller.morphology, poses, c.native_engine, c.seconds),
-        target=score(controller, target, poses, c.target_engine, c.seconds),
+        target=score(controller, body, poses, c.target_engine, c.seconds),
         poses=poses,
     )
 
 
 def score(
     controller: Controller,
-    morphology: Morphology,
-    poses: NDArray[np.float64],
+    morphology: MorphologyLike,
+    poses: ArrayLike,
     engine: str = "pybullet",
     seconds: float = SECONDS,
 ) -> Scored:
-    """Swim a controller on one body, from the zero pose and from each of ``poses`` (Q, 3)."""
+    """Swim a controller on one body, from the zero pose and from each of ``poses`` (Q, 3).
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError
+        If an argument does not fit.
+    EngineUnavailableError
+        If the engine's package is missing.
+    """
+    angles = finite_array("poses", poses, (None, 3), unit="rad")
     if engine == "numba":
-        distances = swim_all([controller], morphology, poses, seconds, "float64")[0]
+        distances = swim_all([controller], morphology, angles, seconds, "float64")[0]
     else:
-        swims = (swim(controller, morphology, pose, engine, seconds) for pose in poses)
+        swims = (swim(controller, morphology, pose, engine, seconds) for pose in angles)
         distances = np.array([one.distance for one in swims])
     return Scored(swim(controller, morphology, engine=engine, seconds=seconds), distances)
 

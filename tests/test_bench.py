@@ -9,12 +9,17 @@ import sys
 
 import pytest
 
+from aquafish_gym.bench import Bench, rows
+
 pytest.importorskip("pybullet")
 
 
 def bench(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "aquafish_gym.bench", *arguments], capture_output=True, text=True
+        [sys.executable, "-m", "aquafish_gym.bench", *arguments],
+        capture_output=True,
+        text=True,
+        cwd=pathlib.Path(__file__).parents[1],
     )
 
 
@@ -30,9 +35,22 @@ def test_it_writes_every_row_with_its_ratio(tmp_path: pathlib.Path) -> None:
     assert all(r["robot_steps_per_second"] > 0 for r in rows)
 
 
-def test_a_mistake_is_one_line() -> None:
-    done = bench("--turns", "0")
+def test_a_row_swims_as_many_robots_as_it_says() -> None:
+    """Also where a batch is smaller than another row's."""
+    config = Bench(robots=2, bullet_robots=3, steps=1)
+    assert {len(row.call()) == row.robots for row in rows(config)} == {True}  # type: ignore[arg-type]
+    assert {row.robots for row in rows(config)} == {2, 3, 16}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--turns", "0"), "turns must be a whole number of at least 1; got 0"),
+        (("--seed", "-1"), "seed must be a whole number of at least 0; got -1"),
+        (("--out", "tests"), "out must be a file; tests is a directory"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments: tuple[str, ...], sentence: str) -> None:
+    done = bench(*arguments)
     assert done.returncode == 2
-    assert done.stderr.splitlines() == [
-        "aquafish_gym.bench: turns must be a whole number of at least 1; got 0"
-    ]
+    assert done.stderr.splitlines() == [f"aquafish_gym.bench: {sentence}"]

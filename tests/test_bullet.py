@@ -16,7 +16,8 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.base import Settings, Trials, simulate
+from aquafish_gym.engines import base
+from aquafish_gym.engines.base import Settings, Trials, check_engine, find_engine, simulate
 from aquafish_gym.engines.bullet import BulletWorld, simulate_bullet
 from aquafish_gym.engines.clients import load_pybullet
 from aquafish_gym.engines.push import push
@@ -25,7 +26,7 @@ from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import State, at_rest, caudal_angle, drive, rotation
 from aquafish_gym.robot import robot_from_column, robot_parameters
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
 
 pytest.importorskip("pybullet")
 
@@ -131,7 +132,9 @@ def test_joints_follow_their_servos_without_lag(world: BulletWorld) -> None:
     command, angles = (0.5, -0.5, 1.0), (0.3, -2.0, 1.0)
     world.reset(MAXIMA, angles, STILL)
     world.advance(command, 200)
-    (left, left_rate), (right, _), (tail, tail_rate) = world.joint_states()
+    (left, left_rate, *_), (right, *_), (tail, tail_rate, *_) = world._bullet.getJointStates(
+        world._robot, [0, 1, 2], physicsClientId=world._client
+    )
     state = world.state()
     assert left == pytest.approx(0.3 + 2 * math.pi, abs=1e-12)
     assert right == pytest.approx(-2.0 - 2 * math.pi, abs=1e-12)
@@ -307,3 +310,28 @@ def test_without_pybullet_the_sentence_says_what_to_do() -> None:
     assert done.stdout.startswith("EngineUnavailableError")
     assert "pip install pybullet" in done.stdout
     assert 'engine="numba"' in done.stdout
+
+
+def test_without_an_engines_package_it_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
+    def missing() -> None:
+        raise EngineUnavailableError("no pybullet")
+
+    assert callable(find_engine("pybullet"))
+    monkeypatch.setattr(base, "load_pybullet", missing)
+    monkeypatch.setitem(sys.modules, "numba", None)
+    for name, sentence in (("pybullet", "no pybullet"), ("numba", "pip install numba")):
+        for use in (check_engine, find_engine):
+            with pytest.raises(EngineUnavailableError, match=sentence):
+                use(name)
+
+
+@pytest.mark.parametrize("program", ["bench", "agreement"])
+def test_programs_that_compare_need_pybullet_at_the_door(program: str) -> None:
+    code = (
+        "import runpy, sys; sys.modules['pybullet'] = None\n"
+        f"sys.argv = ['x']; name = 'aquafish_gym.{program}'\n"
+        "runpy.run_module(name, run_name='__main__', alter_sys=True)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "needs the package pybullet" in done.stderr

@@ -107,6 +107,21 @@ def test_bad_json_is_refused(text: str) -> None:
         Damage.from_json(text)
 
 
+@pytest.mark.parametrize(
+    "text", [None, 3, "[" * 100_000, "1" * 5000, b"\xff", "{}", '{"caudal": [0, 0, 0]}']
+)
+def test_what_is_no_json_of_a_body_or_a_damage_is_a_sentence(text: object) -> None:
+    for read, name in ((Morphology.from_json, "morphology"), (Damage.from_json, "damage")):
+        with pytest.raises(InvalidArgumentError, match=name):
+            read(text)  # type: ignore[arg-type]
+
+
+def test_sizes_of_too_many_digits_are_a_sentence() -> None:
+    huge = json.dumps({**Morphology.nominal().to_dict(), "caudal": [10**400, 0, 0]})
+    with pytest.raises(InvalidArgumentError, match=r"morphology\.caudal must be numbers"):
+        Morphology.from_json(huge)
+
+
 @given(st.text(max_size=30))
 def test_any_text_parses_or_is_refused(text: str) -> None:
     with contextlib.suppress(InvalidArgumentError):
@@ -124,4 +139,6 @@ def test_unknown_names_are_refused() -> None:
         FinMissing("tail")
     with pytest.raises(InvalidArgumentError, match="made of faults"):
         Damage(("caudal:missing",))  # type: ignore[arg-type]
+    with pytest.raises(InvalidArgumentError, match="must be a row of faults"):
+        Damage(FinMissing("caudal"))  # type: ignore[arg-type]
     assert issubclass(FinMissing, Fault)

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -168,12 +171,38 @@ def test_bad_films_are_refused(tmp_path: Path) -> None:
         write_gif([frame], tmp_path / "missing" / "a.gif")
 
 
-def test_drawing_needs_pybullet(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_drawing_needs_pybullet_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     import aquafish_gym.rendering as rendering
 
     def missing() -> Any:
-        raise EngineUnavailableError("no pybullet")
+        raise EngineUnavailableError('use engine="numba"')
 
     monkeypatch.setattr(rendering, "load_pybullet", missing)
-    with pytest.raises(EngineUnavailableError):
-        rendering.check_render_mode("rgb_array")
+    for draw in (lambda: rendering.check_render_mode("rgb_array"), picture):
+        with pytest.raises(EngineUnavailableError, match="drawing the robot needs") as caught:
+            draw()
+        assert "numba" not in str(caught.value)
+
+
+@pytest.mark.parametrize("display", [":99", "nowhere.invalid:0", ""])
+def test_a_display_that_does_not_answer_is_a_sentence(display: str) -> None:
+    """Bullet's window code would end the process."""
+    code = (
+        "import gymnasium, aquafish_gym\n"
+        "try: gymnasium.make('AquaFish-v0', engine='numba', render_mode='human')\n"
+        "except ImportError as error: print(error)\n"
+        "env = gymnasium.make('AquaFish-v0', engine='numba', render_mode='rgb_array')\n"
+        "print(env.metadata['render_modes'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "DISPLAY": display},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=60,
+    )
+    sentence, modes = done.stdout.splitlines()
+    why = f"no X server answers at DISPLAY={display}" if display else "DISPLAY is not set"
+    assert f"there is no display here ({why})" in sentence
+    assert modes == "['rgb_array']"

@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
+from aquafish_gym.engines.clients import load_pybullet
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA, Morphology
-from aquafish_gym.validation import InvalidArgumentError, finite_array, integer, one_of
+from aquafish_gym.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    finite_array,
+    integer,
+    one_of,
+)
 
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
 MAXIMUM_SUBSTEPS = 64
-RECORDS = ("rpy", "attitude", "pose")
+MAXIMUM_STEPS = 1_000_000  # 10,000 s
+# How many numbers a sample has.
+RECORDS: dict[str, int] = {"rpy": 3, "attitude": 6, "pose": 16}
 
 
 @dataclass(frozen=True)
@@ -65,8 +77,8 @@ ENGINES: dict[str, str] = {
 }
 
 
-def find_engine(name: str) -> Engine:
-    """Return an engine by name.
+def check_engine(engine: object) -> str:
+    """Return the engine's name if it can be used here.
 
     Raises
     ------
@@ -75,7 +87,20 @@ def find_engine(name: str) -> Engine:
     EngineUnavailableError
         If the package behind it is not installed.
     """
-    module, function = ENGINES[one_of("engine", name, ENGINES)].split(":")
+    name = one_of("engine", engine, ENGINES)
+    if name == "pybullet":
+        load_pybullet()
+    elif find_spec(name) is None:
+        raise EngineUnavailableError(
+            f'the engine "{name}" needs the package {name}, which is not installed here: '
+            f"pip install {name}"
+        )
+    return name
+
+
+def find_engine(name: str) -> Engine:
+    """Return an engine by name, if it can be used here; see :func:`check_engine`."""
+    module, function = ENGINES[check_engine(name)].split(":")
     found: Engine = getattr(import_module(module), function)
     return found
 
@@ -115,8 +140,8 @@ def check_trials(morphologies: object, commands: object, fin_angles: object) -> 
 def _rows(value: object) -> ArrayLike:
     """Let a single trial be given flat."""
     try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
+        array: NDArray[Any] = np.asarray(value)
+    except (TypeError, ValueError, RecursionError):
         return value  # type: ignore[return-value]  # finite_array says what is wrong with it
     return array[None] if array.ndim == 1 and array.size else array
 
@@ -148,7 +173,7 @@ def simulate(
         (B, 3) initial left and right pectoral angle and caudal phase in rad, or (3,) for all;
         zero is arms back.
     steps
-        Samples of 0.01 s.
+        Samples of 0.01 s, at most 1,000,000.
     engine
         ``"numba"`` (all robots at once) or ``"pybullet"`` (one after another).
     dtype
@@ -182,14 +207,31 @@ def simulate(
     >>> log.rpy.shape
     (1, 100, 3)
     """
+    answer = find_engine(engine)
     trials = check_trials(morphologies, commands, fin_angles)
     water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
     settings = Settings(
-        steps=integer("steps", steps, 1),
+        steps=integer("steps", steps, 1, MAXIMUM_STEPS),
         substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
         current=(float(water[0]), float(water[1]), float(water[2])),
         dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
         threads=None if threads is None else integer("threads", threads, 1),
         record=one_of("record", record, RECORDS),
     )
-    return find_engine(engine)(trials, settings)
+    _check_log_fits(len(trials), settings, engine)
+    return answer(trials, settings)
+
+
+def _check_log_fits(batch: int, settings: Settings, engine: str) -> None:
+    """Refuse a log that is larger than this machine's memory."""
+    sample = RECORDS[settings.record] * np.dtype(settings.dtype).itemsize
+    if engine == "pybullet":  # keeps everything, in double precision, until the end
+        sample = RECORDS["pose"] * 8
+    wanted = batch * settings.steps * sample
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if wanted > memory:
+        raise InvalidArgumentError(
+            f"a log of {settings.steps} steps of {batch} robots would take {wanted / 2**30:,.0f} "
+            f"GiB, and this machine has {memory / 2**30:,.0f} GiB of memory; take fewer steps or "
+            'robots at a time, or record="rpy"'
+        )

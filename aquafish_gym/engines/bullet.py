@@ -289,12 +289,6 @@ class BulletWorld:
         j = self._joints
         return (math.atan2(j[1], j[0]), math.atan2(j[3], j[2]), math.atan2(j[5], j[4]))
 
-    def joint_states(self) -> list[tuple[float, float]]:
-        """Return Bullet's own (angle, speed) of the three joints, rad and rad/s."""
-        self._check_process()
-        states = self._bullet.getJointStates(self._robot, [0, 1, 2], physicsClientId=self._client)
-        return [(float(s[0]), float(s[1])) for s in states]
-
 
 def _follow(
     orientations: NDArray[np.float64],

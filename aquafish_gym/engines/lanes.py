@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -214,8 +213,3 @@ def simulate_lanes(trials: Trials, settings: Settings) -> ImuLog:
         settings.threads,
     )
     return lanes.advance(trials.commands, settings.steps, settings.record)
-
-
-def warm_up(dtype: type[np.floating] = np.float32) -> Any:
-    """Compile the open-loop engine now rather than at the first trial."""
-    return LaneBatch(np.zeros((1, 9)), np.zeros((1, 3)), dtype=dtype).advance(np.zeros((1, 3)), 1)

@@ -11,10 +11,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import ENGINES
 from aquafish_gym.physics.carriers import Vector
 from aquafish_gym.physics.kinematics import State
-from aquafish_gym.validation import one_of
 
 Triple = tuple[float, float, float]
 
@@ -88,26 +86,8 @@ class CompiledWorld:
         """See :class:`World`."""
 
 
-def check_engine(engine: object) -> str:
-    """Return the engine's name if it can be used here.
-
-    Raises
-    ------
-    UnknownNameError
-        With the nearest known name.
-    EngineUnavailableError
-        If the package behind it is not installed.
-    """
-    name = one_of("engine", engine, ENGINES)
-    if name == "pybullet":
-        from aquafish_gym.engines.clients import load_pybullet
-
-        load_pybullet()
-    return name
-
-
 def make_world(engine: str) -> World:
-    """Return a world of a checked engine; reset it before its first step."""
+    """Return a world of an engine that ``check_engine`` allowed; reset it before its first step."""
     if engine == "pybullet":
         from aquafish_gym.engines.bullet import BulletWorld
 

@@ -11,8 +11,8 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import scale_action
-from aquafish_gym.engines.base import TIMESTEP
-from aquafish_gym.engines.worlds import World, check_engine, make_world
+from aquafish_gym.engines.base import TIMESTEP, check_engine
+from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs.conditions import (
     action_space,
     check_action,
@@ -32,6 +32,7 @@ from aquafish_gym.rendering import (
     render_pose,
     usable_modes,
 )
+from aquafish_gym.validation import flag, integer
 
 Observation = NDArray[np.float32]
 
@@ -125,7 +126,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
     | `fin_angles` | str or three numbers | `"zero"` | see Starting State |
     | `observe_fins` | bool | `False` | whether the observation holds the fins' angles |
-    | `frame_skip` | int | `5` | physics steps of 0.01 s in each step |
+    | `frame_skip` | int | `5` | physics steps of 0.01 s in each step; it must divide 2000 |
     | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
     | `forward_reward_weight` | float | `1.0` | see Rewards |
     | `ctrl_cost_weight` | float | `1e-4` | see Rewards |
@@ -156,7 +157,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._conditions = check_conditions(morphology, damage, current, fin_angles)
         self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
         self._engine = check_engine(engine)
-        self._observe_fins = bool(observe_fins)
+        self._observe_fins = flag("observe_fins", observe_fins)
         self.frame_skip = check_frame_skip(frame_skip)
         self.render_mode = check_render_mode(render_mode)
         # The class says which modes there are, the environment which of them work here.
@@ -196,7 +197,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         InvalidArgumentError, UnknownNameError
             If an option is unknown or bad.
         """
-        super().reset(seed=seed)
+        super().reset(seed=None if seed is None else integer("seed", seed, 0))
         self._episode = self._conditions.with_options(options)
         self._body = self._episode.body
         if self._world is None:

@@ -109,13 +109,27 @@ def check_fin_angles(value: object) -> str | Triple:
 
 
 def check_frame_skip(value: object) -> int:
-    """Return the physics steps in each control step."""
-    return integer("frame_skip", value, 1, EPISODE_STEPS)
+    """Return the physics steps in each control step.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If an episode, which lasts 20 s for everybody, is not a whole number of control steps.
+    """
+    skip = integer("frame_skip", value, 1, EPISODE_STEPS)
+    if EPISODE_STEPS % skip:
+        low = next(n for n in range(skip, 0, -1) if EPISODE_STEPS % n == 0)
+        high = next(n for n in range(skip, EPISODE_STEPS + 1) if EPISODE_STEPS % n == 0)
+        raise InvalidArgumentError(
+            f"frame_skip must divide {EPISODE_STEPS}, the physics steps of an episode of "
+            f"{EPISODE_SECONDS:g} s; got {skip}; the nearest are {low} and {high}"
+        )
+    return skip
 
 
 def episode_length(frame_skip: int) -> int:
-    """Return the control steps of an episode: 20 s, rounded up to a whole step."""
-    return -(-EPISODE_STEPS // frame_skip)
+    """Return the control steps of an episode of 20 s."""
+    return EPISODE_STEPS // frame_skip
 
 
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:

@@ -58,8 +58,10 @@ class SwimForward:
     ctrl_weight: float = 1e-4
 
     def __post_init__(self) -> None:
-        finite_array("forward_reward_weight", self.forward_weight, ())
-        finite_array("ctrl_cost_weight", self.ctrl_weight, (), 0.0)
+        forward = finite_array("forward_reward_weight", self.forward_weight, ())
+        ctrl = finite_array("ctrl_cost_weight", self.ctrl_weight, (), 0.0)
+        object.__setattr__(self, "forward_weight", float(forward))
+        object.__setattr__(self, "ctrl_weight", float(ctrl))
 
     def reward_terms(
         self, before: Floats, after: Floats, action: Floats, dt: float

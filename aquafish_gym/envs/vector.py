@@ -27,7 +27,7 @@ from aquafish_gym.envs.conditions import (
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering import check_render_mode, render_pose
-from aquafish_gym.validation import InvalidArgumentError, integer, one_of
+from aquafish_gym.validation import InvalidArgumentError, flag, integer, one_of
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -107,7 +107,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             )
         self.render_mode = check_render_mode(render_mode)
         self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
-        self._observe_fins = bool(observe_fins)
+        self._observe_fins = flag("observe_fins", observe_fins)
         self.frame_skip = check_frame_skip(frame_skip)
         self.metadata = {
             "render_modes": ["rgb_array"],
@@ -155,17 +155,23 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         ----------
         seed
             Robot i takes seed + i; or one seed each; None goes on with the generators as they
-            are.
+            are, and so do the robots that are not reset.
         options
             ``fin_angles``, ``morphology`` and ``damage``, the same for all and for this episode
             alone, and ``reset_mask`` (num_envs,) of bool.
         """
-        self._seed(seed)
+        seeds = _check_seeds(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)
         if options is not None and "reset_mask" in options:
             mask = _check_mask(options["reset_mask"], self.num_envs)
         if not self._begun and not mask.all():
             raise ResetNeeded("the first reset must be of every robot")
+        if not self._rngs:
+            self._rngs = [seeding.np_random(s)[0] for s in seeds]
+        else:
+            for i in np.flatnonzero(mask).tolist():
+                if seeds[i] is not None:
+                    self._rngs[i] = seeding.np_random(seeds[i])[0]
         self._begin(mask, options)
         self._begun = True
         here = self._now["position"]
@@ -220,22 +226,6 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             ended & ~diverged,
             info,
         )
-
-    def _seed(self, seed: int | Sequence[int | None] | None) -> None:
-        if seed is None:
-            if not self._rngs:
-                self._rngs = [seeding.np_random(None)[0] for _ in range(self.num_envs)]
-            return
-        if isinstance(seed, int | np.integer):
-            seed = [int(seed) + i for i in range(self.num_envs)]
-        if len(seed) != self.num_envs:
-            raise InvalidArgumentError(
-                f"seed must be one number or {self.num_envs} of them; got {len(seed)}"
-            )
-        self._rngs = [
-            self._rngs[i] if s is None and self._rngs else seeding.np_random(s)[0]
-            for i, s in enumerate(seed)
-        ]
 
     def _begin(self, mask: Mask, options: dict[str, Any] | None) -> None:
         """Put the robots under ``mask`` back to the start."""
@@ -294,6 +284,18 @@ def _each_body(morphology: object, count: int) -> list[Any]:
             f"morphology must be one body or num_envs = {count} of them; got {len(morphology)}"  # type: ignore[arg-type]
         )
     return list(morphology)  # type: ignore[call-overload,no-any-return]
+
+
+def _check_seeds(seed: object, count: int) -> list[int | None]:
+    """Return a seed for each robot, from one number, one each, or None."""
+    if seed is None:
+        return [None] * count
+    if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str):
+        first = integer("seed", seed, 0)
+        return [first + i for i in range(count)]
+    if len(seed) != count:
+        raise InvalidArgumentError(f"seed must be one number or {count} of them; got {len(seed)}")
+    return [None if s is None else integer(f"seed[{i}]", s, 0) for i, s in enumerate(seed)]
 
 
 def _check_mask(mask: object, count: int) -> Mask:

@@ -13,12 +13,14 @@ faster and give all that up.
 
 from __future__ import annotations
 
+import ast
 import functools
 import hashlib
 import inspect
 import math
 import operator
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator
 from types import ModuleType
 from typing import Any
 
@@ -271,19 +273,43 @@ def register() -> None:
 
 
 def source_stamp(*functions: Any) -> str:
-    """Return a hash of the physics' sources, this file's and those of ``functions``.
+    """Return a hash of the sources of the physics, of this file and of ``functions``.
+
+    With them go the sources of all that they import, directly or not, from this package and
+    from the packages of ``functions``: compiled code freezes the constants that it finds
+    there, as a network does the servos' bounds.
 
     numba's cache watches only the file of the cached function itself. Kernels close over this
     stamp, and closures are part of the cache's key, so a kernel is never older than its
     physics.
     """
-    digest = hashlib.sha256()
     modules = [*PHYSICS_MODULES, inspect.getmodule(source_stamp)]
     modules += [inspect.getmodule(f) for f in functions]
-    for name in sorted({m.__file__ for m in modules if m is not None and m.__file__}):
-        with open(name, "rb") as source:  # noqa: PTH123
-            digest.update(source.read())
+    todo = [m for m in modules if m is not None]
+    packages = {m.__name__.partition(".")[0] for m in todo}
+    sources: dict[str, bytes] = {}
+    while todo:
+        module = todo.pop()
+        if module.__file__ is None or module.__name__ in sources:
+            continue
+        with open(module.__file__, "rb") as file:  # noqa: PTH123
+            source = sources[module.__name__] = file.read()
+        found = {name for name in _imported(source) if name.partition(".")[0] in packages}
+        todo += [sys.modules[name] for name in found if name in sys.modules]
+    digest = hashlib.sha256()
+    for name in sorted(sources):
+        digest.update(sources[name])
     return digest.hexdigest()
+
+
+def _imported(source: bytes) -> Iterator[str]:
+    """Yield the names of what a source imports, some of which may be no modules."""
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            yield node.module
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 @functools.cache

@@ -107,7 +107,19 @@ BAD = {
     "lengths": ({"commands": np.zeros((2, 3)), "fin_angles": np.zeros((3, 3))}, "equally many"),
     "engine": ({"engine": "pybulet"}, "did you mean 'pybullet'"),
     "dtype": ({"dtype": "float16"}, "dtype must be one of float32, float64"),
-    "steps": ({"steps": 0}, "steps must be a whole number of at least 1; got 0"),
+    "steps": ({"steps": 0}, "steps must be a whole number of at least 1 .*; got 0"),
+    "years": ({"steps": 10**13}, "steps must be a whole number .* at most 1000000; got 1000000000"),
+    "memory": (
+        {"commands": np.zeros((100_000, 3)), "steps": 10**6},
+        "log of 1000000 steps of 100000 robots would take 2,235 GiB",
+    ),
+    "digits": ({"commands": (10**400, 0, 0)}, "commands must be numbers"),
+    "many digits": ({"commands": (10**5000, 0, 0)}, "commands must be numbers.* too long to show"),
+    "digits of steps": ({"steps": 10**5000}, "steps must be a whole number.* too long to show"),
+    "complex": ({"commands": (0.1 + 1j, 0, 0)}, "commands must be numbers"),
+    "complex object": ({"commands": np.array([1j, 0, 0], dtype=object)}, "commands must be num"),
+    "spelled": ({"commands": ("0.1", "0", "0")}, "commands must be numbers"),
+    "spelled object": ({"commands": np.array(["0", 0, 0], dtype=object)}, "commands must be num"),
     "text": ({"fin_angles": "left"}, "fin_angles must be numbers"),
     "current": ({"current": (1, 2)}, r"current must have shape \(3\)"),
     "record": ({"record": "poses"}, "did you mean 'pose'"),
@@ -136,6 +148,22 @@ def test_the_cache_is_tied_to_the_physics_sources(
     assert simd.source_stamp() != before
 
 
+@pytest.mark.parametrize("module", ["aquafish_gym.command", "gait.network"])
+def test_the_cache_is_tied_to_all_that_a_policy_imports(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, module: str
+) -> None:
+    """A network freezes the servos' bounds, which another file states."""
+    from gait.network import steer
+
+    stamps = simd.source_stamp(steer), simd.source_stamp()
+    frozen = sys.modules[module]
+    changed = tmp_path / "changed.py"
+    changed.write_text(pathlib.Path(str(frozen.__file__)).read_text() + "\n# a change\n")
+    monkeypatch.setattr(frozen, "__file__", str(changed))
+    assert simd.source_stamp(steer) != stamps[0]
+    assert (simd.source_stamp() != stamps[1]) == (module == "aquafish_gym.command")
+
+
 SCRIPT = """
 import numpy as np
 from aquafish_gym.engines import kernel, lanes
@@ -143,7 +171,7 @@ from aquafish_gym.physics import simd
 if {stamp!r}:
     simd.source_stamp = lambda *_: {stamp!r}
     kernel.simd.source_stamp = simd.source_stamp
-lanes.warm_up()
+lanes.LaneBatch(np.zeros((1, 9)), np.zeros((1, 3))).advance(np.zeros((1, 3)), 1)
 k = kernel.compile_kernel(kernel.hold, lanes.lane_width(np.float32))
 print(sum(k.stats.cache_hits.values()), sum(k.stats.cache_misses.values()))
 """

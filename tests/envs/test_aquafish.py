@@ -107,11 +107,11 @@ def test_both_engines_are_the_same_environment() -> None:
         env.close()
 
 
-@pytest.mark.parametrize("frame_skip", [5, 7, 100, 2000])
+@pytest.mark.parametrize("frame_skip", [5, 8, 100, 2000])
 def test_an_episode_lasts_twenty_seconds(frame_skip: int) -> None:
     env = make(frame_skip=frame_skip)
     env.reset()
-    for _ in range(math.ceil(2000 / frame_skip) - 1):
+    for _ in range(2000 // frame_skip - 1):
         assert env.step(GO)[2:4] == (False, False)
     assert env.step(GO)[2:4] == (False, True)
     with pytest.raises(ResetNeeded):
@@ -276,6 +276,10 @@ def test_workers_may_each_have_a_pybullet_environment() -> None:
         ({"fin_angles": (0.0, 1.0)}, "fin_angles must have shape"),
         ({"frame_skip": 0}, "frame_skip must be a whole number"),
         ({"frame_skip": 2.5}, "frame_skip must be a whole number"),
+        ({"frame_skip": 7}, "frame_skip must divide 2000.*; got 7; the nearest are 5 and 8"),
+        ({"frame_skip": 1999}, "the nearest are 1000 and 2000"),
+        ({"ctrl_cost_weight": "1"}, "ctrl_cost_weight must be numbers"),
+        ({"observe_fins": "no"}, "observe_fins must be True or False; got 'no'"),
         ({"ctrl_cost_weight": -1.0}, "ctrl_cost_weight"),
         ({"forward_reward_weight": math.inf}, "forward_reward_weight"),
         ({"render_mode": "rgb"}, "did you mean 'rgb_array'"),
@@ -301,6 +305,21 @@ def test_bad_options_are_refused(options: Any, sentence: str) -> None:
         make().reset(options=options)
 
 
+@pytest.mark.parametrize("seed", [1.5, -1, "1"])
+def test_bad_seeds_are_refused(seed: Any) -> None:
+    with pytest.raises(InvalidArgumentError, match="seed must be a whole number"):
+        make().reset(seed=seed)
+
+
+def test_weights_and_flags_may_be_numpys() -> None:
+    env = make(ctrl_cost_weight=np.array(0.5, np.float32), observe_fins=np.bool_(True))
+    assert env.observation_space.shape == (15,)
+    env.reset()
+    reward = env.step(GO)[4]["reward_ctrl"]
+    assert type(reward) is float
+    assert reward == pytest.approx(-0.5 * float((GO.astype(float) ** 2).sum()))
+
+
 ENV = AquaFishEnv(engine="numba")
 
 
@@ -316,6 +335,7 @@ def test_an_action_is_three_finite_numbers_or_refused(action: Any) -> None:
     try:
         numbers = np.array(action, dtype=np.float64)
         fine = numbers.shape == (3,) and bool(np.isfinite(numbers).all())
+        fine = fine and not any(isinstance(v, str) for v in action)
     except (TypeError, ValueError):
         fine = False
     if fine:

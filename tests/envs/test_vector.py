@@ -52,7 +52,7 @@ def agree(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
 def test_it_is_gymnasiums_sync_of_single_environments(mode: AutoresetMode) -> None:
-    kwargs: dict[str, Any] = {"fin_angles": "random", "frame_skip": 150, "observe_fins": True}
+    kwargs: dict[str, Any] = {"fin_angles": "random", "frame_skip": 125, "observe_fins": True}
     ours = make(dtype="float64", autoreset_mode=mode.value, **kwargs)
     theirs = gym.make_vec(
         "AquaFish-v0",
@@ -170,6 +170,34 @@ def test_seeds_may_be_listed() -> None:
     assert not np.isclose(kept[[0, 2]], one[[0, 2]]).any()
     with pytest.raises(InvalidArgumentError, match="seed must be"):
         env.reset(seed=[1, 2])
+    for seed, sentence in (
+        (1.5, "seed must be a whole number"),
+        (-1, "seed must be a whole number"),
+        ("abc", "seed must be a whole number"),
+        ([1, 2.5, 3], r"seed\[1\] must be a whole number"),
+    ):
+        with pytest.raises(InvalidArgumentError, match=sentence):
+            env.reset(seed=seed)  # type: ignore[arg-type]
+
+
+def test_seeds_are_for_the_robots_that_are_reset() -> None:
+    kwargs: dict[str, Any] = {"fin_angles": "random"}
+    ours = make(autoreset_mode="Disabled", **kwargs)
+    theirs = gym.make_vec(
+        "AquaFish-v0",
+        num_envs=COUNT,
+        engine="numba",
+        vectorization_mode="sync",
+        vector_kwargs={"autoreset_mode": AutoresetMode.DISABLED},
+        **kwargs,
+    )
+    mask = np.array([False, True, False])
+    for env in (ours, theirs):
+        env.reset(seed=3)
+        env.reset(seed=20, options={"reset_mask": mask})
+    a, b = (env.reset()[1]["fin_angles"] for env in (ours, theirs))
+    np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)
+    theirs.close()
 
 
 def test_every_robot_has_a_frame() -> None:
@@ -194,6 +222,8 @@ def test_every_robot_has_a_frame() -> None:
         ({"morphology": [[0.0] * 9] * 2}, "one body or num_envs = 3"),
         ({"morphology": [[0.0] * 9, [0.0] * 9, [-1.0] * 9]}, "must lie in"),
         ({"frame_skip": True}, "frame_skip must be"),
+        ({"frame_skip": 150}, "frame_skip must divide 2000"),
+        ({"observe_fins": "no"}, "observe_fins must be True or False"),
     ],
 )
 def test_bad_arguments_are_refused(kwargs: dict[str, Any], sentence: str) -> None:

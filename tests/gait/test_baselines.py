@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import json
 import pickle
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -95,6 +96,9 @@ def test_a_foreign_or_hostile_archive_is_refused(trained: Baseline, tmp_path: Pa
         ({"schema": 2}, "is not a baseline of schema 1"),
         ({"kind": "x"}, "is not a baseline of schema 1"),
         ({"config": {}}, "config must have the fields algorithm"),
+        ({"morphology": None}, "does not say what body"),
+        ({"morphology": {}}, "morphology's JSON"),
+        ({"config": asdict(CONFIG) | {"hidden": 64}}, "hidden must be a row of widths; got 64"),
     ],
 )
 def test_a_broken_specification_is_refused(
@@ -112,13 +116,20 @@ def test_a_missing_library_is_named_with_its_remedy(monkeypatch: pytest.MonkeyPa
         raise ModuleNotFoundError(f"No module named {module!r}")
 
     monkeypatch.setattr(baselines, "import_module", absent)
-    with pytest.raises(MissingExtraError, match=r'pip install "aquafish-gym\[rl\]"'):
+    with pytest.raises(MissingExtraError, match=r'pip install -e "\.\[rl\]"'):
         Baseline(HALF, CONFIG)
 
 
 def test_bad_settings_are_refused_by_name() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'PPO'"):
         BaselineConfig(algorithm="PPA")
-    for name, value in (("steps", 0), ("environments", 0), ("seed", -1), ("hidden", (0,))):
+    for name, value in (
+        ("steps", 0),
+        ("environments", 0),
+        ("seed", -1),
+        ("hidden", (0,)),
+        ("hidden", 64),
+        ("random_poses", "no"),
+    ):
         with pytest.raises(InvalidArgumentError, match=f"^{name} must"):
             BaselineConfig(**{name: value})  # type: ignore[arg-type]

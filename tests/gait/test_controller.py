@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.validation import InvalidArgumentError
 from gait.controller import Controller
-from gait.network import INPUT_COUNT, gene_count
+from gait.network import INPUT_COUNT
 from gait_fakes import make_controller
 
 
@@ -37,7 +37,8 @@ def test_padding_changes_no_answer(seed: int, mutations: int, padding: int) -> N
     outputs = []
     for nodes in (controller.nodes, controller.nodes + padding):
         genes = controller.genes(nodes)
-        assert len(genes) == gene_count(nodes)
+        # The clock, and each node's bias, response, and weights from all before it.
+        assert len(genes) == 1 + sum(2 + INPUT_COUNT + n for n in range(nodes))
         outputs.append(forward(genes, nodes, inputs + [0.0] * nodes, 0, 1, 0.0))
     assert outputs[0] == outputs[1]
 
@@ -49,6 +50,26 @@ def test_a_policy_answers_with_a_legal_action() -> None:
         action = policy(rng.normal(size=9), time=0.05 * t)
         assert action.shape == (3,)
         assert (np.abs(action) <= 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("observation", "time", "message"),
+    [
+        ([0.0] * 8, 0.0, r"observation must be 9 numbers or more in a row; got shape \(8,\)"),
+        (np.zeros((1, 9)), 0.0, "observation must be 9 numbers"),
+        ([*[0.0] * 8, np.nan], 0.0, "observation must be finite"),
+        (["0"] * 9, 0.0, "observation must be numbers"),
+        ([0.0] * 9, np.inf, "time must be finite"),
+    ],
+)
+def test_a_policy_refuses_what_it_cannot_hear(observation: Any, time: float, message: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        make_controller().policy()(observation, time)
+
+
+def test_a_policy_hears_the_first_nine_entries() -> None:
+    policy, senses = make_controller().policy(), np.linspace(-1, 1, 15)
+    np.testing.assert_array_equal(policy(senses, 0.3), policy(senses[:9], 0.3))
 
 
 def test_arrays_cannot_be_changed_behind_its_back() -> None:
@@ -74,8 +95,9 @@ def without(name: str) -> dict[str, Any]:
         (without("bias"), "missing or unknown fields: bias"),
         (change(extra=1), "missing or unknown fields: extra"),
         (change(inputs=["roll"]), r"controller\.inputs must be up_x, up_y"),
-        (change(seed="1"), r"controller\.seed must be a whole number; got '1'"),
+        (change(seed="1"), r"controller\.seed must be a whole number of at least 0; got '1'"),
         (change(seed=True), r"controller\.seed must be a whole number"),
+        (change(seed=-5), r"controller\.seed must be a whole number of at least 0; got -5"),
         (change(clock=-1.0), r"controller\.clock must lie in \[0, 50\] Hz"),
         (change(clock=None), r"controller\.clock must be (numbers|finite)"),
         (change(bias=[0.0, 1.0]), r"controller\.bias must have 3 to 1000 entries; got 2"),
@@ -110,3 +132,6 @@ def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
     (tmp_path / "text.json").write_text("{")
     with pytest.raises(InvalidArgumentError, match=r"text\.json is not JSON"):
         Controller.load(tmp_path / "text.json")
+    (tmp_path / "deep.json").write_text("[" * 100_000)
+    with pytest.raises(InvalidArgumentError, match=r"deep\.json is not JSON: it is nested too"):
+        Controller.load(tmp_path / "deep.json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
@@ -23,6 +24,7 @@ from gait.evolve import (
     evolve_gait,
     read_history,
 )
+from gait.rollout import random_poses, stream
 from gait_fakes import WeightScorer, contents
 
 CONFIG = EvolveConfig(seed=1000, generations=6, population=20, poses=2)
@@ -146,13 +148,51 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
     changed["run"]["fitness"] = 99.0
     for text, message in (
         ("{", "is not JSON"),
-        ("[]", "not a checkpoint of schema 1"),
-        (json.dumps({**sound, "schema": 9}), "not a checkpoint of schema 1"),
+        ("[]", "not a checkpoint of schema 2"),
+        (json.dumps({**sound, "schema": 9}), "not a checkpoint of schema 2"),
         (json.dumps(changed), "is damaged"),
     ):
         path.write_text(text)
         with pytest.raises(InvalidArgumentError, match=message):
             evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+
+
+@pytest.mark.parametrize("lost", ["config", "morphology", "history", "best", "evolution", "seed"])
+def test_a_checkpoint_that_lacks_something_is_refused(tmp_path: Path, lost: str) -> None:
+    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+    path = tmp_path / CHECKPOINT_FILE
+    data = json.loads(path.read_text())
+    del (data["run"]["config"] if lost == "seed" else data["run"])[lost]
+    data["checksum"] = hashlib.sha256(json.dumps(data["run"]).encode()).hexdigest()
+    path.write_text(json.dumps(data))
+    with pytest.raises(InvalidArgumentError, match=r"out: .* lacks something|another morphology"):
+        evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+
+
+def test_chance_is_no_other_packages() -> None:
+    """One seed often serves the estimation, which spawns its streams of it, and the gait."""
+    found = [
+        np.random.default_rng(source).random(100).tobytes()
+        for seed in (0, 1)
+        for source in (
+            *(stream(seed, k) for k in range(4)),
+            stream(seed),
+            np.random.SeedSequence(seed),
+            *np.random.SeedSequence(seed).spawn(4),
+        )
+    ]
+    assert len(set(found)) == len(found)
+    assert random_poses(2, 5).tobytes() == random_poses(2, stream(5)).tobytes()
+
+
+def test_a_body_is_whatever_makes_one() -> None:
+    config = EvolveConfig(seed=1000, generations=1, population=10, poses=0)
+    whole = Morphology.coerce({"caudal": (0.0, 0.0, 0.0)})
+    for body in (whole, {"caudal": (0, 0, 0)}, whole.to_array()):
+        evolved = evolve_gait(body, config, scorer=WeightScorer())
+        assert evolved.controller.morphology == whole
+    with pytest.raises(InvalidArgumentError, match="morphology must have shape"):
+        evolve_gait(np.zeros(8), config)
 
 
 def test_an_unwritable_directory_is_refused_before_anything_swims(tmp_path: Path) -> None:

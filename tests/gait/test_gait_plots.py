@@ -43,3 +43,5 @@ def test_pictures_are_written(tmp_path: Path, name: str) -> None:
     assert (tmp_path / name).stat().st_size > 1000
     plot_history(tmp_path / name, HISTORY)
     assert (tmp_path / name).stat().st_size > 1000
+    plot_history(tmp_path / "bare", HISTORY)
+    assert {path.name for path in tmp_path.iterdir()} == {name, "bare.png"}

@@ -109,3 +109,23 @@ def test_bad_arguments_are_refused_by_name() -> None:
         swim(controller, HALF, engine="pybulet")
     with pytest.raises(UnknownNameError, match="dtype must be one of"):
         swim_all([controller], HALF, dtype="float16")
+    for threads in (0, -3, 1.5):
+        with pytest.raises(InvalidArgumentError, match="threads must be a whole number"):
+            swim_all([controller], HALF, threads=threads)  # type: ignore[arg-type]
+    for count in (-1, 2.5):
+        with pytest.raises(InvalidArgumentError, match="count must be a whole number"):
+            random_poses(count, 0)  # type: ignore[arg-type]
+    with pytest.raises(InvalidArgumentError, match="seed must be a whole number"):
+        random_poses(1, -1)
+    with pytest.raises(InvalidArgumentError, match="morphology must have shape"):
+        swim(controller, np.zeros(3))
+
+
+def test_a_body_is_whatever_makes_one() -> None:
+    controller = make_controller()
+    far = swim_all([controller], HALF, seconds=0.5)
+    sizes = {"left_pectoral": HALF.left_pectoral}
+    np.testing.assert_array_equal(swim_all([controller], sizes, seconds=0.5), far)
+    np.testing.assert_array_equal(swim_all([controller], HALF.to_array(), seconds=0.5), far)
+    whole = swim(controller, Morphology.nominal(), engine="numba", seconds=0.5)
+    assert swim(controller, None, engine="numba", seconds=0.5).distance == whole.distance

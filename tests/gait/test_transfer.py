@@ -11,7 +11,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.validation import InvalidArgumentError, UnknownNameError
 from gait.rollout import swim, swim_all
-from gait.transfer import TransferConfig, transfer
+from gait.transfer import TransferConfig, score, transfer
 from gait_fakes import make_controller
 
 QUICK = TransferConfig(poses=3, seconds=2.0)
@@ -37,6 +37,19 @@ def test_scores_are_the_swims_they_say() -> None:
     document = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert document["target"]["distance"] == result.target.distance
     assert len(document["native"]["random_distances"]) == len(document["poses"]) == 3
+
+
+def test_a_target_is_whatever_makes_a_body() -> None:
+    config = TransferConfig(poses=1, seconds=0.1, target_engine="numba")
+    one, other = (
+        transfer(make_controller(), body, config).target
+        for body in ({"caudal": (0, 0, 0)}, Morphology.coerce({"caudal": (0, 0, 0)}))
+    )
+    assert one.distance == other.distance
+    scored = score(make_controller(), None, [(0.0, 0.0, 0.0)], "numba", 0.1)
+    assert scored.random_distance == pytest.approx(scored.distance, abs=1e-12)
+    with pytest.raises(InvalidArgumentError, match="morphology must have shape"):
+        transfer(make_controller(), [1.0], config)
 
 
 def test_poses_follow_from_the_seed_alone() -> None:
