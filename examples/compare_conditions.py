@@ -1,0 +1,85 @@
+"""What knowing, guessing and inferring the fins' angles give (Secs. 4.1 to 4.4).
+
+    python examples/compare_conditions.py --seeds 5
+
+Each condition models the same damaged robots, which hide the same fin angles from all of them.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Console
+from rich.progress import track
+from rich.table import Table
+
+from aquafish_gym import Damage
+from aquafish_gym.commandline import BAD_INPUT, run_command_line, single_command
+from aquafish_gym.validation import integer
+from eea import (
+    CONDITIONS,
+    ConfigurationError,
+    EEAConfig,
+    MorphologyEstimate,
+    estimate_morphology,
+    recovery_config,
+)
+
+
+@dataclass(frozen=True)
+class CompareConditions:
+    """Compare the EEA's conditions on a damaged robot."""
+
+    damage: str = "left_pectoral:length=0.5"
+    """What breaks."""
+    steps: int = 256
+    """Length of a trial in steps of 0.01 s, a power of two."""
+    rounds: int = 10
+    """Trials on the damaged robot, one a round."""
+    seed: int = 0
+    """The first replicate's seed."""
+    seeds: int = 5
+    """Replicates, with seeds from `seed` upwards."""
+    engine: str = "pybullet"
+    """Where the damaged robot lives: pybullet or numba."""
+
+    def execute(self) -> None:
+        """Run and print one table."""
+        integer("seed", self.seed, 0)
+        integer("seeds", self.seeds, 1)
+        damage = Damage.coerce(self.damage)
+        configs: dict[str, EEAConfig] = {
+            c: EEAConfig(condition=c, steps=self.steps, rounds=self.rounds) for c in CONDITIONS
+        }
+        configs["recovery"] = recovery_config(self.steps, self.rounds)
+        table = Table(title=f"OBJ_FIT after {self.rounds} trials of {self.steps * 0.01:g} s")
+        for column in ("condition", "mean", "SD", "least", "random body", "mid-range body"):
+            table.add_column(column, justify="left" if column == "condition" else "right")
+        seeds = range(self.seed, self.seed + self.seeds)
+        for name, config in configs.items():
+            found: list[MorphologyEstimate] = [
+                estimate_morphology(None, damage, config, seed, target_engine=self.engine)
+                for seed in track(seeds, name, console=Console(stderr=True))
+            ]
+            fits = np.array([estimate.rounds[-1].objective_fitness for estimate in found])
+            table.add_row(
+                name,
+                f"{fits.mean():.3f}",
+                f"{fits.std(ddof=1):.3f}" if len(fits) > 1 else "",
+                f"{fits.min():.3f}",
+                f"{found[0].chance:.3f}",
+                f"{found[0].mid_range:.3f}",
+            )
+        Console().print(table)
+
+
+if __name__ == "__main__":
+    sys.exit(
+        run_command_line(
+            "compare_conditions",
+            single_command(CompareConditions),
+            refused=(*BAD_INPUT, ConfigurationError),
+        )
+    )
