@@ -26,14 +26,14 @@ from aquafish_gym import Damage
 from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line, single_command
 from aquafish_gym.engines.base import find_engine
 from aquafish_gym.storage import ensure_writable_directory, read_records
-from aquafish_gym.validation import integer
+from aquafish_gym.validation import InvalidArgumentError, integer
 from eea import ConfigurationError, recovery_config
 from eea.config import RECOVERY
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
 from recovery import figures
 from recovery.report import build_report, markdown, versions, write_report
-from recovery.running import claim, only_here, run_jobs, source_stamp
+from recovery.running import claim, held_settings, only_here, run_jobs, source_stamp
 from recovery.statistics import Outcomes
 from recovery.treatments import (
     MODELLED,
@@ -51,9 +51,11 @@ class DamageRecovery:
     """Damage a fish, let it model itself, evolve a gait, and score it on the damaged fish."""
 
     out: Path = Path("out/recovery")
-    """Where everything is written; an interrupted run there goes on."""
+    """Where everything is written. An interrupted run there goes on: finished self-models and all
+    generations of gaits are kept, an interrupted self-model starts again."""
     damage: str = "left_pectoral:length=0.5"
-    """What breaks."""
+    """What breaks: FIN:SIZE=FACTOR or FIN:missing, several joined by ";". FIN is left_pectoral,
+    right_pectoral or caudal; SIZE is length, width or thickness."""
     morphology: Path | None = None
     """A JSON file of the healthy body; the prototype if not given."""
     seed: int = 0
@@ -89,6 +91,8 @@ class DamageRecovery:
     """Processes; every core if not given. No result depends on it."""
     film: bool = True
     """Also draw the film, which takes some seconds."""
+    redraw: bool = False
+    """Only write report and pictures anew from what a finished folder holds."""
 
     def jobs(self) -> list[Job]:
         """Return every treatment of every replicate, the longest first.
@@ -169,10 +173,18 @@ class DamageRecovery:
         """Run, write and show everything."""
         jobs = self.jobs()
         settings = self.settings(jobs)
+        unfinished = [job for job in jobs if not job.finished]
+        if self.redraw:
+            if unfinished:
+                raise InvalidArgumentError(
+                    f"redraw needs a finished folder; {self.out} lacks {unfinished[0].name}"
+                )
+            # The numbers are those of the code that made them, which the folder names.
+            settings |= {k: held_settings(self.out)[k] for k in ("versions", "source")}
         ensure_writable_directory(self.out)
         with only_here(self.out):
             claim(self.out, settings)
-            run_jobs([job for job in jobs if not job.finished], self.workers)
+            run_jobs(unfinished, self.workers)
             self.publish(jobs, settings)
 
     def publish(self, jobs: list[Job], settings: dict[str, Any]) -> None:

@@ -111,6 +111,10 @@ def test_a_study_is_not_continued_by_other_code(
     done = recover(again, *SMALL, "--seeds", "2")
     assert done.returncode == 2
     assert "holds a study with source 'other'" in done.stderr
+    done = recover(again, *SMALL, "--seeds", "2", "--redraw")
+    assert done.returncode == 0, done.stderr
+    assert json.loads((again / "report.json").read_text())["config"]["source"] == "other"
+    assert recover(again, *SMALL, "--seeds", "3", "--redraw").returncode == 2
     (again / "config.json").write_text("{")
     done = recover(again, *SMALL, "--seeds", "2")
     assert done.returncode == 2

@@ -7,8 +7,8 @@ function objects (:func:`register`).
 
 Instructions carry no fast-math flag, not even ``contract``: every operation is rounded as
 IEEE 754 says, so a robot's numbers are the same in every lane, at every width, on every CPU,
-and in float64 the same to the last bit as plain Python's. Fused multiply-adds would be 15%
-faster and give all that up.
+and in float64 the same to the last bit as plain Python's. Fused multiply-adds would be
+somewhat faster and give all that up.
 """
 
 from __future__ import annotations

@@ -35,7 +35,8 @@ SHOWN = {
     "oracle": "the true body",
 }
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-BODY_CAMERA = Camera(distance=7.5, azimuth=205.0, target=(0.0, -0.5, 0.0))
+BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
+CM_PER_UNIT = 5
 FILM_FPS = 10
 FILM_SPEED = 2  # times real time
 FILM_PIXELS = (256, 256)
@@ -63,7 +64,7 @@ def draw_bodies(path: Path, target: Morphology, outcomes: Outcomes) -> None:
     bodies = {"target": target} | {
         t: Morphology.coerce(outcomes[t][0]["morphology"]) for t in TREATMENTS if t != "oracle"
     }
-    figure = new_figure(10.5, 3.4)
+    figure = new_figure(10.5, 3.3)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA))
         if name == "target":
@@ -97,6 +98,8 @@ def draw_fitness(
 
     ``rounds`` is treatment -> replicate -> records.
     """
+    from matplotlib.ticker import MaxNLocator
+
     figure = new_figure(9.0, 3.8)
     panels = figure.subplots(1, 2)
     for axes, (field, title) in zip(
@@ -116,7 +119,8 @@ def draw_fitness(
                 number, curves.mean(axis=0), "o-", ms=3, color=COLOURS[name], label=SHOWN[name]
             )
         axes.set_title(title)
-        axes.set_xlabel("round (trials on the robot)")
+        axes.set_xlabel("round (one trial on the robot each)")
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(color="0.92")
     array, layout = target.to_array(), fish_models()
     panels[0].axhline(chance_level(array, layout), color="0.4", ls="--", lw=1, label="random body")
@@ -140,7 +144,9 @@ def draw_distances(path: Path, outcomes: Outcomes) -> None:
         table = np.array([[distances(o)[field] for o in outcomes[t]] for t in TREATMENTS])
         _draw_pairs(axes, table)
         axes.set_title(title)
-    figure.axes[0].set_ylabel("distance on the damaged robot (5 cm)")
+    count = len(outcomes["oracle"])
+    figure.suptitle(f"on the damaged robot, {count} replicate{'s' if count > 1 else ''}")
+    figure.axes[0].set_ylabel("distance (units of 5 cm)")
     save(figure, path)
 
 
@@ -178,7 +184,7 @@ def film(path: Path, morphology: Morphology, target: Morphology, folders: dict[s
         )
         columns.append(
             [
-                caption(frame, f"{title}: {y:+.1f}")
+                caption(frame, f"{title}: {y * CM_PER_UNIT:+.0f} cm")
                 for frame, y in zip(frames, swim.position[::stride, 1], strict=True)
             ]
         )

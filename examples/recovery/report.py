@@ -37,9 +37,9 @@ def build_report(config: dict[str, Any], seeds: list[int], outcomes: Outcomes) -
     """Return every number of the study, ready for JSON."""
     return {
         "schema": SCHEMA,
-        "config": config,
+        "config": {name: value for name, value in config.items() if name != "versions"},
+        "versions": config["versions"],
         "seeds": seeds,
-        "versions": versions(),
         "unit_in_m": UNIT_IN_M,
         "treatments": treatment_table(outcomes),
         "paired": paired_table(outcomes),

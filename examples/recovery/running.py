@@ -77,16 +77,10 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
     InvalidArgumentError
         The message names a setting that differs.
     """
-    path = out / CONFIG_FILE
-    if not path.exists():
-        write_json(path, settings)
+    if not (out / CONFIG_FILE).exists():
+        write_json(out / CONFIG_FILE, settings)
         return
-    try:
-        held = _flat(json.loads(path.read_text(encoding="utf-8")))
-    except (ValueError, AttributeError):
-        raise InvalidArgumentError(
-            f"out: {path} is damaged, so what the folder holds is not known; choose another folder"
-        ) from None
+    held = _flat(held_settings(out))
     ours = _flat(json.loads(json.dumps(settings)))
     for name in sorted(held.keys() | ours.keys()):
         if held.get(name) != ours.get(name):
@@ -94,6 +88,27 @@ def claim(out: Path, settings: dict[str, Any]) -> None:
                 f"out: {out} holds a study with {name} {held.get(name)!r}, not "
                 f"{ours.get(name)!r}; choose another folder"
             )
+
+
+def held_settings(out: Path) -> dict[str, Any]:
+    """Return the settings of the study that a folder holds.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If they cannot be read.
+    """
+    path = out / CONFIG_FILE
+    try:
+        held: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        missing = {"versions", "source"} - held.keys()
+    except (OSError, ValueError, AttributeError):
+        missing = {"everything"}
+    if missing:
+        raise InvalidArgumentError(
+            f"out: {path} is damaged, so what the folder holds is not known; choose another folder"
+        )
+    return held
 
 
 def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
