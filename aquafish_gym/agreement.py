@@ -22,16 +22,20 @@ from aquafish_gym.validation import integer
 
 @dataclass(frozen=True)
 class Agreement:
-    """Compare the engines on the same random trials."""
+    """Print how far the engines differ on the same random trials.
+
+    A robot's difference is the largest over its samples; the table gives the median and the
+    maximum over robots, of the angles, the rates of turn and the position.
+    """
 
     robots: int = 20
-    """Trials for PyBullet against the lanes."""
+    """Trials of PyBullet against the compiled engine, numba."""
     lane_robots: int = 2000
-    """Trials for float32 against float64."""
+    """Trials of the compiled engine in float32 against float64."""
     steps: int = 512
     """Samples of 0.01 s a trial."""
     seed: int = 0
-    """Of bodies, commands and fin angles."""
+    """The random bodies, commands and fin angles follow from it."""
 
     def execute(self) -> None:
         """Print one table."""
@@ -52,8 +56,8 @@ class Agreement:
         for column in ("engines", "robots", "what", "median", "maximum"):
             table.add_column(column, justify="left" if column in ("engines", "what") else "right")
         for name, first, second, robots in (
-            ("PyBullet, lanes float64", ("pybullet", "float64"), ("numba", "float64"), few),
-            ("lanes float32, float64", ("numba", "float32"), ("numba", "float64"), many),
+            ("PyBullet, numba float64", ("pybullet", "float64"), ("numba", "float64"), few),
+            ("numba float32, float64", ("numba", "float32"), ("numba", "float64"), many),
         ):
             one, other = log(*first, robots), log(*second, robots)
             for field, unit in (("rpy", "rad"), ("gyro", "rad/s"), ("position", "units")):

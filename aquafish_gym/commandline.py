@@ -12,8 +12,8 @@ from typing import Any, Protocol
 
 import tyro
 
-from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError, parse_json
 
 BAD_INPUT: tuple[type[Exception], ...] = (InvalidArgumentError, EngineUnavailableError)
 REFUSED = 2
@@ -64,8 +64,8 @@ def run_command_line(
         return _refuse(program, str(error))
     try:
         command.execute()
-    except KeyboardInterrupt:
-        print(f"{program}: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as stop:  # a command may say what is left to do
+        print(f"{program}: {str(stop) or 'interrupted'}", file=sys.stderr)
         return INTERRUPTED
     except refused as error:
         return _refuse(program, str(error))
@@ -92,10 +92,14 @@ def single_command(command: type[Command]) -> CommandLine:
 def read_morphology(path: Path | None, argument: str) -> Morphology:
     """Return the body in a JSON file, or the nominal body for None.
 
+    The file holds what ``Morphology.to_json`` wrote, or an object whose ``morphology`` is that or
+    nine numbers in the order of ``DIMENSIONS``, as results of estimations and studies do.
+
     Raises
     ------
     InvalidArgumentError
-        If the file cannot be read or holds no morphology; the message names ``argument``.
+        If the file cannot be read or holds no morphology; the message names ``argument`` and the
+        file.
     """
     if path is None:
         return Morphology.nominal()
@@ -107,7 +111,35 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
         ) from None
     except UnicodeDecodeError:
         raise InvalidArgumentError(f"{argument} must be a JSON file; {path} is not text") from None
-    return Morphology.from_json(text)
+    document: Any = parse_json(f"{argument}: {path}", text)
+    try:
+        return _find_morphology(document)
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
+
+
+def _find_morphology(document: Any) -> Morphology:
+    if isinstance(document, dict) and "morphology" in document:
+        body = document["morphology"]
+        if body is None:
+            raise InvalidArgumentError("its morphology is null, so it has no body yet")
+        if isinstance(body, list):
+            _check_dimensions(document)
+            return Morphology.from_array(body)
+        document = body
+    if not isinstance(document, dict) or sorted(document) != sorted(FINS):
+        raise InvalidArgumentError(
+            f"it must hold an object with the keys {', '.join(FINS)}, "
+            'or one with such an object or nine numbers under "morphology"'
+        )
+    return Morphology.coerce(document)
+
+
+def _check_dimensions(document: dict[str, Any]) -> None:
+    """Refuse numbers that say they are not the nine sizes in their order."""
+    names = [dimension.name for dimension in DIMENSIONS]
+    if document.get("dimensions", names) != names:
+        raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
 
 
 def _refuse(program: str, reason: str) -> int:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
+import difflib
+import io
 import json
 import sys
 from collections.abc import Sequence
@@ -16,8 +19,15 @@ from tyro.extras import SubcommandApp
 
 from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line
 from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import DIMENSIONS
-from aquafish_gym.storage import append_record, ensure_writable_directory, write_json
+from aquafish_gym.morphology import DIMENSIONS, Morphology
+from aquafish_gym.storage import (
+    DamagedFileError,
+    append_record,
+    ensure_writable_directory,
+    read_records,
+    write_bytes,
+    write_json,
+)
 from aquafish_gym.validation import InvalidArgumentError
 from eea.algorithm import Result, RoundRecord, streams
 from eea.aquafish import EngineTarget, fish_eea
@@ -25,7 +35,10 @@ from eea.checks import ConfigurationError, TargetError, choice
 from eea.config import EEAConfig, recovery_config
 
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
-ROUNDS, RESULT, PICTURE = "rounds.jsonl", "result.json", "rounds.png"
+RUN, ROUNDS, RESULT, PICTURE = "run.json", "rounds.jsonl", "result.json", "rounds.png"
+MODEL = "morphology.json"
+OUTPUTS = (ROUNDS, RESULT, MODEL, PICTURE)
+GAIT_FILES = ("checkpoint.json", "controller.json")
 
 app = SubcommandApp()
 
@@ -35,8 +48,9 @@ app = SubcommandApp()
 class Run:
     """Let a damaged fish work out its own body, and write down each round.
 
-    Into --out go run.json (what is run), rounds.jsonl (a record a round, as it ends), result.json
-    and rounds.png. An earlier run there is replaced if it is the same run, and else refused.
+    Into --out go run.json (what is run), rounds.jsonl (a record a round, as it ends), result.json,
+    morphology.json (the body found, for gait evolve --morphology) and rounds.png. An earlier run
+    of the same settings is replaced once this one has as many rounds; any other is refused.
 
     Attributes
     ----------
@@ -47,7 +61,8 @@ class Run:
     seed
         Everything random follows from it.
     target_damage
-        What broke, as left_pectoral:length=0.5, or none.
+        What broke: none, or FIN:SIZE=FACTOR or FIN:missing, joined by ";". FIN is left_pectoral,
+        right_pectoral or caudal; SIZE is length, width or thickness.
     target_morphology
         JSON file of the body before the damage; without it, the nominal body.
     target_engine
@@ -118,27 +133,144 @@ class Run:
             "substeps": self.substeps,
             "versions": {name: version(name) for name in ("aquafish-gym", "numba", "numpy")},
         }
-        directory = _prepare(self.out, header)
-        console = Console(highlight=False, soft_wrap=True)
+        folder = _RunFolder(self.out, header)
+        console = Console(highlight=False, soft_wrap=True, markup=False)
+        if folder.earlier is not None:
+            console.print(f"replacing the earlier run in {folder.path} ({_rounds(folder.earlier)})")
         try:
             with console.status(_waiting(self.config, 0)) as status:
                 for record in eea:
-                    append_record(directory / ROUNDS, record.to_dict())
+                    folder.add(eea.result)
                     console.print(_progress_line(record, self.config))
                     status.update(_waiting(self.config, record.round))
         finally:
-            _conclude(directory, eea.result, console)
+            _conclude(folder, eea.result, console)
 
 
 @app.command(name="recover")
 @dataclass(frozen=True)
 class Recover(Run):
-    """As run, with the settings of the damage-recovery case study as defaults.
+    """As run, with the recommended settings as defaults, those of the damage-recovery case study.
 
-    They are what is recommended; ``eea.recovery_config`` says why.
+    Unlike run, which follows the paper, it infers the angles of five earlier trials anew in each
+    search, which finds the body better (see recovery_config in eea/config.py).
     """
 
     config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=recovery_config)
+
+
+class _RunFolder:
+    """A directory that a run fills, round by round.
+
+    The files of an earlier run of the same settings stay until this run has as many rounds, or
+    has ended by a stop rule: breaking off the repetition of a run loses nothing.
+
+    Parameters
+    ----------
+    out
+        The directory; made if need be.
+    header
+        What is run, ready for JSON; it goes into run.json.
+
+    Attributes
+    ----------
+    path
+        The directory.
+    earlier
+        Rounds of the earlier run in it; ``None`` if there is none.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the directory cannot be written, or holds anything but an earlier run of the same
+        settings; nothing has been changed then.
+    """
+
+    def __init__(self, out: Path, header: dict[str, Any]) -> None:
+        self.path = ensure_writable_directory(out)
+        self._refuse_others(json.loads(json.dumps(header)))
+        self.earlier: int | None = None
+        self._taken = False
+        if (self.path / RUN).exists():
+            self.earlier = _count_rounds(self.path / ROUNDS)
+        else:
+            write_json(self.path / RUN, header)
+
+    def add(self, result: Result) -> None:
+        """Write a result that has one round more than before."""
+        if self._taken:
+            append_record(self.path / ROUNDS, result.rounds[-1].to_dict())
+            self._write_model(result)
+        elif len(result.rounds) >= (self.earlier or 0):
+            self._take(result)
+
+    def conclude(self, result: Result) -> bool:
+        """Write what is known at the end, also after Ctrl-C; return whether it was written.
+
+        It is not if it was broken off before it had as many rounds as the earlier run.
+        """
+        if self._taken:
+            self._write_model(result)
+        elif result.stopped == "interrupted" and len(result.rounds) < (self.earlier or 0):
+            return False
+        else:
+            self._take(result)
+        if result.rounds:
+            from eea.plots import save_fitness_figure
+
+            save_fitness_figure(result, self.path / PICTURE)
+        return True
+
+    def _take(self, result: Result) -> None:
+        """Put all of this run's rounds in the place of the earlier run's."""
+        log = self.path / f".{ROUNDS}.new"
+        log.unlink(missing_ok=True)
+        for record in result.rounds:
+            append_record(log, record.to_dict())
+        with contextlib.suppress(FileNotFoundError):  # a run may end before its first round
+            log.replace(self.path / ROUNDS)
+        if not result.rounds:
+            for name in OUTPUTS:
+                (self.path / name).unlink(missing_ok=True)
+        self._write_model(result)
+        self._taken = True
+
+    def _write_model(self, result: Result) -> None:
+        write_json(self.path / RESULT, result.to_dict())
+        if result.rounds:
+            model = Morphology.from_array(result.model)
+            write_bytes(self.path / MODEL, model.to_json().encode())
+
+    def _refuse_others(self, header: dict[str, Any]) -> None:
+        rule = "out must be a new directory or hold an earlier run of the same settings"
+        gait = [name for name in GAIT_FILES if (self.path / name).exists()]
+        if gait:
+            raise InvalidArgumentError(f"{rule}; {self.path} holds a gait run ({gait[0]})")
+        if (self.path / "config.json").exists() and any(self.path.glob("seed-*")):
+            raise InvalidArgumentError(f"{rule}; {self.path} holds a case study (config.json)")
+        path = self.path / RUN
+        if not path.exists():
+            present = [name for name in OUTPUTS if (self.path / name).exists()]
+            if present:
+                raise InvalidArgumentError(
+                    f"{rule}; {self.path} holds {' and '.join(present)} but no {RUN}, so they are "
+                    "not a run's"
+                )
+            return
+        try:
+            held = _flat(json.loads(path.read_bytes()))
+        except (ValueError, AttributeError):
+            raise InvalidArgumentError(
+                f"{rule}; {path} is damaged, so what the directory holds is not known"
+            ) from None
+        asked = _flat(header)
+        # The target's body is what the damage made of it: the damage says it better.
+        for name in sorted((*asked, *held), key=lambda name: name.startswith("target_morphology")):
+            if held.get(name) != asked.get(name):
+                raise InvalidArgumentError(
+                    f"{rule}; {self.path} holds another run, with {name} "
+                    f"{_spell(name, held.get(name))}, not {_spell(name, asked.get(name))}"
+                )
 
 
 class Commands:
@@ -149,49 +281,82 @@ class Commands:
         words = sys.argv[1:] if args is None else args
         if words and not words[0].startswith("-"):
             choice("the command", words[0], ("run", "recover"))
-        return app.cli(prog=prog, args=args)
-
-
-def _prepare(out: Path, header: dict[str, Any]) -> Path:
-    """Make the directory ready; refuse to replace anything but an earlier run of the same."""
-    directory = ensure_writable_directory(out)
-    path = directory / "run.json"
-    present = [name for name in (ROUNDS, RESULT, PICTURE) if (directory / name).exists()]
-    if path.exists():
+        said = io.StringIO()
         try:
-            same = json.loads(path.read_bytes()) == json.loads(json.dumps(header))
-        except ValueError:
-            same = False
-        if not same:
-            raise InvalidArgumentError(
-                f"out must be a new directory or hold an earlier run of the same settings; "
-                f"{directory} holds another run"
-            )
-    elif present:
-        raise InvalidArgumentError(
-            f"out must be a new directory or hold an earlier run of the same settings; "
-            f"{directory} holds {' and '.join(present)} but no run.json, so they are not a run's"
+            with contextlib.redirect_stderr(said):
+                return app.cli(prog=prog, args=args)
+        except SystemExit as stop:
+            if stop.code and "Missing from" in said.getvalue():
+                options = [word for word in words if word.startswith("--")]
+                close = difflib.get_close_matches("--out", options, n=1)
+                got = f"; got {close[0]}" if close else ""
+                raise ConfigurationError(f"--out is required{got}") from None
+            sys.stderr.write(said.getvalue())
+            raise
+
+
+def _conclude(folder: _RunFolder, result: Result, console: Console) -> None:
+    """Write and print what is known, also after Ctrl-C."""
+    if not folder.conclude(result):
+        console.print(
+            f"stopped: {result.stopped} after {_rounds(len(result.rounds))}; {folder.path} "
+            f"still holds the earlier run ({_rounds(folder.earlier or 0)})"
         )
-    for name in present:
-        (directory / name).unlink()
-    write_json(path, header)
-    return directory
-
-
-def _conclude(directory: Path, result: Result, console: Console) -> None:
-    """Write what is known, also after Ctrl-C."""
-    write_json(directory / RESULT, result.to_dict())
-    if result.rounds:
-        from eea.plots import save_fitness_figure
-
-        save_fitness_figure(result, directory / PICTURE)
-        for dimension, found, true in zip(
-            DIMENSIONS, result.model, result.truth if result.truth is not None else [], strict=False
-        ):
-            console.print(f"{dimension.name:26s} found {found:5.3f}   true {true:5.3f}")
-    else:
+        return
+    if not result.rounds:
         console.print("no round was completed")
-    console.print(f"stopped: {result.stopped}; written to {directory}")
+    else:
+        for line in _table(result):
+            console.print(line)
+        model = folder.path / MODEL
+        console.print(f"the body found is {model}, for python -m gait evolve --morphology {model}")
+    console.print(f"stopped: {result.stopped}; written to {folder.path}")
+
+
+def _table(result: Result) -> list[str]:
+    """Return the sizes found, beside the true ones where they are known, and OBJ_FIT."""
+    lines = [f"{'in units of 5 cm':26s} {'found':>6s}"]
+    lines += [
+        f"{dimension.name:26s} {found:6.3f}"
+        for dimension, found in zip(DIMENSIONS, result.model, strict=True)
+    ]
+    if result.truth is None:
+        return lines
+    true = [f"{'true':>6s}", *(f"{size:6.3f}" for size in result.truth)]
+    return [f"{line}  {size}" for line, size in zip(lines, true, strict=True)] + [
+        f"OBJ_FIT {result.rounds[-1].objective_fitness:.2f}; the true body scores 1, "
+        f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}"
+    ]
+
+
+def _rounds(count: int) -> str:
+    """Return ``1 round``, ``2 rounds`` and so on."""
+    return f"{count} round{'' if count == 1 else 's'}"
+
+
+def _count_rounds(log: Path) -> int:
+    try:
+        return len(read_records(log))
+    except DamagedFileError as error:
+        return len(error.records)
+    except FileNotFoundError:
+        return 0
+
+
+def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Return nested settings under dotted names; the algorithm's are named as the options."""
+    found: dict[str, Any] = {}
+    for name, value in settings.items():
+        inner = "" if (prefix, name) == ("", "config") else f"{prefix}{name}."
+        found |= _flat(value, inner) if isinstance(value, dict) else {f"{prefix}{name}": value}
+    return found
+
+
+def _spell(name: str, value: Any) -> str:
+    if name == "target_damage" and isinstance(value, list):
+        with contextlib.suppress(InvalidArgumentError):
+            return str(Damage.from_json(json.dumps(value)))
+    return str(value)
 
 
 def _waiting(config: EEAConfig, done: int) -> str:

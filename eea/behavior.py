@@ -41,22 +41,22 @@ class BehaviorConfig:
     Attributes
     ----------
     summary
-        ``"dft"``: the discrete Fourier transform, the paper's choice; ``"mean_rate"`` and
-        ``"rms_rate"``: the mean and the root mean square of the angular velocity in each axis,
-        which it tried before.
+        What a trial is reduced to. The paper's choice is "dft", the discrete Fourier transform.
+        It tried before "mean_rate" and "rms_rate", the mean and the root mean square of the
+        angular velocity in each axis.
     signal
-        ``"attitude"``: roll, pitch and yaw; ``"body_rates"``: the gyroscope. The rates
-        summarise the attitude's rate of change or the gyroscope.
+        What is summarised: "attitude" is roll, pitch and yaw, "body_rates" the gyroscope. The
+        rates are those of the attitude, or the gyroscope's own.
     unit
-        ``"degrees"`` or ``"radians"``. At MAX = 100 a median 1 - sim between random robots is
-        about 0.3 in degrees and 0.01 in radians.
+        Of the angles. At MAX = 100 a median 1 - sim between random robots is about 0.3 in
+        degrees and 0.01 in radians.
     normalised
         Divide the transform by the number of samples, so that trials of all lengths compare.
     difference
-        ``"complex"``: the modulus of the difference of coefficients; ``"magnitude"``: the
+        Of two coefficients: "complex" is the modulus of their difference, "magnitude" the
         difference of their moduli, which drops the phase.
     clamp
-        Count no coefficient's difference as more than ``maximum``.
+        Count no coefficient's difference as more than maximum.
     maximum
         MAX of Eq. 2.
     timestep

@@ -24,16 +24,16 @@ class EEAConfig:
     Attributes
     ----------
     condition
-        What is known of the fins' angles: ``"ideal"`` all, ``"none"`` nothing, ``"in-band"`` and
-        ``"out-of-band"`` what the two methods infer.
+        What is known of the fins' angles: all in "ideal", nothing in "none", and what the two
+        methods infer in "in-band" and "out-of-band".
     steps
         Length of a trial in steps of 0.01 s; a power of two, 2^20 at most.
     rounds
         Rounds at most, which is also the number of commands the target performs.
     accurate
-        Stop once the best MOD_FIT reaches this; ``None`` for never.
+        Stop once the best MOD_FIT reaches this; None for never.
     time_limit
-        Begin no round after so many seconds; ``None`` for no limit.
+        Begin no round after so many seconds; None for no limit.
     exploration, estimation, genetic, behavior, in_band, out_of_band
         Settings of the parts.
 

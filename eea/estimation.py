@@ -26,11 +26,13 @@ class EstimationConfig:
 
     Attributes
     ----------
-    population, generations
-        Of the genetic algorithm over models.
+    population
+        How many models evolve.
+    generations
+        For how many generations they evolve in a round.
     carry_over
-        Whether the population lives on in the next round (``"continue"``) or each round begins
-        with a random one (``"reseed"``).
+        Whether the population lives on in the next round, "continue", or each round begins with
+        a random one, "reseed".
     remember
         Keep the similarities of bodies seen before to experiments whose angles stand still.
         The results are the same to the bit without; it only takes longer.

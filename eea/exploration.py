@@ -23,13 +23,15 @@ class ExplorationConfig:
 
     Attributes
     ----------
-    population, generations
-        Of the genetic algorithm over actions.
+    population
+        How many commands evolve.
+    generations
+        For how many generations they evolve in a round.
     pose
-        Where all the models' fins begin: ``"zero"``, arms back, or ``"common_random"``, one
-        random pose a round. It is common to all, so that disagreement is the bodies'.
+        Where all the models' fins begin: "zero", arms back, or "common_random", one random pose
+        a round. It is common to all, so that disagreement is the bodies'.
     best_models
-        How many models, the fittest, enter Eq. 1; ``None`` for the whole population.
+        How many models, the fittest, enter Eq. 1; None for the whole population.
     """
 
     population: int = 25

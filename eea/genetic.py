@@ -29,8 +29,8 @@ class GeneticConfig:
     tournament_size
         Contestants for each parent.
     crossover
-        ``"uniform"`` swaps each bit between the parents with probability one half,
-        ``"two_point"`` one stretch of bits.
+        What two parents swap: "uniform" each bit with probability one half, "two_point" one
+        stretch of bits.
     crossover_rate
         Probability that a pair of parents is crossed at all.
     mutations
@@ -38,7 +38,7 @@ class GeneticConfig:
     elites
         How many of the best pass on unchanged.
     coding
-        How bits encode numbers: ``"gray"`` or ``"binary"``.
+        How bits encode numbers.
     """
 
     tournament_size: int = 2

@@ -96,8 +96,8 @@ class InBandConfig:
     k
         How many of the best models' angles make the inferred range.
     rank_by
-        Best by ``"newest"``, the fit to the newest experiment, whose angles are sought; or by
-        ``"overall"``, MOD_FIT.
+        Which models are the best: those that fit the "newest" experiment, whose angles are
+        sought, or those that fit all, "overall", by MOD_FIT.
     confidence
         Of the newest experiment: the share of models that begin in the inferred range.
     dynamic_split
@@ -105,8 +105,8 @@ class InBandConfig:
     extension
         Share of its width by which the range is widened at each end; the paper tried 0.2.
     inclusion
-        ``"circular"``: the shortest arc that includes the best; ``"linear"``: from their least
-        to their greatest angle in [-pi, pi).
+        What range includes the best: "circular" is the shortest arc, "linear" reaches from
+        their least to their greatest angle in [-pi, pi).
     """
 
     k: int = 3
@@ -179,13 +179,15 @@ class OutOfBandConfig:
     ----------
     period
         Generations of models between inferences: at 0, 35 and 70 of the paper's 100.
-    inner_population, inner_generations
-        Of the genetic algorithm over poses.
+    inner_population
+        How many poses evolve.
+    inner_generations
+        For how many generations they evolve in an inference.
     sampled_models
-        How many models, drawn at random for each inference, judge the poses; ``None`` for all.
+        How many models, drawn at random for each inference, judge the poses; None for all.
     pose_fitness
-        A pose's fitness is the ``"mean"`` of the judging models' similarities to the newest
-        experiment, or that of the ``"best"`` of them.
+        What a pose scores: the "mean" of the judging models' similarities to the newest
+        experiment, or that of the "best" of them.
     warm_start
         Begin a round's later inferences with the pose inferred before among the candidates.
     revisit

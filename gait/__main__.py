@@ -18,11 +18,25 @@ from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_lin
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.storage import ensure_writable_directory, write_json
+from aquafish_gym.validation import InvalidArgumentError
 from gait.baselines import Baseline, BaselineConfig, MissingExtraError
 from gait.controller import Controller
-from gait.evolve import CONTROLLER_FILE, HISTORY_FILE, EvolveConfig, Generation, evolve_gait
+from gait.evolve import (
+    CONTROLLER_FILE,
+    FINAL_POSES,
+    HISTORY_FILE,
+    EvolveConfig,
+    Evolved,
+    Generation,
+    evolve_gait,
+    finished_generations,
+)
 from gait.rollout import ZERO_POSE, random_poses
 from gait.transfer import Transfer, TransferConfig, transfer
+
+LINE_EVERY = 10  # generations, where there is no terminal to show progress on
+# What estimations and case studies leave, of whose packages gaits know nothing.
+OTHERS = ("run.json", "rounds.jsonl", "result.json", "model.json", "outcome.json")
 
 app = SubcommandApp()
 
@@ -31,16 +45,19 @@ app = SubcommandApp()
 class _OnBody:
     """A command that works on a body and fills a directory."""
 
-    out: Path
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Directory for the results; made if need be."""
-    morphology: Path | None = None
-    """JSON file of the body; without it, the nominal body."""
+    morphology: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """JSON file of the body: an object from fin to [x, y, z], or one with a "morphology", as
+    eea's result.json; without it, the nominal body."""
     damage: str = "none"
-    """What broke on it, as left_pectoral:length=0.5, or none."""
+    """What broke on the body: FIN:SIZE=FACTOR or FIN:missing, joined by ";", or none. FIN is
+    left_pectoral, right_pectoral or caudal; SIZE is length, width or thickness."""
 
     def prepare(self) -> tuple[Morphology, Path]:
         """Return the body as it is, damage included, and the directory, checked."""
         body = Damage.parse(self.damage).apply(read_morphology(self.morphology, "morphology"))
+        _refuse_others(self.out)
         return body, ensure_writable_directory(self.out)
 
 
@@ -51,6 +68,15 @@ class Evolve(_OnBody):
 
     Into --out go controller.json (the best so far), history.csv (a row a generation),
     checkpoint.json and history.png. The same command takes up a run that was interrupted.
+
+    Columns of history.csv, with distances in units of 5 cm:
+    - generation: from 0.
+    - best, mean: over the generation's controllers, each one's mean distance over its poses.
+    - species: how many.
+    - final: the winner's mean distance over the zero pose and 32 random ones, always the same.
+    The 8 best of a generation swim from these, and the one with the highest mean is the winner.
+    - distance: the winner's from the zero pose.
+    - nodes, connections: of the winner's network.
 
     Attributes
     ----------
@@ -63,23 +89,39 @@ class Evolve(_OnBody):
     def execute(self) -> None:
         """Evolve to the last generation, with a progress line."""
         body, out = self.prepare()
-        with _progress() as progress:
-            task = progress.add_task("evolving", total=self.config.generations)
-
-            def show(row: Generation) -> None:
-                progress.update(task, advance=1, description=_progress_line(row))
-
-            evolved = evolve_gait(body, self.config, out=out, on_generation=show)
-        from gait.plots import plot_history
-
-        plot_history(out / "history.png", evolved.history)
+        try:
+            evolved = self._evolve(body, out)
+        except KeyboardInterrupt:
+            done = finished_generations(out)
+            _plot(out, done)
+            rest = f"goes on from generation {len(done)}" if done else "starts again"
+            raise KeyboardInterrupt(f"interrupted; the same command {rest}") from None
+        _plot(out, evolved.history)
         network = evolved.controller
-        start = "all its poses" if self.config.poses else "the zero pose"
+        start = (
+            f"on the mean over the zero pose and {FINAL_POSES} random ones"
+            if self.config.poses
+            else "from the zero pose"
+        )
         print(
-            f"swims {evolved.fitness:.2f} units in {self.config.seconds:g} s from {start} "
+            f"swims {evolved.fitness:.2f} units in {self.config.seconds:g} s {start} "
             f"({network.nodes} nodes, {network.connections} connections); "
             f"{CONTROLLER_FILE} and {HISTORY_FILE} are in {out}"
         )
+
+    def _evolve(self, body: Morphology, out: Path) -> Evolved:
+        total, before = self.config.generations, len(finished_generations(out))
+        with _progress() as progress:
+            task = progress.add_task("evolving", total=total)
+
+            def show(row: Generation) -> None:
+                progress.update(task, advance=1, description=_progress_line(row))
+                done = row.generation + 1
+                due = done > before and (done % LINE_EVERY == 0 or done == total)
+                if progress.disable and due:
+                    print(f"{done}/{total}  {_progress_line(row)}", file=sys.stderr, flush=True)
+
+            return evolve_gait(body, self.config, out=out, on_generation=show)
 
 
 @app.command(name="transfer")
@@ -90,21 +132,23 @@ class TransferCommand:
     Attributes
     ----------
     controller
-        A controller.json.
+        A controller.json, as evolve writes it; it holds the body it was evolved on.
     target_morphology
-        JSON file of the target before its damage; without it, the nominal body.
+        JSON file of the target before its damage: an object from fin to [x, y, z], or one with a
+        "morphology", as eea's result.json; without it, the nominal body.
     target_damage
-        What broke on the target, as left_pectoral:length=0.5, or none.
+        What broke on the target: FIN:SIZE=FACTOR or FIN:missing, joined by ";", or none. FIN is
+        left_pectoral, right_pectoral or caudal; SIZE is length, width or thickness.
     out
         Directory for transfer.json and trajectories.png, if they are wanted.
     config
         How to compare.
     """
 
-    controller: Path
-    target_morphology: Path | None = None
+    controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    target_morphology: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     target_damage: str = "none"
-    out: Path | None = None
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
         default_factory=TransferConfig
     )
@@ -171,18 +215,34 @@ class BaselineCommand(_OnBody):
 def _progress() -> Progress:
     columns = (
         TextColumn("{task.description}"),
-        BarColumn(bar_width=24),
+        BarColumn(bar_width=10),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
     )
-    return Progress(*columns, console=Console(stderr=True), transient=True)
+    console = Console(stderr=True)
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _progress_line(row: Generation) -> str:
-    return (
-        f"generation {row.generation + 1}  winner {row.final:6.2f}  mean {row.mean:6.2f}  "
-        f"species {row.species}  nodes {row.nodes}"
-    )
+    return f"final {row.final:6.2f}  mean {row.mean:6.2f}  species {row.species}  nodes {row.nodes}"
+
+
+def _plot(out: Path, history: Sequence[Generation]) -> None:
+    from gait.plots import plot_history
+
+    if history:
+        plot_history(out / "history.png", history)
+
+
+def _refuse_others(out: Path) -> None:
+    """Refuse to mix a gait's files with those of an estimation or a case study."""
+    names = [name for name in OTHERS if (out / name).exists()]
+    if (out / "config.json").exists() and any(out.glob("seed-*")):
+        names.append("config.json")
+    if names:
+        raise InvalidArgumentError(
+            f"out holds an estimation or a case study ({out / names[0]}); choose another directory"
+        )
 
 
 def _table(result: Transfer, config: TransferConfig) -> str:

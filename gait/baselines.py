@@ -40,14 +40,15 @@ class BaselineConfig:
     """What to learn with."""
 
     algorithm: str = "PPO"
-    """PPO, SAC or TD3."""
+    """What learns: PPO, SAC or TD3."""
     steps: int = 200_000
-    """Steps of the environment, of 0.05 s, in all."""
+    """Steps of the environment, of 0.05 s each, of all robots together."""
     environments: int = 8
     """How many robots learn side by side."""
     hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers."""
     seed: int = 0
+    """The library's random numbers follow from it."""
     random_poses: bool = False
     """Whether episodes begin from random fin poses instead of the zero pose."""
 

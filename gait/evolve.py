@@ -42,15 +42,17 @@ class EvolveConfig:
     seed: int = 0
     """The run follows from it alone."""
     generations: int = 60
+    """How many in all, those that the directory already holds included."""
     population: int = 150
+    """Controllers in a generation."""
     poses: int = 8
     """Random fin poses to swim from besides the zero pose, others in every generation."""
     clock: float = 0.7
     """Frequency of the controllers' clock, in Hz."""
     seconds: float = SECONDS
-    """How long a swim lasts."""
+    """How long a swim lasts, in s."""
     threads: int | None = None
-    """None takes every core; no result depends on it."""
+    """How many threads swim; every core if not given. No result depends on it."""
 
     def __post_init__(self) -> None:
         integer("seed", self.seed, 0)
@@ -314,6 +316,18 @@ def read_history(path: Path | str) -> tuple[Generation, ...]:
         ) from None
     except ValueError as error:
         raise InvalidArgumentError(f"history: {path} is not a history: {error}") from None
+
+
+def finished_generations(out: Path | str) -> tuple[Generation, ...]:
+    """Return the generations that a directory's checkpoint holds; none if it cannot be read.
+
+    ``history.csv`` may be one behind, if the run broke off in between.
+    """
+    try:
+        data = json.loads((Path(out) / CHECKPOINT_FILE).read_bytes())
+        return tuple(Generation(**row) for row in data["run"]["history"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return ()
 
 
 def _swim_body(

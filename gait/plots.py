@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Told apart in grey and by the colour-blind too.
-_STYLES = (("#0072b2", "-"), ("#d55e00", "--"), ("#009e73", "-."), ("#555555", ":"))
+# Told apart in grey and by the colour-blind too. Paths leave the colours of the case study's
+# treatments alone.
+_PATHS = (("#000000", "-"), ("#cc79a7", "--"), ("#56b4e9", "-."), ("#b09500", ":"))
+_FINAL, _MEAN = "#0072b2", "#d55e00"
 
 
 def draw_trajectories(axes: Axes, swims: Mapping[str, Swim]) -> None:
@@ -38,20 +40,23 @@ def draw_trajectories(axes: Axes, swims: Mapping[str, Swim]) -> None:
     axes.plot(0.0, 0.0, "+", color="black", markersize=10)
     axes.axhline(0.0, color="0.85", linewidth=0.8, zorder=0)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x (5 cm)")
-    axes.set_ylabel("forward, y (5 cm)")
+    axes.set_xlabel("x (units of 5 cm)")
+    axes.set_ylabel("forward, y (units of 5 cm)")
     axes.legend(loc="best", frameon=False)
 
 
 def draw_history(axes: Axes, history: Sequence[Generation]) -> None:
-    """Draw each generation's winner and mean, and the best so far."""
+    """Draw a history's columns ``final`` and ``mean``, and the best ``final`` so far."""
+    from matplotlib.ticker import MaxNLocator
+
     x = [row.generation for row in history]
     final = [row.final for row in history]
-    axes.plot(x, np.maximum.accumulate(final), color=_STYLES[0][0], label="best so far")
-    axes.plot(x, final, ".", color=_STYLES[0][0], alpha=0.6, label="winner of the generation")
-    axes.plot(x, [row.mean for row in history], _STYLES[1][1], color=_STYLES[1][0], label="mean")
+    axes.plot(x, np.maximum.accumulate(final), color=_FINAL, label="final, best so far")
+    axes.plot(x, final, ".", color=_FINAL, alpha=0.6, label="final (the winner)")
+    axes.plot(x, [row.mean for row in history], "--", color=_MEAN, label="mean (everyone)")
     axes.set_xlabel("generation")
-    axes.set_ylabel("distance in a swim (5 cm)")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylabel("distance (units of 5 cm)")
     axes.legend(loc="best", frameon=False)
 
 
@@ -93,4 +98,4 @@ def _figure(width: float, height: float) -> Figure:
 
 
 def _cycle(count: int) -> list[tuple[str, str]]:
-    return [_STYLES[i % len(_STYLES)] for i in range(count)]
+    return [_PATHS[i % len(_PATHS)] for i in range(count)]

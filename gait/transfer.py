@@ -24,9 +24,11 @@ class TransferConfig:
     seed: int = 0
     """The poses follow from it alone."""
     seconds: float = SECONDS
-    """How long a swim lasts."""
+    """How long a swim lasts, in s."""
     native_engine: str = "numba"
+    """Where the controller's own body swims: numba or pybullet."""
     target_engine: str = "pybullet"
+    """Where the target swims: numba or pybullet."""
 
     def __post_init__(self) -> None:
         integer("poses", self.poses, 1, 10_000)

@@ -33,6 +33,20 @@ def test_it_writes_every_row_with_its_ratio(tmp_path: pathlib.Path) -> None:
     assert rows[0]["ratio_to_pybullet"] == 1
     assert {r["dtype"] for r in rows if r["engine"] == "numba"} == {"float32", "float64"}
     assert all(r["robot_steps_per_second"] > 0 for r in rows)
+    assert "best of 1 turn\n" in "\n".join(map(str.rstrip, done.stdout.splitlines())) + "\n"
+    assert "x PyBullet" in done.stdout
+    assert max(map(len, done.stdout.splitlines())) <= 80
+
+
+@pytest.mark.parametrize(
+    ("program", "first"),
+    [("bench", "Time the engines and print robot-steps a second."),
+     ("agreement", "Print how far the engines differ on the same random trials.")],
+)  # fmt: skip
+def test_help_says_what_it_does(program: str, first: str) -> None:
+    command = [sys.executable, "-m", f"aquafish_gym.{program}", "--help"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert said.split("\n\n")[1] == first
 
 
 def test_a_row_swims_as_many_robots_as_it_says() -> None:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import io
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from aquafish_gym.commandline import read_morphology, run_command_line, single_command
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.morphology import DIMENSIONS, Morphology
 from aquafish_gym.validation import InvalidArgumentError
 
 
@@ -81,6 +82,45 @@ def test_a_morphology_comes_from_a_file_or_is_nominal(tmp_path: Path) -> None:
     assert read_morphology(None, "body") == Morphology.nominal()
     with pytest.raises(InvalidArgumentError, match="body must be a file that can be read"):
         read_morphology(tmp_path, "body")
+    for document in (
+        {"morphology": body.to_dict(), "model_fitness": 0.1},
+        {"morphology": body.to_array().tolist(), "rounds": []},
+        {"morphology": body.to_array().tolist(), "dimensions": [d.name for d in DIMENSIONS]},
+    ):
+        path.write_text(json.dumps(document))
+        assert read_morphology(path, "body") == body
     path.write_bytes(b"\xff\xfe")
     with pytest.raises(InvalidArgumentError, match="body must be a JSON file"):
         read_morphology(path, "body")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", r"body: .*fish\.json is not JSON"),
+        ("[1, 2]", r"body: .*fish\.json: it must hold an object with the keys left_pectoral"),
+        ('{"caudal": [0.1, 0.2, 0.3]}', r"fish\.json: it must hold an object"),
+        ('{"morphology": {"caudal": [0.1, 0.2, 0.3]}}', r"fish\.json: it must hold an object"),
+        ('{"morphology": null}', r"fish\.json: its morphology is null"),
+        ('{"morphology": [1, 2]}', r"fish\.json: morphology must have shape"),
+        ('{"morphology": [9, 0, 0, 0, 0, 0, 0, 0, 0]}', r"fish\.json: morphology.*must lie in"),
+        ('{"morphology": [0, 0], "dimensions": ["a", "b"]}', r"fish\.json: its dimensions must"),
+    ],
+)
+def test_a_file_without_a_morphology_is_named(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "fish.json"
+    path.write_text(text)
+    with pytest.raises(InvalidArgumentError, match=message):
+        read_morphology(path, "body")
+
+
+def test_an_interrupted_command_may_say_more(capsys: pytest.CaptureFixture[str]) -> None:
+    @dataclass(frozen=True)
+    class Stopped:
+        """Stop."""
+
+        def execute(self) -> None:
+            raise KeyboardInterrupt("interrupted; half is left")
+
+    assert run_command_line("fish", single_command(Stopped), ()) == 130
+    assert capsys.readouterr().err == "fish: interrupted; half is left\n"

@@ -39,7 +39,7 @@ BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -
 CM_PER_UNIT = 5
 FILM_FPS = 10
 FILM_SPEED = 2  # times real time
-FILM_PIXELS = (256, 256)
+FILM_PIXELS = (224, 224)
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -94,8 +94,8 @@ def markdown(report: dict[str, Any], figures: list[str]) -> str:
 
 def _number(summary: dict[str, Any], digits: int) -> str:
     text = f"{summary['mean']:.{digits}f}"
-    if summary["interval"] is not None:
-        low, high = summary["interval"]
+    low, high = summary["interval"] or (0.0, 0.0)
+    if low < high:
         text += f" [{low:.{digits}f}, {high:.{digits}f}]"
     return text
 
@@ -104,7 +104,8 @@ def _share(row: dict[str, Any], name: str) -> str:
     value, interval = row[name], row["spread"][name]["interval"]
     if value is None:
         return "none"
-    return f"{value:.0%}" + (f" [{interval[0]:.0%}, {interval[1]:.0%}]" if interval else "")
+    low, high = interval or (0.0, 0.0)
+    return f"{value:.0%}" + (f" [{low:.0%}, {high:.0%}]" if low < high else "")
 
 
 def _main_table(treatments: dict[str, Any]) -> list[str]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import signal
@@ -9,6 +10,8 @@ import time
 
 import pytest
 
+import eea.__main__
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.storage import read_records
 from eea.__main__ import main
 
@@ -37,8 +40,14 @@ def test_a_run_writes_its_rounds_its_result_and_its_picture(tmp_path, capsys):
     ]
     assert (out / "rounds.png").read_bytes().startswith(b"\x89PNG")
     printed = capsys.readouterr().out
-    for words in ("experiments  2/2", "best MOD_FIT", "OBJ_FIT 0.", "true 0.800"):
+    for words in ("experiments  2/2", "best MOD_FIT", "OBJ_FIT 0.", "in units of 5 cm"):
         assert words in printed
+    assert [row.split()[2] for row in printed.splitlines() if "left_pectoral.l" in row] == ["0.800"]
+    level = f"a random body {result['chance']:.2f}, a mid-range body {result['mid_range']:.2f}"
+    assert level in printed
+    body = Morphology.from_array(result["morphology"])
+    assert (out / "morphology.json").read_text() == body.to_json()
+    assert f"python -m gait evolve --morphology {out / 'morphology.json'}" in printed
 
 
 def test_the_same_run_may_be_repeated_in_place_and_another_not(tmp_path, capsys):
@@ -49,10 +58,21 @@ def test_the_same_run_may_be_repeated_in_place_and_another_not(tmp_path, capsys)
     again = json.loads((tmp_path / "result.json").read_text())
     assert again["morphology"] == first["morphology"]
     assert len(read_records(tmp_path / "rounds.jsonl")) == 2
-    assert main([*arguments, "--seed", "1"]) == 2
-    assert "holds another run" in capsys.readouterr().err
+    said = capsys.readouterr().out
+    assert said.count(f"replacing the earlier run in {tmp_path} (2 rounds)") == 1
+    for other, difference in (
+        (["--seed", "1"], "seed 0, not 1"),
+        (["--rounds", "3"], "rounds 2, not 3"),
+        (["--genetic.elites", "2"], "genetic.elites 1, not 2"),
+        (["--target-damage", "none"], "target_damage left_pectoral:length=0.5, not none"),
+    ):
+        assert main([*arguments, *other]) == 2
+        said = capsys.readouterr().err
+        assert f"holds another run, with {difference}\n" in said
+        assert said.count("\n") == 1
     (tmp_path / "run.json").write_text("nonsense")
     assert main(arguments) == 2
+    assert "run.json is damaged" in capsys.readouterr().err
     assert json.loads((tmp_path / "result.json").read_text()) == again
 
 
@@ -106,6 +126,13 @@ def test_an_incomplete_command_is_explained_in_one_line(capsys, arguments):
     assert len(said) > len("eea: \n")
 
 
+def test_a_missing_out_is_said_in_short(capsys):
+    assert main(["run", "--seed", "1"]) == 2
+    assert capsys.readouterr().err == "eea: --out is required\n"
+    assert main(["recover", "--ouut", "x"]) == 2
+    assert capsys.readouterr().err == "eea: --out is required; got --ouut\n"
+
+
 def test_the_nearest_subcommand_is_offered(capsys):
     assert main(["rum"]) == 2
     said = capsys.readouterr().err
@@ -133,7 +160,70 @@ def test_a_run_without_a_round_says_so_and_leaves_a_result(tmp_path, capsys):
     assert not (tmp_path / "rounds.png").exists()
 
 
-@pytest.mark.parametrize("name", ["rounds.jsonl", "result.json", "rounds.png"])
+class Stop:
+    """Ctrl-C while a round's progress line is made."""
+
+    def __init__(self, monkeypatch, after):
+        self.line, self.after = eea.__main__._progress_line, after
+        monkeypatch.setattr(eea.__main__, "_progress_line", self)
+
+    def __call__(self, record, config):
+        if record.round == self.after:
+            raise KeyboardInterrupt
+        return self.line(record, config)
+
+
+def test_a_repetition_that_is_broken_off_early_loses_no_round(tmp_path, capsys, monkeypatch):
+    arguments = [*QUICK, "--out", str(tmp_path)]
+    assert main(arguments) == 0
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with monkeypatch.context() as patch:
+        Stop(patch, after=1)
+        assert main(arguments) == 130
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    said = capsys.readouterr().out
+    assert "after 1 round; " in said
+    assert "still holds the earlier run (2 rounds)" in said
+
+
+def test_an_interrupted_run_is_replaced_when_the_new_one_has_as_many_rounds(tmp_path, monkeypatch):
+    arguments = [*QUICK, "--rounds", "3", "--out", str(tmp_path)]
+    for after in (1, 2):
+        with monkeypatch.context() as patch:
+            Stop(patch, after)
+            assert main(arguments) == 130
+        result = json.loads((tmp_path / "result.json").read_text())
+        assert len(result["rounds"]) == after
+        assert read_records(tmp_path / "rounds.jsonl") == result["rounds"]
+        body = Morphology.from_json((tmp_path / "morphology.json").read_text())
+        assert body.to_array().tolist() == result["morphology"]
+    assert main(arguments) == 0
+    result = json.loads((tmp_path / "result.json").read_text())
+    assert result["stopped"] == "rounds"
+    assert read_records(tmp_path / "rounds.jsonl") == result["rounds"]
+    assert len(result["rounds"]) == 3
+    assert not [path for path in tmp_path.iterdir() if path.name.startswith(".")]
+
+
+@pytest.mark.parametrize(
+    ("names", "kind"),
+    [
+        (["checkpoint.json"], "a gait run"),
+        (["controller.json"], "a gait run"),
+        (["config.json", "seed-000"], "a case study"),
+    ],
+)
+def test_the_folders_of_other_programs_are_refused(tmp_path, capsys, names, kind):
+    for name in names:
+        (tmp_path / name).write_text("{}")
+    assert main([*QUICK, "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert f"holds {kind} ({names[0]})" in said
+    assert said.count("\n") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(names)
+
+
+@pytest.mark.parametrize("name", ["rounds.jsonl", "result.json", "rounds.png", "morphology.json"])
 def test_files_that_are_not_a_runs_are_left_alone(tmp_path, capsys, name):
     (tmp_path / name).write_text("mine")
     assert main([*QUICK, "--out", str(tmp_path)]) == 2
@@ -147,6 +237,20 @@ def test_help_lists_the_options(capsys):
     printed = capsys.readouterr().out
     for option in ("--condition", "--steps", "--rounds", "--seed", "--target-damage", "--out"):
         assert option in printed
+
+
+@pytest.mark.parametrize("command", ["run", "recover"])
+def test_help_is_text_and_says_what_each_option_is(capsys, monkeypatch, command):
+    monkeypatch.setenv("COLUMNS", "120")
+    assert main([command, "--help"]) == 0
+    printed = capsys.readouterr().out
+    rows = [row.strip(" │") for row in printed.splitlines()]
+    for row, after in itertools.pairwise(rows):
+        if row.startswith("--") and not row.startswith("---"):
+            assert after[:1].isupper(), row  # a sentence, and not the default alone
+    assert "``" not in printed
+    assert 'FIN:SIZE=FACTOR or FIN:missing, joined by ";"' in printed
+    assert ("Unlike run" in printed) == (command == "recover")
 
 
 def test_ctrl_c_leaves_readable_output(tmp_path):

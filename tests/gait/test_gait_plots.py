@@ -36,6 +36,20 @@ def test_the_best_so_far_never_falls() -> None:
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), [1.0, 1.0, 2.0])
 
 
+def test_generations_are_whole_and_distances_have_a_unit() -> None:
+    history, paths = Figure().subplots(1, 2)
+    draw_history(history, HISTORY)
+    ticks = history.get_xticks()
+    np.testing.assert_array_equal(ticks, np.round(ticks))
+    assert history.get_ylabel() == "distance (units of 5 cm)"
+    one = swim(make_controller(), Morphology.nominal(), engine="numba", seconds=0.5)
+    draw_trajectories(paths, {"native": one, "target": one})
+    labels = [paths.get_xlabel(), paths.get_ylabel()]
+    assert labels == ["x (units of 5 cm)", "forward, y (units of 5 cm)"]
+    colours = {line.get_color() for line in paths.lines}
+    assert not colours & {"#555555", "#d55e00", "#0072b2", "#009e73"}  # the case study's
+
+
 @pytest.mark.parametrize("name", ["picture.png", "picture.svg"])
 def test_pictures_are_written(tmp_path: Path, name: str) -> None:
     one = swim(make_controller(), Morphology.nominal(), engine="numba", seconds=0.5)
