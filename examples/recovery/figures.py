@@ -86,7 +86,8 @@ def draw_paths(path: Path, folders: dict[str, Path]) -> None:
     for axes, (name, folder) in zip(panels, folders.items(), strict=True):
         swims = read_swims(folder)
         draw_trajectories(axes, {"own model": swims["native"], "target": swims["target"]})
-        axes.legend(loc="lower right", fontsize="small", framealpha=0.85)
+        axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="small", ncols=2)
+        axes.label_outer()
         axes.set_title(f"gait for {SHOWN[name]}", color=COLOURS[name])
     save(figure, path)
 
