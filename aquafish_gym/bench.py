@@ -72,6 +72,9 @@ class Bench:
             write_json(self.out, {"config": config, "rows": records})
 
 
+_LEAST = 0.1  # s; a short call is repeated for so long in each turn
+
+
 @dataclass(frozen=True)
 class Row:
     """One thing to time: a call that takes ``steps`` steps of each of ``robots`` robots."""
@@ -114,17 +117,25 @@ def rows(config: Bench) -> list[Row]:
     return found
 
 
+def _seconds(call: Callable[[], object], repeats: int) -> float:
+    """Return how long one call takes, over some in a row."""
+    start = time.perf_counter()
+    for _ in range(repeats):
+        call()
+    return (time.perf_counter() - start) / repeats
+
+
 def measure(config: Bench) -> list[dict[str, object]]:
     """Time every row in turn and return a record of each."""
     timed = rows(config)
     best = [np.inf] * len(timed)
+    repeats = []
     for row in timed:
         row.call()  # compiles, and warms the caches
+        repeats.append(max(1, round(_LEAST / _seconds(row.call, 1))))
     for _ in track(range(config.turns), description="turns"):
         for i, row in enumerate(timed):
-            start = time.perf_counter()
-            row.call()
-            best[i] = min(best[i], time.perf_counter() - start)
+            best[i] = min(best[i], _seconds(row.call, repeats[i]))
     rates = [row.robots * row.steps / seconds for row, seconds in zip(timed, best, strict=True)]
     return [
         {
