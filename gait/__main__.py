@@ -24,13 +24,12 @@ from gait.controller import Controller
 from gait.evolve import (
     CONTROLLER_FILE,
     FINAL_POSES,
-    HISTORY_FILE,
     EvolveConfig,
     Evolved,
-    Generation,
     evolve_gait,
     finished_generations,
 )
+from gait.history import HISTORY_FILE, Generation
 from gait.rollout import ZERO_POSE, random_poses
 from gait.transfer import Transfer, TransferConfig, transfer
 

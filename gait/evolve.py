@@ -18,10 +18,10 @@ from aquafish_gym.storage import ensure_writable_directory, write_bytes, write_j
 from aquafish_gym.validation import InvalidArgumentError, finite_array, integer
 from gait.controller import Controller, read_json
 from gait.evolution import Evolution, genome_to_controller
+from gait.history import HISTORY_FILE, Generation, write_history
 from gait.rollout import SECONDS, ZERO_POSE, Scorer, random_poses, step_count, stream, swim_all
 
 CONTROLLER_FILE = "controller.json"
-HISTORY_FILE = "history.csv"
 CHECKPOINT_FILE = "checkpoint.json"
 CHECKPOINT_SCHEMA = 2  # 1 drew from streams that were not this package's own
 
@@ -63,37 +63,6 @@ class EvolveConfig:
         step_count(self.seconds)
         if self.threads is not None:
             integer("threads", self.threads, 1)
-
-
-@dataclass(frozen=True)
-class Generation:
-    """One row of the history. Distances are in units of 5 cm.
-
-    Attributes
-    ----------
-    generation
-        From 0.
-    best, mean
-        Fitness: the mean distance over the generation's poses, the zero pose among them.
-    species
-        How many species the generation falls into.
-    final
-        The generation's winner's mean distance over the zero pose and the run's fixed poses;
-        equal to ``best`` if there are no random poses.
-    distance
-        The winner's distance from the zero pose.
-    nodes, connections
-        Of the winner's network.
-    """
-
-    generation: int
-    best: float
-    mean: float
-    species: int
-    final: float
-    distance: float
-    nodes: int
-    connections: int
 
 
 @dataclass(frozen=True)
@@ -295,29 +264,6 @@ def evolve_gait(
     return run.result
 
 
-def read_history(path: Path | str) -> tuple[Generation, ...]:
-    """Read a ``history.csv``.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it cannot be read or is no history.
-    """
-    names = [f.name for f in fields(Generation)]
-    try:
-        header, *lines = Path(path).read_text(encoding="utf-8").splitlines()
-        if header != ",".join(names):
-            raise ValueError("its first line is not the history's")
-        rows = [[json.loads(cell) for cell in line.split(",")] for line in lines]
-        return tuple(Generation(**dict(zip(names, row, strict=True))) for row in rows)
-    except OSError as error:
-        raise InvalidArgumentError(
-            f"history: cannot read {path}: {error.strerror or error}"
-        ) from None
-    except ValueError as error:
-        raise InvalidArgumentError(f"history: {path} is not a history: {error}") from None
-
-
 def finished_generations(out: Path | str) -> tuple[Generation, ...]:
     """Return the generations that a directory's checkpoint holds; none if it cannot be read.
 
@@ -344,11 +290,8 @@ def _swim_body(
 def _write_results(run: GaitRun, directory: Path) -> None:
     if not run.history:
         return
-    names = [f.name for f in fields(Generation)]
-    lines = [",".join(names)]
-    lines += [",".join(json.dumps(getattr(row, n)) for n in names) for row in run.history]
     write_json(directory / CONTROLLER_FILE, run.result.controller.to_dict())
-    write_bytes(directory / HISTORY_FILE, ("\n".join(lines) + "\n").encode())
+    write_history(directory / HISTORY_FILE, run.history)
 
 
 def _write_checkpoint(run: GaitRun, path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aquafish_gym.storage import write_bytes
-from gait.evolve import Generation
+from gait.history import Generation
 from gait.rollout import Swim
 
 if TYPE_CHECKING:

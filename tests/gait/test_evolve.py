@@ -18,12 +18,10 @@ from gait.evolve import (
     CHECKPOINT_FILE,
     CONTROLLER_FILE,
     DIVERGED_DISTANCE,
-    HISTORY_FILE,
     EvolveConfig,
-    Generation,
     evolve_gait,
-    read_history,
 )
+from gait.history import HISTORY_FILE, Generation, read_history
 from gait.rollout import random_poses, stream
 from gait_fakes import WeightScorer, contents
 

@@ -18,7 +18,8 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.storage import write_json
 from gait.__main__ import _progress, _progress_line, main
 from gait.controller import Controller
-from gait.evolve import Generation, finished_generations, read_history
+from gait.evolve import finished_generations
+from gait.history import Generation, read_history
 from gait_fakes import contents, make_controller
 
 QUICK = ["--generations", "3", "--population", "12", "--seconds", "1", "--seed", "1000"]
