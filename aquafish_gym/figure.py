@@ -166,7 +166,7 @@ def find_window(
 ) -> tuple[int, int, int, int] | None:
     """Return the pixels (left, right, top, bottom) that hold these points, None if none do.
 
-    Drawing only there is four times faster than drawing everything.
+    Drawing only there is much faster than drawing everything.
     """
     from_eye = corners - view.eye
     ahead = from_eye @ view.forward

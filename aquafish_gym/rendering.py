@@ -111,7 +111,7 @@ def _has_display() -> bool:
 
 @functools.cache
 def _own_figure(_process: int) -> Figure:
-    """Return this process's figure for frames; its client is kept, as a client costs 28 MB."""
+    """Return this process's figure for frames; its client is kept: a client is large."""
     return Figure(take_client())
 
 

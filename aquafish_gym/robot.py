@@ -34,8 +34,8 @@ MOUNT_LENGTH = 0.5
 
 BODY_MASS = math.pi * RADIUS**2 * CYLINDER + 4 / 3 * math.pi * RADIUS**3
 
-# A fin of no size keeps this mass, so that the equations stay regular; 1e-4 of the body's
-# would already move its attitude by 3e-3 rad.
+# A fin of no size keeps this mass, so that the equations stay regular; it is too little to
+# show in the body's motion.
 MINIMUM_FIN_MASS = 1e-6 * BODY_MASS
 # Likewise for its inertia: the radius of gyration is never under 1/1000 of a unit.
 MINIMUM_GYRATION = 1e-3

@@ -151,7 +151,7 @@ class BulletWorld:
 
     def _build(self, angles: tuple[float, float, float]) -> None:
         """Empty the world and put the robot in, its joints at these angles (rad)."""
-        # Building anew costs under a millisecond, leaks nothing and leaves no motor or
+        # Building anew is quick, leaks nothing and leaves no motor or
         # solver state behind, which restoring a saved state would.
         p, client = self._bullet, self._client
         p.resetSimulation(physicsClientId=client)

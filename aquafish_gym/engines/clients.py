@@ -46,7 +46,7 @@ def _import_quietly() -> Any:
         os.close(kept)
 
 
-# A client costs 28 MB and connecting leaks, so clients are kept for the next world.
+# A client costs megabytes and connecting leaks, so clients are kept for the next world.
 _idle_clients: list[int] = []
 
 

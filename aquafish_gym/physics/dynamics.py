@@ -262,7 +262,8 @@ def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> S
     current
         The water's own velocity in the world, units/s.
     h
-        Seconds. Explicit, so h = 0.01 is needed: the fastest drag rate seen is 51/s.
+        Seconds. The scheme is explicit, so h must stay well under the time in which drag stops
+        the lightest motion; 0.01 does for every body within the limits.
     """
     return move(robot, state, by, forces(robot, state, current), h)
 

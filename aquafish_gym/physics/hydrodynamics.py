@@ -37,7 +37,7 @@ CROSS_FLOW_DRAG = 0.72  # handbook cylinders: length/diameter 2: 0.68, 5: 0.74
 AXIAL_DRAG = 0.30  # assumed; a hemisphere facing the flow: 0.34
 
 # Gauss-Legendre on [0, 1], three points, and on [-1/2, 1/2], two points (weight 1/2 each).
-# The cheapest rule under 1% rms error in force and torque; tests/test_quadrature.py.
+# Under 1% rms error in force and torque; tests/physics/test_quadrature.py is the study.
 _NEAR, _MIDDLE, _FAR = 0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6)
 _OUTER_WEIGHT, _MIDDLE_WEIGHT = 5 / 18, 8 / 18
 _ASIDE = 0.5 / math.sqrt(3.0)

@@ -32,8 +32,8 @@ def summarize(values: list[float]) -> dict[str, Any]:
 def mean_interval(data: NDArray[np.float64]) -> list[float] | None:
     """Return the studentised bootstrap's 95% interval of the mean, or None for under 5 numbers.
 
-    The percentile bootstrap of so few numbers is too narrow: ten of them give it a coverage of
-    92%, five 84%. Studentising each resample mends that (Efron and Tibshirani 1993, 12.5).
+    The percentile bootstrap of so few numbers is too narrow; studentising each resample mends
+    that (Efron and Tibshirani 1993, 12.5).
     """
     if len(data) < FEWEST:
         return None

@@ -251,8 +251,9 @@ def test_the_tail_gives_no_mean_force_while_the_base_is_held(carrier: str) -> No
 
 @carriers
 def test_only_a_quadratic_law_rows_with_full_turns(carrier: str) -> None:
-    """A paddle whose speed varies within the turn makes a net impulse."""
-    fin, total, samples = np.array([[0.4], [1.6], [0.1]]), np.zeros(2), 256
+    """A paddle whose speed varies within the turn makes a net impulse; a linear law's is none."""
+    fin, samples = np.array([[0.4], [1.6], [0.1]]), 256
+    total, linear = np.zeros(2), np.zeros(2)
     for i in range(samples):
         angle = 2 * math.pi * i / samples
         rate = 2.5 * (1 + 0.5 * math.cos(angle))
@@ -260,8 +261,11 @@ def test_only_a_quadratic_law_rows_with_full_turns(carrier: str) -> None:
         motion[3] = rate
         _, along, normal = drag(carrier, fin, motion)[:3, 0]
         c, s = math.cos(angle), math.sin(angle)
-        total += np.array([c * along - s * normal, s * along + c * normal]) / rate
+        force = np.array([c * along - s * normal, s * along + c * normal])
+        total += force / rate  # the time spent at an angle is 1 / rate
+        linear += force / rate**2  # the same force, were it proportional to the speed
     assert abs(total / samples).max() > 0.1
+    assert_allclose(linear / samples, 0, atol=20 * ROUNDING[carrier])
 
 
 def test_the_scheme_converges_to_rk4_with_order_one() -> None:
