@@ -17,8 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.carriers import TAU, Number, Vector, arctangent2, floor, where_less
-from aquafish_gym.physics.kinematics import Matrix
+from aquafish_gym.physics.carriers import (
+    TAU,
+    Matrix,
+    Number,
+    Vector,
+    arctangent2,
+    floor,
+    fma,
+    where_less,
+)
 
 Floats = NDArray[np.floating]
 
@@ -58,13 +66,13 @@ class ImuLog:
 
 def attitude(r: Matrix) -> Vector:
     """Return (roll, pitch, yaw) of a rotation matrix from body to world, pitch in +-pi/2."""
-    pitch = arctangent2(r[2][1], math.sqrt(r[2][0] * r[2][0] + r[2][2] * r[2][2]))
+    pitch = arctangent2(r[2][1], math.sqrt(fma(r[2][0], r[2][0], r[2][2] * r[2][2])))
     return (arctangent2(-r[2][0], r[2][2]), pitch, arctangent2(-r[0][1], r[1][1]))
 
 
 def nearest_turn(angle: Number, reference: Number) -> Number:
     """Return ``angle`` plus the whole turns that bring it nearest to ``reference``."""
-    return angle - TAU * floor((angle - reference) * (1 / TAU) + 0.5)
+    return fma(-TAU, floor(fma(angle - reference, 1 / TAU, 0.5)), angle)
 
 
 def continue_attitude(before: Vector, now: Vector) -> Vector:

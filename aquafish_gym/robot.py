@@ -78,7 +78,7 @@ class Robot(NamedTuple):
 
 PARAMETERS_PER_FIN = 7
 # Where (width, length, thickness) of each fin stand among the nine dimensions.
-_COLUMNS = ((0, 1, 2), (3, 4, 5), (8, 7, 6))
+_COLUMNS: NDArray[np.intp] = np.array([(0, 1, 2), (3, 4, 5), (8, 7, 6)])
 
 
 def robot_parameters(morphologies: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -95,22 +95,17 @@ def robot_parameters(morphologies: NDArray[np.float64]) -> NDArray[np.float64]:
         (21, B): for each fin width, length, thickness, mass and the three inertias, in the
         order of :class:`Fin`.
     """
-    rows: list[NDArray[np.float64]] = []
-    for columns in _COLUMNS:
-        width, length, thickness = (morphologies[:, i] for i in columns)
-        mass = np.maximum(width * length * thickness, MINIMUM_FIN_MASS)
-        squares = (width**2 / 12, length**2 / 12, thickness**2 / 12)
-        least = MINIMUM_GYRATION**2
-        rows += [
-            width,
-            length,
-            thickness,
-            mass,
-            mass * np.maximum(squares[1] + squares[2], least),
-            mass * np.maximum(squares[0] + squares[2], least),
-            mass * np.maximum(squares[0] + squares[1], least),
-        ]
-    return np.stack(rows)
+    sizes = morphologies.T[_COLUMNS]  # (fin, width or length or thickness, B)
+    squares = sizes**2 / 12
+    mass = np.maximum(sizes[:, 0] * sizes[:, 1] * sizes[:, 2], MINIMUM_FIN_MASS)
+    rows = np.empty((len(sizes), PARAMETERS_PER_FIN, sizes.shape[2]))
+    rows[:, 0:3] = sizes
+    rows[:, 3] = mass
+    rows[:, 4] = squares[:, 1] + squares[:, 2]
+    rows[:, 5] = squares[:, 0] + squares[:, 2]
+    rows[:, 6] = squares[:, 0] + squares[:, 1]
+    rows[:, 4:7] = mass[:, None] * np.maximum(rows[:, 4:7], MINIMUM_GYRATION**2)
+    return rows.reshape(len(sizes) * PARAMETERS_PER_FIN, sizes.shape[2])
 
 
 def robot_from_column(column: NDArray[np.float64]) -> Robot:
@@ -153,5 +148,5 @@ def _capsule_stations(count: int) -> tuple[tuple[float, float], ...]:
 
 # (y, integral of the diameter over its stretch), and the integral of r^4 over the surface's
 # area divided by r^2: what skin friction's torque about the long axis needs.
-CAPSULE_STATIONS = _capsule_stations(4)
+CAPSULE_STATIONS = _capsule_stations(5)
 ROLL_AREA = 2 * math.pi * RADIUS**4 * CYLINDER + 2 * math.pi * RADIUS**5 * (3 * math.pi / 8)

@@ -325,7 +325,7 @@ def test_without_an_engines_package_it_is_not_found(monkeypatch: pytest.MonkeyPa
                 use(name)
 
 
-@pytest.mark.parametrize("program", ["bench", "agreement"])
+@pytest.mark.parametrize("program", ["agreement"])
 def test_programs_that_compare_need_pybullet_at_the_door(program: str) -> None:
     code = (
         "import runpy, sys; sys.modules['pybullet'] = None\n"

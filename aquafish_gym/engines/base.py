@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +19,7 @@ from aquafish_gym.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
     finite_array,
+    flag,
     integer,
     one_of,
 )
@@ -64,6 +64,7 @@ class Settings:
     dtype: type[np.floating]
     threads: int | None
     record: str
+    reactive: bool = False
 
 
 # Whatever turns trials into logs.
@@ -119,9 +120,9 @@ def check_trials(morphologies: object, commands: object, fin_angles: object) -> 
         isinstance(m, Morphology) for m in morphologies
     ):
         morphologies = [Morphology.coerce(m).to_array() for m in morphologies]
-    bodies = finite_array("morphologies", _rows(morphologies), (None, 9), 0.0, MAXIMA)
-    speeds = check_commands(_rows(commands))
-    angles = finite_array("fin_angles", _rows(fin_angles), (None, 3), unit="rad")
+    bodies = finite_array("morphologies", morphologies, (None, 9), 0.0, MAXIMA, flat=True)  # type: ignore[arg-type]
+    speeds = check_commands(commands)  # type: ignore[arg-type]
+    angles = finite_array("fin_angles", fin_angles, (None, 3), unit="rad", flat=True)  # type: ignore[arg-type]
     lengths = {len(bodies), len(speeds), len(angles)}
     batch = 0 if 0 in lengths else max(lengths)
     if lengths - {1, batch}:
@@ -129,21 +130,14 @@ def check_trials(morphologies: object, commands: object, fin_angles: object) -> 
             "morphologies, commands and fin_angles must be equally many, or one for all; "
             f"got {len(bodies)}, {len(speeds)} and {len(angles)}"
         )
-    return Trials(
-        *(
-            np.ascontiguousarray(np.broadcast_to(a, (batch, a.shape[1])))
-            for a in (bodies, speeds, angles)
-        )
-    )
+    return Trials(*(_spread(a, batch) for a in (bodies, speeds, angles)))
 
 
-def _rows(value: object) -> ArrayLike:
-    """Let a single trial be given flat."""
-    try:
-        array: NDArray[Any] = np.asarray(value)
-    except (TypeError, ValueError, RecursionError):
-        return value  # type: ignore[return-value]  # finite_array says what is wrong with it
-    return array[None] if array.ndim == 1 and array.size else array
+def _spread(rows: NDArray[np.float64], batch: int) -> NDArray[np.float64]:
+    """Return ``batch`` contiguous rows, of as many or of one for all."""
+    if len(rows) != batch:
+        rows = np.broadcast_to(rows, (batch, rows.shape[1]))
+    return np.ascontiguousarray(rows)
 
 
 def simulate(
@@ -157,6 +151,7 @@ def simulate(
     substeps: int = 1,
     threads: int | None = None,
     record: str = "attitude",
+    reactive: bool = False,
 ) -> ImuLog:
     """Swim B robots from rest and return what their IMUs log.
 
@@ -188,6 +183,9 @@ def simulate(
     record
         ``"rpy"``, ``"attitude"`` (rpy and gyro) or ``"pose"`` (these, position,
         quaternion and fin angles).
+    reactive
+        Whether the water also resists acceleration (added mass of fins and body) and leaves the
+        tail's edge with momentum; see ``docs/physics.md``. The paper's experiments need it not.
 
     Returns
     -------
@@ -217,6 +215,7 @@ def simulate(
         dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
         threads=None if threads is None else integer("threads", threads, 1),
         record=one_of("record", record, RECORDS),
+        reactive=flag("reactive", reactive),
     )
     _check_log_fits(len(trials), settings, engine)
     return answer(trials, settings)

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
 from aquafish_gym.engines.clients import load_pybullet, return_client, take_client
-from aquafish_gym.engines.push import compiled_push
-from aquafish_gym.imu import ImuLog, attitude, continue_attitude
+from aquafish_gym.engines.push import compiled, follow, push, push_reactive
+from aquafish_gym.engines.worlds import RUNAWAY
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.carriers import Vector
 from aquafish_gym.physics.kinematics import (
     Drive,
@@ -51,9 +52,6 @@ AXES = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 # Bullet's defaults are 1000 and 100, and joints would lag behind their servos.
 _UNLIMITED = 1e9
-# Bullet cuts speeds off there, so that a runaway never reaches infinity: it is caught before,
-# by its speeds' squares.
-_RUNAWAY = 1e12
 # Its default residual threshold of 1e-7 leaves errors of 1e-5 rad.
 _SOLVER_ITERATIONS = 50
 
@@ -67,6 +65,8 @@ class BulletWorld:
     ----------
     substeps
         Physics steps in each 0.01 s.
+    reactive
+        Whether the water has the terms of ``physics/reactive.py``.
 
     Raises
     ------
@@ -74,13 +74,13 @@ class BulletWorld:
         If pybullet is not installed.
     """
 
-    def __init__(self, substeps: int = 1) -> None:
+    def __init__(self, substeps: int = 1, reactive: bool = False) -> None:
         self.timestep = TIMESTEP / substeps
         self._bullet = load_pybullet()
         self._process = os.getpid()
         self._client = take_client()
         self._closing = weakref.finalize(self, return_client, self._client, self._process)
-        self._push = compiled_push()
+        self._push = compiled(push_reactive if reactive else push)
         self._robot = -1
         self._column: NDArray[np.float64] = np.zeros(3 * PARAMETERS_PER_FIN)
         self._joints: NDArray[np.float64] = np.zeros(9)
@@ -260,7 +260,7 @@ class BulletWorld:
             self.velocity, self.world_spin = p.getBaseVelocity(robot, physicsClientId=client)
             (vx, vy, vz), (wx, wy, wz) = self.velocity, self.world_spin
             # Written so that NaN fails it.
-            if not vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz < _RUNAWAY:
+            if not vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz < RUNAWAY:
                 self._diverge()
 
     def _diverge(self) -> None:
@@ -290,24 +290,6 @@ class BulletWorld:
         return (math.atan2(j[1], j[0]), math.atan2(j[3], j[2]), math.atan2(j[5], j[4]))
 
 
-def _follow(
-    orientations: NDArray[np.float64],
-    world_spins: NDArray[np.float64],
-    rpy: NDArray[np.float64],
-    gyro: NDArray[np.float64],
-) -> None:
-    """Fill rpy (T, 3) and gyro (T, 3) from quaternions (T, 4) and world spins (T, 3)."""
-    angles, spins = [], []
-    before: Vector = (0.0, 0.0, 0.0)
-    for q, w in zip(orientations.tolist(), world_spins.tolist(), strict=True):
-        r = rotation(q)
-        before = continue_attitude(before, attitude(r))
-        angles.append(before)
-        spins.append(to_body(r, w))
-    if angles:
-        rpy[:], gyro[:] = angles, spins
-
-
 def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
     """Answer :func:`aquafish_gym.simulate` with PyBullet, one robot after another.
 
@@ -319,7 +301,8 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
     fin_angles = np.empty((batch, steps, 3))
     spins = np.empty((steps, 3))
     diverged = np.zeros(batch, dtype=np.bool_)
-    world = BulletWorld(settings.substeps)
+    fill = compiled(follow)
+    world = BulletWorld(settings.substeps, settings.reactive)
     try:
         for i in range(batch):
             world.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), settings.current)
@@ -335,7 +318,7 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
                 diverged[i] = True
                 good = int(np.isfinite(quaternion[i]).all(axis=1).sum())
                 rpy[i, good:] = gyro[i, good:] = math.nan
-            _follow(quaternion[i, :good], spins[:good], rpy[i, :good], gyro[i, :good])
+            fill(quaternion[i, :good], spins[:good], rpy[i, :good], gyro[i, :good])
     finally:
         world.close()
     pose = settings.record == "pose"

@@ -12,7 +12,7 @@ the policy's own, ``scratch`` a flat array to ``put`` to and ``fetch`` from, and
 plain float in seconds. Robots share the instructions of their vector register, so no branch
 may depend on lanes (branches on ``layout`` are fine). The robots of one register are group
 ``group`` of ``groups``; row r of a table of P rows is entry ``r * groups + group``. Functions
-that a policy calls must be registered with ``numba.extending.register_jitable``.
+that a policy calls must be registered with ``simd.inlined``.
 
 On plain floats the same function serves one robot: ``group`` 0 of 1.
 """
@@ -25,25 +25,27 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numba.extending import register_jitable
 
 from aquafish_gym import imu
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.carriers import Number, Vector, fetch, put
 from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import State, drive, joint_angles, rotation
+from aquafish_gym.physics.reactive import step_reactive
 from aquafish_gym.robot import PARAMETERS_PER_FIN, Fin, Robot
+from aquafish_gym.validation import InvalidArgumentError
 
 Policy = Callable[..., Vector]
 
 STATE_ROWS = 25  # State's 22 numbers in order, then roll, pitch, yaw
 BLOCK = 16  # samples gathered before they are written out, in the fastest cache
+WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
 
 # What to record, as bits.
 RPY, GYRO, POSE = 1, 2, 4
 
 
-@register_jitable
+@simd.inlined
 def fetch_fin(parameters: Any, first: int, group: int, groups: int, like: Number) -> Fin:
     """Read one fin's seven rows."""
     i = first * groups + group
@@ -60,21 +62,21 @@ def fetch_fin(parameters: Any, first: int, group: int, groups: int, like: Number
     )
 
 
-@register_jitable
+@simd.inlined
 def fetch_vector(rows: Any, first: int, group: int, groups: int, like: Number) -> Vector:
     """Read three rows."""
     i = first * groups + group
     return (fetch(rows, i, like), fetch(rows, i + groups, like), fetch(rows, i + 2 * groups, like))
 
 
-@register_jitable
+@simd.inlined
 def fetch_pair(rows: Any, first: int, group: int, groups: int, like: Number) -> Any:
     """Read two rows."""
     i = first * groups + group
     return (fetch(rows, i, like), fetch(rows, i + groups, like))
 
 
-@register_jitable
+@simd.inlined
 def fetch_state(rows: Any, group: int, groups: int, like: Number) -> State:
     """Read a group's state, rows 0 to 21."""
     x, y, z = fetch_vector(rows, 0, group, groups, like)
@@ -90,7 +92,7 @@ def fetch_state(rows: Any, group: int, groups: int, like: Number) -> State:
     )
 
 
-@register_jitable
+@simd.inlined
 def put_vector(rows: Any, first: int, group: int, groups: int, value: Any) -> None:
     """Write three rows."""
     i = first * groups + group
@@ -99,7 +101,7 @@ def put_vector(rows: Any, first: int, group: int, groups: int, value: Any) -> No
     put(rows, i + 2 * groups, value[2])
 
 
-@register_jitable
+@simd.inlined
 def put_state(rows: Any, group: int, groups: int, state: State, rpy: Vector) -> None:
     """Write a group's state and attitude."""
     q = state.orientation
@@ -114,7 +116,7 @@ def put_state(rows: Any, group: int, groups: int, state: State, rpy: Vector) -> 
     put_vector(rows, 22, group, groups, rpy)
 
 
-@register_jitable
+@simd.inlined
 def hold(
     weights: Any,
     _layout: Any,
@@ -129,25 +131,43 @@ def hold(
     return fetch_vector(weights, 0, group, groups, rpy[0])
 
 
-@register_jitable
-def write_block(buffer: Any, log: Any, first: int, count: int, robot: int, width: int) -> None:
-    """Write ``count`` samples of every channel and lane to log (B, channels, T)."""
+@simd.inlined
+def write_block(buffer: Any, log: Any, first: int, count: int, group: int, zero: Any) -> None:
+    """Write ``count`` samples of every channel of a group's robots to log (B, channels, T)."""
+    width = buffer.size // (log.shape[1] * BLOCK)
+    robot, channels, samples = group * width, log.shape[1], log.shape[2]
+    if count == BLOCK and robot + width <= log.shape[0]:
+        for channel in range(channels):
+            start = (robot * channels + channel) * samples + first
+            for k in range(0, BLOCK, width):
+                at = channel * BLOCK + k
+                simd.put_transposed(buffer, at, log, start + k, channels * samples, zero)
+        return
     for lane in range(min(width, log.shape[0] - robot)):
-        for channel in range(log.shape[1]):
+        for channel in range(channels):
             at = channel * BLOCK * width + lane
             for k in range(count):
                 log[robot + lane, channel, first + k] = buffer[at + k * width]
 
 
 @functools.cache
-def compile_kernel(policy: Policy, width: int) -> Any:
+def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
     """Return the compiled loop for a policy at a lane width; compilation itself is lazy.
 
-    The loop runs groups ``begin`` to ``end`` and may be called from several threads at once.
+    ``reactive`` brings in the terms of ``physics/reactive.py``. The loop runs groups ``begin``
+    to ``end`` and may be called from several threads at once.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the width is no power of two up to 16.
     """
+    if width not in WIDTHS:
+        raise InvalidArgumentError(f"width must be one of {WIDTHS} robots; got {width!r}")
     simd.register()
-    register_jitable(policy)
+    simd.inlined(policy)
     stamp = simd.source_stamp(compile_kernel, policy)
+    swim = step_reactive if reactive else step
 
     def kernel(
         parameters: Any,
@@ -189,7 +209,7 @@ def compile_kernel(policy: Policy, width: int) -> Any:
                     command = policy(weights, layout, scratch, group, groups, time, rpy, state.spin)
                     by = drive(command, h)
                 for _ in range(substeps):
-                    state = step(robot, state, by, current, h)
+                    state = swim(robot, state, by, current, h)
                 rpy = imu.continue_attitude(rpy, imu.attitude(rotation(state.orientation)))
                 if record:
                     if record & RPY:
@@ -206,11 +226,11 @@ def compile_kernel(policy: Policy, width: int) -> Any:
                     if in_block == BLOCK or t == steps - 1:
                         first = t + 1 - in_block
                         if record & RPY:
-                            write_block(block_rpy, logs[0], first, in_block, group * width, width)
+                            write_block(block_rpy, logs[0], first, in_block, group, zero)
                         if record & GYRO:
-                            write_block(block_gyro, logs[1], first, in_block, group * width, width)
+                            write_block(block_gyro, logs[1], first, in_block, group, zero)
                         if record & POSE:
-                            write_block(block_pose, logs[2], first, in_block, group * width, width)
+                            write_block(block_pose, logs[2], first, in_block, group, zero)
                         in_block = 0
             put_state(states, group, groups, state, rpy)
 

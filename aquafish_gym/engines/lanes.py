@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 from concurrent.futures import ThreadPoolExecutor
 
@@ -27,7 +28,7 @@ Floats = NDArray[np.floating]
 _RECORDS = {"nothing": 0, "rpy": RPY, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE}
 _NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
 # Under this many steps of a group, a second thread costs more than it brings.
-_WORTH_A_THREAD = 2000
+_WORTH_A_THREAD = 1000
 
 
 def lane_width(dtype: type[np.floating]) -> int:
@@ -40,7 +41,8 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
     batch = rows.shape[1]
     table = np.empty((len(rows), batch + -batch % width), dtype)
     table[:, :batch] = rows
-    table[:, batch:] = rows[:, -1:]
+    if batch % width:
+        table[:, batch:] = rows[:, -1:]
     return table.reshape(-1)
 
 
@@ -54,6 +56,16 @@ def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
     rows[13:19:2] = np.cos(fin_angles).T
     rows[14:20:2] = np.sin(fin_angles).T
     return rows
+
+
+@functools.cache
+def _helpers(_process: int, count: int) -> ThreadPoolExecutor:
+    """Return this process's threads beside the caller's, idle between calls.
+
+    Starting threads takes as long as many a call's work. A fork does not carry them over, so
+    they are asked for with the process's number.
+    """
+    return ThreadPoolExecutor(count, thread_name_prefix="aquafish-lanes")
 
 
 class LaneBatch:
@@ -75,6 +87,8 @@ class LaneBatch:
         None takes every core; no result depends on it.
     width
         Robots a register; None takes what the machine has; no result depends on it.
+    reactive
+        Whether the water has the terms of ``physics/reactive.py``.
     """
 
     def __init__(
@@ -86,12 +100,14 @@ class LaneBatch:
         substeps: int = 1,
         threads: int | None = None,
         width: int | None = None,
+        reactive: bool = False,
     ) -> None:
         self.batch = len(morphologies)
         self.dtype = dtype
         self.width = width or lane_width(dtype)
         self.groups = -(-self.batch // self.width)
         self.current = current
+        self.reactive = reactive
         self.substeps = substeps
         self.threads = threads or len(os.sched_getaffinity(0))
         self.steps_done = 0
@@ -138,7 +154,7 @@ class LaneBatch:
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
             for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
         )
-        kernel = compile_kernel(policy, self.width)
+        kernel = compile_kernel(policy, self.width, self.reactive)
 
         def part(begin: int, end: int) -> None:
             kernel(
@@ -165,8 +181,10 @@ class LaneBatch:
             part(0, self.groups)
         else:
             edges = [self.groups * i // parts for i in range(parts + 1)]
-            with ThreadPoolExecutor(parts) as pool:
-                list(pool.map(part, edges[:-1], edges[1:]))
+            helpers = _helpers(os.getpid(), self.threads - 1)
+            others = helpers.map(part, edges[1:-1], edges[2:])
+            part(0, edges[1])
+            list(others)
         self.steps_done += steps
         rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
         return ImuLog(
@@ -175,8 +193,24 @@ class LaneBatch:
             position=pose[:, :, :3] if bits & POSE else None,
             quaternion=pose[:, :, 3:7] if bits & POSE else None,
             fin_angles=pose[:, :, 7:] if bits & POSE else None,
-            diverged=np.logical_not(np.isfinite(self._table(self._states, STATE_ROWS)).all(axis=0)),
+            diverged=self._diverged(),
         )
+
+    def _diverged(self) -> NDArray[np.bool_]:
+        """Return which robots (B,) have left the finite numbers."""
+        if np.isfinite(self._states).all():
+            return np.zeros(self.batch, np.bool_)
+        return np.logical_not(np.isfinite(self._table(self._states, STATE_ROWS)).all(axis=0))
+
+    def rows(self) -> NDArray[np.float64]:
+        """Return a copy of the states (25, B): the numbers of ``State`` in order, then rpy."""
+        return self._table(self._states, STATE_ROWS).astype(np.float64)
+
+    @staticmethod
+    def angles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return fin angles (3, B) in rad of states (25, B), or (3,) of one robot's (22,)."""
+        found: NDArray[np.float64] = np.arctan2(rows[14:20:2], rows[13:19:2])
+        return found
 
     def state(self) -> dict[str, NDArray[np.float64]]:
         """Return copies of what the robots are now.
@@ -185,13 +219,13 @@ class LaneBatch:
         ``gyro`` (B, 3) in body axes, ``fin_angles`` (B, 3) (left, right, caudal *phase*, rad),
         ``rates`` (B, 3) of the joints in rad/s, and ``rpy`` (B, 3).
         """
-        rows = self._table(self._states, STATE_ROWS).astype(np.float64)
+        rows = self.rows()
         return {
             "quaternion": rows[0:4].T,
             "position": rows[4:7].T,
             "velocity": rows[7:10].T,
             "gyro": rows[10:13].T,
-            "fin_angles": np.arctan2(rows[14:20:2], rows[13:19:2]).T,
+            "fin_angles": self.angles(rows).T,
             "rates": rows[19:22].T,
             "rpy": rows[22:25].T,
         }
@@ -211,5 +245,6 @@ def simulate_lanes(trials: Trials, settings: Settings) -> ImuLog:
         settings.dtype,
         settings.substeps,
         settings.threads,
+        reactive=settings.reactive,
     )
     return lanes.advance(trials.commands, settings.steps, settings.record)

@@ -16,9 +16,14 @@ from aquafish_gym.physics.kinematics import State
 
 Triple = tuple[float, float, float]
 
+# A robot has diverged once the squares of its velocity (units/s) and spin (rad/s) sum to this,
+# though its numbers may stay finite for some steps more. (Bullet cuts speeds off, and a runaway
+# would never get to infinity there.)
+RUNAWAY = 1e12
+
 
 class World(Protocol):
-    """One robot in the water. ``diverged`` says whether it left the finite numbers."""
+    """One robot in the water. ``diverged`` says whether it ran away; see ``RUNAWAY``."""
 
     @property
     def diverged(self) -> bool: ...
@@ -36,60 +41,23 @@ class World(Protocol):
     def state(self) -> State:
         """Return the robot's state on plain floats."""
 
+    @property
+    def fin_angles(self) -> Vector:
+        """Left and right pectoral angle and caudal phase in [-pi, pi], rad."""
+
     def close(self) -> None:
         """Free what the world holds; closing twice does no harm."""
 
 
-class CompiledWorld:
-    """One robot on the compiled engine, in double precision: the robot of the lanes.
+def make_world(engine: str, reactive: bool = False) -> World:
+    """Return a world of an engine that ``check_engine`` allowed; reset it before its first step.
 
-    Unlike PyBullet's it can be pickled, copied and carried across a fork.
+    ``reactive`` says whether the water has the terms of ``physics/reactive.py``.
     """
-
-    def __init__(self) -> None:
-        from aquafish_gym.engines.lanes import LaneBatch
-
-        # One lane: all the other numbers of a wider register would be wasted.
-        self._lanes = LaneBatch(
-            np.zeros((1, 9)), np.zeros((1, 3)), dtype=np.float64, threads=1, width=1
-        )
-        self.diverged = False
-
-    def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
-        """See :class:`World`."""
-        self._lanes.current = current
-        self._lanes.replace(np.ones(1, np.bool_), morphology[None], np.array([fin_angles]))
-        self.diverged = False
-
-    def advance(self, command: Vector, steps: int = 1) -> None:
-        """See :class:`World`."""
-        log = self._lanes.advance(np.array([command]), steps)
-        self.diverged = bool(log.diverged[0])
-
-    def state(self) -> State:
-        """See :class:`World`."""
-        now = self._lanes.state()
-        angles, rates = now["fin_angles"], now["rates"]
-        cosines, sines = np.cos(angles[0]).tolist(), np.sin(angles[0]).tolist()
-        return State(
-            tuple(now["quaternion"][0].tolist()),
-            tuple(now["position"][0].tolist()),
-            tuple(now["velocity"][0].tolist()),
-            tuple(now["gyro"][0].tolist()),
-            (cosines[0], sines[0]),
-            (cosines[1], sines[1]),
-            (cosines[2], sines[2]),
-            tuple(rates[0].tolist()),
-        )
-
-    def close(self) -> None:
-        """See :class:`World`."""
-
-
-def make_world(engine: str) -> World:
-    """Return a world of an engine that ``check_engine`` allowed; reset it before its first step."""
     if engine == "pybullet":
         from aquafish_gym.engines.bullet import BulletWorld
 
-        return BulletWorld()
-    return CompiledWorld()
+        return BulletWorld(reactive=reactive)
+    from aquafish_gym.engines.single import CompiledWorld
+
+    return CompiledWorld(reactive)

@@ -3,18 +3,45 @@
 The physics is written once and runs on three carriers: plain floats (the reference), numba's
 float64 and float32, and SIMD lanes of either (``simd.py``). Everything here is straight-line:
 no branch depends on data, because the robots in one vector register share their instructions.
-The four primitives below have a second, vector body in ``simd.py``.
+The five primitives below have a second, vector body in ``simd.py``.
+
+Multiply-adds are fused where the source says :func:`fma`, and nowhere else: a compiler that
+may fuse as it likes rounds differently at every lane width.
 """
 
 from __future__ import annotations
 
+import ctypes
 import math
+import sys
+from collections.abc import Callable
 from typing import Any
 
 Number = Any  # a float or a SIMD lane of floats
 Vector = tuple[Number, Number, Number]
+Matrix = tuple[Vector, Vector, Vector]  # rows
+Symmetric = tuple[Number, Number, Number, Number, Number, Number]  # xx, yy, zz, xy, xz, yz
 
 TAU = 2 * math.pi
+
+
+def _find_fma() -> Callable[[float, float, float], float]:
+    """Return the C library's ``fma``: Python itself has one only from 3.13 on."""
+    if sys.version_info >= (3, 13):
+        return math.fma
+    # Elsewhere than on Windows it is among what Python itself is linked with.
+    function = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fma
+    function.restype = ctypes.c_double
+    function.argtypes = [ctypes.c_double] * 3
+    return function
+
+
+_fma = _find_fma()
+
+
+def fma(a: Number, b: Number, c: Number) -> Number:
+    """Return a b + c, rounded once."""
+    return _fma(a, b, c)
 
 
 def where_less(a: Number, b: Number, then: Number, otherwise: Number) -> Number:
@@ -40,12 +67,17 @@ def put(array: Any, index: int, value: Number) -> None:
     array[index] = value
 
 
+def dot(a: Vector, b: Vector) -> Number:
+    """Return a . b."""
+    return fma(a[0], b[0], fma(a[1], b[1], a[2] * b[2]))
+
+
 def cross(a: Vector, b: Vector) -> Vector:
     """Return a x b."""
     return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
+        fma(a[1], b[2], -(a[2] * b[1])),
+        fma(a[2], b[0], -(a[0] * b[2])),
+        fma(a[0], b[1], -(a[1] * b[0])),
     )
 
 
@@ -54,19 +86,55 @@ def add(a: Vector, b: Vector) -> Vector:
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
+def subtract(a: Vector, b: Vector) -> Vector:
+    """Return a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
 def scale(k: Number, a: Vector) -> Vector:
     """Return k a."""
     return (k * a[0], k * a[1], k * a[2])
 
 
+def add_scaled(a: Vector, k: Number, b: Vector) -> Vector:
+    """Return a + k b."""
+    return (fma(k, b[0], a[0]), fma(k, b[1], a[1]), fma(k, b[2], a[2]))
+
+
+def times(a: Symmetric, v: Vector) -> Vector:
+    """Return a v for a symmetric 3 x 3 matrix."""
+    xx, yy, zz, xy, xz, yz = a
+    return (dot((xx, xy, xz), v), dot((xy, yy, yz), v), dot((xz, yz, zz), v))
+
+
+def inverse(a: Symmetric) -> Symmetric:
+    """Return the inverse of a positive definite 3 x 3 matrix (its cofactors)."""
+    xx, yy, zz, xy, xz, yz = a
+    c_xx = fma(yy, zz, -(yz * yz))
+    c_xy = fma(xz, yz, -(xy * zz))
+    c_xz = fma(xy, yz, -(xz * yy))
+    c_yy = fma(xx, zz, -(xz * xz))
+    c_yz = fma(xy, xz, -(xx * yz))
+    c_zz = fma(xx, yy, -(xy * xy))
+    k = 1.0 / fma(xx, c_xx, fma(xy, c_xy, xz * c_xz))
+    return (k * c_xx, k * c_yy, k * c_zz, k * c_xy, k * c_xz, k * c_yz)
+
+
 def small_sine_cosine(x: Number) -> tuple[Number, Number]:
     """Return (sin x, cos x) for abs(x) <= 0.6, to 4e-16: their Taylor series."""
     z = x * x
-    s = 1 - z * (1 / 110) * (1 - z * (1 / 156))
-    s = 1 - z * (1 / 6) * (1 - z * (1 / 20) * (1 - z * (1 / 42) * (1 - z * (1 / 72) * s)))
-    c = 1 - z * (1 / 90) * (1 - z * (1 / 132) * (1 - z * (1 / 182)))
-    c = 1 - z * (1 / 2) * (1 - z * (1 / 12) * (1 - z * (1 / 30) * (1 - z * (1 / 56) * c)))
-    return x * s, c
+    s = fma(z, 1 / 6227020800, -1 / 39916800)
+    s = fma(z, s, 1 / 362880)
+    s = fma(z, s, -1 / 5040)
+    s = fma(z, s, 1 / 120)
+    s = fma(z, s, -1 / 6)
+    c = fma(z, -1 / 87178291200, 1 / 479001600)
+    c = fma(z, c, -1 / 3628800)
+    c = fma(z, c, 1 / 40320)
+    c = fma(z, c, -1 / 720)
+    c = fma(z, c, 1 / 24)
+    c = fma(z, c, -1 / 2)
+    return fma(x * z, s, x), fma(z, c, 1.0)
 
 
 def arctangent2(y: Number, x: Number) -> Number:
@@ -84,17 +152,16 @@ def arctangent2(y: Number, x: Number) -> Number:
     bottom = where_less(near, low, low + high, high)
     u = top / (bottom + 1e-30)
     z = u * u
-    p = 0.021135373157693246
-    p = p * z - 0.04348052215716462
-    p = p * z + 0.056883492268090106
-    p = p * z - 0.06640233930429408
-    p = p * z + 0.07689953496306857
-    p = p * z - 0.09090773074808414
-    p = p * z + 0.11111106180455946
-    p = p * z - 0.14285714180976467
-    p = p * z + 0.1999999999885511
-    p = p * z - 0.3333333333332844
-    angle = u + u * z * p
+    p = fma(z, 0.021135373157693246, -0.04348052215716462)
+    p = fma(z, p, 0.056883492268090106)
+    p = fma(z, p, -0.06640233930429408)
+    p = fma(z, p, 0.07689953496306857)
+    p = fma(z, p, -0.09090773074808414)
+    p = fma(z, p, 0.11111106180455946)
+    p = fma(z, p, -0.14285714180976467)
+    p = fma(z, p, 0.1999999999885511)
+    p = fma(z, p, -0.3333333333332844)
+    angle = fma(u * z, p, u)
     angle = angle + where_less(near, low, 0.25 * math.pi, 0.0)
     angle = where_less(across, up, 0.5 * math.pi - angle, angle)
     angle = where_less(x, 0.0, math.pi - angle, angle)

@@ -19,18 +19,25 @@ from typing import NamedTuple
 
 from aquafish_gym.physics.carriers import (
     Number,
+    Symmetric,
     Vector,
     add,
+    add_scaled,
     cross,
+    fma,
+    inverse,
     scale,
-    small_sine_cosine,
+    subtract,
+    times,
 )
 from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
 from aquafish_gym.physics.kinematics import (
     Drive,
+    Joints,
     Pair,
     State,
-    caudal_angle,
+    caudal_joint,
+    joint_accelerations,
     next_joints,
     rotation,
     to_body,
@@ -40,19 +47,40 @@ from aquafish_gym.physics.kinematics import (
 from aquafish_gym.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y, Fin, Robot
 
 Wrench = tuple[Vector, Vector]  # force, torque
-Symmetric = tuple[Number, Number, Number, Number, Number, Number]  # xx, yy, zz, xy, xz, yz
 
-_LEFT_HINGE = (-PECTORAL_X, PECTORAL_Y, 0.0)
-_RIGHT_HINGE = (PECTORAL_X, PECTORAL_Y, 0.0)
-_CAUDAL_HINGE = (0.0, CAUDAL_Y, 0.0)
+
+class Water(NamedTuple):
+    """The water's (force, torque) on each part.
+
+    Each fin's are in its fin frame, about its hinge; the body's in body axes, about its centre.
+    """
+
+    left: Wrench
+    right: Wrench
+    caudal: Wrench
+    body: Wrench
 
 
 class Share(NamedTuple):
-    """What one fin brings to the body's equations of motion, in body axes about the centre.
+    """What one fin brings to the body's equations of motion, for a hinge in the middle plane.
 
-    ``moment`` is mass times position of its centre and ``inertia`` its own about the body's
-    centre; ``force`` and ``torque`` are the water's less the terms of inertia that do not
-    multiply the body's acceleration.
+    In the hinge frame's axes and about the body's centre. ``moment`` is mass times position of
+    its centre (length, normal) and ``inertia`` its own (aa, bb, cc, bc); ``force`` and
+    ``torque`` are the water's less what the joint's own motion takes.
+    """
+
+    mass: Number
+    moment: Pair
+    inertia: tuple[Number, Number, Number, Number]
+    force: Vector
+    torque: Vector
+
+
+class Whole(NamedTuple):
+    """Body and fins as one, in body axes about the capsule's centre.
+
+    ``moment`` is mass times position of the centre of mass. ``force`` and ``torque`` are all
+    but what a rigid whole's rotation takes.
     """
 
     mass: Number
@@ -62,26 +90,21 @@ class Share(NamedTuple):
     torque: Vector
 
 
-class Water(NamedTuple):
-    """The water's (force, torque about the body's centre) on each part.
-
-    Each fin's are in its hinge frame's axes, the body's in body axes.
-    """
-
-    left: Wrench
-    right: Wrench
-    caudal: Wrench
-    body: Wrench
+# The hinges lie at (x, y, 0) of their frames: the pectorals' at (+-PECTORAL_X, PECTORAL_Y), the
+# caudal fin's at (0, CAUDAL_Y). The functions of one fin leave x out, and the sums over fins
+# bring it in for the two that have it.
 
 
 def _to_fin(joint: Pair, v: Vector) -> Vector:
     """Turn a vector from the hinge frame to the fin frame; ``joint`` is (cos, sin)."""
-    return (v[0], joint[0] * v[1] + joint[1] * v[2], joint[0] * v[2] - joint[1] * v[1])
+    c, s = joint
+    return (v[0], fma(c, v[1], s * v[2]), fma(c, v[2], -(s * v[1])))
 
 
 def _to_hinge(joint: Pair, v: Vector) -> Vector:
     """Turn a vector from the fin frame to the hinge frame."""
-    return (v[0], joint[0] * v[1] - joint[1] * v[2], joint[1] * v[1] + joint[0] * v[2])
+    c, s = joint
+    return (v[0], fma(c, v[1], -(s * v[2])), fma(s, v[1], c * v[2]))
 
 
 # The caudal fin's hinge frame has the axes (z, y, -x) of the body.
@@ -93,117 +116,89 @@ def _from_caudal(v: Vector) -> Vector:
     return (-v[2], v[1], v[0])
 
 
-def _fin_water(
-    fin: Fin, hinge: Vector, joint: Pair, rate: Number, velocity: Vector, spin: Vector
-) -> Wrench:
-    """Return the water's force on a fin and its torque about the body's centre.
+def _at_hinge(x: float, velocity: Vector, spin: Vector) -> Vector:
+    """Return the velocity of a pectoral's hinge, less what its ``PECTORAL_Y`` brings."""
+    return (velocity[0], fma(x, spin[2], velocity[1]), fma(-x, spin[1], velocity[2]))
 
-    All vectors are in the hinge frame's axes; ``velocity`` is the body centre's relative to
-    the water.
+
+def _fin_water(
+    fin: Fin, y: float, joint: Pair, rate: Number, velocity: Vector, spin: Vector
+) -> Wrench:
+    """Return the water's wrench on a fin, in its fin frame and about its hinge at (0, y).
+
+    ``velocity`` is the body centre's relative to the water, in the hinge frame's axes.
     """
-    at_hinge = add(velocity, cross(spin, hinge))
+    at_hinge = (fma(-y, spin[2], velocity[0]), velocity[1], fma(y, spin[0], velocity[2]))
     fin_spin = (spin[0] + rate, spin[1], spin[2])
-    force, torque = fin_drag(fin, _to_fin(joint, at_hinge), _to_fin(joint, fin_spin))
-    force = _to_hinge(joint, force)
-    return force, add(_to_hinge(joint, torque), cross(hinge, force))
+    return fin_drag(fin, _to_fin(joint, at_hinge), _to_fin(joint, fin_spin))
+
+
+def _to_centre(y: float, joint: Pair, on_fin: Wrench) -> Wrench:
+    """Move a wrench from a fin frame to the hinge frame's axes, about the body's centre."""
+    force, torque = _to_hinge(joint, on_fin[0]), _to_hinge(joint, on_fin[1])
+    return force, (fma(y, force[2], torque[0]), torque[1], fma(-y, force[0], torque[2]))
+
+
+def _sum(left: Wrench, right: Wrench, caudal: Wrench, body: Wrench) -> Wrench:
+    """Add up wrenches about the body's centre, in body axes; the fins' are of ``_to_centre``."""
+    force = add(add(left[0], right[0]), add(_from_caudal(caudal[0]), body[0]))
+    torque = add(add(left[1], right[1]), add(_from_caudal(caudal[1]), body[1]))
+    apart = subtract(right[0], left[0])
+    return force, (
+        torque[0],
+        fma(-PECTORAL_X, apart[2], torque[1]),
+        fma(PECTORAL_X, apart[1], torque[2]),
+    )
 
 
 def _fin_share(
     fin: Fin,
-    hinge: Vector,
+    y: float,
     joint: Pair,
     rate: Number,
     acceleration: Number,
     spin: Vector,
     water: Wrench,
 ) -> Share:
-    """Return one fin's share, in the hinge frame's axes (still about the body's centre)."""
+    """Return one fin's share, in the hinge frame's axes, for a hinge at (0, y)."""
     c, s = joint
     half = 0.5 * fin.length
-    arm = (0.0 * half, -half * c, -half * s)  # hinge to the fin's centre
-    at = add(hinge, arm)
-
-    # The fin's inertia about its own centre, then about the body's (parallel axes).
-    ia, ib, ic = fin.inertia
-    ibb = c * c * ib + s * s * ic
-    icc = s * s * ib + c * c * ic
-    ibc = c * s * (ib - ic)
     m = fin.mass
-    squares = (at[0] * at[0], at[1] * at[1], at[2] * at[2])
+    first = m * half
+    ia, ib, ic = fin.inertia
+
+    # The fin's inertia about its own centre at (0, aft, up), then about the body's.
+    aft, up = fma(-half, c, y), -half * s
+    m_aft, m_up = m * aft, m * up
+    lean = c * (ib - ic)
+    ibb = fma(c, lean, ic)
     inertia = (
-        ia + m * (squares[1] + squares[2]),
-        ibb + m * (squares[0] + squares[2]),
-        icc + m * (squares[0] + squares[1]),
-        -m * at[0] * at[1],
-        -m * at[0] * at[2],
-        ibc - m * at[1] * at[2],
+        fma(m_aft, aft, fma(m_up, up, ia)),
+        fma(m_up, up, ibb),
+        fma(m_aft, aft, (ib + ic) - ibb),
+        fma(s, lean, -(m_aft * up)),
     )
 
-    # Acceleration of the fin's centre that the body's own acceleration does not explain:
-    # w x (w x r) + 2 w x u + joint terms, where u = rate a x arm and a = (1, 0, 0).
-    swing = (arm[0], -rate * arm[2], rate * arm[1])
-    spin_at = cross(spin, at)
-    carried = cross(spin, (spin_at[0], spin_at[1] + 2.0 * swing[1], spin_at[2] + 2.0 * swing[2]))
-    rr = rate * rate
-    left_over = (
-        carried[0],
-        carried[1] - acceleration * arm[2] - rr * arm[1],
-        carried[2] + acceleration * arm[1] - rr * arm[2],
+    # What the joint's motion adds to the inertial forces of a rigid whole, in the fin frame
+    # and about the hinge: with arm r = (0, -half, 0), joint axis a = (1, 0, 0), its speed and
+    # acceleration, the force m (2 w x (speed a x r) + acceleration a x r + speed^2 a x (a x r))
+    # and the torque I (acceleration a + w x speed a) + speed a x I W + w x I speed a, where w
+    # is the body's spin, W = w + speed a the fin's and I its inertia about the hinge.
+    w1, w2 = fma(c, spin[1], s * spin[2]), fma(c, spin[2], -(s * spin[1]))
+    about_a, about_c = fma(first, half, ia), fma(first, half, ic)
+    swing = first * rate
+    force = (
+        -2.0 * swing * w1,
+        swing * fma(2.0, spin[0], rate),
+        -first * acceleration,
     )
-    inertial = scale(m, left_over)
-
-    # Rate of change of the fin's own angular momentum, likewise: I (w x rate a + acc a)
-    # + W x (I W) with W = w + rate a.
-    whole = (spin[0] + rate, spin[1], spin[2])
-    twist = (acceleration, rate * spin[2], -rate * spin[1])
-    momentum = (
-        ia * whole[0],
-        ibb * whole[1] + ibc * whole[2],
-        ibc * whole[1] + icc * whole[2],
+    torque = (
+        about_a * acceleration,
+        rate * w2 * (about_a + ib - about_c),
+        -rate * w1 * (about_a + about_c - ib),
     )
-    gyroscopic = cross(whole, momentum)
-    turning = (
-        ia * twist[0] + gyroscopic[0],
-        ibb * twist[1] + ibc * twist[2] + gyroscopic[1],
-        ibc * twist[1] + icc * twist[2] + gyroscopic[2],
-    )
-    torque = add(turning, cross(at, inertial))
-    return Share(
-        m,
-        scale(m, at),
-        inertia,
-        add(water[0], scale(-1.0, inertial)),
-        add(water[1], scale(-1.0, torque)),
-    )
-
-
-def _caudal_share_to_body(share: Share) -> Share:
-    """Turn a share from the caudal hinge frame's axes (z, y, -x) to the body's."""
-    zz, yy, xx, zy, zx, yx = share.inertia
-    return Share(
-        share.mass,
-        _from_caudal(share.moment),
-        (xx, yy, zz, -yx, -zx, zy),
-        _from_caudal(share.force),
-        _from_caudal(share.torque),
-    )
-
-
-def solve_symmetric(a: Symmetric, b: Vector) -> Vector:
-    """Solve a x = b for a positive definite 3 x 3 matrix (its cofactors)."""
-    xx, yy, zz, xy, xz, yz = a
-    c00 = yy * zz - yz * yz
-    c01 = xz * yz - xy * zz
-    c02 = xy * yz - xz * yy
-    c11 = xx * zz - xz * xz
-    c12 = xy * xz - xx * yz
-    c22 = xx * yy - xy * xy
-    k = 1.0 / (xx * c00 + xy * c01 + xz * c02)
-    return (
-        k * (c00 * b[0] + c01 * b[1] + c02 * b[2]),
-        k * (c01 * b[0] + c11 * b[1] + c12 * b[2]),
-        k * (c02 * b[0] + c12 * b[1] + c22 * b[2]),
-    )
+    force, torque = _to_centre(y, joint, (subtract(water[0], force), subtract(water[1], torque)))
+    return Share(m, (m_aft, m_up), inertia, force, torque)
 
 
 def forces(robot: Robot, state: State, current: Vector) -> Water:
@@ -218,33 +213,36 @@ def forces(robot: Robot, state: State, current: Vector) -> Water:
     current
         The water's own velocity in the world, units/s.
     """
-    velocity = to_body(rotation(state.orientation), add(state.velocity, scale(-1.0, current)))
+    velocity = to_body(rotation(state.orientation), subtract(state.velocity, current))
     spin, rates = state.spin, state.rates
-    sine, cosine = small_sine_cosine(caudal_angle(state.phase))
+    left = _at_hinge(-PECTORAL_X, velocity, spin)
+    right = _at_hinge(PECTORAL_X, velocity, spin)
+    tail, tail_joint = _to_caudal(velocity), caudal_joint(state.phase)
     return Water(
-        _fin_water(robot.left, _LEFT_HINGE, state.left, rates[0], velocity, spin),
-        _fin_water(robot.right, _RIGHT_HINGE, state.right, rates[1], velocity, spin),
-        _fin_water(
-            robot.caudal,
-            _to_caudal(_CAUDAL_HINGE),
-            (cosine, sine),
-            rates[2],
-            _to_caudal(velocity),
-            _to_caudal(spin),
-        ),
+        _fin_water(robot.left, PECTORAL_Y, state.left, rates[0], left, spin),
+        _fin_water(robot.right, PECTORAL_Y, state.right, rates[1], right, spin),
+        _fin_water(robot.caudal, CAUDAL_Y, tail_joint, rates[2], tail, _to_caudal(spin)),
         body_drag(velocity, spin),
     )
 
 
-def wrench(robot: Robot, state: State, current: Vector) -> tuple[Vector, Vector]:
-    """Return the water's whole force on the robot and its torque about the capsule's centre.
+def on_body(state: State, water: Water) -> Wrench:
+    """Return the water's whole force and its torque about the capsule's centre, in body axes."""
+    return _sum(
+        _to_centre(PECTORAL_Y, state.left, water.left),
+        _to_centre(PECTORAL_Y, state.right, water.right),
+        _to_centre(CAUDAL_Y, caudal_joint(state.phase), water.caudal),
+        water.body,
+    )
 
-    This is the one lumped wrench that PyBullet is given: both are in world axes.
+
+def wrench(robot: Robot, state: State, current: Vector) -> Wrench:
+    """Return the water's whole force and its torque about the capsule's centre, in world axes.
+
+    This is the one lumped wrench that PyBullet is given.
     """
+    force, torque = on_body(state, forces(robot, state, current))
     r = rotation(state.orientation)
-    left, right, tail, body = forces(robot, state, current)
-    force = add(add(left[0], right[0]), add(_from_caudal(tail[0]), body[0]))
-    torque = add(add(left[1], right[1]), add(_from_caudal(tail[1]), body[1]))
     return to_world(r, force), to_world(r, torque)
 
 
@@ -270,61 +268,80 @@ def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> S
 
 def move(robot: Robot, state: State, by: Drive, water: Water, h: Number) -> State:
     """Advance one robot by one step under given forces: Newton and Euler, then Bullet's scheme."""
+    joints = next_joints(state, by, h)
+    whole = gather(robot, state, joint_accelerations(state, joints, h), water)
+    return advance(state, joints, accelerations(whole, state.spin), h)
+
+
+def gather(robot: Robot, state: State, push: Vector, water: Water) -> Whole:
+    """Sum body and fins; ``push`` is the joints' accelerations, rad/s^2."""
     spin, now = state.spin, state.rates
-    left, right, phase, rates = next_joints(state, by, h)
-    sine, cosine = small_sine_cosine(caudal_angle(state.phase))
-    per_h = 1.0 / h
-    push = (
-        (rates[0] - now[0]) * per_h,
-        (rates[1] - now[1]) * per_h,
-        (rates[2] - now[2]) * per_h,
-    )
-    a = _fin_share(robot.left, _LEFT_HINGE, state.left, now[0], push[0], spin, water.left)
-    b = _fin_share(robot.right, _RIGHT_HINGE, state.right, now[1], push[1], spin, water.right)
-    c = _caudal_share_to_body(
-        _fin_share(
-            robot.caudal,
-            _to_caudal(_CAUDAL_HINGE),
-            (cosine, sine),
-            now[2],
-            push[2],
-            _to_caudal(spin),
-            water.caudal,
-        )
-    )
-
-    # Newton: M a - s x alpha = F. Euler about the centre: s x a + I alpha = T. Eliminating a
-    # leaves (I + [s][s] / M) alpha = T - s x F / M.
-    force = add(add(a.force, b.force), add(c.force, water.body[0]))
-    torque = add(add(a.torque, b.torque), add(c.torque, water.body[1]))
-    capsule_momentum = (
-        BODY_INERTIA[0] * spin[0],
-        BODY_INERTIA[1] * spin[1],
-        BODY_INERTIA[2] * spin[2],
-    )
-    torque = add(torque, cross(capsule_momentum, spin))
-    s = add(add(a.moment, b.moment), c.moment)
-    per_mass = 1.0 / (BODY_MASS + (a.mass + b.mass + c.mass))
+    a = _fin_share(robot.left, PECTORAL_Y, state.left, now[0], push[0], spin, water.left)
+    b = _fin_share(robot.right, PECTORAL_Y, state.right, now[1], push[1], spin, water.right)
+    joint, tail_spin = caudal_joint(state.phase), _to_caudal(spin)
+    c = _fin_share(robot.caudal, CAUDAL_Y, joint, now[2], push[2], tail_spin, water.caudal)
+    force, torque = _sum((a.force, a.torque), (b.force, b.torque), (c.force, c.torque), water.body)
+    # The caudal hinge's axes are the body's (z, y, -x).
     i, j, k = a.inertia, b.inertia, c.inertia
-    xx, yy, zz = s[0] * s[0] * per_mass, s[1] * s[1] * per_mass, s[2] * s[2] * per_mass
-    whole = (
-        BODY_INERTIA[0] + (i[0] + j[0] + k[0]) - (yy + zz),
-        BODY_INERTIA[1] + (i[1] + j[1] + k[1]) - (xx + zz),
-        BODY_INERTIA[2] + (i[2] + j[2] + k[2]) - (xx + yy),
-        i[3] + j[3] + k[3] + s[0] * s[1] * per_mass,
-        i[4] + j[4] + k[4] + s[0] * s[2] * per_mass,
-        i[5] + j[5] + k[5] + s[1] * s[2] * per_mass,
+    outboard = PECTORAL_X * PECTORAL_X * (a.mass + b.mass)
+    return Whole(
+        BODY_MASS + (a.mass + b.mass + c.mass),
+        (
+            fma(PECTORAL_X, b.mass - a.mass, -c.moment[1]),
+            a.moment[0] + b.moment[0] + c.moment[0],
+            a.moment[1] + b.moment[1],
+        ),
+        (
+            BODY_INERTIA[0] + (i[0] + j[0] + k[2]),
+            BODY_INERTIA[1] + (i[1] + j[1] + k[1] + outboard),
+            BODY_INERTIA[2] + (i[2] + j[2] + k[0] + outboard),
+            fma(-PECTORAL_X, b.moment[0] - a.moment[0], -k[3]),
+            -PECTORAL_X * (b.moment[1] - a.moment[1]),
+            i[3] + j[3],
+        ),
+        force,
+        torque,
     )
-    alpha = solve_symmetric(whole, add(torque, scale(-per_mass, cross(s, force))))
-    acceleration = scale(per_mass, add(force, cross(s, alpha)))
 
-    velocity = add(state.velocity, scale(h, to_world(rotation(state.orientation), acceleration)))
-    new_spin = add(spin, scale(h, alpha))
+
+def accelerations(whole: Whole, spin: Vector) -> tuple[Vector, Vector]:
+    """Solve Newton's and Euler's equations for the capsule, in body axes.
+
+    Returns
+    -------
+    acceleration, angular acceleration
+        Of the capsule's centre, units/s^2, and rad/s^2.
+    """
+    # About the centre of mass the two come apart: first the inertia there, ...
+    s, per_mass = whole.moment, 1.0 / whole.mass
+    centre = scale(per_mass, s)
+    xx, yy, zz, xy, xz, yz = whole.inertia
+    inertia = (
+        fma(-s[1], centre[1], fma(-s[2], centre[2], xx)),
+        fma(-s[0], centre[0], fma(-s[2], centre[2], yy)),
+        fma(-s[0], centre[0], fma(-s[1], centre[1], zz)),
+        fma(s[0], centre[1], xy),
+        fma(s[0], centre[2], xz),
+        fma(s[1], centre[2], yz),
+    )
+    # ... then Euler for the whole, and Newton for the capsule's centre.
+    torque = subtract(whole.torque, cross(centre, whole.force))
+    alpha = times(inverse(inertia), subtract(torque, cross(spin, times(inertia, spin))))
+    turning = add(cross(alpha, centre), cross(spin, cross(spin, centre)))
+    return subtract(scale(per_mass, whole.force), turning), alpha
+
+
+def advance(state: State, joints: Joints, accelerations: tuple[Vector, Vector], h: Number) -> State:
+    """Return the state after a step of length h: Bullet's scheme."""
+    acceleration, alpha = accelerations
+    left, right, phase, rates = joints
+    velocity = add_scaled(state.velocity, h, to_world(rotation(state.orientation), acceleration))
+    spin = add_scaled(state.spin, h, alpha)
     return State(
-        turn(state.orientation, new_spin, h),
-        add(state.position, scale(h, velocity)),
+        turn(state.orientation, spin, h),
+        add_scaled(state.position, h, velocity),
         velocity,
-        new_spin,
+        spin,
         left,
         right,
         phase,

@@ -9,12 +9,23 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from aquafish_gym.physics.carriers import TAU, Number, Vector, arctangent2, small_sine_cosine
+from aquafish_gym.physics.carriers import (
+    TAU,
+    Matrix,
+    Number,
+    Vector,
+    arctangent2,
+    dot,
+    fma,
+    scale,
+    small_sine_cosine,
+    subtract,
+)
 
 SWEEP = math.radians(30.0)  # caudal angle = SWEEP sin(phase)
 
 Pair = tuple[Number, Number]
-Matrix = tuple[Vector, Vector, Vector]  # rows
+Joints = tuple[Pair, Pair, Pair, Vector]  # left, right, phase, the three speeds
 
 
 class State(NamedTuple):
@@ -63,31 +74,26 @@ def rotation(q: tuple[Number, Number, Number, Number]) -> Matrix:
     """Return the rotation matrix (rows) from body to world of a unit quaternion (x, y, z, w)."""
     x, y, z, w = q
     x2, y2, z2 = x + x, y + y, z + z
-    xx, yy, zz = x * x2, y * y2, z * z2
-    xy, xz, yz = x * y2, x * z2, y * z2
+    less_xx, less_yy = fma(-x, x2, 1.0), fma(-y, y2, 1.0)
     wx, wy, wz = w * x2, w * y2, w * z2
     return (
-        (1.0 - (yy + zz), xy - wz, xz + wy),
-        (xy + wz, 1.0 - (xx + zz), yz - wx),
-        (xz - wy, yz + wx, 1.0 - (xx + yy)),
+        (fma(-z, z2, less_yy), fma(x, y2, -wz), fma(x, z2, wy)),
+        (fma(x, y2, wz), fma(-z, z2, less_xx), fma(y, z2, -wx)),
+        (fma(x, z2, -wy), fma(y, z2, wx), fma(-y, y2, less_xx)),
     )
 
 
 def to_world(r: Matrix, v: Vector) -> Vector:
     """Turn a vector from body to world axes."""
-    return (
-        r[0][0] * v[0] + r[0][1] * v[1] + r[0][2] * v[2],
-        r[1][0] * v[0] + r[1][1] * v[1] + r[1][2] * v[2],
-        r[2][0] * v[0] + r[2][1] * v[1] + r[2][2] * v[2],
-    )
+    return (dot(r[0], v), dot(r[1], v), dot(r[2], v))
 
 
 def to_body(r: Matrix, v: Vector) -> Vector:
     """Turn a vector from world to body axes."""
     return (
-        r[0][0] * v[0] + r[1][0] * v[1] + r[2][0] * v[2],
-        r[0][1] * v[0] + r[1][1] * v[1] + r[2][1] * v[2],
-        r[0][2] * v[0] + r[1][2] * v[1] + r[2][2] * v[2],
+        fma(r[0][0], v[0], fma(r[1][0], v[1], r[2][0] * v[2])),
+        fma(r[0][1], v[0], fma(r[1][1], v[1], r[2][1] * v[2])),
+        fma(r[0][2], v[0], fma(r[1][2], v[1], r[2][2] * v[2])),
     )
 
 
@@ -95,25 +101,30 @@ def turn(
     q: tuple[Number, Number, Number, Number], spin: Vector, h: Number
 ) -> tuple[Number, Number, Number, Number]:
     """Turn a quaternion by ``spin`` (body axes) for a time h: the exponential map."""
-    # sin(a/2) / a and cos(a/2) by their series in a^2: spins of 100 rad/s are out of the
-    # question at h = 0.01, and below that eight terms leave 1e-17.
+    # sin(a) / a and cos(a) of half the angle by their series in a^2: spins of 100 rad/s are out
+    # of the question at h = 0.01, and below that the terms kept leave 1e-17.
     half = 0.5 * h
     x, y, z = spin[0] * half, spin[1] * half, spin[2] * half
-    a = x * x + y * y + z * z
-    s = 1 - a * (1 / 42) * (1 - a * (1 / 72) * (1 - a * (1 / 110)))
-    s = 1 - a * (1 / 6) * (1 - a * (1 / 20) * s)
-    c = 1 - a * (1 / 30) * (1 - a * (1 / 56) * (1 - a * (1 / 90) * (1 - a * (1 / 132))))
-    c = 1 - a * (1 / 2) * (1 - a * (1 / 12) * c)
+    a = fma(x, x, fma(y, y, z * z))
+    s = fma(a, -1 / 39916800, 1 / 362880)
+    s = fma(a, s, -1 / 5040)
+    s = fma(a, s, 1 / 120)
+    s = fma(a, s, -1 / 6)
+    s = fma(a, s, 1.0)
+    c = fma(a, 1 / 479001600, -1 / 3628800)
+    c = fma(a, c, 1 / 40320)
+    c = fma(a, c, -1 / 720)
+    c = fma(a, c, 1 / 24)
+    c = fma(a, c, -1 / 2)
+    c = fma(a, c, 1.0)
     x, y, z = s * x, s * y, s * z
-    turned_q = (
-        q[3] * x + q[0] * c + q[1] * z - q[2] * y,
-        q[3] * y - q[0] * z + q[1] * c + q[2] * x,
-        q[3] * z + q[0] * y - q[1] * x + q[2] * c,
-        q[3] * c - q[0] * x - q[1] * y - q[2] * z,
-    )
-    n = turned_q
-    k = 1.0 / math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] + n[3] * n[3])
-    return (k * n[0], k * n[1], k * n[2], k * n[3])
+    n0 = fma(q[3], x, fma(q[0], c, fma(q[1], z, -(q[2] * y))))
+    n1 = fma(q[3], y, fma(q[1], c, fma(q[2], x, -(q[0] * z))))
+    n2 = fma(q[3], z, fma(q[2], c, fma(q[0], y, -(q[1] * x))))
+    n3 = fma(q[3], c, -fma(q[0], x, fma(q[1], y, q[2] * z)))
+    # Newton's step to length 1, which is there already but for rounding.
+    k = fma(-0.5, fma(n0, n0, fma(n1, n1, fma(n2, n2, n3 * n3))), 1.5)
+    return (k * n0, k * n1, k * n2, k * n3)
 
 
 def drive(command: Vector, h: Number) -> Drive:
@@ -127,9 +138,9 @@ def drive(command: Vector, h: Number) -> Drive:
 
 def turned(pair: Pair, by: Pair) -> Pair:
     """Return (cos, sin) of the sum of two angles, pulled back to the unit circle."""
-    c = pair[0] * by[0] - pair[1] * by[1]
-    s = pair[0] * by[1] + pair[1] * by[0]
-    pull = 1.5 - 0.5 * (c * c + s * s)
+    c = fma(pair[0], by[0], -(pair[1] * by[1]))
+    s = fma(pair[0], by[1], pair[1] * by[0])
+    pull = fma(-0.5, fma(c, c, s * s), 1.5)
     return (pull * c, pull * s)
 
 
@@ -138,16 +149,27 @@ def caudal_angle(phase: Pair) -> Number:
     return SWEEP * phase[1]
 
 
-def next_joints(state: State, by: Drive, h: Number) -> tuple[Pair, Pair, Pair, Vector]:
+def caudal_joint(phase: Pair) -> Pair:
+    """Return (cos, sin) of the caudal fin's angle."""
+    sine, cosine = small_sine_cosine(caudal_angle(phase))
+    return (cosine, sine)
+
+
+def next_joints(state: State, by: Drive, h: Number) -> Joints:
     """Return the joints one step on: left, right, phase, and the three speeds over the step."""
     phase = turned(state.phase, by.phase)
-    sweep = (caudal_angle(phase) - caudal_angle(state.phase)) / h
+    sweep = (caudal_angle(phase) - caudal_angle(state.phase)) * (1.0 / h)
     return (
         turned(state.left, by.left),
         turned(state.right, by.right),
         phase,
         (by.speeds[0], by.speeds[1], sweep),
     )
+
+
+def joint_accelerations(state: State, joints: Joints, h: Number) -> Vector:
+    """Return the joints' accelerations over the step to ``joints``, rad/s^2."""
+    return scale(1.0 / h, subtract(joints[3], state.rates))
 
 
 def at_rest(fin_angles: tuple[float, float, float]) -> State:

@@ -6,9 +6,10 @@ physics is then ordinary Python, compiled once for lanes and once for scalars fr
 function objects (:func:`register`).
 
 Instructions carry no fast-math flag, not even ``contract``: every operation is rounded as
-IEEE 754 says, so a robot's numbers are the same in every lane, at every width, on every CPU,
-and in float64 the same to the last bit as plain Python's. Fused multiply-adds would be
-somewhat faster and give all that up.
+IEEE 754 says, and a multiply-add is fused where the source says ``fma`` and nowhere else. So a
+robot's numbers are the same in every lane, at every width, on every CPU (one without the
+instruction calls the C library's ``fma``), and in float64 the same to the last bit as plain
+Python's.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from types import ModuleType
 from typing import Any
 
 from llvmlite import binding, ir
-from numba.core import cgutils, types
+from numba.core import cgutils, config, types
 from numba.core.typeconv import Conversion
 from numba.core.typing.templates import AbstractTemplate, infer_global, signature
 from numba.extending import (
@@ -39,7 +40,12 @@ from numba.extending import (
 )
 
 from aquafish_gym import imu, robot
-from aquafish_gym.physics import carriers, dynamics, hydrodynamics, kinematics
+from aquafish_gym.physics import carriers, dynamics, hydrodynamics, kinematics, reactive
+
+# A call would pass lanes through memory, and hide from the compiler what does not change from
+# step to step: each function becomes part of its caller.
+_INLINE = {"forceinline": True}
+inlined = register_jitable(**_INLINE)
 
 
 class Lanes(types.Type):
@@ -121,11 +127,17 @@ def _unary(function: Any, lower: Callable[[Any, Any, Any], Any]) -> None:
         return lower(builder, args[0].type, args[0])
 
 
+def _suffix(number: Any) -> str:
+    """Return how LLVM's intrinsics for a type of number, or of lanes, are told apart."""
+    if isinstance(number, ir.VectorType):
+        return f"v{number.count}{_suffix(number.element)}"
+    return "f32" if isinstance(number, ir.FloatType) else "f64"
+
+
 def _call(name: str) -> Callable[[Any, Any, Any], Any]:
     def lower(builder: Any, vector: Any, value: Any) -> Any:
-        kind = "f32" if isinstance(vector.element, ir.FloatType) else "f64"
         function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(vector, [vector]), f"{name}.v{vector.count}{kind}"
+            builder.module, ir.FunctionType(vector, [vector]), f"{name}.{_suffix(vector)}"
         )
         return builder.call(function, [value])
 
@@ -145,6 +157,24 @@ _unary(math.sqrt, _call("llvm.sqrt"))
 
 
 @intrinsic
+def _fused(_typingctx: Any, a: Any, b: Any, c: Any) -> Any:
+    found = next((t for t in (a, b, c) if isinstance(t, Lanes)), types.float64)
+
+    def codegen(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
+        number = args[0].type
+        name = f"llvm.fma.{_suffix(number)}"
+        kind = ir.FunctionType(number, [number] * 3)
+        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
+
+    return signature(found, found, found, found), codegen
+
+
+@overload(carriers.fma, strict=False, jit_options=_INLINE)
+def _fma(a: Any, b: Any, c: Any) -> Any:
+    return lambda a, b, c: _fused(a, b, c)
+
+
+@intrinsic
 def _select_less(_typingctx: Any, a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     lanes = next(t for t in (a, b, then, otherwise) if isinstance(t, Lanes))
 
@@ -154,7 +184,7 @@ def _select_less(_typingctx: Any, a: Any, b: Any, then: Any, otherwise: Any) -> 
     return signature(lanes, lanes, lanes, lanes, lanes), codegen
 
 
-@overload(carriers.where_less, strict=False)
+@overload(carriers.where_less, strict=False, jit_options=_INLINE)
 def _where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     if any(isinstance(t, Lanes) for t in (a, b, then, otherwise)):
         return lambda a, b, then, otherwise: _select_less(a, b, then, otherwise)
@@ -169,7 +199,7 @@ def _floor_lanes(_typingctx: Any, x: Any) -> Any:
     return signature(x, x), codegen
 
 
-@overload(carriers.floor, strict=False)
+@overload(carriers.floor, strict=False, jit_options=_INLINE)
 def _floor(x: Any) -> Any:
     if isinstance(x, Lanes):
         return lambda x: _floor_lanes(x)
@@ -217,6 +247,56 @@ def _save(_typingctx: Any, array: Any, index: Any, value: Any) -> Any:
     return signature(types.void, array, types.intp, value), codegen
 
 
+@intrinsic
+def put_transposed(
+    _typingctx: Any, source: Any, index: Any, target: Any, start: Any, stride: Any, like: Any
+) -> Any:
+    """Write ``width`` entries of a flat array of lanes, one lane after another.
+
+    Entries ``index`` to ``index + width - 1`` of ``source`` are loaded; lane i of them becomes
+    ``width`` numbers in a row of ``target``, from its element ``start + i * stride`` on.
+    """
+
+    def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
+        lanes = sig.args[5]
+        width = lanes.width
+        one = ir.Constant(args[1].type, 1)
+        rows, at = [], args[1]
+        for _ in range(width):
+            pointer = _vector_pointer(context, builder, sig.args[0], args[0], lanes, at)
+            rows.append(builder.load(pointer, align=_alignment(lanes)))
+            at = builder.add(at, one)
+        data = context.make_array(sig.args[2])(context, builder, value=args[2]).data
+        at = args[3]
+        for column in _transpose(builder, rows):
+            pointer = builder.bitcast(builder.gep(data, [at]), column.type.as_pointer())
+            builder.store(column, pointer, align=_alignment(lanes))
+            at = builder.add(at, args[4])
+        return context.get_dummy_value()
+
+    if not all(isinstance(a, types.Array) and a.dtype == like.base for a in (source, target)):
+        return None
+    counts = (types.intp, types.intp)
+    return signature(types.void, source, types.intp, target, *counts, like), codegen
+
+
+def _transpose(builder: Any, rows: list[Any]) -> list[Any]:
+    """Return the columns of a square of vectors, by swapping ever larger blocks in pairs."""
+    width = len(rows)
+    block = 1
+    while block < width:
+        keep = [lane & block == 0 for lane in range(width)]
+        upper = [i if kept else width + i - block for i, kept in enumerate(keep)]
+        lower = [i + block if kept else width + i for i, kept in enumerate(keep)]
+        masks = [ir.Constant(ir.VectorType(ir.IntType(32), width), mask) for mask in (upper, lower)]
+        for i in range(width):
+            if keep[i]:
+                pair = rows[i], rows[i + block]
+                rows[i], rows[i + block] = (builder.shuffle_vector(*pair, mask) for mask in masks)
+        block *= 2
+    return rows
+
+
 @intrinsic(prefer_literal=True)
 def zero_lanes(_typingctx: Any, array: Any, width: Any) -> Any:
     """Return lanes of zeros, as many as the literal ``width``, of the array's type."""
@@ -230,14 +310,14 @@ def zero_lanes(_typingctx: Any, array: Any, width: Any) -> Any:
     return signature(lanes, array, width), codegen
 
 
-@overload(carriers.fetch, strict=False)
+@overload(carriers.fetch, strict=False, jit_options=_INLINE)
 def _fetch(array: Any, index: Any, like: Any) -> Any:
     if isinstance(like, Lanes):
         return lambda array, index, like: _load(array, index, like)
     return lambda array, index, like: array[index]
 
 
-@overload(carriers.put, strict=False)
+@overload(carriers.put, strict=False, jit_options=_INLINE)
 def _put(array: Any, index: Any, value: Any) -> Any:
     if isinstance(value, Lanes):
         return lambda array, index, value: _save(array, index, value)
@@ -248,8 +328,8 @@ def _put(array: Any, index: Any, value: Any) -> Any:
     return put
 
 
-_PRIMITIVES = (carriers.where_less, carriers.floor, carriers.fetch, carriers.put)
-PHYSICS_MODULES = (carriers, kinematics, hydrodynamics, dynamics, imu, robot)
+_PRIMITIVES = (carriers.fma, carriers.where_less, carriers.floor, carriers.fetch, carriers.put)
+PHYSICS_MODULES = (carriers, kinematics, hydrodynamics, dynamics, reactive, imu, robot)
 
 
 def register_module(module: ModuleType) -> None:
@@ -260,16 +340,16 @@ def register_module(module: ModuleType) -> None:
             and function.__module__ == module.__name__
             and function not in _PRIMITIVES
         ):
-            register_jitable(function)
+            inlined(function)
 
 
 @functools.cache
 def register() -> None:
     """Let compiled code call the physics: the very function objects that plain Python runs."""
-    for module in (carriers, kinematics, hydrodynamics, dynamics):
+    for module in (carriers, kinematics, hydrodynamics, dynamics, reactive):
         register_module(module)
     for function in (imu.attitude, imu.nearest_turn, imu.continue_attitude):
-        register_jitable(function)
+        inlined(function)
 
 
 def source_stamp(*functions: Any) -> str:
@@ -314,8 +394,17 @@ def _imported(source: bytes) -> Iterator[str]:
 
 @functools.cache
 def register_bytes() -> int:
-    """Return how many bytes this machine's widest vector register holds."""
-    features = binding.get_host_cpu_features()
-    if features.get("avx512f"):
+    """Return how many bytes the widest vector register holds that numba compiles for.
+
+    That is this machine's, unless numba is told otherwise (``NUMBA_CPU_NAME``,
+    ``NUMBA_CPU_FEATURES``).
+    """
+    if config.CPU_FEATURES is not None:
+        features = {f[1:] for f in config.CPU_FEATURES.split(",") if f.startswith("+")}
+    elif config.CPU_NAME not in (None, binding.get_host_cpu_name()):
+        features = set()  # only the name's compiler knows
+    else:
+        features = {name for name, found in binding.get_host_cpu_features().items() if found}
+    if "avx512f" in features:
         return 64
-    return 32 if features.get("avx") else 16
+    return 32 if "avx" in features else 16
