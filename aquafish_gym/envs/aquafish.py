@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import gymnasium as gym
@@ -10,20 +9,22 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import scale_action
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs.conditions import (
+    Triple,
     action_space,
-    check_action,
     check_conditions,
     check_frame_skip,
+    check_single_action,
     episode_length,
     motion_info,
     observation_space,
     observe,
+    servo_speeds,
 )
 from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.physics.carriers import Vector
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.rendering import (
     RENDER_MODES,
@@ -130,6 +131,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
     | `forward_reward_weight` | float | `1.0` | see Rewards |
     | `ctrl_cost_weight` | float | `1e-4` | see Rewards |
+    | `reactive` | bool | `False` | whether the water also has added mass; see `simulate` |
 
     An environment whose engine is PyBullet belongs to its process: after a fork it refuses to
     work, and it cannot be pickled.
@@ -153,11 +155,13 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         render_mode: str | None = None,
         forward_reward_weight: float = 1.0,
         ctrl_cost_weight: float = 1e-4,
+        reactive: bool = False,
     ) -> None:
         self._conditions = check_conditions(morphology, damage, current, fin_angles)
         self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
         self._engine = check_engine(engine)
         self._observe_fins = flag("observe_fins", observe_fins)
+        self._reactive = flag("reactive", reactive)
         self.frame_skip = check_frame_skip(frame_skip)
         self.render_mode = check_render_mode(render_mode)
         # The class says which modes there are, the environment which of them work here.
@@ -166,14 +170,17 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
             "render_fps": max(1, round(1 / self.dt)),
         }
         self.action_space = action_space()
-        self._space = observation_space(self._observe_fins)
-        self.observation_space = self._space
+        self.observation_space = observation_space(self._observe_fins)
         self._world: World | None = None
         self._window: Window | None = None
         self._steps_left = 0
         self._episode = self._conditions
         self._body = self._conditions.body
-        self._state = at_rest((0.0, 0.0, 0.0))
+        # What each step's info repeats.
+        self._told: tuple[str, NDArray[np.float64]] = ("", np.zeros(9))
+        # What is now, or was before the robot diverged.
+        self._fin_angles: Triple = (0.0, 0.0, 0.0)
+        self._state = at_rest(self._fin_angles)
 
     @property
     def dt(self) -> float:
@@ -197,16 +204,19 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         InvalidArgumentError, UnknownNameError
             If an option is unknown or bad.
         """
-        super().reset(seed=None if seed is None else integer("seed", seed, 0))
-        self._episode = self._conditions.with_options(options)
+        number = None if seed is None else integer("seed", seed, 0)
+        self._episode = self._conditions.with_options(options)  # may refuse
         self._body = self._episode.body
+        super().reset(seed=number)
         if self._world is None:
-            self._world = make_world(self._engine)
+            self._world = make_world(self._engine, self._reactive)
         left, right, phase = self._episode.draw_fin_angles(1, self.np_random)[0].tolist()
-        self._world.reset(self._body.to_array(), (left, right, phase), self._episode.current)
-        self._state = self._world.state()
+        sizes = self._body.to_array()
+        self._world.reset(sizes, (left, right, phase), self._episode.current)
+        self._told = (str(self._episode.damage), sizes)
+        self._state, self._fin_angles = self._world.state(), self._world.fin_angles
         self._steps_left = episode_length(self.frame_skip)
-        here = np.array(self._state.position)
+        here = self._state.position
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info(here, here)
@@ -223,57 +233,47 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         ResetNeeded
             If the episode is over.
         """
-        wish = check_action(action, (3,))
-        if self._world is None or self._steps_left == 0:
+        wish = check_single_action(action)
+        world = self._world
+        if world is None or self._steps_left == 0:
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
-        left, right, caudal = scale_action(wish).tolist()
-        self._world.advance((left, right, caudal), self.frame_skip)
+        world.advance(servo_speeds(wish), self.frame_skip)
         self._steps_left -= 1
-        before = np.array(self._state.position)
-        terms = {"reward_forward": 0.0, "reward_ctrl": 0.0}
-        diverged = self._world.diverged
+        before = self._state.position
+        diverged = world.diverged
         if diverged:
             self._steps_left = 0
+            terms = {"reward_forward": 0.0, "reward_ctrl": 0.0}
         else:
-            self._state = self._world.state()
-            found = self._task.reward_terms(before, np.array(self._state.position), wish, self.dt)
-            terms = {name: float(value) for name, value in found.items()}
-        info = {**self._info(before, np.array(self._state.position)), **terms}
+            self._state, self._fin_angles = world.state(), world.fin_angles
+            terms = self._task.reward_terms(before, self._state.position, wish, self.dt)
+        info = self._info(before, self._state.position)
+        info.update(terms)
         info["diverged"] = diverged
         if self.render_mode == "human":
             self.render()
         truncated = self._steps_left == 0 and not diverged
         return self._observation(), sum(terms.values()), diverged, truncated, info
 
-    def _fin_angles(self) -> NDArray[np.float64]:
-        """Return the left and right angle and the tail's phase, (3,) rad."""
-        state = self._state
-        return np.array([math.atan2(s, c) for c, s in (state.left, state.right, state.phase)])
-
     def _observation(self) -> Observation:
-        return observe(
-            np.array(self._state.orientation),
-            np.array(self._state.spin),
-            self._fin_angles() if self._observe_fins else None,
-            self._space,
-        )
+        fins = self._fin_angles if self._observe_fins else None
+        return observe(self._state.orientation, self._state.spin, fins)
 
-    def _info(self, before: NDArray[np.float64], after: NDArray[np.float64]) -> dict[str, Any]:
-        motion = motion_info(before, after, self.dt)
-        return {
-            **{name: float(value) for name, value in motion.items()},
-            "diverged": False,
-            "fin_angles": self._fin_angles(),
-            "damage": str(self._episode.damage),
-            "morphology": self._body.to_array(),
-        }
+    def _info(self, before: Vector, after: Vector) -> dict[str, Any]:
+        damage, sizes = self._told
+        info = motion_info(before, after, self.dt)
+        info["diverged"] = False
+        info["fin_angles"] = np.array(self._fin_angles)
+        info["damage"] = damage
+        info["morphology"] = sizes.copy()
+        return info
 
     def render(self) -> Any:
         """Return a frame (480, 640, 3) uint8, or show it in the window; None without a mode."""
         if self.render_mode is None:
             return None
         pose = (self._state.position, self._state.orientation)
-        angles = tuple(self._fin_angles().tolist())
+        angles = self._fin_angles
         if self.render_mode == "human":
             if self._window is None:
                 self._window = Window()

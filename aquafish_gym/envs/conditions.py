@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,10 +11,12 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import InvalidArgumentError, finite_array, integer, one_of
+from aquafish_gym.physics.carriers import Number, Vector
+from aquafish_gym.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
@@ -23,6 +25,13 @@ EPISODE_SECONDS = 20.0
 EPISODE_STEPS = round(EPISODE_SECONDS / TIMESTEP)
 # Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
 GYRO_RANGE = math.radians(2000.0)
+# What a sensor cannot exceed: up, north, gyro, and the fins' sines and cosines.
+LIMITS: Floats = np.ones(15)
+LIMITS[6:9] = np.float32(GYRO_RANGE)  # the space's bound
+_LEAST = -LIMITS
+LIMITS.setflags(write=False)
+_LOW: list[float] = COMMAND_LOW.tolist()
+_SPAN: list[float] = (COMMAND_HIGH - COMMAND_LOW).tolist()
 OPTIONS = ("fin_angles", "morphology", "damage")
 
 
@@ -58,7 +67,7 @@ class Conditions:
         if options is None:
             return self
         if not isinstance(options, Mapping):
-            raise InvalidArgumentError(f"options must be a dictionary; got {options!r}")
+            raise InvalidArgumentError(f"options must be a dictionary; got {brief(options)}")
         for name in options:
             one_of("options", name, OPTIONS + also)
         found = replace(
@@ -74,7 +83,7 @@ class Conditions:
         """Return initial angles (count, 3) in rad."""
         if isinstance(self.fin_angles, str):
             return rng.uniform(-math.pi, math.pi, (count, 3))
-        return np.tile(np.array(self.fin_angles), (count, 1))
+        return np.array([self.fin_angles] * count)
 
 
 def check_conditions(
@@ -140,11 +149,35 @@ def check_action(action: object, shape: tuple[int, ...]) -> Floats:
     InvalidArgumentError
         If it has another shape or is not finite.
     """
-    if isinstance(action, np.ndarray) and action.shape == shape and action.dtype.kind == "f":
-        wish = action.astype(np.float64)
+    if type(action) is np.ndarray and action.shape == shape and action.dtype.char in "efd":
+        wish = action.astype(np.float64, "F")  # whose columns batches work on
         if np.isfinite(wish).all():
-            return wish.clip(-1.0, 1.0)
+            return np.minimum(np.maximum(wish, -1.0, out=wish), 1.0, out=wish)
     return finite_array("action", action, shape).clip(-1.0, 1.0)  # type: ignore[arg-type]
+
+
+def check_single_action(action: object) -> Triple:
+    """Return ``check_action(action, (3,))`` as plain floats, which one robot is quicker with."""
+    if type(action) is np.ndarray and action.shape == (3,) and action.dtype.char in "fd":
+        left, right, caudal = action.tolist()
+        # NaN fails this, too, and is refused below.
+        if -1.0 <= left <= 1.0 and -1.0 <= right <= 1.0 and -1.0 <= caudal <= 1.0:
+            return (left, right, caudal)
+    left, right, caudal = check_action(action, (3,)).tolist()
+    return (left, right, caudal)
+
+
+def servo_speeds(wish: Vector) -> Vector:
+    """Return the command in rev/s, rev/s, Hz of three servos' wishes in [-1, 1].
+
+    It is ``scale_action`` for plain numbers, or for rows (B,), to the same bits.
+    """
+    left, right, caudal = wish
+    return (
+        _LOW[0] + 0.5 * (left + 1.0) * _SPAN[0],
+        _LOW[1] + 0.5 * (right + 1.0) * _SPAN[1],
+        _LOW[2] + 0.5 * (caudal + 1.0) * _SPAN[2],
+    )
 
 
 def action_space() -> Box[np.float32]:
@@ -154,51 +187,62 @@ def action_space() -> Box[np.float32]:
 
 def observation_space(observe_fins: bool) -> Box[np.float32]:
     """Return the space of observations; see ``AquaFishEnv``."""
-    high = np.ones(15 if observe_fins else 9, np.float32)
-    high[6:9] = GYRO_RANGE
+    high = LIMITS[: 15 if observe_fins else 9].astype(np.float32)
     return Box(-high, high, dtype=np.float32)
 
 
 def observe(
-    quaternion: Floats, gyro: Floats, fin_angles: Floats | None, space: Box[np.float32]
+    quaternion: Iterable[Number], gyro: Iterable[Number], fin_angles: ArrayLike | None
 ) -> NDArray[np.float32]:
-    """Return what the IMU says, shape (..., 9), or (..., 15) with the fins' angles.
+    """Return what the IMU says, shape (9,), or (15,) with the fins' angles.
+
+    Every number may be a row (B,) instead; the answer is then (B, 9) or (B, 15). What leaves
+    the observation space saturates.
 
     Parameters
     ----------
     quaternion
-        (..., 4) from body to world, (x, y, z, w).
+        x, y, z and w, from body to world.
     gyro
-        (..., 3) angular velocity in body axes, rad/s.
+        Angular velocity about the body's three axes, rad/s.
     fin_angles
-        (..., 3) the servos' angles in rad, or None to hide them.
-    space
-        Of one observation; what leaves it saturates.
+        The three servos' angles in rad, (3,) or (3, B), or None to hide them.
     """
-    x, y, z, w = (quaternion[..., i] for i in range(4))
-    senses = np.empty((*gyro.shape[:-1], *space.shape), np.float32)
-    # The world's z, then its y, in body axes: rows of the rotation matrix.
-    senses[..., 0] = 2 * (x * z - w * y)
-    senses[..., 1] = 2 * (y * z + w * x)
-    senses[..., 2] = 1 - 2 * (x * x + y * y)
-    senses[..., 3] = 2 * (x * y + w * z)
-    senses[..., 4] = 1 - 2 * (x * x + z * z)
-    senses[..., 5] = 2 * (y * z - w * x)
-    senses[..., 6:9] = gyro
+    x, y, z, w = quaternion
+    xx, yz, wx = x * x, y * z, w * x
+    senses = [
+        # The world's z, then its y, in body axes: rows of the rotation matrix.
+        2 * (x * z - w * y),
+        2 * (yz + wx),
+        1 - 2 * (xx + y * y),
+        2 * (x * y + w * z),
+        1 - 2 * (xx + z * z),
+        2 * (yz - wx),
+        *gyro,
+    ]
     if fin_angles is not None:
-        senses[..., 9:12] = np.sin(fin_angles)
-        senses[..., 12:15] = np.cos(fin_angles)
-    return np.minimum(np.maximum(senses, space.low), space.high)
+        senses += [*np.sin(fin_angles), *np.cos(fin_angles)]
+    seen = np.array(senses).T
+    np.maximum(seen, _LEAST[: len(senses)], out=seen)
+    np.minimum(seen, LIMITS[: len(senses)], out=seen)
+    return seen.astype(np.float32, "C")
 
 
-def motion_info(before: Floats, after: Floats, dt: float) -> dict[str, Any]:
-    """Return where the robot is and how fast it got there, from positions (..., 3).
+def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
+    """Return where the robot is and how fast it got there.
 
-    Nothing returned shares memory with the positions.
+    The positions are three numbers each, or three rows (B,), which are not copied.
     """
-    speed = (after - before) / dt
+    x, y, z = after
+    square = x * x + y * y + z * z
     return {
-        **{f"{axis}_position": after[..., i].copy() for i, axis in enumerate("xyz")},
-        **{f"{axis}_velocity": speed[..., i] for i, axis in enumerate("xyz")},
-        "distance_from_origin": np.sqrt((after * after).sum(axis=-1)),
+        "x_position": x,
+        "y_position": y,
+        "z_position": z,
+        "x_velocity": (x - before[0]) / dt,
+        "y_velocity": (y - before[1]) / dt,
+        "z_velocity": (z - before[2]) / dt,
+        "distance_from_origin": (
+            math.sqrt(square) if isinstance(square, float) else np.sqrt(square)
+        ),
     }

@@ -1,6 +1,6 @@
 """What a robot is rewarded for. The physics measures, a task judges.
 
-A task sees one robot's numbers or, with a leading axis, a whole batch's.
+A task sees one robot's plain numbers, or a whole batch's rows in their place.
 """
 
 from __future__ import annotations
@@ -8,28 +8,27 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
+from aquafish_gym.physics.carriers import Number, Vector
 from aquafish_gym.validation import finite_array
 
-Floats = NDArray[np.float64]
+MOST = 1e6  # of a weight: a reward must stay finite
 
 
 class Task(Protocol):
     """Turns what happened within one control step into named terms of reward."""
 
     def reward_terms(
-        self, before: Floats, after: Floats, action: Floats, dt: float
-    ) -> dict[str, Floats]:
-        """Return the terms, shape (...) each; their sum is the reward.
+        self, before: Vector, after: Vector, action: Vector, dt: float
+    ) -> dict[str, Number]:
+        """Return the terms, a number or a row (B,) each; their sum is the reward.
 
         Parameters
         ----------
         before, after
-            (..., 3) the capsule's centre in the world at the step's two ends, units of 5 cm.
+            x, y, z of the capsule's centre in the world at the step's two ends, units of 5 cm:
+            three numbers, or three rows (B,).
         action
-            (..., 3) in [-1, 1].
+            Likewise the three servos' in [-1, 1].
         dt
             The step's length, s.
         """
@@ -51,23 +50,25 @@ class SwimForward:
     Raises
     ------
     InvalidArgumentError
-        If a weight is not finite or the price is negative.
+        If a weight is not finite or over a million, or the price is negative.
     """
 
     forward_weight: float = 1.0
     ctrl_weight: float = 1e-4
 
     def __post_init__(self) -> None:
-        forward = finite_array("forward_reward_weight", self.forward_weight, ())
-        ctrl = finite_array("ctrl_cost_weight", self.ctrl_weight, (), 0.0)
+        forward = finite_array("forward_reward_weight", self.forward_weight, (), -MOST, MOST)
+        ctrl = finite_array("ctrl_cost_weight", self.ctrl_weight, (), 0.0, MOST)
         object.__setattr__(self, "forward_weight", float(forward))
         object.__setattr__(self, "ctrl_weight", float(ctrl))
 
     def reward_terms(
-        self, before: Floats, after: Floats, action: Floats, dt: float
-    ) -> dict[str, Floats]:
+        self, before: Vector, after: Vector, action: Vector, dt: float
+    ) -> dict[str, Number]:
         """Return ``reward_forward`` and ``reward_ctrl``; see :class:`Task`."""
+        left, right, caudal = action
+        effort = left * left + right * right + caudal * caudal
         return {
-            "reward_forward": self.forward_weight * (after[..., 1] - before[..., 1]) / dt,
-            "reward_ctrl": -self.ctrl_weight * (action * action).sum(axis=-1),
+            "reward_forward": self.forward_weight * (after[1] - before[1]) / dt,
+            "reward_ctrl": -self.ctrl_weight * effort,
         }

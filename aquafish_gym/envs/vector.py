@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -12,9 +12,10 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import scale_action
 from aquafish_gym.engines.base import ENGINES, TIMESTEP
+from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs.conditions import (
+    Conditions,
     action_space,
     check_action,
     check_conditions,
@@ -23,18 +24,36 @@ from aquafish_gym.envs.conditions import (
     motion_info,
     observation_space,
     observe,
+    servo_speeds,
 )
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.carriers import Vector
 from aquafish_gym.rendering import check_render_mode, render_pose
-from aquafish_gym.validation import InvalidArgumentError, flag, integer, one_of
+from aquafish_gym.validation import InvalidArgumentError, brief, flag, integer, one_of
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Observations = NDArray[np.float32]
 Info = dict[str, Any]
 
+MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
+
+# Rows of a table of states.
+QUATERNION, POSITION, SPEEDS, GYRO = slice(0, 4), slice(4, 7), slice(7, 13), slice(10, 13)
+
+
+class _Start(NamedTuple):
+    """What an episode begins with, its sizes and words worked out once."""
+
+    conditions: Conditions
+    sizes: Floats
+    damage: str
+
+
+def _start(conditions: Conditions) -> _Start:
+    return _Start(conditions, conditions.body.to_array(), str(conditions.damage))
 
 
 class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
@@ -61,7 +80,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         None takes every core; no result depends on it.
     autoreset_mode
         An ``AutoresetMode`` or its name: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
-    damage, current, fin_angles, observe_fins, frame_skip, forward_reward_weight, ctrl_cost_weight
+    damage, current, fin_angles, observe_fins, frame_skip, forward_reward_weight, ctrl_cost_weight,
+    reactive
         As the single environment's, for all.
 
     Raises
@@ -86,10 +106,11 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         dtype: str = "float32",
         threads: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
+        reactive: bool = False,
     ) -> None:
         from aquafish_gym.engines.lanes import LaneBatch
 
-        self.num_envs = integer("num_envs", num_envs, 1)
+        self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
         if one_of("engine", engine, ENGINES) != "numba":
             raise InvalidArgumentError(
                 f'the batched environment runs on engine="numba" alone; for engine={engine!r} '
@@ -100,7 +121,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         else:
             name = one_of("autoreset_mode", autoreset_mode, AUTORESET_MODES)
             self._autoreset = AUTORESET_MODES[name]
-        if render_mode == "human":
+        if isinstance(render_mode, str) and render_mode == "human":
             raise InvalidArgumentError(
                 'render_mode="human" shows one robot: use gym.make; here "rgb_array" gives a '
                 "frame for each"
@@ -114,26 +135,30 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             "render_fps": max(1, round(1 / self.dt)),
             "autoreset_mode": self._autoreset,
         }
-        self._space = observation_space(self._observe_fins)
-        self.single_observation_space = self._space
+        self.single_observation_space = observation_space(self._observe_fins)
         self.single_action_space = action_space()
-        self.observation_space = batch_space(self._space, self.num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-        self._conditions = [
-            check_conditions(body, damage, current, fin_angles)
-            for body in _each_body(morphology, self.num_envs)
+        # Robots of one body share one start.
+        starts = [
+            _start(check_conditions(body, damage, current, fin_angles))
+            for body in _bodies(morphology, self.num_envs)
         ]
-        self._episodes = list(self._conditions)
-        self._bodies = np.stack([c.body.to_array() for c in self._conditions])
+        self._starts = starts if len(starts) > 1 else starts * self.num_envs
+        # Of the present episodes.
+        self._sizes = np.stack([start.sizes for start in self._starts])
+        self._damages = np.array([start.damage for start in self._starts], dtype=object)
         self._lanes = LaneBatch(
-            self._bodies,
+            self._sizes,
             np.zeros((self.num_envs, 3)),
-            self._conditions[0].current,
+            starts[0].conditions.current,
             getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
             threads=None if threads is None else integer("threads", threads, 1),
+            reactive=flag("reactive", reactive),
         )
-        self._now = self._lanes.state()
+        # The states (25, num_envs) that are now, or were before a robot diverged.
+        self._now = self._lanes.rows()
         self._steps_left: NDArray[np.int64] = np.zeros(self.num_envs, np.int64)
         self._rngs: list[np.random.Generator] = []
         self._begun = False
@@ -162,20 +187,20 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         """
         seeds = _check_seeds(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)
-        if options is not None and "reset_mask" in options:
+        if isinstance(options, Mapping) and "reset_mask" in options:
             mask = _check_mask(options["reset_mask"], self.num_envs)
         if not self._begun and not mask.all():
             raise ResetNeeded("the first reset must be of every robot")
+        starts = self._chosen(mask, options)  # may refuse: nothing has changed until here
         if not self._rngs:
             self._rngs = [seeding.np_random(s)[0] for s in seeds]
         else:
             for i in np.flatnonzero(mask).tolist():
                 if seeds[i] is not None:
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
-        self._begin(mask, options)
+        self._begin(mask, starts)
         self._begun = True
-        here = self._now["position"]
-        return self._observation(), _masked(self._info(here, here), mask)
+        return self._observation(), _masked(self._info(self._now), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
@@ -191,34 +216,36 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         over = self._steps_left == 0
         if not self._begun or (over.any() and self._autoreset is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        log = self._lanes.advance(scale_action(wish), self.frame_skip)
-        before, now = self._now, self._lanes.state()
+        commands = np.array(servo_speeds(_three(wish.T))).T
+        lost = self._lanes.advance(commands, self.frame_skip).diverged
+        before, now = self._now, self._lanes.rows()
+        with np.errstate(over="ignore", invalid="ignore"):
+            lost |= ~(np.square(now[SPEEDS]).sum(axis=0) < RUNAWAY)
         # Robots that diverged stay at what was last good; a robot whose episode was over has
         # swum for nothing, and begins anew.
-        diverged = log.diverged & ~over
-        for name, value in now.items():
-            value[log.diverged] = before[name][log.diverged]
+        diverged = lost & ~over
+        if lost.any():
+            now[:, lost] = before[:, lost]
         self._now = now
         self._steps_left -= 1
         self._steps_left[diverged] = 0
-        found = self._task.reward_terms(before["position"], now["position"], wish, self.dt)
-        good = ~(diverged | over)
-        terms = {name: np.where(good, value, 0.0) for name, value in found.items()}
+        here, there = _three(before[POSITION]), _three(now[POSITION])
+        terms = self._task.reward_terms(here, there, _three(wish.T), self.dt)
+        bad = diverged | over
+        if bad.any():
+            terms = {name: np.where(bad, 0.0, value) for name, value in terms.items()}
         if over.any():
-            self._begin(over, None)
-            before["position"][over] = self._now["position"][over]
+            self._begin(over, self._chosen(over))
+            before[:, over] = now[:, over]
         ended = self._steps_left == 0
         info = _masked(
-            {**self._info(before["position"], self._now["position"]), "diverged": diverged},
-            np.ones(self.num_envs, np.bool_),
+            {**self._info(before), "diverged": diverged}, np.ones(self.num_envs, np.bool_)
         )
         info |= _masked(terms, ~over)
         if ended.any() and self._autoreset is AutoresetMode.SAME_STEP:
             last = self._observation()
-            self._begin(ended, None)
-            here = self._now["position"]
-            fresh = _masked(self._info(here, here), ended)
-            info = _put_final(info, fresh, last, ended)
+            self._begin(ended, self._chosen(ended))
+            info = _put_final(info, _masked(self._info(now), ended), last, ended)
         return (
             self._observation(),
             np.asarray(sum(terms.values())),
@@ -227,58 +254,71 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             info,
         )
 
-    def _begin(self, mask: Mask, options: dict[str, Any] | None) -> None:
-        """Put the robots under ``mask`` back to the start."""
+    def _chosen(self, mask: Mask, options: dict[str, Any] | None = None) -> list[_Start]:
+        """Return how the robots under ``mask`` shall begin."""
+        starts = [self._starts[i] for i in np.flatnonzero(mask).tolist()]
+        if options is not None:
+            special = {id(start): start.conditions for start in starts}
+            made = {
+                key: _start(conditions.with_options(options, ("reset_mask",)))
+                for key, conditions in special.items()
+            }
+            starts = [made[id(start)] for start in starts]
+        return starts
+
+    def _begin(self, mask: Mask, starts: list[_Start]) -> None:
+        """Put the robots under ``mask`` back to their starts."""
         chosen = np.flatnonzero(mask).tolist()
-        for i in chosen:
-            if options is None:
-                self._episodes[i] = self._conditions[i]
-            else:
-                self._episodes[i] = self._conditions[i].with_options(options, ("reset_mask",))
-            self._bodies[i] = self._episodes[i].body.to_array()
-        angles = [self._episodes[i].draw_fin_angles(1, self._rngs[i])[0] for i in chosen]
-        self._lanes.replace(mask, self._bodies[mask], np.array(angles))
-        now = self._lanes.state()
-        for name, value in self._now.items():
-            value[mask] = now[name][mask]
+        angles = np.empty((len(chosen), 3))
+        for row, (i, start) in enumerate(zip(chosen, starts, strict=True)):
+            self._sizes[i] = start.sizes
+            self._damages[i] = start.damage
+            angles[row] = start.conditions.draw_fin_angles(1, self._rngs[i])[0]
+        self._lanes.replace(mask, self._sizes[mask], angles)
+        self._now[:, mask] = self._lanes.rows()[:, mask]
         self._steps_left[mask] = episode_length(self.frame_skip)
 
     def _observation(self) -> Observations:
         now = self._now
-        fins = now["fin_angles"] if self._observe_fins else None
-        return observe(now["quaternion"], now["gyro"], fins, self._space)
+        fins = self._lanes.angles(now) if self._observe_fins else None
+        return observe(now[QUATERNION], now[GYRO], fins)
 
-    def _info(self, before: Floats, after: Floats) -> Info:
+    def _info(self, before: Floats) -> Info:
+        """Return what is to be told, after a step from the states ``before``."""
         return {
-            **motion_info(before, after, self.dt),
+            **motion_info(_three(before[POSITION]), _three(self._now[POSITION].copy()), self.dt),
             "diverged": np.zeros(self.num_envs, np.bool_),
-            "fin_angles": self._now["fin_angles"].copy(),
-            "damage": np.array([str(e.damage) for e in self._episodes], dtype=object),
-            "morphology": self._bodies.copy(),
+            "fin_angles": self._lanes.angles(self._now).T.copy(),
+            "damage": self._damages.copy(),
+            "morphology": self._sizes.copy(),
         }
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
         if self.render_mode is None:
             return None
-        now = self._now
+        position, quaternion = self._now[POSITION].T, self._now[QUATERNION].T
+        angles = self._lanes.angles(self._now).T
         return tuple(
             render_pose(
-                Morphology.from_array(self._bodies[i]),
-                (now["position"][i], now["quaternion"][i]),
-                now["fin_angles"][i],
+                Morphology.from_array(self._sizes[i]), (position[i], quaternion[i]), angles[i]
             )
             for i in range(self.num_envs)
         )
 
 
-def _each_body(morphology: object, count: int) -> list[Any]:
-    """Return a body for each robot from one for all, or from (count, 9) sizes."""
+def _three(rows: Floats) -> Vector:
+    x, y, z = rows
+    return (x, y, z)
+
+
+def _bodies(morphology: object, count: int) -> list[Any]:
+    """Return one body for all robots, or one for each from (count, 9) sizes."""
     several = isinstance(morphology, np.ndarray) and morphology.ndim == 2
     if isinstance(morphology, list | tuple) and morphology:
         several = not isinstance(morphology[0], int | float | np.number)
     if not several:
-        return [morphology] * count
+        return [morphology]
     if len(morphology) != count:  # type: ignore[arg-type]
         raise InvalidArgumentError(
             f"morphology must be one body or num_envs = {count} of them; got {len(morphology)}"  # type: ignore[arg-type]
@@ -290,7 +330,10 @@ def _check_seeds(seed: object, count: int) -> list[int | None]:
     """Return a seed for each robot, from one number, one each, or None."""
     if seed is None:
         return [None] * count
-    if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str):
+    # Bytes are a sequence of whole numbers, and no seeds.
+    if not isinstance(seed, list | tuple | range) and not (
+        isinstance(seed, np.ndarray) and seed.ndim
+    ):
         first = integer("seed", seed, 0)
         return [first + i for i in range(count)]
     if len(seed) != count:
@@ -299,10 +342,14 @@ def _check_seeds(seed: object, count: int) -> list[int | None]:
 
 
 def _check_mask(mask: object, count: int) -> Mask:
-    found = np.asarray(mask)
-    if found.dtype != np.bool_ or found.shape != (count,) or not found.any():
+    try:
+        found = np.asarray(mask)
+    except (ValueError, RecursionError):  # ragged, or too deep
+        found = np.zeros(0)
+    if found.dtype.kind != "b" or found.shape != (count,) or not found.any():
         raise InvalidArgumentError(
-            f'options["reset_mask"] must be ({count},) of bool with at least one True; got {mask!r}'
+            f'options["reset_mask"] must be ({count},) of bool with at least one True; '
+            f"got {brief(mask)}"
         )
     return found
 

@@ -22,9 +22,18 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import aquafish_gym
-from aquafish_gym.engines.worlds import CompiledWorld
+from aquafish_gym.command import scale_action
+from aquafish_gym.engines.single import CompiledWorld, compile_single
 from aquafish_gym.envs.aquafish import AquaFishEnv
-from aquafish_gym.envs.conditions import observation_space, observe
+from aquafish_gym.envs.conditions import (
+    check_action,
+    check_single_action,
+    observation_space,
+    observe,
+    servo_speeds,
+)
+from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.physics import simd
 from aquafish_gym.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -107,6 +116,23 @@ def test_both_engines_are_the_same_environment() -> None:
         env.close()
 
 
+def test_reactive_water_is_another_water_and_the_same_in_every_environment() -> None:
+    wishes = np.random.default_rng(0).uniform(-1, 1, (20, 3)).astype(np.float32)
+
+    def seen(**kwargs: Any) -> Any:
+        env = make(**kwargs)
+        env.reset(seed=0)
+        return np.array([env.step(wish)[0] for wish in wishes])
+
+    drag, water = seen(engine="numba"), seen(engine="numba", reactive=True)
+    assert abs(water - drag).max() > 0.01
+    np.testing.assert_allclose(seen(engine="pybullet", reactive=True), water, atol=1e-6)
+    many = gym.make_vec("AquaFish-v0", num_envs=2, dtype="float64", reactive=True)
+    many.reset(seed=0)
+    rows = np.array([many.step(np.stack([wish, wish]))[0][0] for wish in wishes])
+    np.testing.assert_array_equal(rows, water)
+
+
 @pytest.mark.parametrize("frame_skip", [5, 8, 100, 2000])
 def test_an_episode_lasts_twenty_seconds(frame_skip: int) -> None:
     env = make(frame_skip=frame_skip)
@@ -170,7 +196,7 @@ def test_up_and_north_are_the_attitude(rpy: tuple[float, float, float], rate: fl
             hy * hp * hr - gy * gp * gr,
         ]
     )
-    seen = observe(quaternion, np.array([0.0, rate, 0.0]), None, observation_space(False))
+    seen = observe(quaternion, (0.0, rate, 0.0), None)
     np.testing.assert_allclose(seen[:3], matrix[2], atol=1e-6)
     np.testing.assert_allclose(seen[3:6], matrix[1], atol=1e-6)
     assert seen[7] == pytest.approx(np.clip(rate, -34.906586, 34.906586))
@@ -218,7 +244,7 @@ def test_divergence_ends_the_episode_and_says_so() -> None:
     env.reset()
     good, *_ = env.step(GO)
     assert isinstance(env._world, CompiledWorld)
-    env._world._lanes._states[:] = np.nan
+    env._world._numbers[11] = np.nan
     seen, reward, terminated, truncated, info = env.step(GO)
     assert (seen == good).all()
     assert (reward, terminated, truncated, info["diverged"]) == (0.0, True, False, True)
@@ -229,15 +255,115 @@ def test_divergence_ends_the_episode_and_says_so() -> None:
     assert not env.step(GO)[4]["diverged"]
 
 
+def same(one: tuple[Any, ...], two: tuple[Any, ...]) -> None:
+    """Compare what two steps or resets returned, to the last bit."""
+    (seen, *numbers, info), (expected, *others, told) = one, two
+    assert (seen == expected).all()
+    assert numbers == others
+    assert list(info) == list(told)
+    for name, value in info.items():
+        assert np.array_equal(value, told[name]), name
+
+
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_the_compiled_environment_can_be_copied(clone: Callable[[gym.Env], gym.Env]) -> None:  # type: ignore[type-arg]
-    env = gym.make("AquaFish-v0", engine="numba", fin_angles="random")
+def test_a_copy_swims_on_as_the_original_does(clone: Callable[[gym.Env], gym.Env]) -> None:  # type: ignore[type-arg]
+    env = gym.make("AquaFish-v0", engine="numba", fin_angles="random", observe_fins=True)
     env.reset(seed=0)
-    env.step(GO)
-    other = clone(env)
+    for _ in range(7):
+        env.step(GO)
+    other, third = clone(env), clone(env)
+    third.step(-GO)
     for _ in range(5):
-        assert (env.step(GO)[0] == other.step(GO)[0]).all()
-    assert (env.reset()[1]["fin_angles"] == other.reset()[1]["fin_angles"]).all()
+        same(env.step(GO), other.step(GO))
+    assert env.unwrapped._steps_left == other.unwrapped._steps_left  # type: ignore[attr-defined]
+    same(env.reset(), other.reset())
+    same(env.step(GO), other.step(GO))
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_environments_side_by_side_do_not_touch(engine: str) -> None:
+    settings: list[dict[str, Any]] = [
+        {"damage": "caudal:length=0.5"},
+        {"current": (0.3, 0.0, 0.0), "frame_skip": 8},
+    ]
+    actions = np.random.default_rng(4).uniform(-1, 1, (12, 2, 3)).astype(np.float32)
+    alone = []
+    for i, kwargs in enumerate(settings):
+        env = make(engine=engine, **kwargs)
+        alone.append([env.reset(seed=i), *(env.step(action[i]) for action in actions)])
+        env.close()
+    both = [make(engine=engine, **kwargs) for kwargs in settings]
+    for i, env in enumerate(both):
+        same(env.reset(seed=i), alone[i][0])
+    for t, action in enumerate(actions):
+        for i, env in enumerate(both):
+            same(env.step(action[i]), alone[i][t + 1])
+    for env in both:
+        env.close()
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_what_was_returned_is_the_callers(engine: str) -> None:
+    """Writing into it changes nothing, and nothing is written into it."""
+    env, other = make(engine=engine), make(engine=engine)
+    kept = []
+    for e in (env, other):
+        e.reset(seed=0)
+    for _ in range(3):
+        mine, theirs = env.step(GO), other.step(GO)
+        same(mine, theirs)
+        kept.append((mine, copy.deepcopy(mine)))
+        theirs[0][:] = np.nan
+        theirs[4]["fin_angles"][:] = np.nan
+        theirs[4]["morphology"][:] = np.nan
+        theirs[4].clear()
+    for mine, before in kept:
+        same(mine, before)
+    env.close()
+    other.close()
+
+
+def test_one_robot_is_the_batchs_in_double_precision_to_the_last_bit() -> None:
+    rng = np.random.default_rng(8)
+    bodies = rng.uniform(0.1, 1.0, (3, 9)) * (0.4, 1.6, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, 0.6)
+    kwargs: dict[str, Any] = {
+        "fin_angles": "random",
+        "observe_fins": True,
+        "current": (0.2, -0.4, 0.1),
+        "ctrl_cost_weight": 0.3,
+    }
+    batch = AquaFishVectorEnv(3, morphology=bodies, dtype="float64", **kwargs)
+    singles = [make(morphology=body, **kwargs) for body in bodies]
+    seen, info = batch.reset(seed=2)
+    for i, env in enumerate(singles):
+        one, told = env.reset(seed=2 + i)
+        same((one, told), (seen[i], {name: info[name][i] for name in told}))
+    for _ in range(60):
+        actions = rng.uniform(-1.2, 1.2, (3, 3)).astype(np.float32)
+        seen, reward, terminated, truncated, info = batch.step(actions)
+        for i, env in enumerate(singles):
+            one, *rest, told = env.step(actions[i])
+            same(
+                (one, *rest, told),
+                (seen[i], reward[i], terminated[i], truncated[i], {k: info[k][i] for k in told}),
+            )
+
+
+def test_the_compiled_loop_is_never_older_than_its_physics() -> None:
+    """numba's cache goes by what the loop closes over; see ``simd.source_stamp``."""
+    closed_over = [cell.cell_contents for cell in compile_single().py_func.__closure__]
+    assert simd.source_stamp(compile_single) in closed_over
+
+
+@given(
+    hnp.arrays(st.sampled_from([np.float32, np.float64]), 3, elements=st.floats(-2, 2, width=32))
+)
+@settings(max_examples=100, deadline=None)
+def test_the_short_way_of_an_action_is_the_long_one(action: Any) -> None:
+    wish = check_single_action(action)
+    long = check_action(action, (3,))
+    assert list(wish) == long.tolist()
+    assert list(servo_speeds(wish)) == scale_action(long).tolist()
 
 
 def test_a_pybullet_environment_stays_in_its_process() -> None:

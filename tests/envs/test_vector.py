@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import copy
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import gymnasium as gym
@@ -12,6 +17,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 import aquafish_gym  # noqa: F401
+from aquafish_gym.engines import lanes
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.validation import InvalidArgumentError
 
@@ -47,7 +53,7 @@ def agree(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
             assert (ours[name][mask] == value[mask]).all(), name
         else:
             mask = theirs["_" + name]
-            np.testing.assert_allclose(ours[name][mask], value[mask], rtol=0, atol=1e-12)
+            assert (ours[name][mask] == value[mask]).all(), name
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
@@ -66,12 +72,12 @@ def test_it_is_gymnasiums_sync_of_single_environments(mode: AutoresetMode) -> No
     assert ours.action_space == theirs.action_space
     assert ours.metadata["autoreset_mode"] is mode
     (a, ia), (b, ib) = ours.reset(seed=5), theirs.reset(seed=5)
-    np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)
+    np.testing.assert_array_equal(a, b)
     agree(ia, ib)
     ends = 0
     for action in actions(0, 40):
         mine, other = ours.step(action), theirs.step(action)
-        np.testing.assert_allclose(mine[0], other[0], rtol=0, atol=1e-6)
+        np.testing.assert_array_equal(mine[0], other[0])
         for x, y in zip(mine[1:4], other[1:4], strict=True):
             np.testing.assert_array_equal(x, y)
             assert x.dtype == y.dtype
@@ -100,6 +106,110 @@ def test_observations_and_infos_are_not_reused() -> None:
     assert (seen == kept[0]).all()
     for name, value in info.items():
         assert (value == kept[1][name]).all()
+
+
+def same(one: Any, two: Any) -> None:
+    """Compare what two steps or resets returned, to the last bit."""
+    assert type(one) is type(two)
+    if isinstance(one, dict):
+        assert list(one) == list(two)
+        one, two = tuple(one.values()), tuple(two.values())
+    if isinstance(one, tuple):
+        for a, b in zip(one, two, strict=True):
+            same(a, b)
+    elif isinstance(one, np.ndarray) and one.dtype == object:
+        same(tuple(one), tuple(two))
+    else:
+        assert np.array_equal(one, two)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
+def test_a_copy_swims_on_as_the_original_does(
+    clone: Callable[[AquaFishVectorEnv], AquaFishVectorEnv], dtype: str, mode: str
+) -> None:
+    """In mid-episode, and over an episode's end."""
+    env = make(fin_angles="random", dtype=dtype, autoreset_mode=mode, frame_skip=250)
+    env.reset(seed=1)
+    for action in actions(7, 3):
+        env.step(action)
+    other, third = clone(env), clone(env)
+    third.step(-actions(7, 1)[0])
+    third.reset(options={"damage": "caudal:missing"})
+    for action in actions(8, 9):
+        same(env.step(action), other.step(action))
+    same(env.reset(), other.reset())
+
+
+def test_environments_side_by_side_do_not_touch() -> None:
+    kwargs: list[dict[str, Any]] = [{"damage": "caudal:missing"}, {"current": (0.3, 0.0, 0.0)}]
+    alone = []
+    for i in range(2):
+        env = make(**kwargs[i])
+        alone.append([env.reset(seed=i), *(env.step(action) for action in actions(i, 10))])
+    both = [make(**each) for each in kwargs]
+    for i in range(2):
+        same(both[i].reset(seed=i), alone[i][0])
+    for t in range(10):
+        for i in range(2):
+            same(both[i].step(actions(i, 10)[t]), alone[i][t + 1])
+
+
+def test_what_was_returned_is_the_callers() -> None:
+    env, other = make(), make()
+    for e in (env, other):
+        _, info = e.reset(seed=0)
+    for action in actions(9, 3):
+        mine, theirs = env.step(action), other.step(action)
+        same(mine, theirs)
+        theirs[0][:] = np.nan
+        for value in theirs[4].values():
+            value[...] = None if value.dtype == object else 0
+    info["morphology"][:] = 0.0
+    same(env.step(action), other.step(action))
+
+
+def test_no_result_depends_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lanes, "_WORTH_A_THREAD", 1)
+    one, three = (make(num_envs=100, threads=n, fin_angles="random") for n in (1, 3))
+    same(one.reset(seed=0), three.reset(seed=0))
+    swim = np.random.default_rng(1).uniform(-1, 1, (10, 100, 3)).astype(np.float32)
+    for action in swim:
+        same(one.step(action), three.step(action))
+    # In several threads of the caller's at once, too.
+    with ThreadPoolExecutor(2) as pool:
+        envs = [copy.deepcopy(three) for _ in range(4)]
+        found = list(pool.map(lambda e: [e.step(action) for action in swim], envs))
+    expected = [one.step(action) for action in swim]
+    for each in found:
+        same(tuple(each), tuple(expected))
+
+
+def test_threads_work_on_in_a_fork() -> None:
+    code = """
+import copy
+import os
+import numpy as np
+from aquafish_gym.engines import lanes
+from aquafish_gym.envs.vector import AquaFishVectorEnv
+lanes._WORTH_A_THREAD = 1
+env = AquaFishVectorEnv(64, threads=2)
+env.reset(seed=0)
+action = np.ones((64, 3), np.float32)
+expected = copy.deepcopy(env).step(action)[0]
+child = os.fork()
+assert (env.step(action)[0] == expected).all()
+if child:
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+"""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        stderr=subprocess.PIPE,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
 
 
 def test_some_may_be_reset_and_the_others_swim_on() -> None:
@@ -158,6 +268,30 @@ def test_divergence_ends_one_episode_and_spares_the_others(mode: str) -> None:
         seen, _, terminated, *_ = env.step(action)
         assert not terminated.any()
         assert np.isfinite(seen).all()
+
+
+@pytest.mark.parametrize("speed", [1e6, -1e30, np.inf, np.nan])
+@pytest.mark.parametrize("row", range(7, 13))
+def test_a_runaway_is_told_before_its_numbers_overflow(row: int, speed: float) -> None:
+    """As the single environment tells it."""
+    env = make(dtype="float64", frame_skip=1)
+    single = gym.make("AquaFish-v0", engine="numba", frame_skip=1).unwrapped
+    action = actions(0, 1)[0]
+    for e in (env, single):
+        e.reset(seed=0)
+    good, *_ = env.step(action)
+    single.step(action[1])
+    env._lanes._table(env._lanes._states, 25)[row, 1] = speed
+    single._world._numbers[row] = speed  # type: ignore[attr-defined]
+    seen, reward, terminated, _, info = env.step(action)
+    one, score, ended, _, told = single.step(action[1])
+    assert terminated.tolist() == [False, ended, False]
+    assert (seen[1] == one).all()
+    assert reward[1] == score
+    assert info["diverged"][1] == told["diverged"] == ended
+    if abs(reward[1]) > 1e6 or not np.isfinite(speed):
+        assert ended
+        assert (seen[1] == good[1]).all()
 
 
 def test_seeds_may_be_listed() -> None:
