@@ -11,13 +11,19 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from itertools import chain
 from typing import Any, ClassVar, Self, final
 
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology, dimension_index
-from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of, parse_json
+from aquafish_gym.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    one_of,
+    parse_json,
+)
 
 
 class Fault(ABC):
@@ -92,7 +98,7 @@ class FinScaled(Fault):
             than was asked for.
         """
         index = dimension_index(self.fin, self.size)
-        sizes = morphology.to_array()
+        sizes = morphology.to_array().tolist()  # plain numbers overflow without a warning
         sizes[index] *= self.factor
         maximum = DIMENSIONS[index].maximum
         if sizes[index] > maximum:
@@ -161,16 +167,17 @@ class Damage:
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.faults, Iterable):
+        # No other iterables: faults have an order, which sets lack, and an end, which generators
+        # may lack.
+        if not isinstance(self.faults, list | tuple):
             raise InvalidArgumentError(
                 "damage must be a row of faults, as Damage.coerce makes of whatever is broken; "
-                f"got {self.faults!r}"
+                f"got {brief(self.faults)}"
             )
-        faults = tuple(self.faults)
-        for fault in faults:
+        for fault in self.faults:
             if not isinstance(fault, Fault):
-                raise InvalidArgumentError(f"damage must be made of faults; got {fault!r}")
-        object.__setattr__(self, "faults", faults)
+                raise InvalidArgumentError(f"damage must be made of faults; got {brief(fault)}")
+        object.__setattr__(self, "faults", tuple(self.faults))
 
     @classmethod
     def parse(cls, text: str) -> Self:
@@ -184,7 +191,7 @@ class Damage:
             If a fault is not spelled ``fin:word`` or ``fin:word=number``.
         """
         if not isinstance(text, str):
-            raise InvalidArgumentError(f"damage must be text to be parsed; got {text!r}")
+            raise InvalidArgumentError(f"damage must be text to be parsed; got {brief(text)}")
         if text.strip().lower() in ("", "none"):
             return cls()
         return cls(tuple(_read_fault(part) for part in text.replace(",", ";").split(";")))
@@ -194,8 +201,20 @@ class Damage:
         """Make one from whatever a user may mean.
 
         ``None`` is no damage; text is parsed; a fault is itself; a mapping is read as
-        ``to_list`` or ``dataclasses.asdict`` wrote it; a list joins any of these.
+        ``to_list`` or ``dataclasses.asdict`` wrote it; a list or tuple joins any of these.
+
+        Raises
+        ------
+        InvalidArgumentError, UnknownNameError
+            If it is none of these.
         """
+        try:
+            return cls._coerce(value)
+        except RecursionError:
+            raise InvalidArgumentError("damage is nested too deep to be read") from None
+
+    @classmethod
+    def _coerce(cls, value: object) -> Damage:
         match value:
             case None:
                 return cls()
@@ -205,15 +224,15 @@ class Damage:
                 return cls.parse(value)
             case Fault():
                 return cls((value,))
-            case {"faults": [*faults]}:
-                return cls.coerce(faults)
+            case {"faults": list() | tuple() as faults, **others} if not others:
+                return cls._coerce(faults)
             case Mapping():
                 return cls((_fault_from_dict(value),))
-            case Iterable():
-                return cls(tuple(chain.from_iterable(cls.coerce(part) for part in value)))
+            case list() | tuple():
+                return cls(tuple(chain.from_iterable(map(cls._coerce, value))))
         raise InvalidArgumentError(
             f"damage must be text such as 'left_pectoral:length=0.5', a Damage, or a list; "
-            f"got {value!r}"
+            f"got {brief(value)}"
         )
 
     def apply(self, morphology: Morphology) -> Morphology:
@@ -222,8 +241,12 @@ class Damage:
         Raises
         ------
         InvalidArgumentError
-            If a size would leave its range in ``DIMENSIONS``.
+            If it is no body, or a size would leave its range in ``DIMENSIONS``.
         """
+        if not isinstance(morphology, Morphology):
+            raise InvalidArgumentError(
+                f"damage is applied to a Morphology; got {brief(morphology)}"
+            )
         for fault in self.faults:
             morphology = fault.apply(morphology)
         return morphology
@@ -265,7 +288,7 @@ def _read_fault(text: str) -> Fault:
     if not colon or not what:
         raise InvalidArgumentError(
             f"damage must be written fin:word=number, as left_pectoral:length=0.5 or "
-            f"caudal:missing; got {text.strip()!r}"
+            f"caudal:missing; got {brief(text.strip())}"
         )
     word, equals, digits = (part.strip() for part in what.partition("="))
     one_of("damage fin", fin, FINS)
@@ -276,18 +299,23 @@ def _read_fault(text: str) -> Fault:
             number = float(digits)
         except ValueError:
             raise InvalidArgumentError(
-                f"damage {fin}:{word} needs a number after '='; got {digits!r}"
+                f"damage {fin}:{word} needs a number after '='; got {brief(digits)}"
             ) from None
     kind = next(kind for kind in FAULTS if word in kind.WORDS)
     return kind.from_words(fin, word, number)
 
 
-def _fault_from_dict(fields: Mapping[str, Any]) -> Fault:
+def _field_names(kind: type[Fault]) -> list[str]:
+    return [field.name for field in fields(kind) if field.init]  # type: ignore[arg-type]
+
+
+def _fault_from_dict(written: Mapping[str, Any]) -> Fault:
     kinds = {kind.__name__: kind for kind in FAULTS}
-    kind = kinds[one_of("damage kind", fields.get("kind"), kinds)]
+    kind = kinds[one_of("damage kind", written.get("kind"), kinds)]
     try:
-        return kind(**{name: value for name, value in fields.items() if name != "kind"})
+        return kind(**{name: value for name, value in written.items() if name != "kind"})
     except TypeError:
         raise InvalidArgumentError(
-            f"damage of kind {kind.__name__} has other fields than {sorted(map(str, fields))}"
+            f"damage of kind {kind.__name__} must have the fields {', '.join(_field_names(kind))}; "
+            f"got {brief(dict(written))}"
         ) from None

@@ -14,7 +14,13 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.validation import InvalidArgumentError, finite_array, one_of, parse_json
+from aquafish_gym.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    one_of,
+    parse_json,
+)
 
 
 class Dimension(NamedTuple):
@@ -153,7 +159,8 @@ class Morphology:
         sizes: Any = parse_json("morphology", text)
         if not isinstance(sizes, dict) or sorted(sizes) != sorted(FINS):
             raise InvalidArgumentError(
-                f"a morphology's JSON must be an object with the keys {', '.join(FINS)}"
+                f"a morphology's JSON must be an object with the keys {', '.join(FINS)}; "
+                f"got {brief(sizes)}"
             )
         return cls.coerce(sizes)
 

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.validation import InvalidArgumentError, brief
 
 _CHECKSUM_DIGITS = 16
 
@@ -49,13 +49,16 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
     InvalidArgumentError
         If it cannot be made or written; the message names ``argument`` and the reason.
     """
-    directory = Path(path)
+    try:
+        directory = Path(path)
+    except TypeError:
+        raise InvalidArgumentError(f"{argument} must be a path; got {brief(path)}") from None
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory):
             pass
-    except OSError as error:
-        reason = error.strerror or str(error)
+    except (OSError, ValueError) as error:  # a null character is a ValueError
+        reason = getattr(error, "strerror", None) or str(error)
         raise InvalidArgumentError(
             f"{argument} must be a directory that can be written; {directory} cannot: {reason}"
         ) from None

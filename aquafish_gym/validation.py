@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 from collections.abc import Iterable
+from decimal import Decimal
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -38,12 +41,10 @@ def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
     known = list(choices)
     if isinstance(name, str) and name in known:
         return name
-    said = name if isinstance(name, str) else _brief(name)
+    said = name if isinstance(name, str) else brief(name)
     close = difflib.get_close_matches(said, known, n=1, cutoff=0.4)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise UnknownNameError(
-        f"{argument} must be one of {', '.join(known)}; got {_brief(name)}{hint}"
-    )
+    raise UnknownNameError(f"{argument} must be one of {', '.join(known)}; got {brief(name)}{hint}")
 
 
 def finite_array(
@@ -53,33 +54,37 @@ def finite_array(
     low: ArrayLike = -np.inf,
     high: ArrayLike = np.inf,
     unit: str = "",
+    flat: bool = False,
 ) -> NDArray[np.float64]:
     """Return ``value`` as a float64 array of ``shape`` with every entry in [``low``, ``high``].
 
-    ``None`` in ``shape`` stands for any length. The array is always a copy.
+    ``None`` in ``shape`` stands for any length; with ``flat``, a batch of one may be given
+    without its leading axis. The array is always a copy.
 
     Raises
     ------
     InvalidArgumentError
-        If it is not real numbers (text that spells them is not), has another shape, is not
-        finite or leaves the range.
+        If it is not real numbers (text that spells them is not, nor are True and False, spans
+        of time or masked entries), has another shape, is not finite or leaves the range.
     """
     wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
     try:
         array = _real(value)
     except (TypeError, ValueError, OverflowError, RecursionError):
         raise InvalidArgumentError(
-            f"{argument} must be numbers of shape {wanted}; got {_brief(value)}"
+            f"{argument} must be numbers of shape {wanted}; got {brief(value)}"
         ) from None
+    if flat and array.ndim == len(shape) - 1 and array.size:
+        array = array[None]
     if len(array.shape) != len(shape) or any(
         n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
     ):
         raise InvalidArgumentError(f"{argument} must have shape {wanted}; got {array.shape}")
     if not np.isfinite(array).all():
-        raise InvalidArgumentError(f"{argument} must be finite; got {_brief(value)}")
-    lows, highs = np.broadcast_to(low, array.shape), np.broadcast_to(high, array.shape)
-    outside = (array < lows) | (array > highs)
+        raise InvalidArgumentError(f"{argument} must be finite; got {brief(value)}")
+    outside = np.less(array, low) | np.greater(array, high)
     if outside.any():
+        lows, highs = np.broadcast_to(low, array.shape), np.broadcast_to(high, array.shape)
         where = tuple(int(i) for i in np.argwhere(outside)[0])
         at = f"[{', '.join(map(str, where))}]" if where else ""
         raise InvalidArgumentError(
@@ -98,10 +103,11 @@ def integer(argument: str, value: object, low: int, high: int | None = None) -> 
         If it is not a whole number or leaves the range. Booleans are not numbers here.
     """
     wanted = f"a whole number of at least {low}" + ("" if high is None else f" and at most {high}")
-    if isinstance(value, bool) or not isinstance(value, int | np.integer):
-        raise InvalidArgumentError(f"{argument} must be {wanted}; got {_brief(value)}")
+    # numpy counts spans of time among its integers.
+    if isinstance(value, bool | np.timedelta64) or not isinstance(value, int | np.integer):
+        raise InvalidArgumentError(f"{argument} must be {wanted}; got {brief(value)}")
     if value < low or (high is not None and value > high):
-        raise InvalidArgumentError(f"{argument} must be {wanted}; got {_brief(int(value))}")
+        raise InvalidArgumentError(f"{argument} must be {wanted}; got {brief(int(value))}")
     return int(value)
 
 
@@ -114,7 +120,7 @@ def flag(argument: str, value: object) -> bool:
         If it is not True or False: ``"no"`` would count as True.
     """
     if not isinstance(value, bool | np.bool_):
-        raise InvalidArgumentError(f"{argument} must be True or False; got {_brief(value)}")
+        raise InvalidArgumentError(f"{argument} must be True or False; got {brief(value)}")
     return bool(value)
 
 
@@ -124,32 +130,60 @@ def parse_json(argument: str, text: object) -> Any:
     Raises
     ------
     InvalidArgumentError
-        If it is not text or not JSON, or has more digits or deeper nesting than can be read.
+        If it is not text or not JSON, has more digits or deeper nesting than can be read, or
+        says two things under one key.
     """
     if not isinstance(text, str | bytes | bytearray):
-        raise InvalidArgumentError(f"{argument} must be text in JSON; got {_brief(text)}")
+        raise InvalidArgumentError(f"{argument} must be text in JSON; got {brief(text)}")
     try:
-        return json.loads(text)
+        return json.loads(text, object_pairs_hook=_without_repeats)
     except ValueError as error:  # of too many digits, too
         raise InvalidArgumentError(f"{argument} is not JSON: {error}") from None
     except RecursionError:
         raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep") from None
 
 
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {brief(twice)} stands there twice")
+    return found
+
+
 def _real(value: ArrayLike) -> NDArray[np.float64]:
+    if _is_disguised(value):
+        raise TypeError("not real numbers")
     raw = np.asarray(value)
-    # numpy would read text, and drop the imaginary parts of complex numbers.
-    odd = str | bytes | np.complexfloating
-    if raw.dtype.kind not in "biufO" or (
-        raw.dtype.kind == "O" and any(isinstance(v, odd) for v in raw.flat)
+    if raw.dtype.kind not in "iufO" or (
+        raw.dtype.kind == "O" and not all(_is_number(v) for v in raw.flat)
     ):
         raise TypeError("not real numbers")
-    return np.array(raw, dtype=np.float64)
+    with np.errstate(over="ignore"):  # what float64 cannot hold is infinite, and refused as such
+        return np.array(raw, dtype=np.float64)
 
 
-def _brief(value: Any) -> str:
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real | Decimal) and not isinstance(value, bool | np.timedelta64)
+
+
+def _is_disguised(value: object) -> bool:
+    """Return whether numpy would read numbers off what was not meant as any.
+
+    It takes True for 1 and bytes for their codes, and forgets what a mask hides.
+    """
+    if isinstance(value, list | tuple):
+        return any(map(_is_disguised, value))
+    if isinstance(value, np.ndarray):
+        return value.dtype.kind == "b" or bool(np.ma.is_masked(value))
+    return isinstance(value, bool | np.bool_ | bytes | bytearray | memoryview)
+
+
+def brief(value: Any) -> str:
+    """Return what came, for a message: its ``repr`` on one line, cut short."""
     try:
-        text = repr(value)
+        text = re.sub(r"\n\s*", " ", repr(value))
     except (ValueError, RecursionError):  # too many digits, too deep
         text = f"a {type(value).__name__} too long to show"
     return text if len(text) <= 80 else text[:77] + "..."

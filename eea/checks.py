@@ -82,7 +82,8 @@ def whole(argument: str, value: object, low: int, high: int | None = None) -> No
     ConfigurationError
         If it is not. Booleans are not numbers here.
     """
-    number = isinstance(value, int | np.integer) and not isinstance(value, bool)
+    # numpy counts spans of time among its integers.
+    number = isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
     if not number or value < low or (high is not None and value > high):  # type: ignore[operator]
         most = "" if high is None else f" and at most {high}"
         raise ConfigurationError(
@@ -98,7 +99,8 @@ def real(argument: str, value: object, low: float, high: float = math.inf) -> No
     ConfigurationError
         If it is not. Booleans are not numbers here.
     """
-    number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    kinds = int | float | np.integer | np.floating
+    number = isinstance(value, kinds) and not isinstance(value, bool | np.timedelta64)
     if not number or not math.isfinite(value) or not low <= value <= high:  # type: ignore[arg-type,operator]
         span = f"of at least {low:g}" if math.isinf(high) else f"in [{low:g}, {high:g}]"
         raise ConfigurationError(f"{argument} must be a finite number {span}; got {value!r}")
@@ -110,10 +112,14 @@ def finite(argument: str, value: ArrayLike, shape: tuple[int | None, ...]) -> ND
     Raises
     ------
     ConfigurationError
-        If it is not numeric, not finite or of another shape.
+        If it is not real numbers (text that spells them is not, nor are booleans and masked
+        entries), not finite or of another shape.
     """
     try:
-        array = np.array(value, dtype=np.float64)
+        given = np.asarray(value)
+        if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
+            raise TypeError
+        array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError):
         raise ConfigurationError(f"{argument} must be numbers; got {value!r}") from None
     wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"

@@ -62,4 +62,7 @@ class Laboratory:
         simulated = self.behaviors(morphologies, commands, fin_angles)
         with np.errstate(invalid="ignore", over="ignore"):
             sim = similarity(simulated, observed, self.behavior)
-        return np.where(np.isfinite(sim), sim, DIVERGED)
+        finite = np.isfinite(sim)
+        if self.behavior.clamp:  # which makes infinity a difference like any other
+            finite &= np.isfinite(simulated).all(axis=-1)
+        return np.where(finite, sim, DIVERGED)

@@ -31,8 +31,9 @@ CHECKPOINT_SCHEMA = 2  # 1 drew from streams that were not this package's own
 FINALISTS = 8
 FINAL_POSES = 32
 
-# A robot that left the finite numbers is worse than any that swam, backwards or not.
-DIVERGED_DISTANCE = -100.0
+# A robot that left the finite numbers is worse than any that swam, backwards or not: it scores
+# as if it had swum backwards at this speed (units/s), faster than any body does.
+DIVERGED_SPEED = -5.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -156,7 +157,7 @@ class GaitRun:
         self, controllers: list[Controller], poses: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         distances = self._scorer(controllers, poses)
-        return np.where(np.isfinite(distances), distances, DIVERGED_DISTANCE)
+        return np.where(np.isfinite(distances), distances, DIVERGED_SPEED * self.config.seconds)
 
     def _stream(self, *key: int) -> np.random.SeedSequence:
         # Streams of their own, found by name, so that a run taken up again needs no generator.

@@ -17,7 +17,8 @@ from gait.controller import Controller
 from gait.evolve import (
     CHECKPOINT_FILE,
     CONTROLLER_FILE,
-    DIVERGED_DISTANCE,
+    DIVERGED_SPEED,
+    SECONDS,
     EvolveConfig,
     evolve_gait,
 )
@@ -120,7 +121,7 @@ def test_a_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
 
     result = evolve_gait(None, EvolveConfig(generations=3, population=20), scorer=Diverging())
     assert np.isfinite([row.mean for row in result.history]).all()
-    assert result.fitness > DIVERGED_DISTANCE / 2
+    assert result.fitness > DIVERGED_SPEED * SECONDS / 2
 
 
 def test_another_run_in_the_directory_is_refused(tmp_path: Path) -> None:

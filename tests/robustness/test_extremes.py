@@ -1,0 +1,474 @@
+"""The extreme bodies under the roughest commands stay finite, and a robot that does not is told.
+
+Bang-bang commands jump between -1 and 1, each servo's at random moments. The bodies are all
+corners of the space of bodies (each dimension 0 or its maximum), which holds the bodies of one
+fin, and bodies of paper-thin fins.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+from numpy.typing import NDArray
+
+from aquafish_gym.command import scale_action
+from aquafish_gym.engines import base, lanes
+from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.single import STATE, CompiledWorld
+from aquafish_gym.engines.worlds import make_world
+from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.morphology import MAXIMA, Morphology
+from eea.aquafish import EngineTarget, fish_actions, fish_eea
+from eea.behavior import BehaviorConfig
+from eea.checks import TargetError
+from eea.config import EEAConfig
+from eea.estimation import EstimationConfig
+from eea.experiment import Trials
+from eea.exploration import Exploration, ExplorationConfig
+from eea.genetic import GeneticConfig
+from eea.laboratory import DIVERGED, Laboratory
+from gait import evolve, network, rollout
+from gait.controller import Controller
+from gait.transfer import score
+
+CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
+THICKNESS, WIDTH, LENGTH = [2, 5, 6], [0, 3, 8], [1, 4, 7]
+GO = np.array([0.8, 0.6, 0.4], np.float32)
+NAN = math.nan
+
+
+def thin_bodies(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Bodies (count, 9) with some sizes next to nothing."""
+    bodies = rng.uniform(0.0, MAXIMA, (count, 9))
+    for axis in (THICKNESS, WIDTH, LENGTH):
+        thin = rng.random((count, 3)) < 0.5
+        bodies[:, axis] *= np.where(thin, 10.0 ** rng.uniform(-300, -1, (count, 3)), 1.0)
+    return bodies
+
+
+def bang_bang(steps: int, count: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Actions (steps, count, 3) of -1 and 1 that switch at each robot's own pace."""
+    pace = 10.0 ** rng.uniform(-2.5, 0.0, (count, 3))
+    switches = rng.random((steps, count, 3)) < pace
+    switches[0] = rng.random((count, 3)) < 0.5
+    return np.where(np.cumsum(switches, axis=0) % 2, 1.0, -1.0).astype(np.float32)
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("bodies", ["corners", "thin"])
+def test_a_million_steps_of_extreme_robots_are_finite(bodies: str, dtype: str) -> None:
+    """512 robots for a whole episode of 2000 physics steps: 1,024,000 steps each."""
+    rng = np.random.default_rng(0)
+    sizes = CORNERS if bodies == "corners" else thin_bodies(512, rng)
+    env = AquaFishVectorEnv(
+        512, sizes, dtype=dtype, fin_angles="random", observe_fins=True, current=(20, -20, 20)
+    )
+    env.reset(seed=0)
+    for action in bang_bang(400, 512, rng):
+        seen, reward, terminated, truncated, info = env.step(action)
+        assert env.observation_space.contains(seen)
+        assert np.isfinite(reward).all()
+        assert not terminated.any()
+        assert not info["diverged"].any()
+    assert truncated.all()
+    for name, value in info.items():
+        assert value.dtype == object or np.isfinite(value).all(), name
+    state = env._lanes.state()
+    for name, value in state.items():
+        assert np.isfinite(value).all(), name
+    np.testing.assert_allclose(np.linalg.norm(state["quaternion"], axis=1), 1.0, atol=1e-5)
+    # No robot is faster than the water that carries it and what its fins can do.
+    speeds = np.stack([info[f"{axis}_velocity"] for axis in "xyz"])
+    assert np.abs(speeds).max() < 60
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("bodies", ["corners", "thin"])
+def test_a_million_steps_in_reactive_water_are_finite(
+    bodies: str, dtype: type[np.floating[Any]]
+) -> None:
+    rng = np.random.default_rng(2)
+    sizes = CORNERS if bodies == "corners" else thin_bodies(512, rng)
+    angles = rng.uniform(-np.pi, np.pi, (512, 3))
+    batch = lanes.LaneBatch(sizes, angles, (20.0, -20.0, 20.0), dtype, reactive=True)
+    for action in bang_bang(400, 512, rng):
+        assert not batch.advance(scale_action(action), 5).diverged.any()
+    assert all(np.isfinite(value).all() for value in batch.state().values())
+    assert np.abs(batch.state()["velocity"]).max() < 60
+
+
+def test_reactive_water_is_finite_in_pybullet() -> None:
+    rng = np.random.default_rng(3)
+    world = make_world("pybullet", reactive=True)
+    for body in (*CORNERS[rng.choice(512, 5, replace=False)], *thin_bodies(5, rng)):
+        world.reset(body, tuple(rng.uniform(-3, 3, 3)), (20.0, -20.0, 20.0))
+        for action in bang_bang(200, 1, rng)[:, 0]:
+            world.advance(tuple(scale_action(action).tolist()), 5)
+            assert not world.diverged
+    world.close()
+
+
+def test_a_hundred_thousand_pybullet_steps_of_extreme_robots_are_finite() -> None:
+    """50 episodes of 2000 physics steps."""
+    rng = np.random.default_rng(1)
+    one_fin = [CORNERS[-1] * np.repeat(np.arange(3) == fin, 3) for fin in range(3)]
+    bodies = [
+        *one_fin,
+        CORNERS[0],
+        CORNERS[-1],
+        *CORNERS[rng.choice(512, 25, replace=False)],
+        *thin_bodies(20, rng),
+    ]
+    env = AquaFishEnv(engine="pybullet", fin_angles="random", current=(20, -20, 20))
+    for body, actions in zip(bodies, bang_bang(400, 50, rng).swapaxes(0, 1), strict=True):
+        env.reset(seed=0, options={"morphology": body})
+        for action in actions:
+            seen, reward, terminated, truncated, info = env.step(action)
+            assert env.observation_space.contains(seen)
+            assert math.isfinite(reward)
+            assert not terminated
+            assert not info["diverged"]
+        assert truncated
+        assert all(np.isfinite(v).all() for v in info.values() if not isinstance(v, str))
+    env.close()
+
+
+# What makes a robot diverge: rows of the compiled engine's states, in the order of ``State``.
+BLOWS = {
+    "a spin of 1e200": (slice(10, 13), 1e200),
+    "a velocity of 1e200": (slice(7, 10), -1e200),
+    "an infinite position": (slice(4, 7), math.inf),
+    "no attitude": (slice(0, 4), NAN),
+    "a fin nowhere": (slice(13, 15), NAN),
+}
+
+
+def state_rows(env: Any) -> NDArray[Any]:
+    """View the compiled robots' own states, (22 or more, B), to be written to."""
+    if isinstance(env, AquaFishVectorEnv):
+        return env._lanes._table(env._lanes._states, lanes.STATE_ROWS)
+    return env._world._numbers[STATE, None]
+
+
+def strike(env: Any, blow: str, robot: int = 0) -> None:
+    """Spoil the state of one compiled robot."""
+    rows, value = BLOWS[blow]
+    state_rows(env)[rows, robot] = value
+
+
+def strike_bullet(env: Any, blow: str) -> None:
+    """Spoil the state of the robot in PyBullet."""
+    world, value = env._world, BLOWS[blow][1]
+    if blow.startswith("a fin"):
+        world._joints[:2] = value
+        return
+    name = {"a spin": "world_spin", "a velo": "velocity", "an inf": "velocity"}.get(
+        blow[:6], "orientation"
+    )
+    setattr(world, name, (value,) * (4 if name == "orientation" else 3))
+
+
+@pytest.mark.parametrize(
+    ("engine", "hit", "blow"),
+    [("numba", strike, blow) for blow in BLOWS]
+    + [("pybullet", strike_bullet, blow) for blow in BLOWS],
+)
+def test_divergence_ends_the_episode(
+    engine: str, hit: Callable[[Any, str], None], blow: str
+) -> None:
+    env = AquaFishEnv(engine=engine, fin_angles="random")
+    calm = AquaFishEnv(engine=engine, fin_angles="random")
+    for e in (env, calm):
+        e.reset(seed=0)
+        good, *_ = e.step(GO)
+    hit(env, blow)
+    seen, reward, terminated, truncated, info = env.step(GO)
+    assert (reward, terminated, truncated, info["diverged"]) == (0.0, True, False, True)
+    assert (seen == good).all()  # the last good one
+    assert all(np.isfinite(v).all() for v in info.values() if not isinstance(v, str))
+    with pytest.raises(ResetNeeded):
+        env.step(GO)
+    # Nothing of it is left in the next episode.
+    assert (env.reset(seed=5)[0] == calm.reset(seed=5)[0]).all()
+    for _ in range(20):
+        found, expected = env.step(GO), calm.step(GO)
+        assert (found[0] == expected[0]).all()
+        assert found[1] == expected[1]
+        assert not found[4]["diverged"]
+    env.close()
+    calm.close()
+
+
+def spin_up(env: Any, spin: float) -> None:
+    """Let a robot spin, about all three axes, at ``spin`` rad/s."""
+    if isinstance(env, AquaFishVectorEnv) or isinstance(env._world, CompiledWorld):
+        state_rows(env)[10:13] = spin
+        return
+    world = env._world
+    world.world_spin = (spin,) * 3
+    world._bullet.resetBaseVelocity(
+        world._robot, world.velocity, world.world_spin, physicsClientId=world._client
+    )
+
+
+RUNNERS: dict[str, Callable[[], Any]] = {
+    "pybullet": lambda: AquaFishEnv(engine="pybullet", frame_skip=1),
+    "numba": lambda: AquaFishEnv(engine="numba", frame_skip=1),
+    "lanes, float32": lambda: AquaFishVectorEnv(1, frame_skip=1, dtype="float32"),
+    "lanes, float64": lambda: AquaFishVectorEnv(1, frame_skip=1, dtype="float64"),
+}
+
+
+@pytest.mark.parametrize("spin", [30.0, 100.0, 300.0, 1e3, 1e6])
+@pytest.mark.parametrize("make", RUNNERS.values(), ids=RUNNERS)
+def test_a_runaway_is_told_before_it_scores(make: Callable[[], Any], spin: float) -> None:
+    """Explicit drag overshoots at such a spin: the speed grows at every step, yet is finite."""
+    env = make()
+    go = np.tile(GO, (*env.action_space.shape[:-1], 1))
+    env.reset(seed=0)
+    env.step(go)
+    spin_up(env, spin)
+    for _ in range(50):
+        _, reward, terminated, *_ = env.step(go)
+        assert np.abs(reward).max() < 1e6
+        if np.all(terminated):
+            break
+    assert np.all(terminated) == (spin >= 100)
+    env.close()
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+@pytest.mark.parametrize("blow", BLOWS)
+def test_divergence_of_one_robot_spares_the_others(blow: str, dtype: str) -> None:
+    env, calm = (AquaFishVectorEnv(9, dtype=dtype, fin_angles="random") for _ in range(2))
+    for e in (env, calm):
+        e.reset(seed=0)
+        good, *_ = e.step(np.tile(GO, (9, 1)))
+    with np.errstate(over="ignore"):  # 1e200 is infinite in float32
+        strike(env, blow, robot=4)
+    others = np.arange(9) != 4
+    for t in range(3):
+        seen, reward, terminated, truncated, info = env.step(np.tile(GO, (9, 1)))
+        expected = calm.step(np.tile(GO, (9, 1)))
+        assert (seen[others] == expected[0][others]).all()
+        assert (reward[others] == expected[1][others]).all()
+        assert (
+            terminated.tolist()
+            == info["diverged"].tolist()
+            == [t == 0 and i == 4 for i in range(9)]
+        )
+        assert not truncated.any()
+        assert np.isfinite(seen).all()
+        if t == 0:
+            assert (seen[4] == good[4]).all()
+            assert reward[4] == 0.0
+
+
+@pytest.mark.parametrize("engine", ["numba", "pybullet"])
+def test_a_log_is_nan_from_where_a_robot_diverged(
+    engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A current of 1e200 units/s is more than any arithmetic holds."""
+    monkeypatch.setattr(base, "MAXIMUM_CURRENT", 1e300)
+    log = simulate(
+        MAXIMA, (0.5, 0.5, 1.0), steps=40, engine=engine, dtype="float64", current=(1e200, 1e200, 0)
+    )
+    assert log.diverged.tolist() == [True]
+    good = np.isfinite(log.rpy[0]).all(axis=1)
+    assert not good[-1]
+    assert (np.diff(good.astype(int)) <= 0).all()
+
+
+# What a robot that diverged scores.
+
+
+class Sick:
+    """A simulator in which some robots diverge, ``late`` steps before the end.
+
+    Those are the robots whose first size is 1.
+    """
+
+    def __init__(self, how: float = NAN, late: int = 8, steps: int = 16) -> None:
+        self.how = how
+        self.late = late
+        self.steps = steps
+
+    def simulate(self, trials: Trials) -> Any:
+        log = simulate(trials.morphologies, trials.commands, trials.fin_angles, steps=self.steps)
+        sick = trials.morphologies[:, 0] == 1.0
+        for samples in (log.rpy, log.gyro):
+            samples[sick, -self.late :] = self.how
+        return log
+
+
+BEHAVIORS = [
+    BehaviorConfig(summary=summary, signal=signal, clamp=clamp, difference=difference)
+    for summary in ("dft", "mean_rate", "rms_rate")
+    for signal in ("attitude", "body_rates")
+    for clamp in (False, True)
+    for difference in ("complex", "magnitude")
+]
+
+
+@pytest.mark.parametrize("late", [1, 8])
+@pytest.mark.parametrize("how", [NAN, math.inf])
+@pytest.mark.parametrize("config", BEHAVIORS, ids=str)
+def test_a_candidate_that_diverged_is_like_nothing(
+    config: BehaviorConfig, how: float, late: int
+) -> None:
+    """``eea.laboratory``: its sim is DIVERGED, far below any other."""
+    laboratory = Laboratory(Sick(how, late), config, 16)
+    bodies = np.tile(MAXIMA / 2, (3, 1))
+    bodies[1, 0] = 1.0
+    commands, angles = np.tile([0.2, 0.3, 0.5], (3, 1)), np.zeros((3, 3))
+    observed = laboratory.behaviors(bodies[:1], commands[:1], angles[:1])[0]
+    similarity = laboratory.similarities(bodies, commands, angles, observed)
+    assert similarity[1] == DIVERGED
+    assert similarity[[0, 2]] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("config", BEHAVIORS, ids=str)
+def test_a_command_under_which_a_model_diverges_is_chosen_last(config: BehaviorConfig) -> None:
+    """``eea.exploration``: its ACT_FIT is -1, below all others."""
+    exploration = Exploration(
+        fish_actions(),
+        Laboratory(Sick(), config, 16),
+        ExplorationConfig(),
+        GeneticConfig(),
+        np.random.default_rng(0),
+    )
+    models = np.array([0.2, 0.4, 0.6])[:, None] * MAXIMA
+    commands = np.array([[0.2, 0.3, 0.5], [-0.5, 0.5, 1.0]])
+    fitness = exploration._disagreement(models, commands, np.zeros(3))
+    assert (fitness >= 0).all()
+    models[1, 0] = 1.0
+    assert (exploration._disagreement(models, commands, np.zeros(3)) == -1.0).all()
+
+
+def test_no_honest_similarity_is_as_low_as_divergence() -> None:
+    """The least alike of extreme bodies under extreme commands stay far above DIVERGED."""
+    rng = np.random.default_rng(0)
+    laboratory = Laboratory(Sick(steps=256), BehaviorConfig(), 256)
+    bodies = np.concatenate([CORNERS[CORNERS[:, 0] == 0], thin_bodies(64, rng)])
+    commands = np.where(rng.random((len(bodies), 3)) < 0.5, (-0.5, -0.5, 0.0), (0.5, 0.5, 1.0))
+    angles = rng.uniform(-np.pi, np.pi, (len(bodies), 3))
+    behaviors = laboratory.behaviors(bodies, commands, angles)
+    similarity = laboratory.similarities(bodies, commands, angles, np.roll(behaviors, 1, axis=0))
+    assert similarity.min() > DIVERGED / 1000
+
+
+def test_a_target_that_diverges_is_an_error_and_leaves_no_trace() -> None:
+    """A real robot does not; a log with NaN is no measurement."""
+
+    class Broken(EngineTarget):
+        sick = False
+
+        def perform(self, command: Any) -> Any:
+            log = super().perform(command)
+            if self.sick:
+                log.rpy[:, -1] = NAN
+            return log
+
+    config = EEAConfig(
+        condition="none",
+        rounds=2,
+        steps=16,
+        estimation=EstimationConfig(population=4, generations=2),
+        exploration=ExplorationConfig(population=4, generations=2),
+    )
+    target = Broken(steps=16, engine="numba", rng=np.random.default_rng(0))
+    eea = fish_eea(target, config)
+    rounds = iter(eea)
+    next(rounds)
+    target.sick = True
+    with pytest.raises(TargetError, match="must be finite"):
+        next(rounds)
+    assert len(eea.result.rounds) == 1
+    target.sick = False
+    assert len(eea.run().rounds) == 2
+
+
+def steady(clock: float = 0.7) -> Controller:
+    return Controller(
+        weights=np.zeros((3, network.INPUT_COUNT + 3)),
+        bias=np.ones(3),
+        response=np.ones(3),
+        clock=clock,
+        morphology=Morphology.nominal(),
+        seed=0,
+    )
+
+
+def sicken(monkeypatch: pytest.MonkeyPatch, robot: int) -> None:
+    """Let one robot of every batch in the lanes diverge."""
+
+    class SickBatch(lanes.LaneBatch):
+        def run(self, *args: Any, **kwargs: Any) -> Any:
+            if robot < self.batch:
+                self._table(self._states, lanes.STATE_ROWS)[10:13, robot] = NAN
+            return super().run(*args, **kwargs)
+
+    monkeypatch.setattr(lanes, "LaneBatch", SickBatch)
+
+
+def test_a_swim_that_diverged_has_no_distance(monkeypatch: pytest.MonkeyPatch) -> None:
+    sicken(monkeypatch, robot=1)
+    poses = rollout.random_poses(3, 0)
+    distances = rollout.swim_all([steady()], None, poses, seconds=1.0)
+    assert np.isnan(distances).tolist() == [[False, True, False]]
+    scored = score(steady(), None, poses, engine="numba", seconds=1.0)
+    assert math.isnan(scored.random_distance)
+    assert math.isfinite(scored.distance)
+
+
+@pytest.mark.parametrize("engine", ["numba", "pybullet"])
+def test_a_single_swim_that_diverged_ends_in_nan(
+    engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class SickWorld:
+        def __init__(self) -> None:
+            self.world, self.steps = make_world(engine), 0
+
+        def __getattr__(self, name: str) -> Any:
+            return getattr(self.world, name)
+
+        def advance(self, command: Any, steps: int = 1) -> None:
+            self.steps += steps
+            if self.steps > 20:
+                command = (1e250, 1e250, 0.0)  # a servo that turns that fast
+            self.world.advance(command, steps)
+
+    monkeypatch.setattr(rollout, "make_world", lambda _: SickWorld())
+    swim = rollout.swim(steady(), None, engine=engine, seconds=1.0)
+    assert math.isnan(swim.distance)
+    assert swim.time[-1] == 1.0
+    assert np.isfinite(swim.position[:-1]).all()
+
+
+def test_a_controller_that_diverges_is_the_worst_of_its_generation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """``gait.evolve``: it scores as DIVERGED_SPEED, worse than any that swam."""
+    told: list[list[float]] = []
+    tell = evolve.Evolution.tell
+
+    def listen(self: Any, fitness: Any) -> None:
+        told.append(list(fitness))
+        tell(self, fitness)
+
+    monkeypatch.setattr(evolve.Evolution, "tell", listen)
+    sicken(monkeypatch, robot=7)
+    config = evolve.EvolveConfig(generations=2, population=12, poses=0, seconds=2.0)
+    result = evolve.evolve_gait(None, config)
+    for fitness in told:
+        assert int(np.argmin(fitness)) == 7
+        assert fitness[7] == evolve.DIVERGED_SPEED * 2.0
+    assert math.isfinite(result.fitness)
+    assert result.fitness > evolve.DIVERGED_SPEED * 2.0

@@ -1,0 +1,282 @@
+"""Other processes, copies and threads give the same bytes; what cannot travel says so."""
+
+from __future__ import annotations
+
+import copy
+import multiprocessing
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.vector import AsyncVectorEnv
+from worker_jobs import ACTIONS, ENGINES, MAKERS, make_env, make_numba, play, run_simulate
+
+from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.validation import InvalidArgumentError
+
+CONTEXTS = [
+    c for c in ("spawn", "forkserver", "fork") if c in multiprocessing.get_all_start_methods()
+]
+BAD = np.array([np.nan, 0.0, 0.0], np.float32)
+
+
+@pytest.mark.parametrize("context", CONTEXTS)
+def test_asynchronous_environments_answer_as_in_process(context: str) -> None:
+    here = [make() for make in MAKERS]
+    there = AsyncVectorEnv(MAKERS, context=context)
+    try:
+        seen, _ = there.reset(seed=[3, 4])
+        assert [o.tobytes() for o in seen] == [
+            env.reset(seed=seed)[0].tobytes() for env, seed in zip(here, (3, 4), strict=True)
+        ]
+        for action in ACTIONS:
+            seen, rewards, *_, info = there.step(np.stack([action, action]))
+            for i, env in enumerate(here):
+                expected = env.step(action)
+                assert seen[i].tobytes() == expected[0].tobytes()
+                assert rewards[i] == expected[1]
+                assert info["y_position"][i] == expected[4]["y_position"]
+    finally:
+        there.close()
+        for env in here:
+            env.close()
+
+
+@pytest.mark.parametrize(
+    "method", [pytest.param("spawn", marks=pytest.mark.slow), "forkserver"]
+)  # each worker imports torch
+def test_stable_baselines_workers_answer_as_in_process(method: str) -> None:
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.vec_env import SubprocVecEnv
+
+    here = [make() for make in MAKERS]
+    there = SubprocVecEnv(list(MAKERS), start_method=method)
+    try:
+        there.seed(3)  # environment i gets 3 + i
+        seen = there.reset()
+        for i, env in enumerate(here):
+            assert seen[i].tobytes() == env.reset(seed=3 + i)[0].tobytes()
+        for action in ACTIONS:
+            seen, rewards, _, _ = there.step(np.stack([action, action]))
+            for i, env in enumerate(here):
+                expected = env.step(action)
+                assert seen[i].tobytes() == expected[0].tobytes()
+                assert rewards[i] == expected[1]
+    finally:
+        there.close()
+        for env in here:
+            env.close()
+
+
+@pytest.mark.parametrize("context", CONTEXTS)
+def test_pools_simulate_to_the_same_bytes(context: str) -> None:
+    """Forked workers come from a parent whose threads and PyBullet clients are in use."""
+    jobs = [(engine, seed) for engine in ENGINES for seed in range(2)]
+    expected = [run_simulate(job) for job in jobs]
+    with multiprocessing.get_context(context).Pool(2) as pool:
+        assert pool.map(run_simulate, jobs, chunksize=1) == expected
+    assert [run_simulate(job) for job in jobs] == expected
+
+
+FORK = """
+import os
+import sys
+
+import numpy as np
+from worker_jobs import ACTIONS, make_env, play, run_simulate
+
+env, other = make_env("pybullet", 1), make_env("numba", 1)
+before, calm = play(env, ACTIONS[:3]), play(make_env("pybullet", 1))
+also = play(other, ACTIONS[:3])
+calm_other = play(make_env("numba", 1))
+log = run_simulate(("numba", 0)), run_simulate(("pybullet", 0))
+child = os.fork()
+if child == 0:
+    code = 1
+    try:
+        for attempt in (lambda: env.step(ACTIONS[3]), lambda: env.reset(seed=0)):
+            try:
+                attempt()
+            except RuntimeError as error:
+                assert "before a fork" in str(error), error
+                assert 'engine="numba"' in str(error), error
+            else:
+                raise AssertionError("the child used its parent's world")
+        env.close()
+        env.close()
+        assert play(make_env("pybullet", 1)) == calm
+        assert also + play(other, ACTIONS[3:]) == calm_other  # this engine may be carried along
+        assert (run_simulate(("numba", 0)), run_simulate(("pybullet", 0))) == log
+        code = 0
+    finally:
+        sys.stdout.flush()
+        os._exit(code)
+_, status = os.waitpid(child, 0)
+assert os.waitstatus_to_exitcode(status) == 0
+assert before + play(env, ACTIONS[3:]) == calm
+assert also + play(other, ACTIONS[3:]) == calm_other
+env.close()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
+def test_a_fork_leaves_the_parents_world_alone() -> None:
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", FORK],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        cwd=Path(__file__).parent,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+CLONES = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
+
+
+@pytest.mark.parametrize("clone", CLONES, ids=["deepcopy", "pickle"])
+def test_a_copy_of_the_compiled_environment_goes_on_alike(clone: Callable[[Any], Any]) -> None:
+    env = make_env("numba", 7)
+    first = play(env, ACTIONS[:3])
+    other, third = clone(env), clone(env)
+    expected = play(env, ACTIONS[3:])
+    env.reset()  # the copies share nothing with it
+    assert play(other, ACTIONS[3:]) == expected
+    assert first + expected == play(make_env("numba", 7))
+    assert other.reset()[0].tobytes() == third.reset()[0].tobytes()  # the same generator, too
+
+
+@pytest.mark.parametrize("clone", CLONES, ids=["deepcopy", "pickle"])
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_a_copy_of_the_vector_environment_goes_on_alike(
+    clone: Callable[[Any], Any], mode: str
+) -> None:
+    def answers(env: AquaFishVectorEnv, steps: int) -> list[Any]:
+        found = []
+        for t in range(steps):
+            seen, rewards, terminated, truncated, info = env.step(np.tile(ACTIONS[t % 8], (5, 1)))
+            found.append((seen.tobytes(), rewards.tobytes(), truncated.tobytes()))
+            found.append((terminated.tobytes(), info["fin_angles"].tobytes()))
+        return found
+
+    env = AquaFishVectorEnv(5, fin_angles="random", frame_skip=200, autoreset_mode=mode)
+    env.reset(seed=1)
+    answers(env, 6)
+    other = clone(env)
+    expected = answers(env, 12)  # past the episode's end after 10 steps
+    env.reset(seed=99)
+    assert answers(other, 12) == expected
+
+
+@pytest.mark.parametrize("begun", [False, True])
+def test_a_pybullet_environment_refuses_to_be_copied_once_begun(begun: bool) -> None:
+    env = gym.make("AquaFish-v0", engine="pybullet")
+    if not begun:  # there is no world yet
+        other = pickle.loads(pickle.dumps(env))
+        assert other.reset(seed=0)[0].tobytes() == env.reset(seed=0)[0].tobytes()
+        other.close()
+    for clone in CLONES:
+        env.reset(seed=0)
+        with pytest.raises(TypeError, match=r"PyBullet world cannot be pickled or copied.*numba"):
+            clone(env)
+    env.close()
+    copy.deepcopy(env).reset(seed=0)  # closed, it holds no world
+
+
+def test_two_threads_simulate_as_one_after_the_other() -> None:
+    jobs = [(engine, seed) for seed in range(4) for engine in ENGINES]
+    expected = [run_simulate(job) for job in jobs]
+    with ThreadPoolExecutor(2) as pool:
+        for _ in range(3):
+            assert list(pool.map(run_simulate, jobs)) == expected
+
+
+def test_two_threads_step_their_own_environments() -> None:
+    def episode(job: tuple[str, int]) -> list[Any]:
+        env = make_env(*job)
+        answers = [play(env) for _ in range(20)]
+        env.close()
+        return answers
+
+    jobs = [(engine, seed) for seed in range(2) for engine in ENGINES]
+    expected = [episode(job) for job in jobs]
+    with ThreadPoolExecutor(4) as pool:
+        assert list(pool.map(episode, jobs)) == expected
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_bad_action_in_one_environment_does_not_touch_another(engine: str) -> None:
+    calm = play(make_env(engine, 2))
+    env, other = make_env(engine, 2), make_env(engine, 2)
+    answers, others = [], []
+    for action in ACTIONS:
+        with pytest.raises(InvalidArgumentError, match="action must be finite"):
+            other.step(BAD)
+        answers += play(env, [action])
+        others += play(other, [action])
+    assert answers == others == calm
+
+
+def test_an_interrupted_step_spoils_its_own_world_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C may come inside PyBullet; reset() makes that environment whole again."""
+    import pybullet
+
+    calm = play(make_env("pybullet", 2))
+    env, struck = make_env("pybullet", 2), make_env("pybullet", 3)
+    first = play(env, ACTIONS[:4])
+    step = pybullet.stepSimulation
+    calls = 0
+
+    def interrupt(*args: Any, **kwargs: Any) -> Any:
+        nonlocal calls
+        calls += 1
+        if calls == 3:
+            raise KeyboardInterrupt
+        return step(*args, **kwargs)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pybullet, "stepSimulation", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            struck.step(ACTIONS[0])
+    assert first + play(env, ACTIONS[4:]) == calm
+    struck.reset(seed=2)
+    assert play(struck) == calm
+    for one in (env, struck):
+        one.close()
+
+
+def test_an_interrupted_simulation_gives_its_client_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    import pybullet
+
+    from aquafish_gym.engines import clients
+
+    expected = run_simulate(("pybullet", 0))
+    idle = len(clients._idle_clients)
+
+    def interrupt(*_: Any, **__: Any) -> Any:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(pybullet, "stepSimulation", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            run_simulate(("pybullet", 0))
+    assert len(clients._idle_clients) == idle
+    assert run_simulate(("pybullet", 0)) == expected
+
+
+def test_a_worker_that_is_given_nonsense_does_not_take_the_others_along() -> None:
+    calm = play(make_env("numba", 2))
+    there = AsyncVectorEnv([make_numba, make_numba], context="spawn")
+    there.reset(seed=0)
+    with pytest.raises(InvalidArgumentError, match="action must be finite"), pytest.warns():
+        there.step(np.stack([ACTIONS[0], BAD]))
+    there.close(terminate=True)
+    assert play(make_env("numba", 2)) == calm
