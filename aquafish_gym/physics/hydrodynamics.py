@@ -9,9 +9,9 @@ It is quadratic, so power is never positive, and scale-free, so only the robot's
 matter. Quadratic it has to be: under a linear law a flipper that turns full circles makes no
 net impulse, however its speed varies within the turn.
 
-Each fin is three orthogonal plates through its middle (two opposite faces of a box give
-exactly the wrench of one two-sided plate), so at one quadrature point of a fin the law is
-anisotropic in the fin's own axes. Straight-line code for any carrier; see ``carriers.py``.
+Each fin is three orthogonal plates through its middle, one two-sided plate for two opposite
+faces of the box, so at one quadrature point of a fin the law is anisotropic in the fin's own
+axes. Straight-line code for any carrier; see ``carriers.py``.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""PyBullet and the compiled engine are one robot."""
+"""PyBullet and the compiled engine are one robot, and float32 stays near float64."""
 
 from __future__ import annotations
 
@@ -6,36 +6,124 @@ import numpy as np
 import pytest
 
 import aquafish_gym
-from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.morphology import DIMENSIONS, MAXIMA
+from aquafish_gym.verification.agreement import (
+    QUANTILES,
+    WHAT,
+    differences,
+    quantiles,
+    single_precision,
+    swim,
+)
+from aquafish_gym.verification.trials import random_trials
 
-pytest.importorskip("pybullet")
+Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+STILL = (0.0, 0.0, 0.0)
 
 
-def trials(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    rng = np.random.default_rng(seed)
-    return (
-        rng.uniform(0, 1, (count, 9)) * MAXIMA,
-        rng.uniform([-0.5, -0.5, 0], [0.5, 0.5, 1], (count, 3)),
-        rng.uniform(-np.pi, np.pi, (count, 3)),
+def fifty_cases() -> Trial:
+    """Return random trials, among them fins of no size, of full size, and next to nothing."""
+    trials = random_trials(50, seed=0)
+    bodies = trials.morphologies
+    bodies[0], bodies[1] = 0.0, MAXIMA
+    for i in range(len(DIMENSIONS)):
+        bodies[2 + i, i] = 0.0
+        bodies[11 + i, i] = MAXIMA[i]
+    bodies[20, :3] = 0.0
+    bodies[21] = 1e-9
+    trials.commands[22] = 0.0
+    trials.commands[23] = 0.5, -0.5, 1.0
+    return bodies, trials.commands, trials.fin_angles
+
+
+def largest_gap(trials: Trial, steps: int, **settings: object) -> float:
+    """Return the largest difference of the two engines in all that they log."""
+    pytest.importorskip("pybullet")
+    ours, bullets = (
+        aquafish_gym.simulate(
+            *trials, steps=steps, engine=engine, dtype="float64", record="pose", **settings
+        )  # type: ignore[arg-type]
+        for engine in ("numba", "pybullet")
     )
+    assert not ours.diverged.any()
+    gaps = [abs(getattr(ours, name) - getattr(bullets, name)).max() for name in WHAT]
+    # A quaternion and its negative are one attitude.
+    same = np.sign((ours.quaternion * bullets.quaternion).sum(axis=2, keepdims=True))
+    gaps.append(abs(ours.quaternion - same * bullets.quaternion).max())
+    gaps.append(abs(np.exp(1j * ours.fin_angles) - np.exp(1j * bullets.fin_angles)).max())
+    return float(max(gaps))
+
+
+def test_lanes_equal_pybullet_in_fifty_cases() -> None:
+    assert largest_gap(fifty_cases(), steps=512) < 1e-9
 
 
 @pytest.mark.parametrize(
-    ("substeps", "current"), [(1, (0.0, 0.0, 0.0)), (1, (0.3, -0.2, 0.1)), (4, (0.0, 0.0, 0.0))]
+    ("substeps", "current", "cases", "steps"),
+    [
+        (1, (0.3, -0.2, 0.1), slice(0, 50), 128),
+        (4, STILL, slice(0, 24), 128),
+        (8, (-1.0, 0.5, 0.25), slice(0, 24), 64),
+    ],
+    ids=["current", "4 substeps", "8 substeps in a current"],
 )
-def test_lanes_equal_pybullet(substeps: int, current: tuple[float, float, float]) -> None:
-    """Over 20 random bodies, commands and angles and 5.12 s; two of the bodies are extremes."""
-    bodies, commands, angles = trials(20, seed=0)
-    bodies[0], bodies[1] = 0.0, MAXIMA
-    ours, bullets = (
-        aquafish_gym.simulate(
-            bodies, commands, angles, steps=512, engine=engine, dtype="float64",
-            substeps=substeps, current=current, record="pose",
-        )
-        for engine in ("numba", "pybullet")
-    )  # fmt: skip
-    for name in ("rpy", "gyro", "position", "quaternion"):
-        difference = abs(getattr(ours, name) - getattr(bullets, name))
-        assert difference.max() < 1e-9, name
-    turns = np.exp(1j * ours.fin_angles) - np.exp(1j * bullets.fin_angles)
-    assert abs(turns).max() < 1e-9
+def test_lanes_equal_pybullet_in_currents_and_substeps(
+    substeps: int, current: tuple[float, float, float], cases: slice, steps: int
+) -> None:
+    bodies, commands, angles = fifty_cases()
+    trials = bodies[cases], commands[cases], angles[cases]
+    assert largest_gap(trials, steps, substeps=substeps, current=current) < 1e-9
+
+
+def test_lanes_equal_pybullet_for_twenty_seconds() -> None:
+    bodies, commands, angles = fifty_cases()
+    trials = bodies[20:26], commands[20:26], angles[20:26]
+    assert largest_gap(trials, steps=2000) < 1e-9
+
+
+# --- single precision -----------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def growth() -> dict[tuple[str, float], dict[str, float]]:
+    """Return the quantiles of float32's error over 250 robots, by what and duration."""
+    parts = list(single_precision(robots=250))
+    return {
+        (str(r["what"]), float(r["seconds"])): {q: float(r[q]) for q in QUANTILES}  # type: ignore[arg-type]
+        for r in quantiles(parts)
+    }
+
+
+# Rounding of 1e-7 a step may add up over the trial, no more.
+BOUNDS = {1.28: 1e-5, 2.56: 2e-5, 5.12: 5e-5, 20.0: 5e-4}
+
+
+@pytest.mark.parametrize("seconds", BOUNDS)
+@pytest.mark.parametrize("what", WHAT)
+def test_float32_stays_near_float64_at_the_median(growth: dict, what: str, seconds: float) -> None:
+    assert 0 < growth[what, seconds]["median"] < BOUNDS[seconds]
+
+
+def test_float32_differs_more_the_longer_it_runs(growth: dict) -> None:
+    for what in WHAT:
+        medians = [growth[what, seconds]["median"] for seconds in BOUNDS]
+        assert medians == sorted(medians)
+    for row in growth.values():
+        assert list(row.values()) == sorted(row.values()), "quantiles are in order"
+
+
+def test_differences_are_the_largest_so_far() -> None:
+    trials = random_trials(3, seed=1)
+    one, other = (swim("numba", dtype, trials, 60) for dtype in ("float32", "float64"))
+    gaps = differences(one, other)
+    for name in WHAT:
+        assert gaps[name].shape == (3, 60)
+        assert (np.diff(gaps[name], axis=1) >= 0).all()
+        expected = abs(getattr(one, name).astype(np.float64) - getattr(other, name))
+        np.testing.assert_array_equal(gaps[name][:, -1], expected.max(axis=(1, 2)))
+
+
+def test_no_robot_diverges_in_single_precision() -> None:
+    trials = random_trials(250)
+    assert not swim("numba", "float32", trials, 512).diverged.any()

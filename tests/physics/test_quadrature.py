@@ -1,7 +1,4 @@
-"""The fins' quadrature against 64 x 64 Gauss points on each of the three plates.
-
-``python tests/physics/test_quadrature.py`` prints the study's table.
-"""
+"""The drag law's few points against the whole surface, and the reference against itself."""
 
 from __future__ import annotations
 
@@ -9,66 +6,117 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.hydrodynamics import NORMAL_DRAG, SKIN_FRICTION
-from harness import drag
+from aquafish_gym.physics.hydrodynamics import DENSITY, NORMAL_DRAG, SKIN_FRICTION
+from aquafish_gym.verification.harness import drag
+from aquafish_gym.verification.momentum import Momentum
+from aquafish_gym.verification.quadrature import (
+    body_by_law,
+    body_reference,
+    capsule_wrench,
+    even_strips,
+    fin_as_box,
+    fin_by_rule,
+    fin_reference,
+    fine_strips,
+    gauss_rule,
+    midpoint_rule,
+    motions_met,
+    random_motion,
+    relative_errors,
+)
+from aquafish_gym.verification.surface import Surface
+from aquafish_gym.verification.trials import random_trials
 
 Array = NDArray[np.float64]
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(64)
 
-
-def reference(size: Array, velocity: Array, spin: Array) -> Array:
-    """Integrate the law over three whole plates through the fin's middle: (6,) wrench."""
-    middle = np.array([0.0, -size[1] / 2, 0.0])
-    total = np.zeros(6)
-    for normal in range(3):
-        first, second = (i for i in range(3) if i != normal)
-        points = np.zeros((64, 64, 3)) + middle
-        points[..., first] += (NODES * size[first] / 2)[:, None]
-        points[..., second] += (NODES * size[second] / 2)[None, :]
-        areas = np.outer(WEIGHTS, WEIGHTS) / 4 * size[first] * size[second]
-        v = velocity + np.cross(spin, points)
-        along = np.zeros(3)
-        along[normal] = NORMAL_DRAG - 2 * SKIN_FRICTION
-        law = v * (2 * SKIN_FRICTION + along)
-        force = -0.5 * (areas * np.linalg.norm(v, axis=-1))[..., None] * law
-        total[:3] += force.sum(axis=(0, 1))
-        total[3:] += np.cross(points, force).sum(axis=(0, 1))
-    return total
-
-
-def study(sizes: Array, seed: int) -> tuple[float, float]:
-    """Return the rms error of force and of torque, each relative to its rms."""
-    rng = np.random.default_rng(seed)
-    count = len(sizes)
-    motion = np.concatenate([0.5 * rng.normal(size=(3, count)), 1.5 * rng.normal(size=(3, count))])
-    motion[3] += rng.uniform(-np.pi, np.pi, count)
-    rule = drag("floats", sizes.T, motion)
-    truth = np.stack(
-        [reference(s, m[:3], m[3:]) for s, m in zip(sizes, motion.T, strict=True)], axis=1
-    )
-    rms = np.sqrt(((rule - truth) ** 2).reshape(2, -1).mean(axis=1))
-    return tuple(rms / np.sqrt((truth**2).reshape(2, -1).mean(axis=1)))  # type: ignore[return-value]
-
-
-FINS = {
-    "any pectoral": lambda rng: rng.uniform(0, [1, 2, 0.5], (200, 3)),
-    "any caudal": lambda rng: rng.uniform(0, [1, 2, 0.5], (200, 3)),
-    "nominal pectoral": lambda _: np.tile([0.4, 1.6, 0.1], (200, 1)),
-    "nominal caudal": lambda _: np.tile([0.6, 1.4, 0.4], (200, 1)),
+SIZES = {
+    "any fin": lambda rng: rng.uniform(0, [1, 2, 0.5], (200, 3)).T,
+    "nominal flipper": lambda _: np.tile([[0.4], [1.6], [0.1]], (1, 200)),
+    "nominal tail": lambda _: np.tile([[0.6], [1.4], [0.4]], (1, 200)),
 }
 
 
-@pytest.mark.parametrize("fin", FINS)
-def test_force_and_torque_are_within_one_percent(fin: str) -> None:
-    force, torque = study(FINS[fin](np.random.default_rng(0)), seed=1)
-    assert force < 0.01
-    assert torque < 0.01
+@pytest.mark.parametrize("fin", SIZES)
+def test_the_laws_points_are_within_one_percent_in_wild_motion(fin: str) -> None:
+    rng = np.random.default_rng(0)
+    size, motion = SIZES[fin](rng), random_motion(rng, 200)
+    force, torque = relative_errors(drag("numba", size, motion), fin_reference(size, motion, 24))
+    assert 0 < force < 0.01
+    assert 0 < torque < 0.01
 
 
-if __name__ == "__main__":
-    for name, sizes in FINS.items():
-        print(
-            "{:18s} force {:.2%} torque {:.2%}".format(
-                name, *study(sizes(np.random.default_rng(0)), 1)
-            )
-        )
+def test_the_laws_points_are_within_two_percent_as_met_while_swimming() -> None:
+    met = motions_met(random_trials(60))
+    pairs = [(drag("numba", *fin), fin_reference(*fin, 24)) for fin in (met.flippers, met.tails)]
+    pairs.append((body_by_law(met.bodies), body_reference(met.bodies, 24)))
+    for found, truth in pairs:
+        assert max(relative_errors(found, truth)) < 0.02
+
+
+def test_the_reference_has_converged() -> None:
+    rng = np.random.default_rng(1)
+    size, motion = SIZES["any fin"](rng), random_motion(rng, 200)
+    assert max(relative_errors(fin_reference(size, motion, 16), fin_reference(size, motion))) < 1e-5
+    assert max(relative_errors(body_reference(motion, 16), body_reference(motion))) < 1e-4
+
+
+def test_more_points_come_nearer() -> None:
+    rng = np.random.default_rng(2)
+    size, motion = SIZES["any fin"](rng), random_motion(rng, 200)
+    truth = fin_reference(size, motion, 24)
+    for rule in (midpoint_rule, gauss_rule):
+        errors = [
+            max(relative_errors(fin_by_rule(size, motion, rule(n), rule(n)), truth))
+            for n in (1, 2, 4)
+        ]
+        assert errors[0] > 2 * errors[1] > 2 * errors[2]
+
+
+def test_a_plate_in_straight_flow_feels_the_law_itself() -> None:
+    """Along its normal C_N, along its sides friction on both faces."""
+    size, speed = np.array([[0.5], [1.2], [0.0]]), 1.7
+    area = 0.5 * 1.2
+    for axis, coefficient in ((2, NORMAL_DRAG), (0, 2 * SKIN_FRICTION), (1, 2 * SKIN_FRICTION)):
+        motion = np.zeros((6, 1))
+        motion[axis] = speed
+        force = fin_reference(size, motion, 4)[axis, 0]
+        np.testing.assert_allclose(force, -0.5 * DENSITY * coefficient * area * speed**2)
+
+
+def test_a_box_in_straight_flow_is_its_plates() -> None:
+    """Without rotation one face of two leads, and it matters not where along the normal."""
+    size = SIZES["any fin"](np.random.default_rng(3))
+    motion = np.zeros((6, 200))
+    motion[:3] = np.random.default_rng(4).normal(size=(3, 200))
+    found, plates = fin_as_box(size, motion, 4), fin_reference(size, motion, 4)
+    np.testing.assert_allclose(found[:3], plates[:3], rtol=1e-12)
+
+
+def test_the_strips_are_the_capsule() -> None:
+    area = 3.0 * 1.0 + np.pi * 0.25
+    np.testing.assert_allclose(fine_strips()[1].sum(), area)
+    np.testing.assert_allclose(even_strips(500)[1].sum(), area, rtol=1e-3)
+    motion = np.array([[0.0], [0.0], [0.0], [1.0], [0.0], [0.0]])
+    wrench = capsule_wrench(motion, *fine_strips())
+    assert wrench[3, 0] < 0, "what pitches is slowed"
+    np.testing.assert_allclose(wrench[[0, 1, 2, 4, 5], 0], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("robot", range(4))
+def test_the_wrench_is_that_of_the_whole_surface(robot: int) -> None:
+    """Stated anew in body axes, point by point: frames, levers and signs are the same."""
+    trials = random_trials(4, seed=5)
+    model = Momentum.of(
+        trials.morphologies[robot], trials.commands[robot], trials.fin_angles[robot]
+    )
+    surface = Surface(model.robot)
+    rng = np.random.default_rng(robot)
+    few, whole = [], []
+    for time in np.linspace(0, 3, 40):
+        q = rng.normal(size=4)
+        motion = time, q / np.linalg.norm(q), rng.normal(size=3), rng.normal(size=3)
+        model.surface = None
+        few.append(np.concatenate(model.water(*motion)))
+        model.surface = surface.wrench
+        whole.append(np.concatenate(model.water(*motion)))
+    assert max(relative_errors(np.array(few).T, np.array(whole).T)) < 0.02

@@ -1,0 +1,211 @@
+"""Everything that can swim a robot, behind one interface, for the tests with known answers.
+
+A new engine is a class of a few lines and one entry in ``SWIMMERS``. What one of them cannot do
+stands in its ``cannot``, with the reason; ``python tests/physics/test_known_answers.py`` prints
+which tests that leaves out.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.lanes import LaneBatch
+from aquafish_gym.engines.single import STATE, CompiledWorld
+from aquafish_gym.physics.kinematics import State, rotation, to_world
+from aquafish_gym.verification import harness
+
+Array = NDArray[np.float64]
+Vector = tuple[float, float, float]
+STILL: Vector = (0.0, 0.0, 0.0)
+
+
+class CannotError(Exception):
+    """This swimmer cannot do what was asked."""
+
+
+class Swimmer:
+    """What the tests ask of whatever swims.
+
+    ``rounding`` is what one rounding may do to a number of order one, and ``robots`` how many
+    robots a test should take: fewer where they are slow.
+    """
+
+    rounding = 2e-16
+    robots = 10
+    cannot: ClassVar[dict[str, str]] = {}
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def march(
+        self,
+        bodies: Array,
+        states: Array,
+        commands: Array,
+        h: float = TIMESTEP,
+        steps: int = 1,
+        current: Vector = STILL,
+        push: Vector = STILL,
+        wet: bool = True,
+    ) -> Array:
+        """Return the states (25, B) after some steps; see ``harness.march``."""
+        asked = {"short steps": h != TIMESTEP, "push": push != STILL, "dry": not wet}
+        for need, wanted in asked.items():
+            if wanted and need in self.cannot:
+                raise CannotError(self.cannot[need])
+        return self._march(bodies, states, commands, h, steps, current, push, wet)
+
+    def drag(self, fins: Array, motion: Array) -> Array:
+        """Return the drag on fins (6, B); see ``harness.drag``."""
+        if "drag" in self.cannot:
+            raise CannotError(self.cannot["drag"])
+        return self._drag(fins, motion)
+
+    def _march(self, *_: Any) -> Array:
+        raise NotImplementedError
+
+    def _drag(self, *_: Any) -> Array:
+        raise NotImplementedError
+
+
+class Carrier(Swimmer):
+    """The physics' own functions on one kind of number."""
+
+    def __init__(self, carrier: str, rounding: float = 2e-16, robots: int = 10) -> None:
+        super().__init__(f"carrier {carrier}")
+        self.carrier, self.rounding, self.robots = carrier, rounding, robots
+
+    def _march(self, bodies, states, commands, h, steps, current, push, wet):  # type: ignore[no-untyped-def]
+        return harness.march(
+            self.carrier, bodies, states, commands, h, steps, current, push, wet
+        )  # fmt: skip
+
+    def _drag(self, fins, motion):  # type: ignore[no-untyped-def]
+        return harness.drag(self.carrier, fins, motion)
+
+
+_NO_DRAG = "it computes the drag within its steps; the carriers show the law by itself"
+_COMPILED: dict[str, str] = {
+    "drag": _NO_DRAG,
+    "push": "the loop is compiled with the water alone",
+    "dry": "the loop is compiled with the water in it",
+}
+
+
+class Lanes(Swimmer):
+    """The engine ``numba``."""
+
+    cannot = _COMPILED
+
+    def __init__(self, dtype: type[np.floating], rounding: float) -> None:
+        super().__init__(f"engine numba, {np.dtype(dtype)}")
+        self.dtype, self.rounding = dtype, rounding
+
+    def _march(self, bodies, states, commands, h, steps, current, *_):  # type: ignore[no-untyped-def]
+        substeps = round(TIMESTEP / h)
+        lanes = LaneBatch(bodies, np.zeros((len(bodies), 3)), current, self.dtype, substeps)
+        lanes._table(lanes._states, len(states))[:] = states
+        samples, rest = divmod(steps, substeps)
+        assert rest == 0, "a whole number of samples"
+        lanes.advance(commands, samples)
+        return lanes._table(lanes._states, len(states)).astype(np.float64)
+
+
+class Single(Swimmer):
+    """The compiled engine's world of one robot, which environments step."""
+
+    cannot: ClassVar[dict[str, str]] = {**_COMPILED, "short steps": "its steps are of 0.01 s"}
+
+    def __init__(self) -> None:
+        super().__init__("world numba")
+
+    def _march(self, bodies, states, commands, _h, steps, current, *_):  # type: ignore[no-untyped-def]
+        ends, world = [], CompiledWorld()
+        for body, row, command in zip(bodies, states.T, commands, strict=True):
+            world.reset(body, STILL, current)
+            world._numbers[STATE] = row[STATE]
+            world.advance(tuple(command.tolist()), steps)
+            ends.append(flatten(world.state()))
+        return np.array(ends).T
+
+
+class Bullet(Swimmer):
+    """The engine ``pybullet``, its robot put into any state."""
+
+    rounding = 2e-15  # its solver iterates
+    robots = 4
+    cannot: ClassVar[dict[str, str]] = {"drag": _NO_DRAG}
+
+    def __init__(self) -> None:
+        super().__init__("engine pybullet")
+
+    def _march(self, bodies, states, commands, h, steps, current, push, wet):  # type: ignore[no-untyped-def]
+        from aquafish_gym.engines.bullet import BulletWorld
+
+        world = BulletWorld()
+        world.timestep = h
+        water = world._push
+        world._push = pushed(water, push, wet)
+        try:
+            ends = []
+            for body, row, command in zip(bodies, states.T, commands, strict=True):
+                angles = np.arctan2(row[14:20:2], row[13:19:2])
+                world.reset(body, tuple(angles.tolist()), current)
+                place(world, row)
+                world.advance(tuple(command.tolist()), steps)
+                ends.append(flatten(world.state()))
+        finally:
+            world.close()
+        return np.array(ends).T
+
+
+def pushed(water: Any, push: Vector, wet: bool) -> Any:
+    """Return what a world calls for its wrench, with a push in body axes, or without water."""
+
+    def call(column, joints, orientation, *others):  # type: ignore[no-untyped-def]
+        force, torque, sweep = water(column, joints, orientation, *others)
+        if not wet:
+            force = torque = STILL
+        more = to_world(rotation(orientation), push)
+        return tuple(a + b for a, b in zip(force, more, strict=True)), torque, sweep
+
+    return call
+
+
+def place(world: Any, row: Array) -> None:
+    """Put the robot of a world that was just reset into a state."""
+    quaternion, position, velocity, spin = (
+        tuple(row[part].tolist())
+        for part in (harness.QUATERNION, harness.POSITION, harness.VELOCITY, harness.SPIN)
+    )
+    world_spin = to_world(rotation(quaternion), spin)
+    bullet, robot, client = world._bullet, world._robot, world._client
+    for joint, rate in enumerate(row[harness.RATES].tolist()):
+        angle = bullet.getJointState(robot, joint, physicsClientId=client)[0]
+        bullet.resetJointState(robot, joint, angle, rate, physicsClientId=client)
+    bullet.resetBasePositionAndOrientation(robot, position, quaternion, physicsClientId=client)
+    bullet.resetBaseVelocity(robot, velocity, world_spin, physicsClientId=client)
+    world.position, world.orientation = position, quaternion
+    world.velocity, world.world_spin = velocity, world_spin
+    world._joints[:] = row[13:22]
+
+
+def flatten(state: State) -> Array:
+    """Return a state as a row of 25; its roll, pitch and yaw are left out."""
+    return np.array([x for part in state for x in part] + [0.0] * 3)
+
+
+SWIMMERS: tuple[Swimmer, ...] = (
+    Carrier("floats", robots=3),
+    Carrier("numba"),
+    Carrier("float64"),
+    Carrier("float32", rounding=1e-7),
+    Lanes(np.float64, rounding=2e-16),
+    Lanes(np.float32, rounding=1e-7),
+    Single(),
+    Bullet(),
+)

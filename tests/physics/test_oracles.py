@@ -1,0 +1,137 @@
+"""The oracles agree with each other, and the engines' scheme tends to them."""
+
+from __future__ import annotations
+
+import sys
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.robot import BODY_MASS, robot_from_column, robot_parameters
+from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.verification import mechanics
+from aquafish_gym.verification.momentum import Momentum, inertia_and_swing
+from aquafish_gym.verification.mujoco_robot import DryRobot, load_mujoco, mujoco_model
+from aquafish_gym.verification.rk4 import integrate, quaternion_rate, rotation_matrix
+from aquafish_gym.verification.trials import random_trials
+
+
+@pytest.fixture(scope="module")
+def gaps() -> dict[str, np.ndarray]:
+    """Return the gaps to MuJoCo, (robots, quantities), of each statement of the motion."""
+    pytest.importorskip("mujoco")
+    parts = list(mechanics.compare(robots=4, seed=1))
+    return {name: np.array([part[name] for part in parts]) for name in parts[0]}
+
+
+def test_without_water_the_momentum_form_moves_as_mujocos_robot(gaps: dict) -> None:
+    """Over 5 s, from a moving start: position, attitude, and both momenta."""
+    assert gaps["momentum"].max() < 1e-7
+    assert gaps["mujoco"].max() < 1e-7, "and MuJoCo's own momenta are kept"
+
+
+def test_without_water_the_scheme_tends_to_mujocos_motion_with_order_one(gaps: dict) -> None:
+    steps = [gaps[f"{h:g}"] for h in mechanics.STEPS]
+    assert np.median(steps[0][:, 1]) > 1e-4, "at a step of 0.01 s the gap shows"
+    for coarse, fine in pairwise(steps):
+        orders = np.log2(coarse / fine)
+        np.testing.assert_allclose(np.median(orders), 1.0, atol=0.1)
+
+
+def test_without_water_the_scheme_tends_to_nothing_but_mujocos_motion(gaps: dict) -> None:
+    """Extrapolated to no step, so that not even a small wrong term can hide in its error."""
+    finest = gaps[f"{mechanics.STEPS[-1]:g}"]
+    assert (gaps[mechanics.EXTRAPOLATED] < finest / 100).all()
+
+
+def test_extrapolation_cancels_two_powers_of_the_step() -> None:
+    paths = [np.array([3.0 + 2 * h - 5 * h**2]) for h in mechanics.STEPS]
+    np.testing.assert_allclose(mechanics.extrapolate(*paths), 3.0, rtol=1e-14)
+
+
+def test_mujocos_inertia_matrix_is_the_momentum_forms() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    trials = random_trials(5, seed=2)
+    trials.morphologies[0], trials.morphologies[1] = 0.0, MAXIMA
+    rng = np.random.default_rng(3)
+    for body in trials.morphologies:
+        model = mujoco_model(body)
+        data = mujoco.MjData(model)
+        angles = rng.uniform(-np.pi, np.pi, 3)
+        data.qpos[7:] = angles
+        mujoco.mj_fwdPosition(model, data)
+        rows = []
+        for unit in np.eye(model.nv)[:6]:
+            product = np.empty(model.nv)
+            mujoco.mj_mulM(model, data, product, unit)
+            rows.append(product[:6])
+        robot = robot_from_column(robot_parameters(body[None])[:, 0])
+        inertia, _ = inertia_and_swing(robot, angles, np.zeros(3))
+        np.testing.assert_allclose(rows, inertia, atol=1e-12)
+
+
+def test_the_mujoco_model_is_the_robot() -> None:
+    pytest.importorskip("mujoco")
+    model = mujoco_model(None, 0.002)
+    assert (model.nq, model.nv, model.nu) == (10, 9, 3)
+    assert model.opt.timestep == 0.002
+    assert not model.opt.gravity.any()
+    assert model.opt.density == model.opt.viscosity == 0
+    np.testing.assert_allclose(model.body_mass[1], BODY_MASS)
+    np.testing.assert_allclose(model.body_mass[2:], [0.064, 0.064, 0.336])
+
+
+def test_mujocos_servos_reach_their_speed() -> None:
+    mujoco = pytest.importorskip("mujoco")
+    model = mujoco_model(None, 0.01)
+    data = mujoco.MjData(model)
+    data.ctrl[:] = 3.0, -3.0, 1.0
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+    np.testing.assert_allclose(data.qvel[6:], data.ctrl, rtol=1e-3)
+
+
+@pytest.mark.parametrize("timestep", [0.0, -1.0, float("nan"), float("inf"), "0.01"])
+def test_a_timestep_must_be_positive(timestep: object) -> None:
+    with pytest.raises(InvalidArgumentError, match="timestep must be a positive number"):
+        mujoco_model(None, timestep)  # type: ignore[arg-type]
+
+
+def test_without_mujoco_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    for use in (load_mujoco, mujoco_model, lambda: DryRobot(None, np.zeros(3), np.zeros(3))):
+        with pytest.raises(EngineUnavailableError, match=r'pip install "aquafish-gym\[bench\]"'):
+            use()
+
+
+def test_rk4_is_of_fourth_order() -> None:
+    errors = [
+        abs(
+            integrate(lambda t, y: y * np.cos(t), np.ones(1), h, round(2 / h))[0]
+            - np.exp(np.sin(2))
+        )
+        for h in (0.1, 0.05)
+    ]
+    np.testing.assert_allclose(np.log2(errors[0] / errors[1]), 4.0, atol=0.2)
+
+
+def test_a_turning_quaternion_turns_its_axes_about_the_spin() -> None:
+    """dR/dt = R [w], with w in the body's own axes."""
+    rng = np.random.default_rng(4)
+    q, w = rng.normal(size=4), rng.normal(size=3)
+    q /= np.linalg.norm(q)
+    skew = np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+    dq, small = quaternion_rate(q, w), 1e-6
+    rate = (rotation_matrix(q + small * dq) - rotation_matrix(q - small * dq)) / (2 * small)
+    np.testing.assert_allclose(rate, rotation_matrix(q) @ skew, atol=1e-9)
+    np.testing.assert_allclose(rotation_matrix(q) @ rotation_matrix(q).T, np.eye(3), atol=1e-14)
+
+
+def test_a_moving_start_has_the_velocity_it_was_given() -> None:
+    trials = random_trials(1, seed=6)
+    model = Momentum.of(trials.morphologies[0], trials.commands[0], trials.fin_angles[0])
+    velocity, spin = np.array([0.3, -0.1, 0.2]), np.array([1.0, 0.5, -0.2])
+    found = model.velocities(0.0, model.moving(velocity, spin))
+    np.testing.assert_allclose(found, (velocity, spin), atol=1e-14)

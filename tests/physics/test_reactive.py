@@ -1,0 +1,542 @@
+"""The optional reactive terms: conserved quantities, known answers, engines, and an oracle."""
+
+from __future__ import annotations
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose, assert_array_equal
+
+from aquafish_gym import simulate
+from aquafish_gym.engines.lanes import LaneBatch
+from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.physics import reactive
+from aquafish_gym.physics.dynamics import Water, advance, forces, gather, step
+from aquafish_gym.physics.hydrodynamics import DENSITY
+from aquafish_gym.physics.kinematics import (
+    State,
+    at_rest,
+    caudal_angle,
+    drive,
+    joint_accelerations,
+    joint_angles,
+    next_joints,
+    rotation,
+    to_body,
+)
+from aquafish_gym.physics.reactive import (
+    BODY_ADDED_INERTIA,
+    BODY_ADDED_MASS,
+    accelerations_with,
+    added_water,
+    fin_added_mass,
+    finite_span,
+    plate_inertia,
+    plate_mass,
+    step_reactive,
+    trailing_edge,
+)
+from aquafish_gym.robot import (
+    BODY_INERTIA,
+    BODY_MASS,
+    CAUDAL_Y,
+    MINIMUM_FIN_MASS,
+    Fin,
+    Robot,
+    robot_from_column,
+    robot_parameters,
+)
+from aquafish_gym.verification import reactive as studies
+from aquafish_gym.verification.momentum import inertia_and_swing
+from aquafish_gym.verification.reactive import (
+    ReactiveMomentum,
+    lattice_share,
+    lighthill_thrust,
+    scheme_errors,
+    tail_body,
+    water_inertia_and_swing,
+)
+from aquafish_gym.verification.rk4 import rotation_matrix
+from aquafish_gym.verification.trials import random_trials
+
+Vector = tuple[float, float, float]
+
+ZERO: Vector = (0.0, 0.0, 0.0)
+DRY = Water((ZERO, ZERO), (ZERO, ZERO), (ZERO, ZERO), (ZERO, ZERO))
+NO_FINS = np.zeros(9)
+BODY = np.array([0.7, 1.3, 0.3, 0.5, 1.9, 0.1, 0.4, 1.1, 0.8])
+TAIL_ALONE = np.array([0.0] * 6 + [0.1, 1.4, 0.6])
+SHARES = st.one_of(st.just(0.0), st.just(1.0), st.floats(0, 1))
+ANGLES = st.floats(-math.pi, math.pi)
+SPEEDS = st.floats(-5, 5)
+
+
+def robot_of(sizes: np.ndarray) -> Robot:
+    return robot_from_column(robot_parameters(np.asarray(sizes, np.float64)[None])[:, 0])
+
+
+def moving(velocity: Vector, spin: Vector = ZERO, angles: Vector = ZERO) -> State:
+    return at_rest(angles)._replace(velocity=velocity, spin=spin)
+
+
+def march(robot: Robot, state: State, command: Vector, h: float, steps: int, wet: bool) -> State:
+    """Advance on plain floats, with the law's drag or without."""
+    by = drive(command, h)
+    for _ in range(steps):
+        joints = next_joints(state, by, h)
+        push = joint_accelerations(state, joints, h)
+        water = forces(robot, state, ZERO) if wet else DRY
+        added = added_water(robot, state, push, ZERO)
+        found = accelerations_with(gather(robot, state, push, water), added, state.spin)
+        state = advance(state, joints, found, h)
+    return state
+
+
+def totals(robot: Robot, state: State) -> tuple[np.ndarray, float]:
+    """Return impulse and angular impulse of robot and water (6,), and their energy if locked.
+
+    By the virtual work of ``verification/reactive.py``, which knows no accelerations.
+    """
+    left, right, phase = joint_angles(state)
+    angles = np.array([left, right, caudal_angle((math.cos(phase), math.sin(phase)))])
+    rates = np.array(state.rates)
+    rigid, swing = inertia_and_swing(robot, angles, rates)
+    carried, swept = water_inertia_and_swing(robot, angles, rates)
+    inertia, r = rigid + carried, rotation_matrix(np.array(state.orientation))
+    v = np.concatenate([r.T @ np.array(state.velocity), state.spin])
+    momenta = inertia @ v + swing + swept
+    p, momentum = r @ momenta[:3], r @ momenta[3:]
+    return (
+        np.concatenate([p, momentum + np.cross(state.position, p)]),
+        float(0.5 * v @ inertia @ v),
+    )
+
+
+# --- conserved quantities -------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("command", [ZERO, (0.5, -0.3, 0.8)], ids=["locked", "moving"])
+def test_robot_and_water_keep_their_impulse_to_first_order(
+    command: Vector, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without drag and without shedding; with locked joints they keep their energy, too."""
+    monkeypatch.setattr(reactive, "trailing_edge", lambda *_: ZERO)
+    robot = robot_of(BODY)
+    errors = []
+    for h in (0.004, 0.002):
+        # One step first, within which the joints jump to speed.
+        start = march(robot, moving((0.5, 0.3, -0.4), (0.8, -0.5, 0.6), (0.3, -1.0, 0.7)),
+                      command, h, 1, wet=False)  # fmt: skip
+        end = march(robot, start, command, h, round(0.8 / h), wet=False)
+        (before, energy), (after, energy_after) = totals(robot, start), totals(robot, end)
+        assert np.linalg.norm(before) > 1
+        error = list(abs(after - before) / np.linalg.norm(before))
+        if command == ZERO:
+            error.append(abs(energy_after - energy) / energy)
+        errors.append(np.array(error))
+    assert errors[1].max() < 0.01
+    large = errors[0] > 0.1 * errors[0].max()
+    assert_allclose(errors[0][large] / errors[1][large], 2.0, atol=0.3)
+
+
+def test_rk4_keeps_the_whole_impulse_to_rounding(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = ReactiveMomentum.of(BODY, np.array([0.5, -0.3, 0.8]), np.array([0.3, -1.0, 0.7]))
+    monkeypatch.setattr(model, "wet", False)
+    start = model.moving(np.array([0.5, 0.3, -0.4]), np.array([0.8, -0.5, 0.6]))
+    end = model.run(start, 0.005, 200)
+    for before, after in zip(model.momenta(start), model.momenta(end), strict=True):
+        assert_allclose(after, before, atol=1e-9)
+
+
+def test_with_joints_locked_in_still_water_the_whole_energy_never_rises() -> None:
+    rng = np.random.default_rng(0)
+    for sizes in (BODY, TAIL_ALONE, MAXIMA):
+        robot = robot_of(sizes)
+        for angles in rng.uniform(-math.pi, math.pi, (3, 3)):
+            state = moving(tuple(rng.normal(size=3)), tuple(rng.normal(size=3)), tuple(angles))
+            energies = [totals(robot, state)[1]]
+            for _ in range(10):
+                state = march(robot, state, ZERO, 0.01, 5, wet=True)
+                energies.append(totals(robot, state)[1])
+            assert (np.diff(energies) < 0).all()
+            assert energies[-1] < 0.9 * energies[0]
+
+
+# --- masses ---------------------------------------------------------------------------------
+
+
+def mobility(robot: Robot, angles: Vector) -> np.ndarray:
+    """Return what ``accelerations_with`` answers to unit forces and torques, (6, 6)."""
+    state = at_rest(angles)
+    whole = gather(robot, state, ZERO, DRY)
+    added = added_water(robot, state, ZERO, ZERO)
+    columns = []
+    for unit in np.eye(6):
+        asked = whole._replace(force=tuple(unit[:3]), torque=tuple(unit[3:]))
+        columns.append(np.concatenate(accelerations_with(asked, added, ZERO)))
+    return np.array(columns).T
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(SHARES, min_size=9, max_size=9), st.tuples(ANGLES, ANGLES, ANGLES))
+def test_the_whole_mass_is_symmetric_positive_and_that_of_virtual_work(
+    shares: list[float], angles: Vector
+) -> None:
+    robot = robot_of(np.array(shares) * MAXIMA)
+    found = mobility(robot, angles)
+    scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
+    assert_allclose(found / scale, found.T / scale, atol=1e-12)
+    assert np.linalg.eigvalsh((found + found.T) / 2).min() > 0
+    hinges = np.array([angles[0], angles[1], math.radians(30) * math.sin(angles[2])])
+    rigid, _ = inertia_and_swing(robot, hinges, np.zeros(3))
+    carried, _ = water_inertia_and_swing(robot, hinges, np.zeros(3))
+    assert_allclose(found @ (rigid + carried), np.eye(6), atol=1e-9)
+
+
+def test_the_body_adds_what_lambs_table_says() -> None:
+    """Length four times the diameter; Lamb has 0.082, 0.860 and 0.608."""
+    assert_allclose(np.array(BODY_ADDED_MASS) / BODY_MASS, [0.860, 0.082, 0.860], atol=6e-4)
+    assert_allclose(BODY_ADDED_INERTIA[0] / BODY_INERTIA[0], 0.608, atol=6e-4)
+    assert BODY_ADDED_INERTIA[0] == BODY_ADDED_INERTIA[2]
+    assert BODY_ADDED_INERTIA[1] == 0
+
+
+def test_fins_of_no_size_add_nothing() -> None:
+    added = added_water(robot_of(NO_FINS), moving((0.4, 1.0, 0.3)), (3.0, 1.0, -2.0), ZERO)
+    assert added.linear == (*BODY_ADDED_MASS, 0, 0, 0)
+    assert added.angular == (*BODY_ADDED_INERTIA, 0, 0, 0)
+    assert_array_equal(added.coupling, np.zeros((3, 3)))
+    assert_array_equal(added.force, np.zeros(3))
+
+
+def test_a_fin_of_one_size_alone_adds_nothing_and_of_two_is_one_plate() -> None:
+    def added(*sizes: float) -> list[float]:
+        masses, inertias = fin_added_mass(Fin(*sizes, 1.0, (1.0, 1.0, 1.0)))
+        return [*masses, *inertias]
+
+    for sizes in ((1.0, 0.0, 0.0), (0.0, 2.0, 0.0), (0.0, 0.0, 0.5)):
+        assert added(*sizes) == [0] * 6
+    plate = [0, 0, plate_mass(0.7, 1.2), plate_inertia(0.7, 1.2), plate_inertia(1.2, 0.7), 0]
+    assert_allclose(added(0.7, 1.2, 0.0), plate, rtol=1e-12)
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_pushed_body_without_fins_accelerates_by_mass_and_added_mass(axis: int) -> None:
+    """From rest, by the mass and the added mass together, and the torque likewise."""
+    mobile = mobility(robot_of(NO_FINS), ZERO)
+    mass = BODY_MASS + 3 * MINIMUM_FIN_MASS
+    assert_allclose(mobile[axis, axis], 1 / (mass + BODY_ADDED_MASS[axis]), rtol=1e-6)
+    assert_allclose(
+        mobile[3 + axis, 3 + axis], 1 / (BODY_INERTIA[axis] + BODY_ADDED_INERTIA[axis]), rtol=1e-4
+    )
+
+
+def test_munks_moment_turns_the_body_broadside() -> None:
+    aside, ahead = 0.3, 1.2
+    added = added_water(robot_of(NO_FINS), moving((aside, ahead, 0.0)), ZERO, ZERO)
+    moment = (BODY_ADDED_MASS[0] - BODY_ADDED_MASS[1]) * aside * ahead
+    # It moves forward and to the right, and its nose turns left: broadside to where it goes.
+    assert moment > 0
+    assert_allclose(added.torque, (0, 0, moment), atol=1e-14)
+    assert_allclose(added.force, 0, atol=1e-14)
+
+
+# --- what the tail sheds --------------------------------------------------------------------
+
+
+@given(
+    st.floats(0, 1), st.floats(0, 2), ANGLES, st.tuples(SPEEDS, SPEEDS, SPEEDS)
+)  # fmt: skip
+def test_the_trailing_edge_takes_power_and_never_gives_it(
+    width: float, length: float, angle: float, velocity: Vector
+) -> None:
+    fin = Fin(width, length, 0.1, 1.0, (1.0, 1.0, 1.0))
+    c, s = math.cos(angle), math.sin(angle)
+    along, normal = (-s, c, 0.0), (-c, -s, 0.0)
+    power = np.dot(trailing_edge(fin, velocity, along, normal), velocity)
+    m = DENSITY * math.pi / 4 * width**2 * finite_span(width, length)
+    u, w = np.dot(velocity, along), np.dot(velocity, normal)
+    assert power <= 1e-13
+    assert_allclose(power, -0.5 * m * w * w * abs(u), atol=1e-12)
+
+
+@given(ANGLES, st.floats(1e-3, 5), SPEEDS)
+def test_the_trailing_edge_pushes_as_lighthill_says(angle: float, u: float, w: float) -> None:
+    """His (P, Q) at the tail: m w (dz/dt, -dx/dt) - 1/2 m w^2 (dx/da, dz/da) (1971).
+
+    Here x, z are the body's x and y, and a runs along the fin towards the hinge.
+    """
+    fin = Fin(0.6, 1.4, 0.1, 1.0, (1.0, 1.0, 1.0))
+    dx_da, dz_da = -math.sin(angle), math.cos(angle)
+    along, normal = (dx_da, dz_da, 0.0), (-dz_da, dx_da, 0.0)
+    velocity = np.array(along) * u + np.array(normal) * w
+    dx_dt, dz_dt, _ = velocity
+    m = DENSITY * math.pi / 4 * fin.width**2 * finite_span(fin.width, fin.length)
+    expected = (
+        m * w * dz_dt - 0.5 * m * w * w * dx_da,
+        -m * w * dx_dt - 0.5 * m * w * w * dz_da,
+        0,
+    )
+    assert_allclose(trailing_edge(fin, tuple(velocity), along, normal), expected, atol=1e-12)
+
+
+def test_a_slender_tail_at_incidence_lifts_as_jones_says_at_its_leading_edge() -> None:
+    """R. T. Jones, 1946: rho pi/4 span^2 speed^2 incidence, at a rectangle's leading edge."""
+    width, length, speed, incidence = 0.3, 2.0, 1.7, 1e-5
+    sizes = np.array([0.0] * 6 + [0.0, length, width])
+    velocity = (speed * incidence, speed, 0.0)
+    added = added_water(robot_of(sizes), moving(velocity), ZERO, ZERO)
+    bare = added_water(robot_of(NO_FINS), moving(velocity), ZERO, ZERO)
+    lift = math.pi / 4 * width**2 * speed**2 * incidence * finite_span(width, length)
+    # The tail moves to the right, too, so the water lifts it to the left.
+    assert_allclose(added.force[0], -lift, rtol=1e-6)
+    assert abs(added.force[1]) < incidence * lift
+    torque = np.subtract(added.torque, bare.torque)
+    assert_allclose(torque, np.cross((0, CAUDAL_Y, 0), added.force), atol=1e-6 * lift)
+    assert 0.9 < finite_span(width, length) < 1
+
+
+@pytest.mark.parametrize("tail", studies.TAILS)
+def test_a_held_tail_thrusts_by_shedding_alone(tail: str) -> None:
+    robot = robot_of(tail_body(studies.TAILS[tail], pectorals=False))
+    drag, thrust = studies.held_thrust(robot, 0.8)
+    assert abs(drag) < 1e-12
+    assert_allclose(thrust, lighthill_thrust(robot.caudal, 0.8), rtol=1e-12)
+    assert thrust > 0.5
+
+
+# --- a rectangle's added mass ---------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("aspect", "known"), [(1, 0.579), (1.25, 0.642), (2, 0.757), (4, 0.872), (5, 0.897)]
+)
+def test_the_lattice_finds_the_known_added_mass_of_rectangles(aspect: float, known: float) -> None:
+    """The classical shares, as handbooks print them; half a unit of their last digit."""
+    assert abs(lattice_share(1.0, aspect, panels=4) - known) < 6e-4
+    assert_allclose(lattice_share(1.0, aspect, 4), lattice_share(aspect, 1.0, 4) * aspect)
+
+
+@pytest.mark.parametrize("aspect", studies.ASPECTS)
+def test_the_law_is_the_lattice(aspect: float) -> None:
+    mass = math.pi / 4 * aspect * lattice_share(1.0, aspect, 4)
+    assert_allclose(plate_mass(1.0, aspect), mass, rtol=2.5e-3)
+    assert_allclose(plate_mass(aspect, 1.0), plate_mass(1.0, aspect), rtol=1e-12)
+    swing = math.pi / 48 * aspect**3 * lattice_share(1.0, aspect, 4, "swing")
+    assert_allclose(plate_inertia(1.0, aspect), swing, rtol=6e-3)
+    twist = math.pi / 128 * aspect * lattice_share(1.0, aspect, 4, "twist")
+    assert_allclose(plate_inertia(aspect, 1.0), twist, rtol=6e-3)
+
+
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 2.3, 5.0])
+def test_a_rectangle_swings_about_one_axis_as_its_turned_self_twists(aspect: float) -> None:
+    swing = lattice_share(1.0, aspect, 4, "swing") * math.pi / 48 * aspect**3
+    twist = lattice_share(aspect, 1.0, 4, "twist") * math.pi / 128 * aspect**4
+    assert_allclose(swing, twist, rtol=1e-12)
+    assert lattice_share(1.0, aspect, 4, "swing") < lattice_share(1.0, aspect, 4)
+
+
+def test_the_share_tends_to_a_strip_and_to_a_short_fin() -> None:
+    assert_allclose(finite_span(1e-3, 1.0), 1.0, atol=1e-3)
+    assert_allclose(finite_span(1.0, 1e-3), 1e-3, rtol=1e-3)
+    assert finite_span(0.0, 0.0) == 0
+
+
+# --- symmetries -----------------------------------------------------------------------------
+
+
+def swim(bodies: np.ndarray, commands: np.ndarray, angles: np.ndarray, **more: object):  # type: ignore[no-untyped-def]
+    options = {"steps": 256, "dtype": "float64", "record": "pose", "reactive": True, **more}
+    return simulate(bodies, commands, angles, **options)  # type: ignore[arg-type]
+
+
+@pytest.fixture(scope="module")
+def trials() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random ones, the first two of them with no fins and with the greatest."""
+    drawn = random_trials(24, seed=1)
+    drawn.morphologies[0], drawn.morphologies[1] = 0.0, MAXIMA
+    return drawn.morphologies, drawn.commands, drawn.fin_angles
+
+
+@pytest.mark.parametrize("left_right", [True, False], ids=["left-right", "up-down"])
+def test_the_mirrored_robot_swims_the_mirrored_path(trials, left_right: bool) -> None:  # type: ignore[no-untyped-def]
+    bodies, commands, angles = (part.copy() for part in trials)
+    path = swim(bodies, commands, angles)
+    if left_right:
+        bodies = bodies[:, [3, 4, 5, 0, 1, 2, 6, 7, 8]]
+        commands, angles = commands[:, [1, 0, 2]], angles[:, [1, 0, 2]]
+        angles[:, 2] += math.pi
+    else:
+        commands[:, :2] *= -1
+        angles[:, :2] *= -1
+    mirrored = swim(bodies, commands, angles)
+    flip = np.ones(3)
+    flip[0 if left_right else 2] = -1
+    assert abs(path.position).max() > 0.05
+    assert_allclose(mirrored.position, path.position * flip, atol=1e-10)
+    assert_allclose(mirrored.gyro, -path.gyro * flip, atol=1e-9)
+
+
+def test_a_current_is_a_change_of_frame(trials) -> None:  # type: ignore[no-untyped-def]
+    bodies, _, angles = trials
+    u, h = (0.3, -0.2, 0.1), 0.01
+    for body, angle in zip(bodies[:4], angles[:4], strict=True):
+        robot, by = robot_of(body), drive((0.4, -0.3, 0.7), h)
+        still, carried = at_rest(tuple(angle)), at_rest(tuple(angle))._replace(velocity=u)
+        for _ in range(40):
+            still = step_reactive(robot, still, by, ZERO, h)
+            carried = step_reactive(robot, carried, by, u, h)
+        drift = np.array(u) * 40 * h
+        assert_allclose(np.subtract(carried.position, drift), still.position, atol=1e-12)
+        assert_allclose(carried.spin, still.spin, atol=1e-12)
+        if body.any():
+            assert np.linalg.norm(still.position) > 1e-4
+
+
+# --- the option, and the engines ------------------------------------------------------------
+
+
+def test_the_terms_are_off_unless_asked_for(trials) -> None:  # type: ignore[no-untyped-def]
+    default = simulate(*trials, steps=64, dtype="float64", record="pose")
+    off = simulate(*trials, steps=64, dtype="float64", record="pose", reactive=False)
+    on = simulate(*trials, steps=64, dtype="float64", record="pose", reactive=True)
+    for name in ("rpy", "gyro", "position", "quaternion", "fin_angles"):
+        assert getattr(default, name).tobytes() == getattr(off, name).tobytes()
+    assert abs(on.position[1:] - off.position[1:]).max() > 0.01
+
+
+@pytest.mark.parametrize("on", [False, True], ids=["drag", "reactive"])
+def test_lanes_are_plain_python_to_the_last_bit(trials, on: bool) -> None:  # type: ignore[no-untyped-def]
+    bodies, commands, angles = (part[:6] for part in trials)
+    u = (0.2, -0.1, 0.3)
+    lanes = LaneBatch(bodies, angles, u, np.float64, **({"reactive": True} if on else {}))
+    lanes.advance(commands, 12)
+    for body, command, angle, row in zip(bodies, commands, angles, lanes.rows().T, strict=True):
+        robot, state = robot_of(body), at_rest(tuple(float(a) for a in angle))
+        by = drive(tuple(float(c) for c in command), 0.01)
+        for _ in range(12):
+            state = (step_reactive if on else step)(robot, state, by, u, 0.01)
+        assert_array_equal(np.concatenate([np.ravel(part) for part in state]), row[:22])
+
+
+@pytest.mark.parametrize(
+    ("substeps", "current"), [(1, ZERO), (1, (0.3, -0.2, 0.1)), (4, (0.0, 0.4, 0.0))]
+)
+def test_lanes_equal_pybullet(trials, substeps: int, current: Vector) -> None:  # type: ignore[no-untyped-def]
+    pytest.importorskip("pybullet")
+    ours, bullets = (
+        swim(*(part[:10] for part in trials), engine=engine, substeps=substeps, current=current)
+        for engine in ("numba", "pybullet")
+    )
+    for name in ("rpy", "gyro", "position", "quaternion"):
+        assert abs(getattr(ours, name) - getattr(bullets, name)).max() < 1e-9, name
+    assert abs(ours.position).max() > 0.1
+
+
+def test_a_pybullet_world_has_the_terms_only_if_asked() -> None:
+    pytest.importorskip("pybullet")
+    from aquafish_gym.engines.bullet import BulletWorld
+
+    ends = []
+    for options in ({}, {"reactive": False}, {"reactive": True}):
+        world = BulletWorld(**options)
+        try:
+            world.reset(MAXIMA, (0.0, 0.5, 0.0), ZERO)
+            world.advance((0.5, 0.3, 1.0), 50)
+            ends.append(world.state())
+        finally:
+            world.close()
+    assert ends[0] == ends[1]
+    assert np.linalg.norm(np.subtract(ends[1].position, ends[2].position)) > 1e-3
+
+
+def test_float32_stays_near_float64(trials) -> None:  # type: ignore[no-untyped-def]
+    double = swim(*trials, steps=512)
+    single = swim(*trials, steps=512, dtype="float32")
+    worst = abs(single.rpy - double.rpy).max(axis=(1, 2))
+    assert np.median(worst) < 1e-3
+    assert not single.diverged.any()
+
+
+def test_width_batch_and_threads_change_nothing(trials) -> None:  # type: ignore[no-untyped-def]
+    bodies, commands, angles = trials
+    rows = []
+    for options in ({"width": 4}, {"threads": 1}, {"threads": 3}):
+        lanes = LaneBatch(bodies, angles, dtype=np.float64, reactive=True, **options)  # type: ignore[arg-type]
+        lanes.advance(commands, 1000)
+        rows.append(lanes.rows())
+    assert_array_equal(rows[0], rows[1])
+    assert_array_equal(rows[1], rows[2])
+    one = LaneBatch(bodies[5:6], angles[5:6], dtype=np.float64, reactive=True)
+    one.advance(commands[5:6], 1000)
+    assert_array_equal(one.rows()[:, 0], rows[0][:, 5])
+
+
+@pytest.mark.parametrize("bad", ["yes", 1, None])
+def test_what_is_neither_true_nor_false_is_refused_by_name(bad: object) -> None:
+    with pytest.raises(ValueError, match=r"reactive must be .*True or False"):
+        simulate(None, ZERO, steps=1, reactive=bad)  # type: ignore[arg-type]
+
+
+# --- the scheme -----------------------------------------------------------------------------
+
+
+def test_the_scheme_converges_to_the_momentum_form_with_order_one() -> None:
+    drawn = random_trials(4, seed=2)
+    found = scheme_errors(drawn, samples=8)
+    for what in ("position", "attitude", "gyro"):
+        errors = np.array([np.median(gap[what]) for gap in found])
+        assert_allclose(np.log2(errors[:-1] / errors[1:]), 1.0, atol=0.15)
+    assert np.median(found[0]["position"]) < 0.02
+
+
+def test_extreme_bodies_stay_finite_under_bang_bang_commands() -> None:
+    """All 2^9 of no size and greatest sizes, each servo at a bound, drawn anew every 0.1 s."""
+    bodies = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
+    rng = np.random.default_rng(3)
+    angles = rng.uniform(-math.pi, math.pi, (len(bodies), 3))
+    lanes = LaneBatch(bodies, angles, dtype=np.float64, reactive=True)
+    for _ in range(20):
+        high = rng.integers(0, 2, (len(bodies), 3))
+        lanes.advance(np.where(high, [0.5, 0.5, 1.0], [-0.5, -0.5, 0.0]), 10)
+    rows = lanes.rows()
+    assert rows.shape[1] * 200 > 1e5
+    assert np.isfinite(rows).all()
+    assert abs(rows[7:13]).max() < 30
+    assert abs(rows[4:7]).max() > 0.5
+
+
+# --- the study ------------------------------------------------------------------------------
+
+
+def test_the_study_prints_every_table() -> None:
+    report = studies.study(quick=True)
+    for table in studies.make_tables(report).values():
+        assert table.rows
+        assert all(len(row) == len(table.columns) for row in table.rows)
+    swimming = {
+        (r["tail"], r["pectorals"], r["reactive"]): r["speed"]
+        for r in report["swimming"]
+        if r["frequency"] == 1
+    }
+    for tail in studies.TAILS:
+        assert swimming[tail, False, True] > swimming[tail, False, False]
+
+
+def test_tails_of_the_study_are_the_nominal_bodys_but_for_thickness() -> None:
+    sizes = tail_body(0.02, pectorals=True)
+    nominal = Morphology.nominal().to_array()
+    assert_array_equal(np.flatnonzero(sizes != nominal), [6])
+    assert_array_equal(tail_body(0.4, pectorals=False)[6:], nominal[6:])
+    assert not tail_body(0.4, pectorals=False)[:6].any()
+
+
+def test_rotation_helpers_of_the_two_statements_agree() -> None:
+    q = np.array([0.1, -0.5, 0.3, 0.8])
+    q /= np.linalg.norm(q)
+    v = (0.3, -0.7, 1.1)
+    assert_allclose(to_body(rotation(tuple(q)), v), rotation_matrix(q).T @ v, atol=1e-15)

@@ -1,0 +1,138 @@
+"""The command ``python -m aquafish_gym.verification``: its report, tables, pictures and page."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.verification.__main__ import Verification
+from aquafish_gym.verification.report import tables_of
+from aquafish_gym.verification.strokes import flipper_stroke, tail_stroke
+from aquafish_gym.verification.tables import TABLES, Table, fill_page, make_tables
+
+ROOT = pathlib.Path(__file__).parents[2]
+REPORT = ROOT / "docs" / "physics" / "report.json"
+PAGE = ROOT / "docs" / "physics.md"
+
+
+def verification(*arguments: str, **keywords: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "aquafish_gym.verification", *arguments],
+        capture_output=True, text=True, cwd=ROOT, **keywords,
+    )  # type: ignore[call-overload,no-any-return]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[pathlib.Path, str]:
+    """Return where a quick run wrote, and what it printed."""
+    pytest.importorskip("pybullet")
+    out = tmp_path_factory.mktemp("verification")
+    page = out / "page.md"
+    page.write_text("# Page\n\n<!-- table: convergence -->\nold\n<!-- end of table -->\nend\n")
+    done = verification("--quick", "--out", str(out), "--page", str(page))
+    assert done.returncode == 0, done.stderr
+    return out, done.stdout
+
+
+def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
+    out, printed = quick
+    report = json.loads((out / "report.json").read_text())
+    mechanics = report["mechanics"]
+    for name, (part, _) in TABLES.items():
+        if report[part] is not None:
+            assert make_tables(report)[name].title.split()[0] in printed
+    assert mechanics is not None or "MuJoCo is not installed" in printed
+    order = [r["order"] for r in report["convergence"]["rows"] if r["order"] is not None]
+    np.testing.assert_allclose(order, 1.0, atol=0.2)
+    for name in ("strokes", "convergence", "quadrature", "single_precision"):
+        assert (out / f"{name}.png").stat().st_size > 20_000
+
+
+def test_it_fills_a_page(quick: tuple[pathlib.Path, str]) -> None:
+    out, _ = quick
+    tables = make_tables(json.loads((out / "report.json").read_text()))
+    text = (out / "page.md").read_text()
+    assert text.startswith("# Page\n")
+    assert text.endswith("end\n")
+    assert "old" not in text
+    assert tables["convergence"].markdown() in text
+    assert fill_page(text, tables) == text, "filling twice changes nothing"
+
+
+def test_the_documentation_holds_the_tables_of_its_report() -> None:
+    """And so of one run of the command, which writes both."""
+    text = PAGE.read_text()
+    tables = tables_of(json.loads(REPORT.read_text()))
+    for name in tables:
+        assert f"<!-- table: {name} -->" in text
+    assert fill_page(text, tables) == text, (
+        "run: python -m aquafish_gym.verification --out docs/physics --page docs/physics.md"
+    )
+    for name in ("strokes", "convergence", "quadrature", "single_precision"):
+        assert (REPORT.parent / f"{name}.png").exists()
+        assert f"physics/{name}.png" in text
+
+
+def test_filling_leaves_what_stands_between_blocks() -> None:
+    block = "<!-- table: one -->\n<!-- end of table -->\n"
+    table = Table("t", ("a",), [("1",)])
+    filled = fill_page(f"{block}between\n{block}", {"one": table})
+    assert filled.count(table.markdown()) == 2
+    assert filled.count("between") == 1
+    unclosed = "<!-- table: one -->\ntext\n" + block
+    assert "text" in fill_page(unclosed, {"one": table})
+
+
+def test_an_unknown_table_is_refused() -> None:
+    page = "<!-- table: speed -->\n<!-- end of table -->"
+    with pytest.raises(InvalidArgumentError, match="must be among one; got 'speed'"):
+        fill_page(page + "\n", {"one": Table("t", ("a",), [("1",)])})
+
+
+def test_a_table_in_markdown() -> None:
+    table = Table("t", ("what", "much"), [("a", "1"), ("b", "2")])
+    assert table.markdown() == "| what | much |\n| --- | ---: |\n| a | 1 |\n| b | 2 |"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--seed", "-1"), "seed must be a whole number of at least 0; got -1"),
+        (("--page", "no/such.md"), "page must be a file that exists; got no/such.md"),
+        (("--out", "README.md"), "out must be a directory that can be written; README.md cannot"),
+    ],
+)
+def test_a_mistake_is_one_line(arguments: tuple[str, ...], sentence: str) -> None:
+    done = verification("--quick", *arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.startswith(f"aquafish_gym.verification: {sentence}")
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_without_mujoco_the_rest_is_done(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("pybullet")
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    Verification(quick=True, markdown=True).execute()
+    printed = capsys.readouterr().out
+    assert "| what | step (s) |" in printed
+    assert "MuJoCo is not installed" in printed
+    assert 'pip install "aquafish-gym[bench]"' in printed
+
+
+def test_without_towing_a_steady_stroke_gives_no_mean_thrust() -> None:
+    assert abs(flipper_stroke(0.0).mean_thrust) < 1e-12
+    assert abs(tail_stroke(0.0).mean_thrust) < 1e-12
+
+
+def test_a_flipper_rows_if_it_turns_faster_in_the_half_that_pushes_back() -> None:
+    assert flipper_stroke(0.0, 0.5).mean_thrust > 0.1
+    assert flipper_stroke(1.0).mean_thrust < 0
+    assert tail_stroke(1.0).mean_thrust < 0
