@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
-from typing import TypedDict, Unpack
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,15 +12,18 @@ from numpy.typing import ArrayLike
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import simulate
-from aquafish_gym.imu import ImuLog
+from aquafish_gym.imu import ImuLog, attitude, unwrap_rpy
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from eea.algorithm import EEA, Result, RoundRecord, streams
+from eea.behavior import BehaviorConfig
 from eea.bits import BitLayout, Coding, action_layout, model_layout
-from eea.checks import instance
+from eea.checks import choice, instance
 from eea.config import EEAConfig
 from eea.experiment import Floats, Target, Trials
+from eea.laboratory import Comparer
 
 Progress = Callable[[RoundRecord], None]
+Orientation = Literal["upright", "heading", "attitude"]
 
 
 def fish_models(coding: Coding = "gray") -> BitLayout:
@@ -98,6 +101,66 @@ class EngineSimulator:
             record=self.record,
         )
 
+    def comparer(self, behavior: BehaviorConfig) -> Comparer | None:
+        """Return what compares behaviours in the engine itself, if this one can."""
+        if self.engine != "numba":
+            return None
+        # numba comes with it: importing this package stays quick.
+        from eea.spectral import SpectralComparer, can_compare
+
+        if not can_compare(behavior, self.steps):
+            return None
+        x, y, z = np.asarray(self.current, dtype=np.float64).tolist()
+        return SpectralComparer(
+            behavior, self.steps, (x, y, z), self.dtype, self.substeps, self.threads
+        )
+
+
+def rotations(rpy: Floats) -> Floats:
+    """Return the matrices (T, 3, 3) from body to world of roll, pitch and yaw (T, 3), rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
+    rows = [
+        [cy * cr - sy * sp * sr, -sy * cp, cy * sr + sy * sp * cr],
+        [sy * cr + cy * sp * sr, cy * cp, sy * sr - cy * sp * cr],
+        [-cp * sr, sp, cp * cr],
+    ]
+    matrices: Floats = np.moveaxis(np.array(rows), -1, 0)
+    return matrices
+
+
+def random_orientation(orientation: str, rng: np.random.Generator) -> Floats:
+    """Return a matrix (3, 3) from body to world, drawn as ``EngineTarget`` says."""
+    if orientation == "upright":
+        return np.eye(3)
+    if orientation == "heading":
+        level: Floats = rotations(np.array([[0.0, 0.0, rng.uniform(-np.pi, np.pi)]]))[0]
+        return level
+    # The directions of normal numbers are uniform, and so are the bases that they span.
+    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    uniform: Floats = q * np.sign(np.linalg.det(q))
+    return uniform
+
+
+def turn_log(log: ImuLog, start: Floats) -> ImuLog:
+    """Return the log of attitudes and rates of one fish that had begun in another orientation.
+
+    Neither the water nor the neutrally buoyant fish knows up from down, so to begin turned is to
+    do the same, turned.
+
+    Parameters
+    ----------
+    log
+        Of a trial from the upright start, (1, T, 3).
+    start
+        The other start, a matrix (3, 3) from body to world.
+    """
+    if log.diverged.any():
+        return log  # no attitude is left to turn
+    turned = start @ rotations(np.asarray(log.rpy[0], dtype=np.float64))
+    rpy = np.array([attitude(r) for r in [start.tolist(), *turned.tolist()]])
+    return replace(log, rpy=unwrap_rpy(rpy)[None, 1:])
+
 
 class EngineTarget:
     """A damaged fish that begins every command with its fins anywhere and does not say where.
@@ -116,11 +179,17 @@ class EngineTarget:
         Length of a trial in steps of 0.01 s.
     engine, current, substeps
         As ``aquafish_gym.simulate``.
+    orientation
+        How the body itself lies at the start: ``"upright"``, facing +y, as the models do;
+        ``"heading"``, level and facing anywhere; ``"attitude"``, anyhow. The log is of the
+        attitude in the world. The hidden angles are the same for all three.
 
     Raises
     ------
     InvalidArgumentError, UnknownNameError, EngineUnavailableError
         If the body, the damage or the engine is not to be had.
+    ConfigurationError
+        If the orientation is unknown.
     """
 
     def __init__(
@@ -132,22 +201,40 @@ class EngineTarget:
         engine: str = "pybullet",
         current: ArrayLike = (0.0, 0.0, 0.0),
         substeps: int = 1,
+        orientation: Orientation = "upright",
     ) -> None:
+        choice("orientation", orientation, ("upright", "heading", "attitude"))
         self.morphology: Morphology = Damage.coerce(damage).apply(Morphology.coerce(morphology))
         self._rng = np.random.default_rng() if rng is None else rng
         # In the compiled engine too the target is computed in double precision: it plays nature.
         self._simulator = EngineSimulator(
             steps, engine, "float64", current, substeps, record="attitude"
         )
+        self._current = np.asarray(current, dtype=np.float64)
+        self._orientation = orientation
         self._fin_angles = np.zeros(3)
 
     def perform(self, command: Floats) -> ImuLog:
         """Hold a command (3,) from fin angles drawn anew; return the log of that one trial."""
         self._fin_angles = self._rng.uniform(-np.pi, np.pi, size=3)
         body = self.morphology.to_array()
-        return self._simulator.simulate(
-            Trials(body[None], np.asarray(command)[None], self._fin_angles[None])
-        )
+        trial = Trials(body[None], np.asarray(command)[None], self._fin_angles[None])
+        if self._orientation == "upright":
+            return self._simulator.simulate(trial)
+        # From a hash of the angles: they stay the same whatever else is random, and there is no
+        # second stream whose state would have to be saved.
+        rng = np.random.default_rng(self._fin_angles.view(np.uint64))
+        start = random_orientation(self._orientation, rng)
+        self._simulator.current = start.T @ self._current  # the water, as seen from that start
+        return turn_log(self._simulator.simulate(trial), start)
+
+    def save_state(self) -> dict[str, Any]:
+        """Return where the stream of hidden angles stands."""
+        return {"stream": dict(self._rng.bit_generator.state)}
+
+    def restore_state(self, saved: dict[str, Any]) -> None:
+        """Hide the same angles from now on as after ``save_state``."""
+        self._rng.bit_generator.state = saved["stream"]
 
     @property
     def last_fin_angles(self) -> Floats:
@@ -253,6 +340,7 @@ def estimate_morphology(
     progress: Progress | None = None,
     *,
     target_engine: str = "pybullet",
+    target_orientation: Orientation = "upright",
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Let a damaged fish work out its own body, from blind trials only.
@@ -272,6 +360,8 @@ def estimate_morphology(
         Called with each round's record.
     target_engine
         Where the target swims; the candidates swim in ``engine``.
+    target_orientation
+        How the target's body lies when a trial begins; see ``EngineTarget``.
     **simulator
         engine, dtype, current, substeps, threads; see ``EngineSimulator``. The current and the
         substeps hold for the target too.
@@ -295,5 +385,6 @@ def estimate_morphology(
         target_engine,
         simulator.get("current", (0.0, 0.0, 0.0)),
         simulator.get("substeps", 1),
+        target_orientation,
     )
     return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

@@ -193,5 +193,9 @@ def similarity(a: Coefficients, b: Coefficients, config: BehaviorConfig) -> NDAr
     apart = modulus(a - b)
     if config.clamp:
         apart = np.minimum(apart, config.maximum)
-    mean = np.asarray(apart.mean(axis=-1, dtype=np.float64))
-    return 1.0 - mean / config.maximum  # Eq. 2
+    return likeness(np.asarray(apart.mean(axis=-1, dtype=np.float64)), config)
+
+
+def likeness(apart: NDArray[np.float64], config: BehaviorConfig) -> NDArray[np.float64]:
+    """Return sim (Eq. 2) for the mean difference of two behaviours' coefficients."""
+    return 1.0 - apart / config.maximum  # Eq. 2

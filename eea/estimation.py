@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +95,19 @@ class SimilarityTable:
         rows = self.rows(genomes)
         self._table[rows] = kept
 
+    def save(self, genomes: Genomes) -> dict[str, Any]:
+        """Return what is known of genomes (N, bits), for ``restore``."""
+        rows = self.rows(genomes)
+        return {"similarities": self._table[rows], "poses": [pose.hex() for pose in self._poses]}
+
+    def restore(self, genomes: Genomes, similarities: Floats, poses: Sequence[str]) -> None:
+        """Know what ``save`` returned of these genomes, and nothing else."""
+        self._rows = {}
+        self._poses = [bytes.fromhex(pose) for pose in poses]
+        self._table = np.empty((0, len(poses)))
+        rows = self.rows(genomes)  # which makes room for them
+        self._table[rows] = similarities
+
 
 class Estimation:
     """Keeps a population of models and fits it to the experiments.
@@ -136,14 +149,17 @@ class Estimation:
         self.models: Floats = layout.decode(self._genomes)
         self.fitness: Floats = np.full(config.population, np.nan)
 
-    def save(self) -> tuple[Genomes, Floats, Floats]:
-        """Return the population as it is between rounds, for ``restore``."""
-        return self._genomes, self.models, self.fitness
+    def save(self) -> dict[str, Any]:
+        """Return everything that the next round depends on, as arrays, for ``restore``."""
+        known = self._table.save(self._genomes)
+        return {"genomes": self._genomes, "fitness": self.fitness, **known}
 
-    def restore(self, saved: tuple[Genomes, Floats, Floats]) -> None:
-        """Go back to a saved population; what was learnt of experiments since is forgotten."""
-        self._genomes, self.models, self.fitness = saved
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go back to what ``save`` returned between two rounds."""
+        self._genomes, self.fitness = saved["genomes"], saved["fitness"]
+        self.models = self._layout.decode(self._genomes)
         self._table = SimilarityTable()
+        self._table.restore(self._genomes, saved["similarities"], saved["poses"])
 
     def run(
         self, experiments: Sequence[Experiment], inference: Inference, chance: np.random.Generator
@@ -183,6 +199,7 @@ class Estimation:
             inference.observe(generation, angles, similarities)
         inference.end()
         self._genomes = genomes
+        self._table.keep_only(genomes)
         best = int(np.argmax(self.fitness))
         return self.models[best], float(self.fitness[best])
 
@@ -211,7 +228,8 @@ class Estimation:
                 self.models[model],
                 commands[experiment],
                 angles[model, experiment],
-                observed[experiment],
+                observed,
+                experiment,
             )
         if self._config.remember:
             model, experiment = np.nonzero(needed & fixed)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from inspect import getattr_static
-from typing import Protocol, Self, TypeGuard
+from typing import Any, Protocol, Self, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,23 @@ class RevealingTarget(Target, Protocol):
     @property
     def last_fin_angles(self) -> Floats:
         """The angles (3,) in rad at the start of the last performed command."""
+
+
+class ResumableTarget(Target, Protocol):
+    """A target that can be put back: a simulated one. A robot in a tank is where it is."""
+
+    def save_state(self) -> dict[str, Any]:
+        """Return all that the next commands' logs depend on, ready for ``eea.state.pack``."""
+
+    def restore_state(self, saved: dict[str, Any]) -> None:
+        """Go back to what ``save_state`` returned."""
+
+
+def resumes(target: Target) -> TypeGuard[ResumableTarget]:
+    """Return whether a target can be put back to an earlier state."""
+    return all(
+        getattr_static(target, name, None) is not None for name in ("save_state", "restore_state")
+    )
 
 
 def reveals(target: Target) -> TypeGuard[RevealingTarget]:

@@ -10,7 +10,6 @@ import numpy as np
 from eea.bits import BitLayout
 from eea.checks import choice, whole
 from eea.experiment import Floats
-from eea.fitness import action_fitness
 from eea.genetic import GeneticConfig, evolve
 from eea.laboratory import Laboratory
 
@@ -119,13 +118,10 @@ class Exploration:
         A command that some model cannot be simulated under scores below all others.
         """
         actions, count = len(commands), len(models)
-        behaviors = self._laboratory.behaviors(
+        fitness = self._laboratory.disagreements(
             np.tile(models, (actions, 1)),
             np.repeat(commands, count, axis=0),
             np.broadcast_to(pose, (actions * count, 3)),
+            count,
         )
-        with np.errstate(invalid="ignore", over="ignore"):
-            fitness = action_fitness(
-                behaviors.reshape(actions, count, -1), self._laboratory.behavior
-            )
         return np.where(np.isfinite(fitness), fitness, -1.0)

@@ -42,8 +42,13 @@ def action_fitness(behaviors: Coefficients, config: BehaviorConfig) -> Floats:
         weights = 2.0 * np.arange(models) - (models - 1)
         ordered = np.sort(behaviors, axis=1).astype(np.float64)
         sums = np.einsum("m,amf->a", weights, ordered)
-    pairs = models * (models - 1) / 2
-    fitness: Floats = sums / (config.maximum * behaviors.shape[2] * pairs)  # Eq. 1
+    return disagreement(sums / behaviors.shape[2], models, config)
+
+
+def disagreement(apart: Floats, models: int, config: BehaviorConfig) -> Floats:
+    """Return ACT_FIT (Eq. 1) for the sum over pairs of models of their mean difference."""
+    pairs = models * (models - 1) / 2  # C(M, 2)
+    fitness: Floats = apart / (config.maximum * pairs)  # Eq. 1
     return fitness
 
 

@@ -304,7 +304,8 @@ class OutOfBand(Inference):
             np.tile(models, (trials[0], 1)),
             np.broadcast_to(experiment.command, (trials[0] * trials[1], FINS)),
             np.repeat(poses, trials[1], axis=0),
-            experiment.behavior,
+            experiment.behavior[None],
+            np.zeros(trials[0] * trials[1], dtype=np.intp),
         ).reshape(trials)
         best = self._config.pose_fitness == "best"
         fitness: Floats = similarities.max(axis=1) if best else similarities.mean(axis=1)

@@ -27,6 +27,7 @@ import numpy as np
 from numba import njit
 
 from aquafish_gym import imu
+from aquafish_gym.engines.spectrum import write_spectrum
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.carriers import Number, Vector, fetch, put
 from aquafish_gym.physics.dynamics import step
@@ -42,7 +43,7 @@ BLOCK = 16  # samples gathered before they are written out, in the fastest cache
 WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
 
 # What to record, as bits.
-RPY, GYRO, POSE = 1, 2, 4
+RPY, GYRO, POSE, SPECTRUM = 1, 2, 4, 8
 
 
 @simd.inlined
@@ -182,6 +183,9 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
         substeps: int,
         interval: int,
         logs: Any,
+        spectra: Any,
+        roots: Any,
+        scale: float,
         record: int,
         begin: int,
         end: int,
@@ -193,6 +197,8 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
         block_rpy = np.empty(3 * BLOCK * width, parameters.dtype)
         block_gyro = np.empty(3 * BLOCK * width, parameters.dtype)
         block_pose = np.empty(10 * BLOCK * width, parameters.dtype)
+        kept = 3 * steps * width if record & SPECTRUM else 0
+        series = np.empty(kept, parameters.dtype)
         for group in range(begin, end):
             robot = Robot(
                 fetch_fin(parameters, 0, group, groups, zero),
@@ -211,7 +217,11 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
                 for _ in range(substeps):
                     state = swim(robot, state, by, current, h)
                 rpy = imu.continue_attitude(rpy, imu.attitude(rotation(state.orientation)))
-                if record:
+                if record & SPECTRUM:
+                    put_vector(
+                        series, 0, t, steps, (scale * rpy[0], scale * rpy[1], scale * rpy[2])
+                    )
+                elif record:
                     if record & RPY:
                         put_vector(block_rpy, 0, in_block, BLOCK, rpy)
                     if record & GYRO:
@@ -232,6 +242,8 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
                         if record & POSE:
                             write_block(block_pose, logs[2], first, in_block, group, zero)
                         in_block = 0
+            if record & SPECTRUM:
+                write_spectrum(series, roots, steps, spectra, group, zero)
             put_state(states, group, groups, state, rpy)
 
     try:

@@ -14,14 +14,17 @@ from aquafish_gym.engines.kernel import (
     GYRO,
     POSE,
     RPY,
+    SPECTRUM,
     STATE_ROWS,
     Policy,
     compile_kernel,
     hold,
 )
+from aquafish_gym.engines.spectrum import padded, roots_of_unity
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.simd import register_bytes
 from aquafish_gym.robot import PARAMETERS_PER_FIN, robot_parameters
+from aquafish_gym.validation import InvalidArgumentError
 
 Floats = NDArray[np.floating]
 
@@ -154,6 +157,56 @@ class LaneBatch:
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
             for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
         )
+        spectra, roots = np.empty((0, 2, 0), self.dtype), np.empty(0, self.dtype)
+        self._run(
+            policy, weights, layout, scratch_size, steps, interval, logs, spectra, roots, 1.0, bits
+        )
+        rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
+        return ImuLog(
+            rpy=rpy,
+            gyro=gyro if bits & GYRO else None,
+            position=pose[:, :, :3] if bits & POSE else None,
+            quaternion=pose[:, :, 3:7] if bits & POSE else None,
+            fin_angles=pose[:, :, 7:] if bits & POSE else None,
+            diverged=self._diverged(),
+        )
+
+    def spectra(self, commands: NDArray[np.float64], steps: int, scale: float = 1.0) -> Floats:
+        """Hold commands (B, 3) for ``steps``, a power of two; return the attitude's spectra.
+
+        They are of ``scale`` times the angles in rad, and (B, 2, F') as ``spectrum.py`` says;
+        those of robots that diverged are not finite.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If ``steps`` is no power of two of at least 4.
+        """
+        if steps < 4 or steps & (steps - 1):
+            raise InvalidArgumentError(f"steps must be a power of two of at least 4; got {steps}")
+        logs = tuple(np.empty((0, n, 0), self.dtype) for n in (3, 3, 10))
+        spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
+        self._run(
+            hold, pack_rows(commands.T, self.dtype, self.width), _NO_LAYOUT, 0, steps, steps,
+            logs, spectra, roots_of_unity(steps, np.dtype(self.dtype).name), scale, SPECTRUM,
+        )  # fmt: skip
+        return spectra[: self.batch]
+
+    def _run(
+        self,
+        policy: Policy,
+        weights: Floats,
+        layout: NDArray[np.int64],
+        scratch_size: int,
+        steps: int,
+        interval: int,
+        logs: tuple[Floats, ...],
+        spectra: Floats,
+        roots: Floats,
+        scale: float,
+        bits: int,
+    ) -> None:
+        """Run the kernel on as many threads as are worth it."""
         kernel = compile_kernel(policy, self.width, self.reactive)
 
         def part(begin: int, end: int) -> None:
@@ -170,6 +223,9 @@ class LaneBatch:
                 self.substeps,
                 interval,
                 logs,
+                spectra,
+                roots,
+                scale,
                 bits,
                 begin,
                 end,
@@ -186,15 +242,6 @@ class LaneBatch:
             part(0, edges[1])
             list(others)
         self.steps_done += steps
-        rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
-        return ImuLog(
-            rpy=rpy,
-            gyro=gyro if bits & GYRO else None,
-            position=pose[:, :, :3] if bits & POSE else None,
-            quaternion=pose[:, :, 3:7] if bits & POSE else None,
-            fin_angles=pose[:, :, 7:] if bits & POSE else None,
-            diverged=self._diverged(),
-        )
 
     def _diverged(self) -> NDArray[np.bool_]:
         """Return which robots (B,) have left the finite numbers."""
