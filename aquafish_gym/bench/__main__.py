@@ -43,7 +43,8 @@ class Bench:
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """A JSON file to write as well."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GROUP ...")] = ()
-    """Some of the groups: physics, bodies, mujoco, neat, environments, learning, starting."""
+    """Some of the groups: physics, widths, bodies, mujoco, neat, environments,
+    learning, starting."""
     quick: bool = False
     """At most 64 robots, 32 steps and 2 turns: to see that it runs, not how fast."""
 

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 
+import numpy as np
+
 from aquafish_gym.bench.rows import Group, Row, Settings, missing_pybullet, random_trials
 from aquafish_gym.engines.base import Trials, simulate
 
@@ -38,11 +40,14 @@ def open_loop(settings: Settings, cleanup: ExitStack) -> Group:
                         robots * settings.steps, alone))  # fmt: skip
         logged = row("attitude", "pybullet", "float64", robots, 1, "attitude")
         rows.append(replace(logged, against=rows[0]))
-    reference = rows[0] if rows else None
+    bare, logged_too = (rows[0], rows[1]) if rows else (None, None)
     for dtype in ("float32", "float64"):
+        silent = Row("our law, no log", "numba", dtype, settings.robots, 1,
+                     settings.robots * settings.steps, _lanes(trials, settings, dtype))  # fmt: skip
+        rows.append(replace(silent, against=bare))
         for record in ("rpy", "attitude"):
             one = replace(
-                row(record, "numba", dtype, settings.robots, 1, record), against=reference
+                row(record, "numba", dtype, settings.robots, 1, record), against=logged_too
             )
             rows.append(one)
             if settings.cores > 1:
@@ -51,8 +56,50 @@ def open_loop(settings: Settings, cleanup: ExitStack) -> Group:
     for robots in SMALL_BATCHES:
         if robots < settings.robots:
             few_of_them = row("attitude", "numba", "float32", robots, 1, "attitude")
-            rows.append(replace(few_of_them, against=reference))
+            rows.append(replace(few_of_them, against=logged_too))
     return Group("open loop: robot-steps", "robot-step", rows, notes)
+
+
+def _lanes(trials: Trials, settings: Settings, dtype: str) -> Callable[[], object]:
+    """Return what swims a batch without logging anything."""
+    from aquafish_gym.engines.lanes import LaneBatch
+
+    few = slice(settings.robots)
+
+    def call() -> object:
+        lanes = LaneBatch(
+            trials.morphologies[few], trials.fin_angles[few], dtype=getattr(np, dtype), threads=1
+        )
+        return lanes.advance(trials.commands[few], settings.steps)
+
+    return call
+
+
+def lane_widths(settings: Settings, cleanup: ExitStack) -> Group:  # noqa: ARG001
+    """Return the lanes as they are on machines with narrower registers."""
+    from aquafish_gym.engines.kernel import WIDTHS
+    from aquafish_gym.engines.lanes import LaneBatch, lane_width
+
+    trials = random_trials(settings.robots, settings.seed)
+    rows: list[Row] = []
+    for dtype in (np.float32, np.float64):
+        widest = lane_width(dtype)
+        reference = None
+        for width in sorted((w for w in WIDTHS if w <= widest), reverse=True):
+
+            def call(dtype: type[np.floating] = dtype, width: int = width) -> object:
+                lanes = LaneBatch(
+                    trials.morphologies, trials.fin_angles, dtype=dtype, threads=1, width=width
+                )
+                return lanes.advance(trials.commands, settings.steps, "rpy")
+
+            amount = settings.robots * settings.steps
+            name = np.dtype(dtype).name
+            row = Row(f"rpy, {width} robots a register", "numba", name, settings.robots, 1,
+                      amount, call, against=reference)  # fmt: skip
+            reference = reference or row
+            rows.append(row)
+    return Group("lane widths: robot-steps", "robot-step", rows)
 
 
 def _bullet(trials: Trials, robots: int, steps: int, cleanup: ExitStack) -> Callable[[], object]:

@@ -113,6 +113,7 @@ Provider = Callable[[Settings, ExitStack], Group]
 # Loaded when chosen. By name alone, as engines are: this package knows no gaits.
 GROUPS: dict[str, str] = {
     "physics": "aquafish_gym.bench.physics:open_loop",
+    "widths": "aquafish_gym.bench.physics:lane_widths",
     "bodies": "aquafish_gym.bench.bodies:new_bodies",
     "mujoco": "aquafish_gym.bench.mujoco_rollout:against_mujoco",
     "neat": "gait.bench:populations",

@@ -135,10 +135,11 @@ def draw_quadrature(axes: Axes, records: Records, what: str) -> None:
                 textcoords="offset points", ha="center", fontsize="x-small",
             )  # fmt: skip
     own = next(r for r in records if r["rule"] == "the law's")
-    axes.axhline(100 * own[what], color=_RED, lw=1.6)
+    axes.axhline(1.0, color=_RED, lw=0.8, ls="--")
+    axes.loglog(own["points"], 100 * own[what], "D", color=_RED, ms=7)
     axes.annotate(
-        f"the law's rule: {own[what]:.2%}", (11, 100 * own[what]), color=_RED, xytext=(0, 4),
-        textcoords="offset points", ha="center", fontsize="small",
+        f"the law's rule: {own[what]:.2%}", (own["points"], 100 * own[what]), color=_RED,
+        xytext=(8, 5), textcoords="offset points", fontsize="small",
     )  # fmt: skip
     axes.set_xlim(0.8, 70)
     axes.set_xticks([1, 2, 4, 8, 16, 32], ["1", "2", "4", "8", "16", "32"])
