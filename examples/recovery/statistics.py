@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from eea.statistics import FEWEST, ratio_interval, sign_test
+from eea.statistics import studentized_interval as mean_interval
 from recovery.treatments import TREATMENTS
 
-RESAMPLES = 10_000
-FEWEST = 5  # replicates that an interval is given for
+__all__ = [
+    "COMPARISONS",
+    "FEWEST",
+    "Outcomes",
+    "distances",
+    "mean_interval",
+    "paired_table",
+    "ratio_interval",
+    "sign_test",
+    "summarize",
+    "treatment_table",
+]
+
 # The questions of the case study: does the recovered gait beat the old one, and plain EEA's?
 COMPARISONS = (("out-of-band", "undamaged"), ("out-of-band", "none"), ("oracle", "out-of-band"))
 
@@ -27,47 +38,6 @@ def summarize(values: list[float]) -> dict[str, Any]:
         "interval": mean_interval(data),
         "values": data.tolist(),
     }
-
-
-def mean_interval(data: NDArray[np.float64]) -> list[float] | None:
-    """Return the studentised bootstrap's 95% interval of the mean, or None for under 5 numbers.
-
-    The percentile bootstrap of so few numbers is too narrow; studentising each resample mends
-    that (Efron and Tibshirani 1993, 12.5).
-    """
-    if len(data) < FEWEST:
-        return None
-    spread = data.std(ddof=1)
-    if spread == 0:
-        return [float(data.mean())] * 2
-    samples = data[_draws(len(data))]
-    spreads = samples.std(axis=1, ddof=1)
-    fair = spreads > 1e-9 * spread
-    pivots = (samples.mean(axis=1)[fair] - data.mean()) / spreads[fair]
-    high, low = np.quantile(pivots, [0.025, 0.975])
-    return [float(data.mean() - low * spread), float(data.mean() - high * spread)]
-
-
-def ratio_interval(above: NDArray[np.float64], below: NDArray[np.float64]) -> list[float] | None:
-    """Return the percentile interval at 95% of a ratio of paired means, or None for under 5."""
-    if len(above) < FEWEST:
-        return None
-    draws = _draws(len(above))
-    ratios = above[draws].mean(axis=1) / below[draws].mean(axis=1)
-    return [float(q) for q in np.quantile(ratios, [0.025, 0.975])]
-
-
-def sign_test(gains: list[float]) -> float:
-    """Return the exact two-sided p of so many gains and losses by chance; ties do not count."""
-    wins, losses = sum(g > 0 for g in gains), sum(g < 0 for g in gains)
-    count = wins + losses
-    tail = sum(math.comb(count, k) for k in range(min(wins, losses) + 1)) / 2**count
-    return min(1.0, 2.0 * float(tail))
-
-
-def _draws(count: int) -> NDArray[np.intp]:
-    # A fixed seed: the same results give the same report.
-    return np.random.default_rng(0).integers(0, count, (RESAMPLES, count))
 
 
 def distances(outcome: dict[str, Any]) -> dict[str, float]:

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.text import Text
+
+from eea import figures
+from eea.analysis import read_study, summarize_study
+from study_folder import LEVELS, write_study
+
+
+@pytest.fixture(scope="module")
+def study(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("study") / "s"
+    findings = read_study(write_study(folder, tuple(LEVELS), (128, 256, 512, 1024), 5, 6))
+    return findings, summarize_study(findings)
+
+
+@pytest.fixture(scope="module")
+def ablation(tmp_path_factory):
+    condition = "out-of-band-100"
+    arms = [
+        f"{name}-{condition}" for name in ("baseline", *(f"rather-long-{i}" for i in range(12)))
+    ]
+    findings = read_study(write_study(tmp_path_factory.mktemp("a") / "s", arms, (256,), 6, 3))
+    return findings, summarize_study(findings)
+
+
+def texts_drawn(figure, monkeypatch):
+    """Return the boxes of all the texts that a figure shows."""
+    boxes = []
+    draw = Text.draw
+
+    def note(self, renderer):
+        draw(self, renderer)
+        if self.get_visible() and self.get_text().strip():
+            boxes.append((self.get_text(), self.get_window_extent(renderer)))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Text, "draw", note)
+        figure.canvas.draw()
+    return boxes
+
+
+DRAWN = {
+    "rounds": lambda f, s: figures.rounds_figure(f, s, "none"),
+    "conditions": figures.conditions_figure,
+    "final": lambda f, s: figures.final_figure(f, s, list(f.replicates)),
+    "paired": lambda _, s: figures.forest_figure(s["paired"]),
+    "dimensions": figures.dimensions_figure,
+    "spread": lambda _, s: figures.spread_figure(s),
+    "angles": lambda f, _: figures.angles_figure(f),
+}
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_no_text_is_cut_off_or_covers_another(study, monkeypatch, name):
+    check_texts(DRAWN[name](*study), monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["final", "paired"])
+def test_nor_where_there_is_one_duration(tmp_path, monkeypatch, name):
+    findings = read_study(write_study(tmp_path / "s", tuple(LEVELS), (256,), 2, 2))
+    check_texts(DRAWN[name](findings, summarize_study(findings)), monkeypatch)
+
+
+@pytest.mark.parametrize("name", ["final", "effects"])
+def test_nor_where_there_are_many_arms_with_long_names(ablation, monkeypatch, name):
+    findings, summary = ablation
+    if name == "final":
+        arms = list(findings.replicates)
+        check_texts(figures.final_figure(findings, summary, arms), monkeypatch)
+    else:
+        check_texts(figures.forest_figure(summary["effects"]), monkeypatch)
+
+
+def check_texts(figure, monkeypatch):
+    boxes = texts_drawn(figure, monkeypatch)
+    assert len(boxes) > 5
+    width, height = figure.get_size_inches() * figure.dpi
+    for i, (text, box) in enumerate(boxes):
+        inside = box.x0 >= 0 and box.y0 >= 0 and box.x1 <= width and box.y1 <= height
+        assert inside, f"{text!r} is cut off"
+        for other, second in boxes[:i]:
+            across = min(box.x1, second.x1) - max(box.x0, second.x0)
+            along = min(box.y1, second.y1) - max(box.y0, second.y0)
+            assert across < 1 or along < 1, f"{text!r} covers {other!r}"
+
+
+def test_a_figure_of_the_paper_shows_mean_and_sd_against_round(study):
+    findings, summary = study
+    axes, below = figures.rounds_figure(findings, summary, "in-band").axes
+    lines = {line.get_label(): line for line in axes.lines}
+    for steps in (128, 256, 512, 1024):
+        curves = np.array(list(findings.curves("in-band", steps, "objective_fitness").values()))
+        assert lines[f"{steps} steps"].get_ydata() == pytest.approx(curves.mean(axis=0))
+    levels = sorted({line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2})
+    assert levels == sorted([summary["chance"], summary["mid_range"]])
+    assert below.lines[-1].get_ydata() == pytest.approx(curves.std(axis=0, ddof=1))
+    corners = axes.collections[-1].get_paths()[0].vertices
+    reach = corners[corners[:, 0] == 4, 1]
+    middle, deviation = curves[:, 3].mean(), curves[:, 3].std(ddof=1)
+    assert (reach.min(), reach.max()) == pytest.approx((middle - deviation, middle + deviation))
+    assert (
+        len({to_hex(lines[f"{steps} steps"].get_color()) for steps in (128, 256, 512, 1024)}) == 4
+    )
+
+
+def test_one_scale_for_all_conditions(study):
+    findings, summary = study
+    limits = {
+        figures.rounds_figure(findings, summary, arm).axes[0].get_ylim()
+        for arm in ("ideal", "none")
+    }
+    assert len(limits) == 1
+
+
+def test_every_replicate_is_a_point_beside_its_own_kind(study):
+    findings, summary = study
+    axes = figures.final_figure(findings, summary, list(findings.replicates)).axes[0]
+    points = [c.get_offsets() for c in axes.collections if len(c.get_offsets()) == 5]
+    assert len(points) == 6 * 4
+    last = [curve[-1] for curve in findings.curves("ideal", 128, "objective_fitness").values()]
+    assert sorted(points[0][:, 1]) == pytest.approx(sorted(last))
+    for i, cloud in enumerate(points):
+        assert np.all(np.abs(cloud[:, 0] - i // 4) < 0.5)
+
+
+def test_differences_are_filled_where_they_exclude_zero():
+    def row(mean, interval):
+        return {"durations": [256], "last_round": {"mean": mean, "interval": interval}}
+
+    figure = figures.forest_figure(
+        [
+            {"first": "a", "second": "baseline", "rows": [row(0.02, [-0.01, 0.05])]},
+            {"first": "b", "second": "baseline", "rows": [row(0.10, [0.05, 0.15])]},
+            {"first": "c", "second": "baseline", "rows": [row(-0.10, None)]},
+            {"first": "d", "second": "baseline", "rows": []},
+        ]
+    )
+    axes = figure.axes[0]
+    marks = [line for line in axes.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    assert [mark.get_xdata()[0] for mark in marks] == [0.10, 0.02, -0.10], "by size"
+    hollow = [to_hex(mark.get_markerfacecolor()) == "#ffffff" for mark in marks]
+    assert hollow == [False, True, True]
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["b", "a", "c"]
+
+
+def test_each_dimension_has_its_own_panel_with_its_own_levels(study):
+    findings, summary = study
+    figure = figures.dimensions_figure(findings, summary)
+    titles = [axes.get_title() for axes in figure.axes]
+    assert titles[0] == "left pectoral width"
+    axes = figure.axes[titles.index("caudal length")]
+    lines = {line.get_label(): line.get_ydata() for line in axes.lines}
+    curves = list(findings.mean_curves("out-of-band", "dimension_error").values())
+    assert lines["Out-of-Band"] == pytest.approx(np.mean(curves, axis=0)[:, 7])
+    assert lines["random bodies"][0] == summary["dimensions"]["chance_error"]["caudal.length"]
+
+
+def test_angles_are_in_degrees_and_leave_out_what_is_known(study):
+    findings, _ = study
+    axes = figures.angles_figure(findings).axes[1]
+    lines = {line.get_label(): line.get_ydata() for line in axes.lines}
+    assert "Ideal" not in lines
+    curves = list(findings.mean_curves("none", "angle_error").values())
+    assert lines["None"] == pytest.approx(np.degrees(np.mean(curves, axis=0)[:, 1]))
