@@ -7,7 +7,7 @@ import difflib
 import io
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -24,6 +24,7 @@ from eea.aquafish import EngineTarget, fish_eea
 from eea.checks import ConfigurationError, TargetError, choice
 from eea.config import EEAConfig, recovery_config
 from eea.folder import MODEL, RunFolder
+from eea.study_command import Plot, StudyCommand
 
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
 app = SubcommandApp()
@@ -36,7 +37,8 @@ class Run:
 
     Into --out go run.json (what is run), rounds.jsonl (a record a round, as it ends), result.json,
     morphology.json (the body found, for gait evolve --morphology) and rounds.png. An earlier run
-    of the same settings is replaced once this one has as many rounds; any other is refused.
+    of the same settings is gone on with if it was broken off, and else replaced once this one has
+    as many rounds; any other is refused.
 
     Attributes
     ----------
@@ -121,12 +123,15 @@ class Run:
         }
         folder = RunFolder(self.out, header)
         console = Console(highlight=False, soft_wrap=True, markup=False)
-        if folder.earlier is not None:
+        if folder.resume(eea):
+            done = _rounds(len(eea.result.rounds))
+            console.print(f"going on with the earlier run in {folder.path} ({done})")
+        elif folder.earlier is not None:
             console.print(f"replacing the earlier run in {folder.path} ({_rounds(folder.earlier)})")
         try:
-            with console.status(_waiting(self.config, 0)) as status:
+            with console.status(_waiting(self.config, len(eea.result.rounds))) as status:
                 for record in eea:
-                    folder.add(eea.result)
+                    folder.add(eea)
                     console.print(_progress_line(record, self.config))
                     status.update(_waiting(self.config, record.round))
         finally:
@@ -145,6 +150,10 @@ class Recover(Run):
     config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=recovery_config)
 
 
+app.command(name="study")(StudyCommand)
+app.command(name="plot")(Plot)
+
+
 class Commands:
     """The subcommands, the nearest of which is offered for an unknown one."""
 
@@ -152,11 +161,11 @@ class Commands:
         """Return the command that the arguments ask for."""
         words = sys.argv[1:] if args is None else args
         if words and not words[0].startswith("-"):
-            choice("the command", words[0], ("run", "recover"))
+            choice("the command", words[0], ("run", "recover", "study", "plot"))
         said = io.StringIO()
         try:
             with contextlib.redirect_stderr(said):
-                return app.cli(prog=prog, args=args)
+                command = app.cli(prog=prog, args=args)
         except SystemExit as stop:
             if stop.code and "Missing from" in said.getvalue():
                 options = [word for word in words if word.startswith("--")]
@@ -165,6 +174,8 @@ class Commands:
                 raise ConfigurationError(f"--out is required{got}") from None
             sys.stderr.write(said.getvalue())
             raise
+        # A study reads its settings again over those of each of its arms.
+        return replace(command, words=tuple(words)) if words[:1] == ["study"] else command
 
 
 def _conclude(folder: RunFolder, result: Result, console: Console) -> None:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -17,13 +17,15 @@ from eea.bits import BitLayout, pose_layout
 from eea.checks import ConfigurationError, TargetError, at_most, finite, instance, whole
 from eea.config import EEAConfig
 from eea.estimation import Estimation
-from eea.experiment import Context, Experiment, Floats, Simulator, Target, reveals
+from eea.experiment import Context, Experiment, Floats, Simulator, Target, resumes, reveals
 from eea.exploration import Exploration
 from eea.fitness import chance_level, mid_range_level, objective_fitness
 from eea.inference import FINS, Ideal, InBand, Inference, NoInference, OutOfBand
 from eea.laboratory import Laboratory
+from eea.state import pack, unpack
 
 SCHEMA = "eea.result/1"
+STATE_SCHEMA = "eea.state/1"
 STREAMS: tuple[str, ...] = ("target", "exploration", "estimation", "inference")
 
 
@@ -67,6 +69,12 @@ class RoundRecord:
         The truth, and its distance from the range's middle, rad; ``None`` if not revealed.
     objective_fitness
         OBJ_FIT (Eq. 4); ``None`` if the truth is not known.
+    dimension_error
+        The model's distance from the truth in each dimension, as a share of its range; ``None``
+        if the truth is not known.
+    spread
+        The standard deviation over the final population in each dimension, as such a share: what
+        the models still disagree about.
     trials
         Simulated in this round.
     seconds
@@ -83,8 +91,25 @@ class RoundRecord:
     true_angles: tuple[float, ...] | None
     angle_error: tuple[float, ...] | None
     objective_fitness: float | None
+    dimension_error: tuple[float, ...] | None
+    spread: tuple[float, ...]
     trials: int
     seconds: float
+
+    @classmethod
+    def from_dict(cls, document: dict[str, Any]) -> Self:
+        """Return the record that ``to_dict`` or its JSON describes.
+
+        Raises
+        ------
+        TypeError
+            If a field is missing or unknown.
+        """
+        values: dict[str, Any] = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in document.items()
+        }
+        return cls(**values)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the record for JSON."""
@@ -278,21 +303,96 @@ class EEA:
     @contextmanager
     def _whole_or_not_at_all(self) -> Iterator[None]:
         """Undo a round that is broken off: its experiment, what it inferred, what it drew."""
-        rounds = len(self.result.rounds)
-        contexts = [experiment.context for experiment in self._experiments]
-        drawn = [stream.bit_generator.state for stream in self._streams]
-        saved = self._estimation.save()
+        saved = self._save()
         try:
             yield
         except BaseException:
-            del self.result.rounds[rounds:]
-            del self._experiments[rounds:]
-            for experiment, context in zip(self._experiments, contexts, strict=True):
-                experiment.context = context
-            for stream, state in zip(self._streams, drawn, strict=True):
-                stream.bit_generator.state = state
-            self._estimation.restore(saved)
+            self._go_back(saved)
             raise
+
+    def save(self) -> dict[str, Any]:
+        """Return everything that the next rounds depend on, ready for JSON, for ``restore``.
+
+        To be called between rounds, as the loop over an ``EEA`` does.
+
+        Notes
+        -----
+        Floats go through JSON unchanged and arrays are packed byte for byte, so a restored run's
+        records are those of the undisturbed run to the bit, ``seconds`` apart. A target that can
+        be put back (``ResumableTarget``), such as ``EngineTarget``, is saved too. A physical one
+        cannot be: it goes on from wherever its fins are, and hides other angles.
+        """
+        state: dict[str, Any] = pack(self._save())
+        return {
+            "schema": STATE_SCHEMA,
+            "config": self.result.config.to_dict(),
+            "seed": self.result.seed,
+            **state,
+        }
+
+    def restore(self, saved: dict[str, Any]) -> None:
+        """Go back, or on, to what ``save`` returned, in this process or another.
+
+        Parameters
+        ----------
+        saved
+            From an ``EEA`` of the same settings, seed, robot and kind of target.
+
+        Raises
+        ------
+        ConfigurationError
+            If it is no saved state, damaged, or that of another run; nothing has changed then.
+        """
+        if not isinstance(saved, dict) or saved.get("schema") != STATE_SCHEMA:
+            raise ConfigurationError(f"saved must be a state of schema {STATE_SCHEMA}")
+        ours = {"config": self.result.config.to_dict(), "seed": self.result.seed}
+        for name, value in json.loads(json.dumps(ours)).items():
+            if json.loads(json.dumps(saved.get(name))) != value:
+                raise ConfigurationError(f"saved must be a state of this run; its {name} differs")
+        before = self._save()
+        try:
+            self._go_back(unpack(saved))
+        except (AttributeError, KeyError, TypeError, ValueError, IndexError) as error:
+            self._go_back(before)
+            raise ConfigurationError(f"saved must be a whole state: {error!r}") from None
+
+    def _save(self) -> dict[str, Any]:
+        return {
+            "rounds": [record.to_dict() for record in self.result.rounds],
+            "experiments": [
+                {
+                    "command": experiment.command,
+                    "behavior": experiment.behavior,
+                    "min_angle": experiment.context.min_angle,
+                    "max_angle": experiment.context.max_angle,
+                    "confidence": experiment.context.confidence,
+                    "true_angles": experiment.true_angles,
+                }
+                for experiment in self._experiments
+            ],
+            "estimation": self._estimation.save(),
+            "trials": self._laboratory.trials,
+            "streams": [dict(stream.bit_generator.state) for stream in self._streams],
+            "target": self._target.save_state() if resumes(self._target) else None,
+        }
+
+    def _go_back(self, saved: dict[str, Any]) -> None:
+        self.result.rounds[:] = [RoundRecord.from_dict(record) for record in saved["rounds"]]
+        self._experiments[:] = [
+            Experiment(
+                experiment["command"],
+                experiment["behavior"],
+                Context(experiment["min_angle"], experiment["max_angle"], experiment["confidence"]),
+                experiment["true_angles"],
+            )
+            for experiment in saved["experiments"]
+        ]
+        self._estimation.restore(saved["estimation"])
+        self._laboratory.trials = saved["trials"]
+        for stream, state in zip(self._streams, saved["streams"], strict=True):
+            stream.bit_generator.state = state
+        if resumes(self._target):
+            self._target.restore_state(saved["target"])
 
     def _round(self, began: float) -> RoundRecord:
         trials = self._laboratory.trials
@@ -305,10 +405,13 @@ class EEA:
         newest = self._perform(command)
         self._experiments.append(newest)
         morphology, model_fitness = estimation.run(self._experiments, self._inference, self._chance)
-        truth, true = self.result.truth, newest.true_angles
+        truth, true, layout = self.result.truth, newest.true_angles, self.result.layout
+        span = layout.high - layout.low
         objective: float | None = None
+        apart: tuple[float, ...] | None = None
         if truth is not None:
-            objective = float(objective_fitness(morphology, truth, self.result.layout))
+            objective = float(objective_fitness(morphology, truth, layout))
+            apart = tuple((np.abs(morphology - truth) / span).tolist())
         return RoundRecord(
             round=len(self._experiments),
             command=tuple(command.tolist()),
@@ -322,6 +425,8 @@ class EEA:
             if true is None
             else tuple(circular_distance(newest.context.middle, true).tolist()),
             objective_fitness=objective,
+            dimension_error=apart,
+            spread=tuple((estimation.models.std(axis=0) / span).tolist()),
             trials=self._laboratory.trials - trials,
             seconds=time.monotonic() - began,
         )

@@ -120,6 +120,15 @@ FIGURES: dict[str, EEAConfig] = {
     ),
 }
 
+# What the arms of a study are called, by the number of the figure that shows them.
+FIGURE_ARMS: dict[str, str] = {
+    "5": "ideal",
+    "6": "none",
+    "7": "in-band",
+    "8": "in-band-200",
+    "9": "out-of-band",
+    "10": "out-of-band-100",
+}
 
 RECOVERY = EEAConfig(
     condition="out-of-band",
@@ -137,7 +146,7 @@ def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
     Above all ``revisit=5``: each search for angles also infers those of five earlier trials
     anew, which the paper locks in, and with them whatever was inferred wrongly while the models
     were still poor: over the ten replicates of docs/recovery the mean OBJ_FIT after 16 rounds is
-    0.922, against 0.870 without revisits. Five sampled judges are those of Fig. 10, and save most
+    0.900, against 0.863 without revisits. Five sampled judges are those of Fig. 10, and save most
     of the trials. Two-point crossover is a choice that few replicates could not tell from uniform.
 
     Parameters

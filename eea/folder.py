@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,11 @@ from aquafish_gym.storage import (
     write_json,
 )
 from aquafish_gym.validation import InvalidArgumentError
-from eea.algorithm import Result
+from eea.algorithm import EEA, Result
+from eea.checks import ConfigurationError
 
 RUN, ROUNDS, RESULT, PICTURE = "run.json", "rounds.jsonl", "result.json", "rounds.png"
-MODEL = "morphology.json"
+MODEL, STATE = "morphology.json", "rounds.state"
 OUTPUTS = (ROUNDS, RESULT, MODEL, PICTURE)
 GAIT_FILES = ("checkpoint.json", "controller.json")
 
@@ -29,8 +31,9 @@ GAIT_FILES = ("checkpoint.json", "controller.json")
 class RunFolder:
     """A directory that a run fills, round by round.
 
-    The files of an earlier run of the same settings stay until this run has as many rounds, or
-    has ended by a stop rule: breaking off the repetition of a run loses nothing.
+    An earlier run of the same settings that was broken off is gone on with. The files of one that
+    has ended stay until this run has as many rounds, or has ended by a stop rule: breaking off the
+    repetition of a run loses nothing.
 
     Parameters
     ----------
@@ -59,17 +62,25 @@ class RunFolder:
         self.earlier: int | None = None
         self._taken = False
         if (self.path / RUN).exists():
-            self.earlier = _count_rounds(self.path / ROUNDS)
+            self.earlier = len(_sound_records(self.path / ROUNDS))
         else:
             write_json(self.path / RUN, header)
 
-    def add(self, result: Result) -> None:
-        """Write a result that has one round more than before."""
+    def resume(self, eea: EEA) -> bool:
+        """Bring the algorithm to where an earlier run was broken off; return whether one was."""
+        self._taken = resume_log(eea, self.path / ROUNDS, self.path / STATE)
+        return self._taken
+
+    def add(self, eea: EEA) -> None:
+        """Write the result of a run that has one round more than before."""
+        result = eea.result
         if self._taken:
             append_record(self.path / ROUNDS, result.rounds[-1].to_dict())
             self._write_model(result)
         elif len(result.rounds) >= (self.earlier or 0):
             self._take(result)
+        if self._taken:
+            write_state(self.path / STATE, eea.save())
 
     def conclude(self, result: Result) -> bool:
         """Write what is known at the end, also after Ctrl-C; return whether it was written.
@@ -82,6 +93,8 @@ class RunFolder:
             return False
         else:
             self._take(result)
+        if result.stopped != "interrupted":
+            (self.path / STATE).unlink(missing_ok=True)
         if result.rounds:
             from eea.plots import save_fitness_figure
 
@@ -90,6 +103,7 @@ class RunFolder:
 
     def _take(self, result: Result) -> None:
         """Put all of this run's rounds in the place of the earlier run's."""
+        (self.path / STATE).unlink(missing_ok=True)
         log = self.path / f".{ROUNDS}.new"
         log.unlink(missing_ok=True)
         for record in result.rounds:
@@ -115,6 +129,8 @@ class RunFolder:
             raise InvalidArgumentError(f"{rule}; {self.path} holds a gait run ({gait[0]})")
         if (self.path / "config.json").exists() and any(self.path.glob("seed-*")):
             raise InvalidArgumentError(f"{rule}; {self.path} holds a case study (config.json)")
+        if (self.path / "study.json").exists():
+            raise InvalidArgumentError(f"{rule}; {self.path} holds a study (study.json)")
         path = self.path / RUN
         if not path.exists():
             present = [name for name in OUTPUTS if (self.path / name).exists()]
@@ -125,41 +141,92 @@ class RunFolder:
                 )
             return
         try:
-            held = _flat(json.loads(path.read_bytes()))
+            held = flat(json.loads(path.read_bytes()))
         except (ValueError, AttributeError):
             raise InvalidArgumentError(
                 f"{rule}; {path} is damaged, so what the directory holds is not known"
             ) from None
-        asked = _flat(header)
+        asked = flat(header)
         # The target's body is what the damage made of it: the damage says it better.
         for name in sorted((*asked, *held), key=lambda name: name.startswith("target_morphology")):
             if held.get(name) != asked.get(name):
                 raise InvalidArgumentError(
                     f"{rule}; {self.path} holds another run, with {name} "
-                    f"{_spell(name, held.get(name))}, not {_spell(name, asked.get(name))}"
+                    f"{spell(name, held.get(name))}, not {spell(name, asked.get(name))}"
                 )
 
 
-def _count_rounds(log: Path) -> int:
+def _sound_records(log: Path) -> list[Any]:
     try:
-        return len(read_records(log))
+        return read_records(log)
     except DamagedFileError as error:
-        return len(error.records)
+        return error.records
     except FileNotFoundError:
-        return 0
+        return []
 
 
-def _flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+def resume_log(eea: EEA, log: Path, state: Path) -> bool:
+    """Bring the algorithm to where a run was broken off; return whether one was.
+
+    The state is written after a round's line in the log, so it is of the last line or of the one
+    before, and the log is cut to it. A state that is not the log's is not gone on from.
+    """
+    saved = read_state(state)
+    try:
+        if saved is None:
+            return False
+        logged = _sound_records(log)[: len(saved["rounds"])]
+        if not logged or logged != saved["rounds"]:
+            return False
+        eea.restore(saved)
+    except (ConfigurationError, KeyError, TypeError):
+        return False
+    keep_lines(log, len(logged))
+    return True
+
+
+def flat(settings: dict[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested settings under dotted names; the algorithm's are named as the options."""
     found: dict[str, Any] = {}
     for name, value in settings.items():
         inner = "" if (prefix, name) == ("", "config") else f"{prefix}{name}."
-        found |= _flat(value, inner) if isinstance(value, dict) else {f"{prefix}{name}": value}
+        found |= flat(value, inner) if isinstance(value, dict) else {f"{prefix}{name}": value}
     return found
 
 
-def _spell(name: str, value: Any) -> str:
+def spell(name: str, value: Any) -> str:
+    """Return a setting's value as people say it."""
     if name == "target_damage" and isinstance(value, list):
         with contextlib.suppress(InvalidArgumentError):
             return str(Damage.from_json(json.dumps(value)))
     return str(value)
+
+
+def keep_lines(log: Path, count: int) -> None:
+    """Cut a log to its first lines, at once or not at all."""
+    content = log.read_bytes()
+    kept = b"".join(line + b"\n" for line in content.split(b"\n")[:count])
+    if kept != content:
+        write_bytes(log, kept)
+
+
+def write_state(path: Path, saved: dict[str, Any]) -> None:
+    """Replace a state at once or not at all, with a checksum."""
+    text = json.dumps(saved).encode()
+    write_bytes(path, _digest(text) + b"\n" + text + b"\n")
+
+
+def read_state(path: Path) -> dict[str, Any] | None:
+    """Return a state; ``None`` if there is none or it is not what was written."""
+    try:
+        digest, text, end = path.read_bytes().split(b"\n")
+    except (FileNotFoundError, ValueError):
+        return None
+    if end or digest != _digest(text):
+        return None
+    saved: dict[str, Any] = json.loads(text)
+    return saved
+
+
+def _digest(text: bytes) -> bytes:
+    return hashlib.sha256(text).hexdigest().encode()

@@ -51,8 +51,8 @@ class DamageRecovery:
     """Damage a fish, let it model itself, evolve a gait, and score it on the damaged fish."""
 
     out: Path = Path("out/recovery")
-    """Where everything is written. An interrupted run there goes on: finished self-models and all
-    generations of gaits are kept, an interrupted self-model starts again."""
+    """Where everything is written. An interrupted run there goes on: all rounds of self-models and
+    all generations of gaits are kept."""
     damage: str = "left_pectoral:length=0.5"
     """What breaks: FIN:SIZE=FACTOR or FIN:missing, several joined by ";". FIN is left_pectoral,
     right_pectoral or caudal; SIZE is length, width or thickness."""

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.storage import append_record, ensure_writable_directory, write_bytes, write_json
-from eea import EEAConfig, RoundRecord, estimate_morphology
-from eea.aquafish import fish_models
+from eea import EEAConfig, EngineTarget
+from eea.algorithm import streams
+from eea.aquafish import fish_eea, fish_models
 from eea.config import Condition
 from eea.fitness import objective_fitness
+from eea.folder import resume_log, write_state
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer
@@ -30,6 +32,7 @@ MODELLED: dict[str, Condition] = {"none": "none", "out-of-band": "out-of-band"}
 MODEL_FILE = "model.json"
 OUTCOME_FILE = "outcome.json"
 ROUNDS_FILE = "rounds.jsonl"
+STATE_FILE = "rounds.state"
 SWIMS_FILE = "swims.npz"
 PATHS = ("time", "position", "quaternion", "fin_angles")
 
@@ -68,8 +71,8 @@ def run_job(job: Job, say: Say) -> dict[str, Any]:
     """Do one job, write its files and return its outcome, ready for JSON.
 
     ``outcome.json`` is written last, so a job that has it is complete. Rounds of the self-model
-    and generations of the gait are on disk as they come. An interrupted job goes on, to the same
-    end: with its gait where that stopped, or with its self-model from the first round.
+    and generations of the gait are on disk as they come. An interrupted job goes on where it
+    stopped, to the same end.
 
     A robot that diverges has made no progress: its distance counts as 0, and ``diverged`` tells
     how many of the swims on the target did.
@@ -142,32 +145,33 @@ def _model(job: Job, say: Say) -> tuple[Morphology, float | None]:
     if job.treatment not in MODELLED:
         return (job.morphology if job.treatment == "undamaged" else job.target), None
     kept, rounds = job.directory / MODEL_FILE, job.directory / ROUNDS_FILE
+    state = job.directory / STATE_FILE
     if kept.exists():
+        state.unlink(missing_ok=True)  # after a kill between the two
         found = json.loads(kept.read_text(encoding="utf-8"))
         return Morphology.coerce(found["morphology"]), found["model_fitness"]
-    rounds.unlink(missing_ok=True)
-
-    def on_round(record: RoundRecord) -> None:
+    config = replace(job.eea, condition=MODELLED[job.treatment])
+    chance = streams(job.seed)["target"]
+    target = EngineTarget(
+        job.morphology, job.damage, chance, config.steps, job.transfer.target_engine
+    )
+    eea = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
+    if not resume_log(eea, rounds, state):
+        rounds.unlink(missing_ok=True)
+    done = len(eea.result.rounds)
+    say(f"self-model: {done} rounds done", 0.4 * done / job.eea.rounds)
+    for record in eea:
         append_record(rounds, record.to_dict())
+        write_state(state, eea.save())
         say(
             f"self-model: round {record.round}/{job.eea.rounds}, "
             f"MOD_FIT {record.model_fitness:.3f}, OBJ_FIT {record.objective_fitness:.3f}",
             0.4 * record.round / job.eea.rounds,
         )
-
-    say("self-model: the first trial", 0.0)
-    estimate = estimate_morphology(
-        job.morphology,
-        job.damage,
-        replace(job.eea, condition=MODELLED[job.treatment]),
-        job.seed,
-        on_round,
-        target_engine=job.transfer.target_engine,
-        threads=job.gait.threads,
-    )
-    fitness = estimate.rounds[-1].model_fitness
-    write_json(kept, {"morphology": estimate.morphology.to_dict(), "model_fitness": fitness})
-    return estimate.morphology, fitness
+    model, fitness = Morphology.from_array(eea.result.model), eea.result.rounds[-1].model_fitness
+    write_json(kept, {"morphology": model.to_dict(), "model_fitness": fitness})
+    state.unlink()
+    return model, fitness
 
 
 def _write_swims(path: Path, native: Swim, target: Swim) -> None:

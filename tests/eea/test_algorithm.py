@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eea.algorithm import EEA, STREAMS, streams
+from eea.algorithm import EEA, STREAMS, RoundRecord, streams
 from eea.behavior import BehaviorConfig
 from eea.checks import ConfigurationError, TargetError
 from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config, recovery_config
@@ -15,6 +15,7 @@ from eea.experiment import Trials
 from eea.exploration import ExplorationConfig
 from eea.genetic import GeneticConfig
 from eea.inference import InBandConfig, OutOfBandConfig
+from eea.state import pack, unpack
 from fake_fish import (
     ACTIONS,
     MODELS,
@@ -221,6 +222,144 @@ def test_a_target_that_fails_once_may_be_asked_again():
     assert [r.morphology for r in eea.run().rounds] == [r.morphology for r in expected.rounds]
 
 
+class Resumable(FakeRevealingTarget):
+    """A simulated target: it can be put back to where its hidden angles were."""
+
+    def save_state(self):
+        return {"stream": dict(self._rng.bit_generator.state)}
+
+    def restore_state(self, saved):
+        self._rng.bit_generator.state = saved["stream"]
+
+
+def resumable(config, seed=0):
+    return EEA(Resumable(seed), FakeSimulator(), MODELS, ACTIONS, config, seed, TRUTH)
+
+
+VARIANTS = {
+    **{condition: {"condition": condition} for condition in CONDITIONS},
+    "in-band, one best": {"condition": "in-band", "in_band": InBandConfig(k=1)},
+    "reseed": {"estimation": EstimationConfig(8, 6, carry_over="reseed")},
+    "forgetful": {"estimation": EstimationConfig(8, 6, remember=False)},
+    "revisiting": {"out_of_band": OutOfBandConfig(2, 4, 3, revisit=2, sampled_models=3)},
+    "other summaries": {"behavior": BehaviorConfig(summary="mean_rate", difference="magnitude")},
+    "random pose": {"exploration": ExplorationConfig(4, 3, "common_random", 5)},
+}
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_restoring_after_any_round_changes_no_bit_of_what_follows(variant):
+    inference = OutOfBandConfig(period=2, inner_population=4, inner_generations=3)
+    small = replace(QUICK, rounds=4, out_of_band=inference, estimation=EstimationConfig(8, 6))
+    config = replace(small, **VARIANTS[variant])
+    undisturbed = resumable(config, seed=5)
+    expected = without_clock(undisturbed.run().rounds)
+    # A process a round: each takes over what the one before left as text.
+    text = json.dumps(resumable(config, seed=5).save())
+    for number in range(1, 5):
+        eea = resumable(config, seed=5)
+        eea.restore(json.loads(text))
+        assert next(iter(eea)).round == number
+        text = json.dumps(eea.save())
+    assert without_clock(eea.result.rounds) == expected  # the numbers of trials among them
+    last = json.loads(text)
+    whole = undisturbed.save()
+    assert {**last, "rounds": None} == {**json.loads(json.dumps(whole)), "rounds": None}
+    assert list(eea) == []
+    assert eea.result.stopped == "rounds"
+
+
+def test_a_saved_state_stands_still_while_the_run_goes_on():
+    eea = resumable(QUICK)
+    rounds = iter(eea)
+    next(rounds)
+    saved = eea.save()
+    text = json.dumps(saved)
+    next(rounds)
+    assert json.dumps(saved) == text
+    assert json.dumps(eea.save()) != text
+    eea.restore(saved)
+    assert json.dumps(eea.save()) == text
+
+
+def test_a_round_that_is_broken_off_is_repeated_with_the_same_hidden_angles():
+    expected = without_clock(resumable(QUICK).run().rounds)
+    for call in (2, 30):
+        eea = EEA(Resumable(0), Interrupted(call), MODELS, ACTIONS, QUICK, 0, TRUTH)
+        with pytest.raises(KeyboardInterrupt):
+            eea.run()
+        assert without_clock(eea.run().rounds) == expected
+
+
+def test_a_physical_target_goes_on_from_where_it_is():
+    eea = fake_eea(QUICK)  # its target cannot be put back
+    next(iter(eea))
+    saved = eea.save()
+    assert saved["target"] is None
+    other = fake_eea(QUICK)
+    other.restore(saved)
+    undisturbed = fake_eea(QUICK).run().rounds
+    rounds = other.run().rounds
+    assert rounds[0].morphology == undisturbed[0].morphology
+    assert rounds[1].command == undisturbed[1].command
+    assert rounds[1].true_angles == undisturbed[0].true_angles  # its own first ones
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda _: None, "must be a state of schema eea.state/1"),
+        (lambda saved: {**saved, "schema": "eea.result/1"}, "must be a state of schema"),
+        (lambda saved: {**saved, "seed": 1}, "state of this run; its seed differs"),
+        (
+            lambda saved: {**saved, "config": {**saved["config"], "rounds": 4}},
+            "state of this run; its config differs",
+        ),
+        (lambda saved: {k: v for k, v in saved.items() if k != "trials"}, "whole.*trials"),
+        (lambda saved: {**saved, "streams": saved["streams"][:3]}, "must be a whole state"),
+        (lambda saved: {**saved, "target": None}, "must be a whole state"),
+        (lambda saved: {**saved, "rounds": [{"round": 1}]}, "must be a whole state"),
+        (
+            lambda saved: {
+                **saved,
+                "experiments": [
+                    {
+                        **saved["experiments"][0],
+                        "behavior": {"array": "", "dtype": "O", "shape": []},
+                    }
+                ],
+            },
+            "must hold numbers",
+        ),
+    ],
+)
+def test_a_state_of_something_else_is_refused_and_changes_nothing(spoil, message):
+    eea = resumable(QUICK)
+    next(iter(eea))
+    saved = json.loads(json.dumps(eea.save()))
+    other = resumable(QUICK)
+    before = json.dumps(other.save())
+    with pytest.raises(ConfigurationError, match=message):
+        other.restore(spoil(saved))
+    assert json.dumps(other.save()) == before
+
+
+def test_a_record_tells_the_error_and_the_spread_of_each_dimension():
+    eea = fake_eea(QUICK)
+    for record in eea:
+        error = np.abs(np.array(record.morphology) - TRUTH) / MODELS.high
+        assert np.allclose(record.dimension_error, error)
+        assert record.objective_fitness == pytest.approx(1 - np.mean(record.dimension_error))
+        # Of nine sizes each: twice as far apart is twice the spread, whatever the range.
+        models = MODELS.decode(unpack(eea.save())["estimation"]["genomes"])
+        assert np.allclose(record.spread, np.std(models / MODELS.high, axis=0))
+        assert max(record.spread) > 0.0
+        assert RoundRecord.from_dict(json.loads(json.dumps(record.to_dict()))) == record
+    unknown = fake_eea(QUICK, truth=False).run().rounds[-1]
+    assert unknown.dimension_error is None
+    assert unknown.spread == record.spread
+
+
 def test_a_run_that_ended_stays_ended():
     eea = fake_eea(replace(QUICK, condition="ideal", rounds=50, accurate=0.6))
     rounds = list(eea.run().rounds)
@@ -393,3 +532,16 @@ def test_settings_that_have_no_say_are_not_refused():
 def test_bad_seeds_are_refused(seed):
     with pytest.raises(ConfigurationError, match="seed must be a whole number"):
         streams(seed)
+
+
+@pytest.mark.parametrize("dtype", ["f4", "f8", "c8", "c16", "u1", "i8", "?"])
+def test_arrays_come_back_from_json_to_the_bit(dtype):
+    rng = np.random.default_rng(0)
+    for shape in ((), (0,), (3,), (2, 0, 4), (2, 3, 4)):
+        content = rng.bytes(np.dtype(dtype).itemsize * int(np.prod(shape)))
+        array = np.frombuffer(content, dtype).reshape(shape)  # NaN of all kinds among them
+        back = unpack(json.loads(json.dumps(pack({"deep": [array, 1.5, None]}))))["deep"]
+        assert back[0].tobytes() == content
+        assert (back[0].dtype, back[0].shape) == (array.dtype, shape)
+        assert back[1:] == [1.5, None]
+        assert back[0].flags.writeable

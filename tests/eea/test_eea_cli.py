@@ -8,11 +8,12 @@ import subprocess
 import sys
 import time
 
+import numpy as np
 import pytest
 
 import eea.__main__
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.storage import read_records
+from aquafish_gym.storage import append_record, read_records
 from eea.__main__ import main
 
 QUICK = [
@@ -137,7 +138,8 @@ def test_the_nearest_subcommand_is_offered(capsys):
     assert main(["rum"]) == 2
     said = capsys.readouterr().err
     assert said == (
-        "eea: the command must be one of run, recover; got 'rum'; did you mean 'run'?\n"
+        "eea: the command must be one of run, recover, study, plot; got 'rum'; "
+        "did you mean 'run'?\n"
     )
 
 
@@ -186,7 +188,14 @@ def test_a_repetition_that_is_broken_off_early_loses_no_round(tmp_path, capsys, 
     assert "still holds the earlier run (2 rounds)" in said
 
 
-def test_an_interrupted_run_is_replaced_when_the_new_one_has_as_many_rounds(tmp_path, monkeypatch):
+def without_clock(records):
+    return [{**record, "seconds": None} for record in records]
+
+
+def test_an_interrupted_run_is_gone_on_with(tmp_path, monkeypatch, capsys):
+    assert main([*QUICK, "--rounds", "3", "--out", str(tmp_path / "undisturbed")]) == 0
+    expected = read_records(tmp_path / "undisturbed" / "rounds.jsonl")
+    tmp_path = tmp_path / "interrupted"
     arguments = [*QUICK, "--rounds", "3", "--out", str(tmp_path)]
     for after in (1, 2):
         with monkeypatch.context() as patch:
@@ -197,8 +206,17 @@ def test_an_interrupted_run_is_replaced_when_the_new_one_has_as_many_rounds(tmp_
         assert read_records(tmp_path / "rounds.jsonl") == result["rounds"]
         body = Morphology.from_json((tmp_path / "morphology.json").read_text())
         assert body.to_array().tolist() == result["morphology"]
+    # As if it had been killed between a round's line and its state.
+    append_record(tmp_path / "rounds.jsonl", {"round": 3})
+    capsys.readouterr()
     assert main(arguments) == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"going on with the earlier run in {tmp_path} (2 rounds)\n")
+    assert "experiments  2/3" not in said
     result = json.loads((tmp_path / "result.json").read_text())
+    assert without_clock(result["rounds"]) == without_clock(expected)
+    assert np.all(np.diff([record["seconds"] for record in result["rounds"]]) > 0.0)
+    assert not (tmp_path / "rounds.state").exists()
     assert result["stopped"] == "rounds"
     assert read_records(tmp_path / "rounds.jsonl") == result["rounds"]
     assert len(result["rounds"]) == 3
@@ -282,3 +300,19 @@ def test_ctrl_c_leaves_readable_output(tmp_path):
     assert abs(len(records) - len(result["rounds"])) <= 1
     assert all(a == b for a, b in zip(records, result["rounds"], strict=False))
     assert (out / "rounds.png").exists()
+
+
+@pytest.mark.parametrize("spoilt", ["rounds.state", "rounds.jsonl"])
+def test_a_broken_off_run_whose_files_disagree_begins_anew(tmp_path, monkeypatch, capsys, spoilt):
+    arguments = [*QUICK, "--rounds", "3", "--out", str(tmp_path)]
+    with monkeypatch.context() as patch:
+        Stop(patch, after=2)
+        assert main(arguments) == 130
+    path = tmp_path / spoilt
+    path.write_bytes(path.read_bytes().replace(b"0.", b"1.", 1))
+    assert main(arguments) == 0
+    said = capsys.readouterr().out
+    assert "replacing the earlier run" in said
+    assert said.count("experiments  1/3") == 2
+    assert len(read_records(tmp_path / "rounds.jsonl")) == 3
+    assert not (tmp_path / "rounds.state").exists()
