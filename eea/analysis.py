@@ -159,7 +159,7 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
         begun = sum(sum(counts.values()) for counts in unfinished.values())
         raise ConfigurationError(
             f"the study in {path} has no finished replicate yet ({begun} begun); "
-            f"python -m eea study --out {path} goes on with it"
+            "the command that began it goes on with it"
         )
     planned = len(header["arms"]) * len(header["steps"]) * header["seeds"]["count"]
     layout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)

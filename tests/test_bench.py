@@ -25,6 +25,7 @@ from aquafish_gym.bench.report import format_count, format_time, make_records, m
 from aquafish_gym.bench.rows import GROUPS, NO_MUJOCO, Group, Row, Settings, load_provider
 from aquafish_gym.engines.base import simulate
 from aquafish_gym.engines.clients import load_pybullet
+from eea import bench as replicate
 from gait.bench import NO_LEARNING
 
 TINY = Settings(robots=17, steps=4, seed=0, cores=2, quick=True)
@@ -169,6 +170,96 @@ def test_a_ratio_is_how_many_times_as_fast() -> None:
     records = make_records("g", Group("", "", [slow, fast]), timings, first=7)
     found = [(r["number"], r["ratio"], r["median_ratio"], r["ratio_to"]) for r in records]
     assert found == [(7, None, None, None), (8, 4.0, 2.0, 7)]
+
+
+def test_a_share_is_of_the_time() -> None:
+    whole = make_row("whole")
+    part = make_row("part", against=whole, share=True)
+    timings = [Timing(whole, (4.0, 8.0, 9.0)), Timing(part, (1.0, 4.0, 5.0))]
+    group = Group("", "", [whole, part])
+    records = make_records("g", group, timings)
+    assert [(r["ratio"], r["median_ratio"]) for r in records] == [(None, None), (0.25, 0.5)]
+    console = Console(width=80, file=io.StringIO())
+    console.print(make_table("", {"g": group}, records))
+    assert "25.0% of #1" in console.file.getvalue()  # type: ignore[attr-defined]
+
+
+def test_a_stopwatch_gives_each_moment_to_the_innermost_part(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    now = 10.0
+    monkeypatch.setattr("time.perf_counter", lambda: now)
+
+    def wait(seconds: float) -> None:
+        nonlocal now
+        now += seconds
+
+    def fail() -> None:
+        wait(16.0)
+        raise ArithmeticError
+
+    watch = replicate.Stopwatch()
+    inner = watch.timed("Eq. 1", wait)
+
+    def outer(seconds: float) -> str:
+        wait(seconds)
+        inner(4.0)
+        wait(seconds)
+        return "done"
+
+    wait(1.0)
+    assert watch.timed("GA", outer)(2.0) == "done"
+    with pytest.raises(ArithmeticError):
+        watch.timed("Eq. 2", fail)()
+    wait(32.0)
+    assert watch.stop() == 57.0
+    spent = {part: seconds for part, seconds in watch.seconds.items() if seconds}
+    assert spent == {"Eq. 2": 16.0, "Eq. 1": 4.0, "GA": 4.0, replicate.REST: 33.0}
+
+
+def test_what_is_timed_is_put_back() -> None:
+    places = [place for found in replicate.PARTS.values() for place in found]
+    before = [vars(owner)[name] for owner, name in places]
+
+    def in_place() -> set[bool]:
+        return {vars(o)[n] is old for (o, n), old in zip(places, before, strict=True)}
+
+    def break_off() -> None:
+        with replicate.taken_apart():
+            assert in_place() == {False}
+            raise ArithmeticError
+
+    with pytest.raises(ArithmeticError):
+        break_off()
+    assert in_place() == {True}
+
+
+def test_a_replicates_parts_are_its_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And every function that a part is made of does run in it."""
+    called: set[str] = set()
+
+    def noted(key: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def call(*args: Any, **kwargs: Any) -> Any:
+            called.add(key)
+            return function(*args, **kwargs)
+
+        return call
+
+    places = [place for found in replicate.PARTS.values() for place in found]
+    keys = {f"{owner.__name__}.{name}": (owner, name) for owner, name in places}
+    with ExitStack() as cleanup:
+        group = load_provider("replicate")(TINY, cleanup)
+        for key, (owner, name) in keys.items():
+            monkeypatch.setattr(owner, name, noted(key, vars(owner)[name]))
+        whole, *parts = group.rows[: len(replicate.PARTS) + 2]
+        timings = measure(Group("", "", [whole, *parts]), turns=2)
+    assert called == keys.keys()
+    assert not whole.share
+    assert all(part.share and part.against is whole for part in parts)
+    records = make_records("replicate", group, timings)
+    assert {r["turns"] for r in records} == {1}
+    assert sum(r["ratio"] for r in records[1:]) == pytest.approx(1.0)
 
 
 def test_the_table_fits_80_columns_and_drops_nothing() -> None:

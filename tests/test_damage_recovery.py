@@ -219,6 +219,45 @@ def test_an_interrupted_run_leaves_what_can_be_read_and_gone_on_with(
     assert written.read_text().splitlines()[0].startswith("generation,best")
 
 
+def test_a_self_model_that_is_broken_off_goes_on(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.syspath_prepend(str(SCRIPT.parent))
+    from aquafish_gym import Damage, Morphology
+    from eea import EEAConfig
+    from eea.estimation import EstimationConfig
+    from gait.evolve import EvolveConfig
+    from gait.transfer import TransferConfig
+    from recovery.treatments import Job, _model
+
+    eea = EEAConfig(steps=16, rounds=3, estimation=EstimationConfig(6, 4))
+    where = TransferConfig(target_engine="numba")
+    damage = Damage.parse("left_pectoral:length=0.5")
+
+    def job(name: str) -> Job:
+        (tmp_path / name).mkdir(exist_ok=True)
+        evolution = EvolveConfig(threads=1)
+        return Job("none", 0, Morphology.nominal(), damage, eea, evolution, where, tmp_path / name)
+
+    def stop(text: str, _share: float) -> None:
+        if "round 2/3" in text:
+            raise KeyboardInterrupt
+
+    said: list[str] = []
+    whole = _model(job("whole"), lambda text, _: said.append(text))
+    assert len(said) == 4
+    with pytest.raises(KeyboardInterrupt):
+        _model(job("stopped"), stop)
+    said.clear()
+    assert _model(job("stopped"), lambda text, _: said.append(text)) == whole
+    assert said[0] == "self-model: 2 rounds done"
+    assert len(said) == 2
+    assert sorted(path.name for path in (tmp_path / "stopped").iterdir()) == [
+        "model.json",
+        "rounds.jsonl",
+    ]
+
+
 def test_statistics_by_hand() -> None:
     sys.path.insert(0, str(SCRIPT.parent))
     try:

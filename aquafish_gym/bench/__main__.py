@@ -44,7 +44,7 @@ class Bench:
     """A JSON file to write as well."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GROUP ...")] = ()
     """Some of the groups: physics, widths, bodies, mujoco, neat, environments,
-    learning, starting."""
+    learning, starting, replicate."""
     quick: bool = False
     """At most 64 robots, 32 steps and 2 turns: to see that it runs, not how fast."""
 

@@ -45,7 +45,8 @@ def make_records(
     """Return a record of each row, for JSON and for the table, numbered from ``first``.
 
     ``rate`` and ``median_rate`` are in ``unit`` a second. ``ratio`` is how many times as fast the
-    row is as the one whose number is ``ratio_to``; both are None for a row compared with none.
+    row is as the one whose number is ``ratio_to``; both are None for a row compared with none. For
+    a row that is a ``share``, it is which share of that one's time it takes.
     """
     number = {t.row: first + i for i, t in enumerate(timings)}
     timing = {t.row: t for t in timings}
@@ -67,15 +68,20 @@ def make_records(
                 "turns": len(t.seconds),
                 "rate": t.rate,
                 "median_rate": t.median_rate,
-                "ratio": None if reference is None else t.rate / reference.rate,
+                "ratio": None if reference is None else _ratio(row.share, t.rate, reference.rate),
                 "median_ratio": None
                 if reference is None
-                else t.median_rate / reference.median_rate,
+                else _ratio(row.share, t.median_rate, reference.median_rate),
                 "ratio_to": None if reference is None else number[reference.row],
                 "as_time": row.as_time,
+                "share": row.share,
             }
         )
     return records
+
+
+def _ratio(share: bool, rate: float, other: float) -> float:
+    return other / rate if share else rate / other
 
 
 def make_table(title: str, groups: dict[str, Group], records: list[dict[str, Any]]) -> Table:
@@ -96,9 +102,16 @@ def make_table(title: str, groups: dict[str, Group], records: list[dict[str, Any
                     str(r["number"]),
                     *(str(r[key]) for key in ("what", "engine", "dtype", "batch", "threads")),
                     format_time(1 / r["rate"]) if r["as_time"] else f"{format_count(r['rate'])}/s",
-                    "-" if r["ratio"] is None else f"{format_count(r['ratio'])} x #{r['ratio_to']}",
+                    _say_ratio(r),
                 )
     return table
+
+
+def _say_ratio(record: dict[str, Any]) -> str:
+    ratio, other = record["ratio"], record["ratio_to"]
+    if ratio is None:
+        return "-"
+    return f"{ratio:.1%} of #{other}" if record["share"] else f"{format_count(ratio)} x #{other}"
 
 
 def format_count(value: float) -> str:

@@ -58,17 +58,20 @@ class Row:
     amount
         How many of its group's units one call does.
     call
-        Does it. If ``own_clock``, it returns the seconds it took, as told by another process.
+        Does it. If ``own_clock``, it returns the seconds it took, as told by another process or
+        found in another way.
     against
         The row of the same group that this one is compared with; None if with none.
     as_time
         Whether the table shows seconds a unit rather than units a second.
     own_clock
-        See ``call``; such a row is not warmed up, since every call starts a new process.
+        See ``call``; such a row is neither warmed up nor repeated within a turn.
     typical
         Whether the row's figure is the median turn rather than the best.
     most_turns
         A row that takes long may ask for fewer turns than the others.
+    share
+        Whether the row is a part of the other one: the ratio is then of their times, its share.
     """
 
     what: str
@@ -83,6 +86,7 @@ class Row:
     own_clock: bool = False
     typical: bool = False
     most_turns: int | None = None
+    share: bool = False
 
 
 @dataclass(frozen=True)
@@ -110,7 +114,7 @@ class Group:
 # Returns a group; what must be closed afterwards goes on the stack.
 Provider = Callable[[Settings, ExitStack], Group]
 
-# Loaded when chosen. By name alone, as engines are: this package knows no gaits.
+# Loaded when chosen. By name alone, as engines are: this package knows no gaits and no EEA.
 GROUPS: dict[str, str] = {
     "physics": "aquafish_gym.bench.physics:open_loop",
     "widths": "aquafish_gym.bench.physics:lane_widths",
@@ -120,6 +124,7 @@ GROUPS: dict[str, str] = {
     "environments": "aquafish_gym.bench.environments:single_and_vector",
     "learning": "gait.bench:learning",
     "starting": "aquafish_gym.bench.starting:processes",
+    "replicate": "eea.bench:replicates",
 }
 
 

@@ -10,11 +10,13 @@ import pytest
 import eea
 
 SOURCES = sorted(Path(eea.__file__).parent.glob("*.py"))
-# The bridge and its engine, the pictures, the command lines, and what reads and fills folders.
+# The bridge and its engine, the pictures, the command lines, what reads and fills folders, and
+# what is timed.
 MAY_USE_MORE = {
     "__main__.py",
     "analysis.py",
     "aquafish.py",
+    "bench.py",
     "figures.py",
     "folder.py",
     "plots.py",

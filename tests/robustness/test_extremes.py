@@ -328,8 +328,8 @@ def test_a_candidate_that_diverged_is_like_nothing(
     bodies = np.tile(MAXIMA / 2, (3, 1))
     bodies[1, 0] = 1.0
     commands, angles = np.tile([0.2, 0.3, 0.5], (3, 1)), np.zeros((3, 3))
-    observed = laboratory.behaviors(bodies[:1], commands[:1], angles[:1])[0]
-    similarity = laboratory.similarities(bodies, commands, angles, observed)
+    observed = laboratory.behaviors(bodies[:1], commands[:1], angles[:1])
+    similarity = laboratory.similarities(bodies, commands, angles, observed, np.zeros(3, np.intp))
     assert similarity[1] == DIVERGED
     assert similarity[[0, 2]] == pytest.approx(1.0)
 
@@ -360,7 +360,8 @@ def test_no_honest_similarity_is_as_low_as_divergence() -> None:
     commands = np.where(rng.random((len(bodies), 3)) < 0.5, (-0.5, -0.5, 0.0), (0.5, 0.5, 1.0))
     angles = rng.uniform(-np.pi, np.pi, (len(bodies), 3))
     behaviors = laboratory.behaviors(bodies, commands, angles)
-    similarity = laboratory.similarities(bodies, commands, angles, np.roll(behaviors, 1, axis=0))
+    others = np.roll(np.arange(len(bodies)), 1)
+    similarity = laboratory.similarities(bodies, commands, angles, behaviors, others)
     assert similarity.min() > DIVERGED / 1000
 
 
