@@ -101,19 +101,17 @@ class EngineSimulator:
             record=self.record,
         )
 
-    def comparer(self, behavior: BehaviorConfig) -> Comparer | None:
+    def comparer(self, behavior: BehaviorConfig, steps: int) -> Comparer | None:
         """Return what compares behaviours in the engine itself, if this one can."""
-        if self.engine != "numba":
+        # A subclass that simulates otherwise, with noise say, must be asked; and trials of
+        # another length than is wanted must be refused.
+        as_here = type(self).simulate is EngineSimulator.simulate and steps == self.steps
+        if self.engine != "numba" or not as_here:
             return None
         # numba comes with it: importing this package stays quick.
         from eea.spectral import SpectralComparer, can_compare
 
-        if not can_compare(behavior, self.steps):
-            return None
-        x, y, z = np.asarray(self.current, dtype=np.float64).tolist()
-        return SpectralComparer(
-            behavior, self.steps, (x, y, z), self.dtype, self.substeps, self.threads
-        )
+        return SpectralComparer(self, behavior) if can_compare(behavior, steps) else None
 
 
 def rotations(rpy: Floats) -> Floats:

@@ -41,7 +41,7 @@ class Laboratory:
     ----------
     simulator
         Runs the trials. If it has a method ``comparer``, that is asked for a :class:`Comparer`
-        for the behaviour, or None.
+        for the behaviour and the length of trials, or None.
     behavior
         How logs are summarised and compared.
     steps
@@ -54,7 +54,7 @@ class Laboratory:
         self.steps: int = steps
         self.trials: int = 0
         find = getattr(simulator, "comparer", None)
-        self._comparer: Comparer | None = None if find is None else find(behavior)
+        self._comparer: Comparer | None = None if find is None else find(behavior, steps)
 
     def behaviors(self, morphologies: Floats, commands: Floats, fin_angles: Floats) -> Coefficients:
         """Return the behaviours (B, F) of bodies (B, n) under commands (B, 3) from angles (B, 3).

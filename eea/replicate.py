@@ -225,6 +225,9 @@ def run_replicate(replicate: Replicate) -> Iterator[Progress]:
     starts again.
     """
     replicate.log.parent.mkdir(parents=True, exist_ok=True)
+    # What a kill left of a file that was about to replace one of this replicate's.
+    for stale in replicate.log.parent.glob(f".{replicate.log.stem}.*"):
+        stale.unlink()
     standing = look(replicate)
     if not standing.ended:
         eea = _resume(replicate, standing)

@@ -8,10 +8,12 @@ result but for single precision's rounding (tests/eea/test_spectral.py).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.engines.base import check_trials
 from aquafish_gym.engines.lanes import LaneBatch
 from aquafish_gym.engines.spectrum import coefficients, disagreements, distances, pack_spectra
 from eea.behavior import BehaviorConfig, Coefficients
@@ -26,26 +28,30 @@ def can_compare(behavior: BehaviorConfig, steps: int) -> bool:
     return plain and behavior.difference == "complex" and not behavior.clamp and steps >= SHORTEST
 
 
+class CompiledSimulator(Protocol):
+    """What of a simulator decides its trials; read anew for each batch."""
+
+    steps: int
+    current: ArrayLike
+    dtype: str
+    substeps: int
+    threads: int | None
+
+
 @dataclass(frozen=True)
 class SpectralComparer:
     """An ``eea.laboratory.Comparer`` in the compiled engine.
 
     Attributes
     ----------
+    simulator
+        Whose trials these are.
     behavior
         One for which :func:`can_compare`.
-    steps
-        Length of a trial, a power of two.
-    current, dtype, substeps, threads
-        As ``aquafish_gym.simulate``.
     """
 
+    simulator: CompiledSimulator
     behavior: BehaviorConfig
-    steps: int
-    current: tuple[float, float, float]
-    dtype: str
-    substeps: int
-    threads: int | None
 
     def to_observed(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
@@ -53,18 +59,21 @@ class SpectralComparer:
         """Return the mean difference (B,) of coefficients from ``observed[which]``."""
         spectra = self._spectra(trials)
         packed = pack_spectra(observed, spectra.dtype.type)
-        return distances(spectra, packed, which) / coefficients(self.steps)
+        return distances(spectra, packed, which) / coefficients(self.simulator.steps)
 
     def between_models(self, trials: Trials, models: int) -> Floats:
         """Return, for each run of ``models`` trials, the sum over its pairs of that mean, (A,)."""
-        return disagreements(self._spectra(trials), models) / coefficients(self.steps)
+        return disagreements(self._spectra(trials), models) / coefficients(self.simulator.steps)
 
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:
+        s = self.simulator
+        checked = check_trials(trials.morphologies, trials.commands, trials.fin_angles)
+        x, y, z = np.asarray(s.current, dtype=np.float64).tolist()
         lanes = LaneBatch(
-            trials.morphologies, trials.fin_angles, self.current, getattr(np, self.dtype),
-            self.substeps, self.threads,
+            checked.morphologies, checked.fin_angles, (x, y, z), getattr(np, s.dtype), s.substeps,
+            s.threads,
         )  # fmt: skip
         scale = 180.0 / np.pi if self.behavior.unit == "degrees" else 1.0
         if self.behavior.normalised:
-            scale /= self.steps
-        return lanes.spectra(trials.commands, self.steps, scale)
+            scale /= s.steps
+        return lanes.spectra(checked.commands, s.steps, scale)

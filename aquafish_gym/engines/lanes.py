@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import functools
 import os
+import threading
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,14 +62,26 @@ def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
     return rows
 
 
-@functools.cache
-def _helpers(_process: int, count: int) -> ThreadPoolExecutor:
-    """Return this process's threads beside the caller's, idle between calls.
+_pools: dict[int, ThreadPoolExecutor] = {}
+_pools_lock = threading.Lock()
+
+
+def _helpers(count: int) -> ThreadPoolExecutor:
+    """Return this process's threads beside the caller's, at least ``count``, idle between calls.
 
     Starting threads takes as long as many a call's work. A fork does not carry them over, so
-    they are asked for with the process's number.
+    they are kept by the process's number.
     """
-    return ThreadPoolExecutor(count, thread_name_prefix="aquafish-lanes")
+    with _pools_lock:
+        pool = _pools.get(os.getpid())
+        if pool is None or pool._max_workers < count:
+            # What the smaller one is still doing, it finishes.
+            pool = ThreadPoolExecutor(count, thread_name_prefix="aquafish-lanes")
+            smaller = _pools.pop(os.getpid(), None)
+            _pools[os.getpid()] = pool
+            if smaller is not None:
+                smaller.shutdown(wait=False)
+        return pool
 
 
 class LaneBatch:
@@ -134,7 +147,7 @@ class LaneBatch:
 
     def advance(self, commands: NDArray[np.float64], steps: int, record: str = "nothing") -> ImuLog:
         """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s."""
-        weights = pack_rows(commands.T, self.dtype, self.width)
+        weights = self._pack_commands(commands)
         return self.run(hold, weights, _NO_LAYOUT, 0, steps, steps, record)
 
     def run(
@@ -187,10 +200,18 @@ class LaneBatch:
         logs = tuple(np.empty((0, n, 0), self.dtype) for n in (3, 3, 10))
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
         self._run(
-            hold, pack_rows(commands.T, self.dtype, self.width), _NO_LAYOUT, 0, steps, steps,
+            hold, self._pack_commands(commands), _NO_LAYOUT, 0, steps, steps,
             logs, spectra, roots_of_unity(steps, np.dtype(self.dtype).name), scale, SPECTRUM,
         )  # fmt: skip
         return spectra[: self.batch]
+
+    def _pack_commands(self, commands: NDArray[np.float64]) -> Floats:
+        # A shorter table would be read beyond its end.
+        if commands.shape != (self.batch, 3):
+            raise InvalidArgumentError(
+                f"commands must have shape ({self.batch}, 3); got {commands.shape}"
+            )
+        return pack_rows(commands.T, self.dtype, self.width)
 
     def _run(
         self,
@@ -237,10 +258,10 @@ class LaneBatch:
             part(0, self.groups)
         else:
             edges = [self.groups * i // parts for i in range(parts + 1)]
-            helpers = _helpers(os.getpid(), self.threads - 1)
-            others = helpers.map(part, edges[1:-1], edges[2:])
+            others = [_helpers(parts - 1).submit(part, *ends) for ends in pairwise(edges[1:])]
             part(0, edges[1])
-            list(others)
+            for other in others:
+                other.result()
         self.steps_done += steps
 
     def _diverged(self) -> NDArray[np.bool_]:

@@ -7,9 +7,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from aquafish_gym.validation import InvalidArgumentError
 from aquafish_gym.verification.trials import random_trials
 from eea.aquafish import EngineSimulator
 from eea.behavior import BehaviorConfig
+from eea.checks import TargetError
 from eea.laboratory import DIVERGED, Laboratory
 from eea.spectral import SpectralComparer, can_compare
 
@@ -21,7 +23,7 @@ BODIES, COMMANDS, ANGLES = T.morphologies, T.commands, T.fin_angles
 def laboratory(behavior: BehaviorConfig, compiled: bool) -> Laboratory:
     simulator = EngineSimulator(STEPS)
     if not compiled:
-        simulator.comparer = lambda _: None  # type: ignore[method-assign]
+        simulator.comparer = lambda *_: None  # type: ignore[method-assign]
     return Laboratory(simulator, behavior, STEPS)
 
 
@@ -50,7 +52,7 @@ def test_it_takes_over_only_what_it_knows() -> None:
         assert not can_compare(dataclasses.replace(BehaviorConfig(), **change), 128)
     assert not can_compare(BehaviorConfig(), 2)
     pytest.importorskip("pybullet")
-    assert EngineSimulator(STEPS, engine="pybullet").comparer(BehaviorConfig()) is None
+    assert EngineSimulator(STEPS, engine="pybullet").comparer(BehaviorConfig(), STEPS) is None
 
 
 def test_a_robot_that_diverged_is_like_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -68,3 +70,38 @@ def test_a_robot_that_diverged_is_like_nothing(monkeypatch: pytest.MonkeyPatch) 
     assert sim[2] == DIVERGED
     assert (sim[np.arange(30) != 2] > DIVERGED).all()
     assert not np.isfinite(lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS)[0])
+
+
+def test_a_simulator_of_ones_own_is_asked_and_not_bypassed() -> None:
+    class Noisy(EngineSimulator):
+        asked = 0
+
+        def simulate(self, trials):  # type: ignore[no-untyped-def]
+            Noisy.asked += 1
+            return super().simulate(trials)
+
+    lab = Laboratory(Noisy(STEPS), BehaviorConfig(), STEPS)
+    before = Noisy.asked
+    observed = lab.behaviors(BODIES[:1], COMMANDS[:1], ANGLES[:1])
+    lab.similarities(BODIES, COMMANDS, ANGLES, observed, np.zeros(30, np.intp))
+    assert Noisy.asked == before + 2
+
+
+def test_it_checks_what_the_long_way_checks() -> None:
+    lab = laboratory(BehaviorConfig(), compiled=True)
+    observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
+    with pytest.raises(InvalidArgumentError, match="morphologies"):
+        lab.similarities(-BODIES, COMMANDS, ANGLES, observed, which)
+    with pytest.raises(InvalidArgumentError, match=r"which must lie in \[0, 0\]; got 0 to 7"):
+        lab.similarities(BODIES, COMMANDS, ANGLES, observed, which + 7 * (np.arange(30) == 3))
+    other = Laboratory(EngineSimulator(64), BehaviorConfig(), STEPS)
+    with pytest.raises(TargetError, match="128 steps"):
+        other.similarities(BODIES, COMMANDS, ANGLES, observed, which)
+
+
+def test_it_swims_in_the_simulators_present_water() -> None:
+    simulator = EngineSimulator(STEPS)
+    lab = Laboratory(simulator, BehaviorConfig(), STEPS)
+    still = lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS)
+    simulator.current = (1.0, 0.0, 0.5)
+    assert (lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS) != still).all()

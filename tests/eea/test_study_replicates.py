@@ -233,6 +233,18 @@ def test_a_stale_state_of_a_complete_replicate_is_removed(tmp_path, undisturbed)
     assert replicate.log.read_bytes() == undisturbed["none"]
 
 
+def test_what_a_kill_left_of_an_unfinished_file_is_cleared_away(tmp_path):
+    replicate = make(tmp_path)
+    directory = replicate.log.parent
+    directory.mkdir(parents=True)
+    mine, other = directory / ".0.state.bfy4m4rr", directory / ".10.state.bfy4m4rr"
+    for left in (mine, other):
+        left.touch()
+    run(replicate)
+    assert not mine.exists()
+    assert other.exists()
+
+
 def test_a_replicate_may_end_at_an_accurate_model(tmp_path):
     replicate = make(tmp_path, accurate=-1e9)
     assert [p.round for p in run(replicate)] == [0, 1]

@@ -6,6 +6,7 @@ import os
 import pathlib
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -166,3 +167,19 @@ def test_a_kernel_of_other_physics_is_not_taken_from_the_cache(tmp_path: pathlib
     assert run("") == "0 1", "a first run compiles"
     assert run("") == "1 0", "a second takes it from the cache"
     assert run("other physics") == "0 1", "changed sources compile anew"
+
+
+def test_a_batch_refuses_commands_for_another_number_of_robots() -> None:
+    """They would be read beyond their end."""
+    lanes = LaneBatch(np.ones((5, 9)) * 0.3, np.zeros((5, 3)))
+    for call in (lambda c: lanes.advance(c, 8), lambda c: lanes.spectra(c, 8)):
+        with pytest.raises(ValueError, match=r"commands must have shape \(5, 3\); got \(1, 3\)"):
+            call(np.zeros((1, 3)))
+
+
+def test_a_process_keeps_one_pool_of_threads() -> None:
+    bodies, commands = np.full((400, 9), 0.3), np.zeros((400, 3))
+    before = threading.active_count()
+    for threads in (2, 5, 3, 4):
+        LaneBatch(bodies, np.zeros((400, 3)), threads=threads).advance(commands, 400)
+    assert threading.active_count() <= before + 5
