@@ -133,8 +133,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `ctrl_cost_weight` | float | `1e-4` | see Rewards |
     | `reactive` | bool | `False` | whether the water also has added mass; see `simulate` |
 
-    An environment whose engine is PyBullet belongs to its process: after a fork it refuses to
-    work, and it cannot be pickled.
+    An environment on the engine numba can be pickled and copied, also in mid-episode, and goes on
+    as the original does. One on PyBullet belongs to its process: once reset, it cannot be pickled,
+    and after a fork it refuses to work.
 
     ## Version History
 
