@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import difflib
 import io
+import os
+import re
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,6 +20,7 @@ from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
 BAD_INPUT: tuple[type[Exception], ...] = (InvalidArgumentError, EngineUnavailableError)
 REFUSED = 2
 INTERRUPTED = 130
+UNREAD = 141  # as of a program that SIGPIPE ends
 
 
 class Command(Protocol):
@@ -49,8 +52,25 @@ def run_command_line(
     Returns
     -------
     int
-        0; 2 after one line on stderr for a command or setting that is wrong; 130 after Ctrl-C.
+        0; 2 after one line on stderr for a command or setting that is wrong; 130 after Ctrl-C; 141
+        where nobody reads what is printed.
     """
+    try:
+        code = _run(program, app, arguments, refused)
+        sys.stdout.flush()
+    except BrokenPipeError:
+        # The reader has left, as head does; nor can what is left be written at the exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNREAD
+    return code
+
+
+def _run(
+    program: str,
+    app: CommandLine,
+    arguments: Sequence[str] | None,
+    refused: tuple[type[Exception], ...],
+) -> int:
     said = io.StringIO()
     try:
         # tyro explains a bad command line in a box on stderr; one line of it is enough.
@@ -162,9 +182,13 @@ def _first_sentence(box: str) -> str:
         else:
             parts[-1].append(row)
     sentence = " ".join(parts[0] if framed else parts[min(1, len(parts) - 1)])
+    # tyro's own name for a group of settings, whose error names the setting itself.
+    sentence = re.sub(r"^Error parsing \S*__tyro\S*: ", "", sentence)
     said = [word.strip(",:") for word in sentence.split()]
     unknown = next((word for word in said if word.startswith("--")), "")
-    offered = [row.split()[0] for row in rows if row.startswith("--") and set(row) != {"-"}]
+    offered = [
+        row.split()[0].strip(",") for row in rows if row.startswith("--") and set(row) != {"-"}
+    ]
     offered = [option for option in offered if option not in said]
     close = difflib.get_close_matches(unknown, offered, n=1, cutoff=0.6)
     return f"{sentence}; did you mean {close[0]}?" if close else sentence

@@ -18,8 +18,10 @@ from tyro.extras import SubcommandApp
 
 from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line
 from aquafish_gym.damage import Damage
+from aquafish_gym.locks import only_here
 from aquafish_gym.morphology import DIMENSIONS
-from eea.algorithm import Result, RoundRecord, streams
+from aquafish_gym.storage import ensure_writable_directory
+from eea.algorithm import EEA, Result, RoundRecord, streams
 from eea.aquafish import EngineTarget, fish_eea
 from eea.checks import ConfigurationError, TargetError, choice
 from eea.config import EEAConfig, recovery_config
@@ -121,6 +123,11 @@ class Run:
             "substeps": self.substeps,
             "versions": {name: version(name) for name in ("aquafish-gym", "numba", "numpy")},
         }
+        with only_here(ensure_writable_directory(self.out)):
+            self._fill(eea, header)
+
+    def _fill(self, eea: EEA, header: dict[str, Any]) -> None:
+        """Run to a stop rule in the folder, which is held."""
         folder = RunFolder(self.out, header)
         console = Console(highlight=False, soft_wrap=True, markup=False)
         if folder.resume(eea):
@@ -168,6 +175,10 @@ class Commands:
                 command = app.cli(prog=prog, args=args)
         except SystemExit as stop:
             if stop.code and "Missing from" in said.getvalue():
+                if words[:1] == ["plot"]:
+                    raise ConfigurationError(
+                        "FOLDER, the directory of a study, is required"
+                    ) from None
                 options = [word for word in words if word.startswith("--")]
                 close = difflib.get_close_matches("--out", options, n=1)
                 got = f"; got {close[0]}" if close else ""

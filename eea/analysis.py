@@ -25,7 +25,8 @@ from eea.bits import BitLayout, model_layout
 from eea.checks import ConfigurationError
 from eea.fitness import chance_level, mid_range_level
 from eea.statistics import paired_difference, rank_correlation, summarize
-from eea.summary import ARMS, BASELINE, condition_of, is_baseline, markdown
+from eea.study_plan import read_plan
+from eea.summary import ARMS, BASELINE, arm_label, condition_of, is_baseline, markdown
 
 Floats = NDArray[np.float64]
 Records = list[dict[str, Any]]  # one a round
@@ -65,6 +66,10 @@ class Findings:
         Arm, then steps, to the number of replicates that are begun and not finished.
     planned
         How many replicates the study will have.
+    labels
+        Arm to its name for readers.
+    conditions
+        Arm to what is done about the angles: "ideal", "none", "in-band" or "out-of-band".
     """
 
     rounds: int
@@ -73,6 +78,13 @@ class Findings:
     replicates: dict[str, dict[int, dict[int, Records]]]
     unfinished: dict[str, dict[int, int]]
     planned: int
+    labels: dict[str, str]
+    conditions: dict[str, str]
+
+    @property
+    def durations(self) -> list[int]:
+        """Every length of trial that a finished replicate has."""
+        return sorted({steps for durations in self.replicates.values() for steps in durations})
 
     def curves(self, arm: str, steps: int, field: str) -> dict[int, Floats]:
         """Return seed to one field of all rounds, shape (rounds,) or (rounds, k).
@@ -116,7 +128,7 @@ def report(folder: str | os.PathLike[str]) -> list[Path]:
         If the folder holds no study or no finished replicate, or a file is damaged; the message
         names the file and the line.
     """
-    from eea.figures import save_study_figures
+    from eea.figures import is_a_picture, save_study_figures
 
     path = Path(folder)
     findings = read_study(path)
@@ -125,6 +137,9 @@ def report(folder: str | os.PathLike[str]) -> list[Path]:
     write_json(path / SUMMARY, summary)
     (path / FIGURES).mkdir(exist_ok=True)
     figures = save_study_figures(findings, summary, path / FIGURES)
+    for old in (path / FIGURES).glob("*.png"):
+        if old not in figures and is_a_picture(old.stem):
+            old.unlink()  # of arms that an earlier report showed so
     names = [f"{FIGURES}/{figure.name}" for figure in figures]
     write_bytes(path / TEXT, markdown(summary, names).encode())
     return [path / CSV, path / SUMMARY, path / TEXT, *figures]
@@ -143,27 +158,38 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
     rounds: int = header["rounds"]
     replicates: dict[str, dict[int, dict[int, Records]]] = {}
     unfinished: dict[str, dict[int, int]] = {}
-    for arm in sorted(header["arms"], key=_place):
-        directories = [d for d in (path / RUNS / arm).glob("*") if d.name.isdecimal()]
-        for directory in sorted(directories, key=lambda d: int(d.name)):
-            steps = int(directory.name)
-            files = [f for f in directory.glob("*.jsonl") if f.stem.isdecimal()]
-            for file in sorted(files, key=lambda f: int(f.stem)):
+    plan = read_plan(header)
+    for arm in sorted(plan, key=_place):
+        for steps, seeds in sorted(plan[arm].items()):
+            for seed in seeds:
+                file = path / RUNS / arm / str(steps) / f"{seed}.jsonl"
+                if not file.exists():
+                    continue
                 records = _read_replicate(file, rounds, header["arms"][arm].get("accurate"))
                 if records is None:
                     counts = unfinished.setdefault(arm, {})
                     counts[steps] = counts.get(steps, 0) + 1
                 else:
-                    replicates.setdefault(arm, {}).setdefault(steps, {})[int(file.stem)] = records
+                    replicates.setdefault(arm, {}).setdefault(steps, {})[seed] = records
     if not replicates:
         begun = sum(sum(counts.values()) for counts in unfinished.values())
         raise ConfigurationError(
             f"the study in {path} has no finished replicate yet ({begun} begun); "
             "the command that began it goes on with it"
         )
-    planned = len(header["arms"]) * len(header["steps"]) * header["seeds"]["count"]
+    planned = sum(len(seeds) for durations in plan.values() for seeds in durations.values())
+    labels = {arm: arm_label(arm, _models(header["arms"][arm])) for arm in plan}
     layout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
-    return Findings(rounds, _truth(path, header), layout, replicates, unfinished, planned)
+    conditions = {arm: str(header["arms"][arm].get("condition")) for arm in plan}
+    truth = _truth(path, header)
+    return Findings(rounds, truth, layout, replicates, unfinished, planned, labels, conditions)
+
+
+def _models(settings: dict[str, Any]) -> int | None:
+    """Return how many models an arm has, None if it does not say."""
+    estimation = settings.get("estimation")
+    models = estimation.get("population") if isinstance(estimation, dict) else None
+    return models if isinstance(models, int) else None
 
 
 def _read_header(path: Path) -> dict[str, Any]:
@@ -182,10 +208,16 @@ def _read_header(path: Path) -> dict[str, Any]:
         raise ConfigurationError(f"{source} is damaged: it does not say what is run") from None
     if schema != STUDY_SCHEMA:
         raise ConfigurationError(f"{source} must be of schema {STUDY_SCHEMA}; it is of {schema}")
-    kinds = {"rounds": int, "arms": dict, "steps": list, "seeds": dict}
-    for name, kind in kinds.items():
-        if not isinstance(header.get(name), kind):
-            raise ConfigurationError(f"{source} is damaged: it does not say the {name}")
+    try:
+        if type(header.get("rounds")) is not int or header["rounds"] < 1:
+            raise ValueError("rounds")
+        for arm, durations in read_plan(header).items():
+            if not durations:
+                raise ValueError(f"replicates.{arm}")
+            if not isinstance(header["arms"][arm].get("accurate"), int | float | None):
+                raise ValueError(f"arms.{arm}.accurate")
+    except ValueError as name:
+        raise ConfigurationError(f"{source} is damaged: it does not say the {name}") from None
     return dict(header)
 
 
@@ -296,6 +328,9 @@ def summarize_study(findings: Findings) -> dict[str, Any]:
         "finished": sum(len(s) for arm in arms for s in findings.replicates[arm].values()),
         "chance": chance_level(findings.truth, findings.layout),
         "mid_range": mid_range_level(findings.truth, findings.layout),
+        "durations": findings.durations,
+        "labels": findings.labels,
+        "conditions": findings.conditions,
         "arms": {arm: _summarize_arm(findings, arm) for arm in arms},
         "unfinished": {
             arm: {str(steps): count for steps, count in counts.items()}
@@ -392,13 +427,28 @@ def _compare(findings: Findings, first: str, second: str) -> dict[str, Any]:
                 "mean_over_rounds": paired_difference(*over),
             }
         )
-    trials = [_mean_trials(findings, arm) for arm in (first, second)]
+    ratio = _trials_ratio(findings, first, second)
     return {
         "first": first,
         "second": second,
         "rows": rows,
-        "trials_ratio": trials[0] / trials[1] if trials[1] else None,
+        "trials_ratio": ratio,
     }
+
+
+def _trials_ratio(findings: Findings, first: str, second: str) -> float | None:
+    """Return how many times the second's trials the first simulates, where both are finished."""
+    ours, theirs = findings.replicates[first], findings.replicates[second]
+    common = [
+        (steps, seed)
+        for steps in ours.keys() & theirs.keys()
+        for seed in ours[steps].keys() & theirs[steps].keys()
+    ]
+    trials = [
+        sum(record["trials"] for steps, seed in common for record in arm[steps][seed])
+        for arm in (ours, theirs)
+    ]
+    return trials[0] / trials[1] if trials[1] else None
 
 
 def _summarize_dimensions(findings: Findings) -> dict[str, Any]:
@@ -414,7 +464,8 @@ def _summarize_dimensions(findings: Findings) -> dict[str, Any]:
         if not len(errors):
             continue
         found = [_last(findings.curves(arm, steps, "morphology")) / span for steps in durations]
-        between = np.mean([bodies.std(axis=0) for bodies in found], axis=0)
+        several = [bodies.std(axis=0, ddof=1) for bodies in found if len(bodies) > 1]
+        between = np.mean(several, axis=0).tolist() if several else [None] * len(layout.names)
         rows = {}
         for i, name in enumerate(layout.names):
             error = summarize(errors[:, i])
@@ -423,7 +474,7 @@ def _summarize_dimensions(findings: Findings) -> dict[str, Any]:
             rows[name] = {
                 "error": error,
                 "spread": summarize(spreads[:, i]),
-                "between_replicates": float(between[i]),
+                "between_replicates": between[i],
                 "better_than_guessing": None if interval is None else bool(interval[1] < guess),
             }
         every = [

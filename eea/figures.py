@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,12 +17,13 @@ from numpy.typing import NDArray
 
 from aquafish_gym.morphology import FINS
 from aquafish_gym.storage import write_bytes
-from eea.statistics import percentile_band
+from eea.statistics import FEWEST, percentile_band
 from eea.summary import (
     ARMS,
     BASELINE,
-    arm_label,
+    angle_label,
     duration_name,
+    known_arms,
     setting_label,
     signed,
     spoken,
@@ -67,28 +69,32 @@ def save_study_figures(
     directory
         Where the files go; it exists.
     """
-    arms = findings.replicates
+    arms = known_arms(summary)
+    effects = summary["effects"]
+    baselines = list(dict.fromkeys(effect["second"] for effect in effects))
+    plain = [arm for arm in arms if arm not in baselines]
+    labels = summary["labels"]
     figures: dict[str, Figure] = {}
-    for arm in arms:
-        if arm in ARMS or not summary["effects"]:
-            figures[ARMS.get(arm, f"rounds-{arm}")] = rounds_figure(findings, summary, arm)
-    baselines = list(dict.fromkeys(effect["second"] for effect in summary["effects"]))
-    if not baselines:
-        figures["final"] = final_figure(findings, summary, list(arms))
+    for arm in plain:
+        figures[ARMS.get(arm, f"rounds-{arm}")] = rounds_figure(findings, summary, arm)
+    if plain:
+        figures["final"] = final_figure(findings, summary, plain)
     if any(comparison["rows"] for comparison in summary["paired"]):
-        figures["paired"] = forest_figure(summary["paired"])
+        figures["paired"] = forest_figure(summary["paired"], labels, findings.durations)
     for baseline in baselines:
-        effects = [effect for effect in summary["effects"] if effect["second"] == baseline]
+        against = [effect for effect in effects if effect["second"] == baseline]
         suffix = baseline.removeprefix(BASELINE)
-        group = [baseline, *(effect["first"] for effect in effects)]
+        group = [baseline, *(effect["first"] for effect in against)]
         figures[f"final{suffix}"] = final_figure(findings, summary, group)
-        if any(effect["rows"] for effect in effects):
-            figures[f"effects{suffix}"] = forest_figure(effects)
-    if summary["dimensions"]["arms"] and len(arms) <= _MOST_LINES:
-        figures["conditions"] = conditions_figure(findings, summary)
-        figures["dimensions"] = dimensions_figure(findings, summary)
+        if any(effect["rows"] for effect in against):
+            figures[f"effects{suffix}"] = forest_figure(against, labels, findings.durations)
+    shown = replace(findings, replicates={arm: findings.replicates[arm] for arm in arms})
+    if len(arms) <= _MOST_LINES and any(arm in summary["dimensions"]["arms"] for arm in arms):
+        figures["conditions"] = conditions_figure(shown, summary)
+        figures["dimensions"] = dimensions_figure(shown, summary)
         figures["spread"] = spread_figure(summary)
-        figures["angles"] = angles_figure(findings)
+        if any(findings.conditions[arm] != "ideal" for arm in arms):
+            figures["angles"] = angles_figure(shown)
     paths = []
     for name, figure in figures.items():
         content = io.BytesIO()
@@ -99,22 +105,29 @@ def save_study_figures(
     return paths
 
 
+def is_a_picture(name: str) -> bool:
+    """Return whether a report may have a picture of this name."""
+    whole = ("final", "paired", "conditions", "dimensions", "spread", "angles", "effects")
+    return name in (*whole, *ARMS.values()) or name.startswith(("rounds-", "final-", "effects-"))
+
+
 def rounds_figure(findings: Findings, summary: Mapping[str, Any], arm: str) -> Figure:
     """Return one of Figs. 5 to 10: mean and SD of OBJ_FIT against round, one line a duration."""
     figure = _new_figure(4.8, 4.6)
     axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.2, 1))
     durations = findings.replicates[arm]
     number = np.arange(1, findings.rounds + 1)
-    for i, steps in enumerate(durations):
+    for steps in durations:
+        i = findings.durations.index(steps)
         curves = _stack(findings.curves(arm, steps, "objective_fitness"))
         mean, deviation = curves.mean(axis=0), _deviation(curves)
-        colour, marker = _duration_colour(i, len(durations)), _MARKERS[i % len(_MARKERS)]
+        colour, marker = _duration_colour(steps, findings.durations), _MARKERS[i % len(_MARKERS)]
         if len(curves) > 1:
             low, high = mean - deviation, mean + deviation
             axes.fill_between(number, low, high, color=colour, alpha=0.12, lw=0)
             below.plot(number, deviation, marker=marker, ms=2.5, lw=1.2, color=colour)
         axes.plot(number, mean, marker=marker, ms=3.5, lw=1.6, color=colour, label=f"{steps} steps")
-    axes.set_title(f"{arm_label(arm)}: mean ± SD of {_counts(durations)}", fontsize="medium")
+    axes.set_title(_title(findings.labels[arm], durations), fontsize="medium")
     _finish_rounds(axes, findings, summary)
     axes.set_xlabel("")
     below.set_xlabel(_ROUND)
@@ -130,7 +143,14 @@ def conditions_figure(findings: Findings, summary: Mapping[str, Any]) -> Figure:
     figure = _new_figure(4.8, 3.9)
     axes = figure.add_subplot()
     _draw_arms(axes, findings, "objective_fitness")
-    axes.set_title("mean over durations, and its 95% interval", fontsize="medium")
+    curves = [findings.mean_curves(arm, "objective_fitness") for arm in findings.replicates]
+    sets = {tuple(durations) for durations in findings.replicates.values()}
+    title = "mean over durations" if len(findings.durations) > 1 else "mean over replicates"
+    if len(sets) > 1:
+        title = "mean over each condition's durations"
+    if any(len(seeds) >= FEWEST for seeds in curves):
+        title += ",\nand its 95% interval"
+    axes.set_title(title, fontsize="medium")
     _finish_rounds(axes, findings, summary)
     _legend_below(figure, axes, 2)
     return figure
@@ -142,7 +162,7 @@ def final_figure(findings: Findings, summary: Mapping[str, Any], arms: Sequence[
     Boxes reach from quartile to quartile with a line at the median.
     """
     every = sorted({steps for arm in arms for steps in findings.replicates[arm]})
-    names = [setting_label(arm, arms[0]).replace(", ", ",\n") for arm in arms]
+    names = [setting_label(arm, arms[0], findings.labels).replace(", ", ",\n") for arm in arms]
     crowded = len(arms) > 8 or max(len(line) for name in names for line in name.split("\n")) > 14
     share = max(0.3 if crowded else 1.1, 0.29 * len(every))
     figure = _new_figure(max(4.8, 0.8 + share * len(arms)), 5.2 if crowded else 3.8)
@@ -153,9 +173,11 @@ def final_figure(findings: Findings, summary: Mapping[str, Any], arms: Sequence[
             if steps in findings.replicates[arm]:
                 last = _stack(findings.curves(arm, steps, "objective_fitness"))[:, -1]
                 place = i + (j - (len(every) - 1) / 2) * width
-                _draw_distribution(axes, place, width, last, _duration_colour(j, len(every)))
-    for j, steps in enumerate(every):
-        axes.plot([], [], "o", ms=5, color=_duration_colour(j, len(every)), label=f"{steps} steps")
+                colour = _duration_colour(steps, findings.durations)
+                _draw_distribution(axes, place, width, last, colour)
+    for steps in every:
+        colour = _duration_colour(steps, findings.durations)
+        axes.plot([], [], "o", ms=5, color=colour, label=f"{steps} steps")
     axes.set_xlim(-0.5, len(arms) - 0.5)
     axes.set_xticks(range(len(arms)), names)
     if crowded:
@@ -170,20 +192,21 @@ def final_figure(findings: Findings, summary: Mapping[str, Any], arms: Sequence[
     return figure
 
 
-def forest_figure(comparisons: Sequence[Mapping[str, Any]]) -> Figure:
+def forest_figure(
+    comparisons: Sequence[Mapping[str, Any]], labels: Mapping[str, str], durations: Sequence[int]
+) -> Figure:
     """Return paired differences of OBJ_FIT with their 95% intervals, by comparison and duration.
 
-    Differences from one and the same arm are ordered by size.
+    Differences from one and the same arm are ordered by size. A point is hollow where the interval
+    holds 0, and a cross where there is none.
     """
     shown = [comparison for comparison in comparisons if comparison["rows"]]
     against = sorted({comparison["second"] for comparison in shown})
     if len(against) == 1:
         shown.sort(key=lambda comparison: -comparison["rows"][-1]["last_round"]["mean"])
     keys = sorted({tuple(row["durations"]) for c in shown for row in c["rows"]}, key=_by_size)
-    singles = sum(len(key) == 1 for key in keys)
     colours = {
-        key: _duration_colour(i, singles) if len(key) == 1 else "black"
-        for i, key in enumerate(keys)
+        key: _duration_colour(key[0], durations) if len(key) == 1 else "black" for key in keys
     }
     gap = 0.3 if len(against) == 1 else 1.5  # for names of one line, and of two
     gap = 0.8 if len(keys) > 1 else gap
@@ -195,18 +218,19 @@ def forest_figure(comparisons: Sequence[Mapping[str, Any]]) -> Figure:
         rows = comparison["rows"]
         for i, row in enumerate(rows):
             key, last = tuple(row["durations"]), row["last_round"]
-            low, high = last["interval"] or (last["mean"], last["mean"])
-            sure = last["interval"] is not None and not low <= 0.0 <= high
             colour, single = colours[key], len(key) == 1
+            mark = "o" if single else "D"
+            if last["interval"] is None:
+                axes.plot(last["mean"], place + i, "x", ms=5, mew=1.6, color=colour)
+                continue
+            low, high = last["interval"]
+            fill = "white" if low <= 0.0 <= high else colour
             axes.plot([low, high], [place + i] * 2, color=colour, lw=1.6 if single else 2.4)
-            axes.plot(
-                last["mean"], place + i, "o" if single else "D", ms=5,
-                color=colour, mfc=colour if sure else "white",
-            )  # fmt: skip
-        first, second = (arm_label(comparison[which]) for which in ("first", "second"))
+            axes.plot(last["mean"], place + i, mark, ms=5, color=colour, mfc=fill)
+        first, second = (labels[comparison[which]] for which in ("first", "second"))
         name = f"{first}\nless {second}"
         if len(against) == 1:
-            name = setting_label(comparison["first"], comparison["second"])
+            name = setting_label(comparison["first"], comparison["second"], labels)
         ticks.append((place + (len(rows) - 1) / 2, name))
         place += len(rows) + gap
         axes.axhline(place - (1 + gap) / 2, color="0.9", lw=0.8)
@@ -215,10 +239,15 @@ def forest_figure(comparisons: Sequence[Mapping[str, Any]]) -> Figure:
     axes.set_yticks([tick for tick, _ in ticks], [name for _, name in ticks])
     axes.tick_params(axis="y", length=0)
     _grid(axes, "x")
-    origin = f"\nfrom {arm_label(against[0])}" if len(against) == 1 else ""
+    origin = f"\nfrom {labels[against[0]]}" if len(against) == 1 else ""
+    intervals = [row["last_round"]["interval"] for c in shown for row in c["rows"]]
+    notes = []
+    if any(interval is not None for interval in intervals):
+        notes.append("95% interval (hollow where it holds 0)")
+    if None in intervals:
+        notes.append(f"crosses: under {FEWEST} replicates, no interval")
     axes.set_xlabel(
-        f"paired difference of OBJ_FIT{origin},\n95% interval (hollow where it holds 0)",
-        fontsize="medium",
+        ",\n".join([f"paired difference of OBJ_FIT{origin}", *notes]), fontsize="medium"
     )
     _signed_ticks(axes)
     for key in keys:
@@ -261,7 +290,7 @@ def spread_figure(summary: Mapping[str, Any]) -> Figure:
     found = summary["dimensions"]
     names = list(found["chance_error"])
     fins, sizes = _fins_and_sizes(names)
-    arms = found["arms"]
+    arms = {arm: found["arms"][arm] for arm in known_arms(summary) if arm in found["arms"]}
     columns = 2 if len(arms) == 4 else min(3, len(arms))
     rows = -(-len(arms) // columns)
     figure = _new_figure(max(4.8, 0.8 + 2.1 * columns), 1.3 + 2.0 * rows)
@@ -274,12 +303,15 @@ def spread_figure(summary: Mapping[str, Any]) -> Figure:
             colour = _SIZES[sizes.index(size) % len(_SIZES)]
             if row["error"]["interval"] is not None:
                 low, high = row["error"]["interval"]
-                axes.plot([x, x], [low / chance, high / chance], color=colour, lw=1)
+                ends = [low / chance, high / chance]
+                axes.plot([x, x], ends, color=colour, lw=1, clip_on=False)
             marker = _MARKERS[fins.index(fin) % len(_MARKERS)]
-            axes.plot(x, y, marker, ms=6, color=colour, mec="white", mew=0.6)
+            axes.plot(
+                x, y, marker, ms=6, color=colour, mec="white", mew=0.6, clip_on=False, zorder=3
+            )
         axes.axhline(1.0, color=_GREY, ls="--", lw=1)
         _grid(axes)
-        axes.set_title(arm_label(arm), fontsize="medium")
+        axes.set_title(summary["labels"][arm], fontsize="medium")
     for i, axes in enumerate(panels):
         if i >= len(arms):
             axes.set_axis_off()
@@ -294,17 +326,27 @@ def spread_figure(summary: Mapping[str, Any]) -> Figure:
     panels[0].set_ylim(0.0, max(1.2, panels[0].get_ylim()[1]))
     panels[0].set_xlim(0.0, max(0.1, 1.05 * panels[0].get_xlim()[1]))
     _draw_keys(panels[0], fins, sizes)
-    figure.supylabel("error of the best model, 1 = random bodies (root scales)", fontsize="medium")
+    figure.supylabel("error of the best model,\n1 = random bodies (root scales)", fontsize="medium")
     _legend_below(figure, panels[0], 4)
     return figure
 
 
 def angles_figure(findings: Findings) -> Figure:
     """Return the error of the inferred angles against round, a panel a fin, one line an arm."""
+    # Where the angles are told there is nothing to show; where zero is assumed, the name says so.
+    told = [arm for arm in findings.replicates if findings.conditions[arm] == "ideal"]
+    inferred = replace(
+        findings,
+        replicates={arm: runs for arm, runs in findings.replicates.items() if arm not in told},
+        labels={
+            arm: angle_label(label, findings.conditions[arm])
+            for arm, label in findings.labels.items()
+        },
+    )
     figure = _new_figure(7.0, 3.2)
     panels = figure.subplots(1, len(FINS), sharey=True)
     for i, (axes, fin) in enumerate(zip(panels, FINS, strict=True)):
-        _draw_arms(axes, findings, "angle_error", i, scale=180 / np.pi, leave=("ideal",))
+        _draw_arms(axes, inferred, "angle_error", i, scale=180 / np.pi)
         axes.axhline(90.0, color=_GREY, ls="--", lw=1, label="a guess")
         axes.set_title(spoken(fin), fontsize="medium")
         axes.set_xlim(0.5, findings.rounds + 0.5)
@@ -324,20 +366,20 @@ def _draw_arms(
     field: str,
     part: int | None = None,
     scale: float = 1.0,
-    leave: Sequence[str] = (),
 ) -> None:
     """Draw the mean over durations of each arm, with 95% intervals of the mean as bands."""
     number = np.arange(1, findings.rounds + 1)
     for i, arm in enumerate(findings.replicates):
         curves = findings.mean_curves(arm, field)
-        if arm in leave or not curves:
+        if not curves:
             continue
         table = _stack(curves) * scale
         table = table if part is None else table[:, :, part]
         colour, line = _arm_style(i, arm)
         low, high = percentile_band(table)
         axes.fill_between(number, low, high, color=colour, alpha=0.15, lw=0)
-        axes.plot(number, table.mean(axis=0), color=colour, ls=line, lw=1.6, label=arm_label(arm))
+        label = findings.labels[arm]
+        axes.plot(number, table.mean(axis=0), color=colour, ls=line, lw=1.6, label=label)
 
 
 def _draw_distribution(axes: Axes, place: float, width: float, values: Floats, colour: Any) -> None:
@@ -436,11 +478,11 @@ def _arm_style(index: int, arm: str) -> tuple[str, Any]:
     return _OTHERS[index % len(_OTHERS)], _LINES[index % len(_LINES)]
 
 
-def _duration_colour(index: int, count: int) -> Any:
-    """Return a colour from light for short to dark for long trials."""
+def _duration_colour(steps: int, durations: Sequence[int]) -> Any:
+    """Return a colour from light for the study's short to dark for its long trials."""
     from matplotlib import colormaps
 
-    share = index / (count - 1) if count > 1 else 1.0
+    share = durations.index(steps) / (len(durations) - 1) if len(durations) > 1 else 1.0
     return colormaps["viridis"](0.78 * (1.0 - share))
 
 
@@ -451,6 +493,13 @@ def _root(value: Floats) -> Floats:
 
 def _by_size(durations: tuple[int, ...]) -> tuple[int, ...]:
     return (len(durations), *durations)
+
+
+def _title(label: str, durations: Mapping[int, Mapping[int, Any]]) -> str:
+    lone = all(len(seeds) == 1 for seeds in durations.values())
+    return (
+        f"{label}: {_counts(durations)}" if lone else f"{label}: mean ± SD of {_counts(durations)}"
+    )
 
 
 def _counts(durations: Mapping[int, Mapping[int, Any]]) -> str:

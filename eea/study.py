@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import ast
-import fcntl
-import hashlib
 import json
-import os
+import re
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version_tuple
@@ -19,6 +15,8 @@ from typing import Any
 
 import aquafish_gym
 import eea
+from aquafish_gym.locks import only_here as hold
+from aquafish_gym.stamps import code_stamp
 from aquafish_gym.storage import (
     DamagedFileError,
     append_record,
@@ -31,10 +29,14 @@ from eea.checks import ConfigurationError, whole
 from eea.config import EEAConfig
 from eea.folder import flat, spell
 from eea.replicate import Progress, Replicate, Standing, World, run_replicate
+from eea.study_plan import Plan, joined, read_plan, written_plan
 from eea.workers import Event, do_jobs, wait_for_orphans
 
 SCHEMA = "eea.study/1"
-STUDY, LOCK, GUARD, RUNS, TIMES = "study.json", "lock", ".workers", "runs", "times.jsonl"
+STUDY, GUARD, RUNS, TIMES = "study.json", ".workers", "runs", "times.jsonl"
+# An arm's name is a folder's name, a cell of a table, and part of options and pictures' names.
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
+_LONGEST = 120
 # Of an arm's settings these are the study's, or depend on the clock.
 _NOT_AN_ARMS = ("steps", "rounds", "time_limit")
 _OTHERS = {
@@ -60,6 +62,7 @@ _NOT_SOURCES = (
     "statistics",
     "study",
     "study_command",
+    "study_plan",
     "summary",
     "workers",
 )
@@ -103,8 +106,11 @@ class Study:
         if len(set(self.steps)) < len(self.steps):
             raise ConfigurationError(f"steps must differ from each other; got {self.steps}")
         for name, config in self.arms.items():
-            if not name or set(name) & set("/\\\0") or name.startswith("."):
-                raise ConfigurationError(f"an arm's name must be a file's name too; got {name!r}")
+            if not _NAME.fullmatch(name) or len(name) > _LONGEST:
+                raise ConfigurationError(
+                    f"an arm's name must be letters, digits, '.', '_' and '-', begin with a letter "
+                    f"or digit and have at most {_LONGEST} characters; got {name!r}"
+                )
             if config.time_limit is not None:
                 raise ConfigurationError(
                     f"time_limit must be None in a study, whose results depend on no clock; "
@@ -124,6 +130,12 @@ class Study:
             for seed in range(self.first_seed, self.first_seed + self.replicates)
         ]
 
+    @property
+    def plan(self) -> Plan:
+        """The seeds of each arm and length of trial."""
+        seeds = range(self.first_seed, self.first_seed + self.replicates)
+        return {name: dict.fromkeys(sorted(self.steps), seeds) for name in self.arms}
+
     def to_dict(self) -> dict[str, Any]:
         """Return all that decides the results, ready for JSON."""
         arms = {name: config.to_dict() for name, config in self.arms.items()}
@@ -138,97 +150,50 @@ class Study:
             "current": list(self.world.current),
             "substeps": self.world.substeps,
             "rounds": self.rounds,
-            "steps": sorted(self.steps),
-            "seeds": {"first": self.first_seed, "count": self.replicates},
+            "replicates": written_plan(self.plan),
             "arms": {
                 name: {k: v for k, v in arm.items() if k not in _NOT_AN_ARMS}
                 for name, arm in arms.items()
             },
-            "versions": {
-                **{name: version(name) for name in ("aquafish-gym", "numba", "numpy")},
-                "python": ".".join(python_version_tuple()[:2]),
-            },
+            "versions": [versions()],
             "source": [source_stamp()],
         }
 
 
+def versions() -> dict[str, str]:
+    """Return the versions of what computes the results."""
+    return {
+        **{name: version(name) for name in ("aquafish-gym", "numba", "numpy")},
+        "python": ".".join(python_version_tuple()[:2]),
+    }
+
+
 def source_stamp() -> str:
     """Return a hash of the code that decides the results; comments and docstrings have no say."""
-    digest = hashlib.sha256()
     robot, algorithm = (Path(str(package.__file__)).parent for package in (aquafish_gym, eea))
     sources = [file for name in _SOURCES for file in robot.glob(f"{name}.py")]
     sources += [file for file in algorithm.glob("*.py") if file.stem not in _NOT_SOURCES]
-    for source in sorted(sources, key=lambda file: file.parts[-2:]):
-        tree = ast.parse(source.read_bytes())
-        for node in ast.walk(tree):
-            body = getattr(node, "body", None)
-            if isinstance(body, list) and body and _is_text(body[0]):
-                del body[0]
-        digest.update(f"{source.parent.name}/{source.name}".encode())
-        digest.update(ast.dump(tree).encode())
-    return digest.hexdigest()[:16]
-
-
-def _is_text(statement: Any) -> bool:
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-    )
+    return code_stamp(sources)
 
 
 @contextmanager
 def only_here(folder: Path) -> Iterator[None]:
-    """Hold a folder for this command until it ends, in whatever way.
-
-    The system lets go of a dead process's lock, so that it is simply taken over.
+    """Hold a folder for this command, and wait for the workers of one that was killed.
 
     Raises
     ------
     InvalidArgumentError
         If another command holds it; the message says which and since when.
     """
-    path = folder / LOCK
-    while True:
-        with path.open("a+", encoding="utf-8") as file:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                file.seek(0)
+    with hold(folder):
+        try:
+            if not wait_for_orphans(folder / GUARD):
                 raise InvalidArgumentError(
-                    f"out: {folder} is in use by another command, {_holder(file.read())}"
-                ) from None
-            if not _is_at(file.fileno(), path):
-                continue  # its last holder has just removed it: this is another file than theirs
-            file.truncate(0)
-            since = datetime.now(UTC).isoformat(timespec="seconds")
-            file.write(json.dumps({"pid": os.getpid(), "since": since}) + "\n")
-            file.flush()
-            try:
-                if not wait_for_orphans(folder / GUARD):
-                    raise InvalidArgumentError(
-                        f"out: {folder} is in use by workers of a command that was killed"
-                    )
-                yield
-            finally:
-                (folder / GUARD).unlink(missing_ok=True)
-                path.unlink(missing_ok=True)
-            return
-
-
-def _is_at(handle: int, path: Path) -> bool:
-    try:
-        return os.path.samestat(os.fstat(handle), path.stat())
-    except FileNotFoundError:
-        return False
-
-
-def _holder(text: str) -> str:
-    try:
-        held = json.loads(text)
-        return f"process {held['pid']} since {held['since']}"
-    except (ValueError, KeyError, TypeError):
-        return "which is just beginning"
+                    f"out: {folder} is in use by workers of a command that was killed"
+                )
+            yield
+        finally:
+            (folder / GUARD).unlink(missing_ok=True)
 
 
 def refuse_others(folder: Path) -> None:
@@ -259,7 +224,8 @@ def extended(folder: Path, study: Study, other_code: bool = False) -> dict[str, 
     study
         What is asked for.
     other_code
-        Whether results of other code are gone on from.
+        Whether results of other code, or of other versions of numpy and the like, are gone on
+        from.
 
     Raises
     ------
@@ -274,9 +240,13 @@ def extended(folder: Path, study: Study, other_code: bool = False) -> dict[str, 
         held = json.loads(path.read_bytes())
         if held["schema"] != SCHEMA:
             raise ValueError(held["schema"])
-        union = _union(held, ours)
+        theirs = read_plan(held)
+        if isinstance(held["versions"], dict):  # as the first studies had them
+            held["versions"] = [held["versions"]]
+        if not held["versions"] or not held["source"]:
+            raise ValueError("nothing is said of the code")
         before, asked = _comparable(held, ours), _comparable(ours, held)
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, IndexError, TypeError, AttributeError):
         raise InvalidArgumentError(
             f"out: {path} is damaged, so what the folder holds is not known"
         ) from None
@@ -286,43 +256,47 @@ def extended(folder: Path, study: Study, other_code: bool = False) -> dict[str, 
                 f"out: {folder} holds a study with {name} {spell(name, before.get(name))}, not "
                 f"{spell(name, asked.get(name))}; choose another folder"
             )
-    first = union["seeds"]["first"]
-    if union["seeds"]["count"] > held["seeds"]["count"] + study.replicates:
-        raise InvalidArgumentError(
-            f"out: {folder} holds seeds {_span(held['seeds'])}; {_span(ours['seeds'])} would leave "
-            f"a gap in those from {first} on"
-        )
-    if ours["source"][0] not in held["source"] and not other_code:
-        raise InvalidArgumentError(
-            f"out: {folder} holds results of other code (source {held['source'][-1]}, not "
-            f"{ours['source'][0]}); choose another folder, or say --other-code if no result can "
-            "have changed"
-        )
-    return union
+    try:
+        plan = joined(theirs, study.plan)
+    except ValueError as gap:
+        raise InvalidArgumentError(f"out: {folder} holds {gap}") from None
+    if not other_code:
+        _refuse_other_code(folder, held, ours)
+    return {
+        **{name: value for name, value in held.items() if name not in ("steps", "seeds")},
+        "replicates": written_plan(plan),
+        "arms": {**held["arms"], **ours["arms"]},
+        "versions": _both(held["versions"], ours["versions"]),
+        "source": _both(held["source"], ours["source"]),
+    }
 
 
 def _comparable(document: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
     """Return what must be equal in both, under dotted names: the arms that both have."""
-    apart = ("schema", "steps", "seeds", "source", "arms")
+    apart = ("schema", "replicates", "steps", "seeds", "versions", "source", "arms")
     settings = {name: value for name, value in document.items() if name not in apart}
     shared = {name: arm for name, arm in document["arms"].items() if name in other["arms"]}
     return flat({"arms": shared, **settings})
 
 
-def _union(held: dict[str, Any], ours: dict[str, Any]) -> dict[str, Any]:
-    seeds = [(d["seeds"]["first"], d["seeds"]["first"] + d["seeds"]["count"]) for d in (held, ours)]
-    first = min(begin for begin, _ in seeds)
-    return {
-        **held,
-        "steps": sorted({*held["steps"], *ours["steps"]}),
-        "seeds": {"first": first, "count": max(end for _, end in seeds) - first},
-        "arms": {**held["arms"], **ours["arms"]},
-        "source": list(dict.fromkeys([*held["source"], *ours["source"]])),
-    }
+def _refuse_other_code(folder: Path, held: dict[str, Any], ours: dict[str, Any]) -> None:
+    """Refuse results of other code, or of other versions of what computes them."""
+    now, last = ours["versions"][0], held["versions"][-1]
+    difference = None
+    if now not in held["versions"]:
+        name = next(name for name in {**last, **now} if last.get(name) != now.get(name))
+        difference = f"{name} {last.get(name)}, not {now.get(name)}"
+    elif ours["source"][0] not in held["source"]:
+        difference = f"other code (source {held['source'][-1]}, not {ours['source'][0]})"
+    if difference is not None:
+        raise InvalidArgumentError(
+            f"out: {folder} holds results of {difference}; choose another folder, or say "
+            "--other-code if no result can have changed"
+        )
 
 
-def _span(seeds: dict[str, int]) -> str:
-    return f"{seeds['first']} to {seeds['first'] + seeds['count'] - 1}"
+def _both(held: list[Any], ours: list[Any]) -> list[Any]:
+    return [*held, *(one for one in ours if one not in held)]
 
 
 def claim(folder: Path, document: dict[str, Any]) -> None:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -31,6 +32,7 @@ from eea.workers import Event
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
 Preset = Literal["smoke"]
 PAPERS_STEPS = (128, 256, 512, 1024)
+_SUFFIX = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
 _REDRAW = 0.2  # s between two drawings of the table
 
 
@@ -99,9 +101,11 @@ class StudyCommand:
     ablation
         Arms of an ablation instead, by its name, or all of them.
     preset
-        smoke makes everything very small, to see whether it works.
+        smoke makes everything very small, to see whether it works. What else is given goes over it.
     suffix
-        Put behind the arms' names, so that the same arms with other settings fit in one study.
+        Put behind the arms' names, after a hyphen (NAME-SUFFIX), so that the same arms with other
+        settings fit in one study. Letters, digits, ".", "_" and "-", at most 60, the first a letter
+        or digit.
     steps
         Lengths of trials in steps of 0.01 s, each a power of two; every arm runs with each. The
         paper's 128, 256, 512 and 1024 if not given, for ablations 256.
@@ -139,8 +143,8 @@ class StudyCommand:
     draw
         Write results.csv, summary.md and the figures at the end, as the command plot does.
     other_code
-        Go on although the code has changed since the study began, which is else refused. Only
-        for changes that alter no result.
+        Go on although the code, or the version of numpy, numba or Python, has changed since the
+        study began, which is else refused. Only for changes that alter no result.
     """
 
     out: Path
@@ -175,6 +179,11 @@ class StudyCommand:
         InvalidArgumentError, ConfigurationError
             If an option is wrong or contradicts another.
         """
+        if self.suffix and not _SUFFIX.fullmatch(self.suffix):
+            raise ConfigurationError(
+                "suffix must be at most 60 letters, digits, '.', '_' and '-', the first a letter "
+                f"or digit; got {self.suffix!r}"
+            )
         chosen = {
             "--figure": bool(self.figure),
             "--conditions": bool(self.conditions),
@@ -190,9 +199,15 @@ class StudyCommand:
             raise ConfigurationError(f"one of {', '.join(chosen)} must say what to run")
         asked = self
         if self.preset is not None:
-            small = replace(self, steps=(128,), replicates=2, rounds=3)
+            usual = {option.name: option.default for option in fields(self)}
+            tiny: dict[str, Any] = {"steps": (128,), "replicates": 2, "rounds": 3}
+            small = replace(
+                self,
+                **{name: tiny[name] for name in tiny if getattr(self, name) == usual[name]},
+            )
             asked = self._parsed_over(small if given else replace(small, figure=("all",)))
-        arms = {f"{name}{self.suffix}": asked._set(base) for name, base in asked._arms().items()}
+        ending = f"-{self.suffix}" if self.suffix else ""
+        arms = {f"{name}{ending}": asked._set(base) for name, base in asked._arms().items()}
         _refuse_what_has_no_say(arms, asked.settings)
         return Study(
             arms=arms,

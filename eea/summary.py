@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import degrees
 from pathlib import PurePath
 from typing import Any
@@ -21,11 +21,11 @@ LABELS = {
     "ideal": "Ideal",
     "none": "None",
     "in-band": "In-Band",
-    "in-band-200": "In-Band, 200 models",
+    "in-band-200": "In-Band, {models} models",
     "in-band-split": "In-Band, dynamic split",
     "in-band-extended": "In-Band, wider range",
     "out-of-band": "Out-of-Band",
-    "out-of-band-100": "Out-of-Band, 100 models",
+    "out-of-band-100": "Out-of-Band, {models} models",
 }
 MINUS = "\u2212"
 
@@ -41,18 +41,27 @@ def condition_of(baseline: str, arm: str) -> str:
     return condition if condition and arm.endswith(f"-{condition}") else ""
 
 
-def arm_label(arm: str) -> str:
-    """Return an arm's name as a reader knows it."""
+def arm_label(arm: str, models: int | None = None) -> str:
+    """Return an arm's name as a reader knows it; ``models`` is how many it has, if known."""
     if arm != BASELINE and is_baseline(arm):
-        return f"{arm_label(arm.removeprefix(f'{BASELINE}-'))} (baseline)"
-    return LABELS.get(arm, arm)
+        return f"{arm_label(arm.removeprefix(f'{BASELINE}-'), models)} (baseline)"
+    label = LABELS.get(arm, arm)
+    if "{models}" in label and models is None:
+        return arm
+    return label.replace("{models}", str(models))
 
 
-def setting_label(arm: str, baseline: str) -> str:
+def setting_label(arm: str, baseline: str, labels: Mapping[str, str]) -> str:
     """Return an ablation's name without the condition that it shares with its baseline."""
     condition = condition_of(baseline, arm)
     short = condition and arm != baseline
-    return arm.removesuffix(f"-{condition}") if short else arm_label(arm)
+    return arm.removesuffix(f"-{condition}") if short else labels[arm]
+
+
+def known_arms(summary: Mapping[str, Any]) -> list[str]:
+    """Return the arms that are shown in full: of an ablation, the baselines say enough."""
+    ablated = {effect["first"] for effect in summary["effects"]}
+    return [arm for arm in summary["arms"] if arm not in ablated]
 
 
 def signed(value: float) -> str:
@@ -70,7 +79,7 @@ def markdown(summary: dict[str, Any], figures: Sequence[str]) -> str:
         "rounds. A uniform random body scores "
         f"{summary['chance']:.3f} on average against this target, the body in the middle of all "
         f"ranges {summary['mid_range']:.3f}. Intervals are 95% bootstrap intervals of means over "
-        "replicates (BCa; none for fewer than five).",
+        "replicates (BCa with Student's quantiles; none for fewer than five).",
         "",
         *_unfinished(summary),
         "## OBJ_FIT by condition and duration",
@@ -84,7 +93,7 @@ def markdown(summary: dict[str, Any], figures: Sequence[str]) -> str:
             "Of OBJ_FIT within replicates: the target hides the same angles from every condition. "
             "*p* is the sign test's.",
             "",
-            *_differences(summary["paired"]),
+            *_differences(summary["paired"], summary["labels"]),
         ]
     if any(comparison["rows"] for comparison in summary["effects"]):
         lines += [
@@ -93,12 +102,18 @@ def markdown(summary: dict[str, Any], figures: Sequence[str]) -> str:
             "Of OBJ_FIT within replicates. Of twenty settings without any effect, one interval is "
             "expected to exclude zero.",
             "",
-            *_effects(summary["effects"]),
+            *_effects(summary["effects"], summary["labels"]),
         ]
-    # Of an ablation, the baselines say enough.
-    arms = [arm for arm in summary["arms"] if is_baseline(arm) or not summary["effects"]]
-    lines += ["## What can be known of the body", "", *_dimensions(summary["dimensions"], arms)]
-    lines += ["## The inferred angles", "", *_angles(summary["angle_error"], arms)]
+    arms, labels = known_arms(summary), summary["labels"]
+    dimensions = _dimensions(summary["dimensions"], arms, labels)
+    lines += ["## What can be known of the body", "", *dimensions]
+    angles = {
+        angle_label(labels[arm], summary["conditions"][arm]): summary["angle_error"][arm]
+        for arm in arms
+        if arm in summary["angle_error"] and summary["conditions"][arm] != "ideal"
+    }
+    if angles:
+        lines += ["## The inferred angles", "", *_angles(angles)]
     lines += ["## Figures", ""]
     for name in figures:
         lines += [f"![{PurePath(name).stem}]({name})", ""]
@@ -115,7 +130,7 @@ def _unfinished(summary: dict[str, Any]) -> list[str]:
     if finished == planned:
         return []
     begun = [
-        f"{arm_label(arm)} at {steps} steps: {count}"
+        f"{summary['labels'][arm]} at {steps} steps: {count}"
         for arm, durations in summary["unfinished"].items()
         for steps, count in durations.items()
     ]
@@ -124,21 +139,23 @@ def _unfinished(summary: dict[str, Any]) -> list[str]:
 
 
 def _arms(summary: dict[str, Any]) -> list[str]:
-    rows = []
+    rows, averaged = [], False
     for arm, found in summary["arms"].items():
         sets = [(f"{steps} steps", numbers) for steps, numbers in found["durations"].items()]
         if len(sets) > 1 and found["mean_of_durations"]:
-            sets.append(("**mean of durations**", found["mean_of_durations"]))
+            name = f"**mean of {len(sets)} durations**"
+            sets.append((name, found["mean_of_durations"]))
+            averaged = True
         for name, numbers in sets:
             fit, model, rise = (
                 numbers[key] for key in ("objective_fitness", "model_fitness", "rise")
             )
-            sd = "" if fit["sd"] is None else f"{fit['sd']:.3f}"
+            sd = _plain(fit["sd"])
             if numbers is found["mean_of_durations"] and found["mean_of_sds"] is not None:
                 sd += f" ({found['mean_of_sds']:.3f})"
             rows.append(
                 [
-                    arm_label(arm),
+                    summary["labels"][arm],
                     name,
                     str(fit["replicates"]),
                     f"{fit['mean']:.3f}",
@@ -150,18 +167,26 @@ def _arms(summary: dict[str, Any]) -> list[str]:
             )
     since = f"rise since round {summary['rise_since_round']}"
     columns = ["condition", "duration", "replicates", "mean", "SD", "95% interval", since]
-    return [
-        *_table([*columns, "MOD_FIT"], rows),
-        "In the rows of means, each replicate counts once, with its mean over the durations; in "
-        "brackets is the mean of the durations' SDs.",
-        "",
-    ]
+    lines = _table([*columns, "MOD_FIT"], rows)
+    if averaged:
+        lines += [
+            "In the rows of means, each replicate counts once, with its mean over the durations; "
+            "in brackets is the mean of the durations' SDs.",
+            "",
+        ]
+    if len({tuple(found["durations"]) for found in summary["arms"].values()}) > 1:
+        lines += [
+            "Not every condition has the same durations yet, so that means over durations, here, "
+            "below and in the figures, are not of the same trials; paired differences are.",
+            "",
+        ]
+    return lines
 
 
-def _differences(comparisons: Sequence[dict[str, Any]]) -> list[str]:
+def _differences(comparisons: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[str]:
     rows = []
     for comparison in comparisons:
-        names = f"{arm_label(comparison['first'])} less {arm_label(comparison['second'])}"
+        names = f"{labels[comparison['first']]} less {labels[comparison['second']]}"
         for row in comparison["rows"]:
             last, over = row["last_round"], row["mean_over_rounds"]
             rows.append(
@@ -178,7 +203,7 @@ def _differences(comparisons: Sequence[dict[str, Any]]) -> list[str]:
     return _table([*columns, "mean over rounds"], rows)
 
 
-def _effects(comparisons: Sequence[dict[str, Any]]) -> list[str]:
+def _effects(comparisons: Sequence[dict[str, Any]], labels: Mapping[str, str]) -> list[str]:
     columns = ["setting", "duration", "last round", "better in", "p", "mean over rounds"]
     columns.append("trials, times the baseline's")
     lines = []
@@ -192,7 +217,7 @@ def _effects(comparisons: Sequence[dict[str, Any]]) -> list[str]:
                 last, over = row["last_round"], row["mean_over_rounds"]
                 rows.append(
                     [
-                        setting_label(comparison["first"], baseline),
+                        setting_label(comparison["first"], baseline, labels),
                         duration_name(row["durations"]),
                         _signed_mean(last),
                         f"{last['wins']} of {last['replicates']}",
@@ -202,7 +227,7 @@ def _effects(comparisons: Sequence[dict[str, Any]]) -> list[str]:
                     ]
                 )
         if rows:
-            lines += [f"### From {arm_label(baseline)}", "", *_table(columns, rows)]
+            lines += [f"### From {labels[baseline]}", "", *_table(columns, rows)]
     return lines
 
 
@@ -211,7 +236,9 @@ def duration_name(durations: Sequence[int]) -> str:
     return f"{durations[0]} steps" if len(durations) == 1 else f"mean of {len(durations)} durations"
 
 
-def _dimensions(found: dict[str, Any], shown: Sequence[str]) -> list[str]:
+def _dimensions(
+    found: dict[str, Any], shown: Sequence[str], labels: Mapping[str, str]
+) -> list[str]:
     arms = {arm: found["arms"][arm] for arm in shown if arm in found["arms"]}
     rows = []
     for name, chance in found["chance_error"].items():
@@ -222,13 +249,13 @@ def _dimensions(found: dict[str, Any], shown: Sequence[str]) -> list[str]:
             cells.append(f"{mark}{row['error']['mean']:.3f}{mark} ({row['spread']['mean']:.3f})")
         rows.append(cells)
     spread = [
-        f"{arm_label(arm)} {_correlation(numbers['rank_correlation'])}"
+        f"{labels[arm]} {_correlation(numbers['rank_correlation'])}"
         for arm, numbers in arms.items()
     ]
     between = [
         [
             spoken(name),
-            *(f"{a['dimensions'][name]['between_replicates']:.3f}" for a in arms.values()),
+            *(_plain(a["dimensions"][name]["between_replicates"]) for a in arms.values()),
         ]
         for name in found["chance_error"]
     ]
@@ -238,27 +265,29 @@ def _dimensions(found: dict[str, Any], shown: Sequence[str]) -> list[str]:
         "final population. *Random* and *middle* are the errors of a random body and of the middle "
         "of the range. Bold where the whole 95% interval of the error is below both.",
         "",
-        *_table(["dimension", "random", "middle", *map(arm_label, arms)], rows),
+        *_table(["dimension", "random", "middle", *(labels[arm] for arm in arms)], rows),
         "Whether a wide spread goes with a large error, over all dimensions and replicates (rank "
         f"correlation): {'; '.join(spread)}.",
         "",
         "The SD of the size found from replicate to replicate, a share of the range, mean over "
         "durations:",
         "",
-        *_table(["dimension", *map(arm_label, arms)], between),
+        *_table(["dimension", *(labels[arm] for arm in arms)], between),
     ]
+
+
+def _plain(value: float | None) -> str:
+    return "" if value is None else f"{value:.3f}"
 
 
 def _correlation(value: float | None) -> str:
     return "unknown" if value is None else f"{value:+.2f}".replace("-", MINUS)
 
 
-def _angles(found: dict[str, Any], shown: Sequence[str]) -> list[str]:
+def _angles(found: dict[str, Any]) -> list[str]:
     rows = []
-    for arm, fins in found.items():
-        if arm not in shown:
-            continue
-        cells = [arm_label(arm)]
+    for name, fins in found.items():
+        cells = [name]
         for error in fins.values():
             interval = error["interval"]
             text = f"{degrees(error['mean']):.1f}"
@@ -273,6 +302,11 @@ def _angles(found: dict[str, Any], shown: Sequence[str]) -> list[str]:
         "",
         *_table(["condition", *fins], rows),
     ]
+
+
+def angle_label(label: str, condition: str) -> str:
+    """Return an arm's name beside its angles, which the condition None does not infer."""
+    return f"{label} (assumes zero)" if condition == "none" else label
 
 
 def spoken(name: str) -> str:

@@ -25,6 +25,7 @@ from rich.markdown import Markdown
 from aquafish_gym import Damage
 from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line, single_command
 from aquafish_gym.engines.base import find_engine
+from aquafish_gym.locks import only_here
 from aquafish_gym.storage import ensure_writable_directory, read_records
 from aquafish_gym.validation import InvalidArgumentError, integer
 from eea import ConfigurationError, recovery_config
@@ -33,7 +34,7 @@ from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
 from recovery import figures
 from recovery.report import build_report, markdown, versions, write_report
-from recovery.running import claim, held_settings, only_here, run_jobs, source_stamp
+from recovery.running import claim, held_settings, run_jobs, source_stamp
 from recovery.statistics import Outcomes
 from recovery.treatments import (
     MODELLED,

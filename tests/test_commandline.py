@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import subprocess
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -72,6 +75,37 @@ def test_tyros_boxes_become_one_line_in_every_encoding(
     monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO(), encoding=encoding))
     assert run(*arguments) == 2
     assert capsys.readouterr().err == said
+
+
+def test_a_switch_is_offered_without_its_comma(capsys: pytest.CaptureFixture[str]) -> None:
+    @dataclass(frozen=True)
+    class Hurry:
+        """Hurry or not."""
+
+        quick: bool = False
+
+        def execute(self) -> None:
+            """Do nothing."""
+
+    assert run_command_line("fish", single_command(Hurry), ("--quik",)) == 2
+    said = capsys.readouterr().err
+    assert said == "fish: Unrecognized options: --quik; did you mean --quick?\n"
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "from test_commandline import Swim\n"
+        "from aquafish_gym.commandline import run_command_line, single_command\n"
+        "sys.exit(run_command_line('fish', single_command(Swim), sys.argv[2:]))\n"
+    )
+    for arguments in (["--help"], ["--far", "2"]):
+        ours, theirs = os.pipe()
+        os.close(ours)
+        command = [sys.executable, "-c", code, str(Path(__file__).parent), *arguments]
+        done = subprocess.run(command, stdout=theirs, stderr=subprocess.PIPE, text=True)
+        os.close(theirs)
+        assert (done.returncode, done.stderr) == (141, ""), arguments
 
 
 def test_a_morphology_comes_from_a_file_or_is_nominal(tmp_path: Path) -> None:

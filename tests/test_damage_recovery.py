@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import pathlib
@@ -14,6 +13,8 @@ import time
 
 import numpy as np
 import pytest
+
+from aquafish_gym.locks import only_here
 
 pytest.importorskip("pybullet")
 
@@ -122,14 +123,10 @@ def test_a_study_is_not_continued_by_other_code(
 
 
 def test_two_commands_do_not_share_a_folder(study: pathlib.Path) -> None:
-    with (study / ".lock").open("a+") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        lock.truncate(0)
-        lock.write("1234")
-        lock.flush()
+    with only_here(study):
         done = recover(study, *SMALL, "--seeds", "2")
     assert done.returncode == 2
-    assert "is in use by another run of this command (process 1234)" in done.stderr
+    assert f"is in use by another command, process {os.getpid()} since " in done.stderr
 
 
 def test_without_pybullet_the_study_is_whole_but_for_the_robots_picture(

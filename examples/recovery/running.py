@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
-import hashlib
 import json
 import multiprocessing
 import os
@@ -24,49 +22,23 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 import aquafish_gym
 import eea
 import gait
+from aquafish_gym.stamps import code_stamp
 from aquafish_gym.storage import write_json
 from aquafish_gym.validation import InvalidArgumentError
 from recovery.treatments import Job, run_job
 
 CONFIG_FILE = "config.json"
-LOCK_FILE = ".lock"
 
 Show = Callable[[str, str, float], None]
 
 
 def source_stamp() -> str:
     """Return a hash of all code that the results come from."""
-    digest = hashlib.sha256()
-    folders = [Path(str(package.__file__)).parent for package in (aquafish_gym, eea, gait)]
-    for folder in (*folders, Path(__file__).parent):
-        for source in sorted((*folder.rglob("*.py"), *folder.rglob("*.ini"))):
-            digest.update(source.relative_to(folder).as_posix().encode())
-            digest.update(source.read_bytes())
-    return digest.hexdigest()[:16]
-
-
-@contextmanager
-def only_here(out: Path) -> Iterator[None]:
-    """Hold a folder for this command, until it ends in whatever way.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If another command holds it.
-    """
-    with (out / LOCK_FILE).open("a+", encoding="utf-8") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            lock.seek(0)
-            holder = lock.read().strip()
-            raise InvalidArgumentError(
-                f"out: {out} is in use by another run of this command (process {holder})"
-            ) from None
-        lock.truncate(0)
-        lock.write(str(os.getpid()))
-        lock.flush()
-        yield
+    packages = [Path(str(package.__file__)).parent for package in (aquafish_gym, eea, gait)]
+    folders = (*packages, Path(__file__).parent)
+    return code_stamp(
+        file for folder in folders for end in ("py", "ini") for file in folder.rglob(f"*.{end}")
+    )
 
 
 def claim(out: Path, settings: dict[str, Any]) -> None:

@@ -36,10 +36,12 @@ def write_study(folder: Path, arms=("ideal", "none"), steps=(128, 256), seeds=5,
             "target_morphology": Morphology.nominal().to_dict(),
             "target_damage": Damage.parse(DAMAGE).to_list(),
             "target_engine": "numba",
-            "seeds": {"first": 0, "count": seeds},
             "rounds": rounds,
-            "steps": list(steps),
-            "arms": {arm: {"condition": "ideal", "accurate": None} for arm in arms},
+            "replicates": {
+                arm: {str(duration): {"first": 0, "count": seeds} for duration in steps}
+                for arm in arms
+            },
+            "arms": {arm: _settings(arm) for arm in arms},
         },
     )
     for i, arm in enumerate(arms):
@@ -53,6 +55,17 @@ def write_study(folder: Path, arms=("ideal", "none"), steps=(128, 256), seeds=5,
                     record["angle_error"] = np.minimum(np.abs(error), np.pi).tolist()
                 write_records(folder / "runs" / arm / str(duration) / f"{seed}.jsonl", records)
     return folder
+
+
+def _settings(arm):
+    """Return as much of an arm's settings as a report reads."""
+    models = {"in-band-200": 200, "out-of-band-100": 100}.get(arm, 25)
+    endings = [name for name in ("ideal", "none", "out-of-band", "in-band") if name in arm]
+    return {
+        "condition": next(iter(endings), "ideal"),
+        "accurate": None,
+        "estimation": {"population": models},
+    }
 
 
 def make_records(rng, start, end, rounds):

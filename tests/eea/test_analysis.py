@@ -110,7 +110,11 @@ def test_the_summary_by_hand(folder):
     assert summary["chance"] == chance_level(TRUTH, findings.layout)
     assert summary["mid_range"] == mid_range_level(TRUTH, findings.layout)
     text = (folder / "summary.md").read_text()
-    assert f"| Out-of-Band | **mean of durations** | 5 | {fit['mean']:.3f} |" in text
+    assert f"| Out-of-Band | **mean of 2 durations** | 5 | {fit['mean']:.3f} |" in text
+    assert "(BCa with Student's quantiles; none for fewer than five)" in text
+    angles = text.partition("## The inferred angles")[2]
+    assert "| None (assumes zero) |" in angles
+    assert "| Ideal |" not in angles
 
 
 def test_arms_are_compared_within_the_seeds_that_both_finished(tmp_path):
@@ -118,6 +122,8 @@ def test_arms_are_compared_within_the_seeds_that_both_finished(tmp_path):
     (folder / "runs/ideal/256/2.jsonl").unlink()
     findings = read_study(folder)
     (found,) = summarize_study(findings)["paired"]
+    report(folder)
+    assert "Not every condition has the same durations" not in (folder / "summary.md").read_text()
     assert (found["first"], found["second"]) == ("ideal", "out-of-band")
     assert [row["durations"] for row in found["rows"]] == [[128], [256], [128, 256]]
     assert [row["last_round"]["replicates"] for row in found["rows"]] == [6, 5, 5]
@@ -150,7 +156,9 @@ def test_dimensions_are_held_against_guessing(folder):
     ]
     assert ideal[name]["error"]["mean"] == pytest.approx(np.mean(errors))
     sizes = [
-        np.std([body[4] / 2.0 for body in values(findings, "ideal", s, "morphology").values()])
+        np.std(
+            [body[4] / 2.0 for body in values(findings, "ideal", s, "morphology").values()], ddof=1
+        )
         for s in (128, 256)
     ]
     assert ideal[name]["between_replicates"] == pytest.approx(np.mean(sizes))
@@ -179,6 +187,58 @@ def test_ablations_are_held_against_the_baseline(tmp_path):
     assert effects["binary"]["rows"][0]["last_round"]["mean"] == pytest.approx(np.mean(gains))
     assert (folder / "figures/effects.png").exists()
     assert "## Effects against the baseline" in (folder / "summary.md").read_text()
+
+
+def test_figures_and_ablations_share_a_report(tmp_path):
+    folder = write_study(tmp_path / "s", ("ideal", "out-of-band"), (256,), rounds=2)
+    report(folder)
+    assert (folder / "figures/final.png").exists()
+    (folder / "figures/mine.png").write_bytes(b"")
+    (folder / "figures/rounds-gone.png").write_bytes(b"")
+    arms = ("ideal", "out-of-band", "baseline-out-of-band", "clamp-out-of-band")
+    both = write_study(tmp_path / "both", arms, (256,), rounds=2)
+    (folder / "study.json").write_bytes((both / "study.json").read_bytes())
+    for arm in arms[2:]:
+        (both / "runs" / arm).rename(folder / "runs" / arm)
+    written = report(folder)
+    summary = (folder / "summary.md").read_text()
+    columns = "random | middle | Out-of-Band (baseline) | Ideal | Out-of-Band |"
+    assert f"| dimension | {columns}" in summary
+    angles = summary.partition("## The inferred angles")[2].partition("## Figures")[0]
+    assert "\n| Out-of-Band |" in angles
+    assert "\n| Out-of-Band (baseline) |" in angles
+    assert "clamp" not in angles
+    made = {path.name for path in (folder / "figures").iterdir()}
+    assert made == {path.name for path in written if path.suffix == ".png"} | {"mine.png"}
+    assert {"fig5.png", "final.png", "final-out-of-band.png", "conditions.png"} <= made
+
+
+def test_trials_are_compared_where_both_arms_are_finished(tmp_path):
+    folder = write_study(tmp_path / "s", ("baseline", "clamp"), (128, 256), seeds=2, rounds=2)
+    for seed in (0, 1):  # as dear as they are, they are not the baseline's to be compared with
+        path = folder / f"runs/clamp/256/{seed}.jsonl"
+        records = make_records(np.random.default_rng(seed), 0.3, 0.1, 2)
+        write_records(path, [{**record, "trials": 10**9} for record in records])
+        (folder / f"runs/baseline/256/{seed}.jsonl").unlink()
+    (folder / "runs/clamp/128/1.jsonl").unlink()
+    findings = read_study(folder)
+    (effect,) = summarize_study(findings)["effects"]
+    ours, theirs = (
+        sum(record["trials"] for record in findings.replicates[arm][128][0])
+        for arm in ("clamp", "baseline")
+    )
+    assert effect["trials_ratio"] == pytest.approx(ours / theirs)
+
+
+def test_an_arms_models_are_counted_in_its_settings(tmp_path):
+    folder = write_study(tmp_path / "s", ("in-band-200", "ideal"), (128,), seeds=1, rounds=1)
+    header = json.loads((folder / "study.json").read_text())
+    header["arms"]["in-band-200"]["estimation"]["population"] = 7
+    (folder / "study.json").write_text(json.dumps(header))
+    report(folder)
+    text = (folder / "summary.md").read_text()
+    assert "| In-Band, 7 models |" in text
+    assert "200 models" not in text
 
 
 def test_each_condition_has_its_own_baseline(tmp_path):
@@ -224,7 +284,11 @@ def test_a_study_of_one_replicate_is_reported_without_intervals(tmp_path):
     summary = json.loads((folder / "summary.json").read_text())
     fit = summary["arms"]["none"]["durations"]["128"]["objective_fitness"]
     assert (fit["replicates"], fit["sd"], fit["interval"]) == (1, None, None)
-    assert "[" not in (folder / "summary.md").read_text().partition("## Figures")[0]
+    text = (folder / "summary.md").read_text().partition("## Figures")[0]
+    assert "[" not in text
+    assert "In the rows of means" not in text
+    between = text.partition("from replicate to replicate")[2]
+    assert "| left pectoral width |  |  |" in between
 
 
 def test_what_is_not_finished_is_left_out_and_counted(tmp_path):
@@ -240,10 +304,14 @@ def test_what_is_not_finished_is_left_out_and_counted(tmp_path):
     assert list(findings.replicates["none"][128]) == [2]
     assert findings.unfinished == {"none": {128: 3}}
     report(other)
+    summary = json.loads((other / "summary.json").read_text())
     text = (other / "summary.md").read_text()
+    assert "Not every condition has the same durations" not in text
+    (runs / "2.jsonl").unlink()
+    report(other)
+    assert "Not every condition has the same durations" in (other / "summary.md").read_text()
     assert "26 of 30 replicates are finished" in text
     assert "None at 128 steps: 3" in text
-    summary = json.loads((other / "summary.json").read_text())
     assert summary["arms"]["none"]["mean_of_durations"]["objective_fitness"]["replicates"] == 1
 
 
@@ -309,7 +377,14 @@ def test_a_folder_without_a_study_or_a_finished_replicate_is_refused(tmp_path):
         ({"schema": "eea.run/1"}, "must be of schema eea.study/1; it is of eea.run/1"),
         ({"rounds": None}, "is damaged"),
         ({"arms": []}, "is damaged"),
-        ({"seeds": 5}, "is damaged"),
+        ({"rounds": 0}, "does not say the rounds"),
+        ({"arms": {"ideal": 5}}, "does not say the arms"),
+        ({"arms": {"ideal": {"accurate": "x"}}}, "does not say the arms.ideal.accurate"),
+        ({"replicates": {}}, "does not say the replicates"),
+        ({"replicates": {"ideal": {}}}, "does not say the replicates.ideal"),
+        ({"replicates": {"ideal": {"128": {}}}}, "does not say the replicates.ideal.128"),
+        ({"replicates": None, "steps": [128], "seeds": {}}, "does not say the seeds"),
+        ({"replicates": None, "seeds": {"first": 0, "count": 1}}, "does not say the steps"),
         ({"target_morphology": {"tail": [1, 2, 3]}}, "does not say what the target is"),
         ({"target_damage": "none"}, "does not say what the target is"),
     ],

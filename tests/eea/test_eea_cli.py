@@ -15,6 +15,7 @@ import eea.__main__
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.storage import append_record, read_records
 from eea.__main__ import main
+from eea.folder import RunFolder
 
 QUICK = [
     "run",
@@ -49,6 +50,26 @@ def test_a_run_writes_its_rounds_its_result_and_its_picture(tmp_path, capsys):
     body = Morphology.from_array(result["morphology"])
     assert (out / "morphology.json").read_text() == body.to_json()
     assert f"python -m gait evolve --morphology {out / 'morphology.json'}" in printed
+
+
+@pytest.mark.parametrize("command", ["run", "recover"])
+def test_of_two_commands_in_a_folder_the_second_is_told_of_the_first(
+    tmp_path, capsys, monkeypatch, command
+):
+    arguments = [command, *QUICK[1:], "--out", str(tmp_path)]
+    add, codes = RunFolder.add, []
+
+    def add_and_begin_another(folder, eea):
+        add(folder, eea)
+        codes.append(main(arguments))
+
+    monkeypatch.setattr(RunFolder, "add", add_and_begin_another)
+    assert main(arguments) == 0
+    assert codes == [2, 2]
+    said = capsys.readouterr().err
+    assert said.count(f"{tmp_path} is in use by another command, process {os.getpid()}") == 2
+    assert [r["round"] for r in read_records(tmp_path / "rounds.jsonl")] == [1, 2]
+    assert not (tmp_path / "lock").exists()
 
 
 def test_the_same_run_may_be_repeated_in_place_and_another_not(tmp_path, capsys):

@@ -47,7 +47,7 @@ DRAWN = {
     "rounds": lambda f, s: figures.rounds_figure(f, s, "none"),
     "conditions": figures.conditions_figure,
     "final": lambda f, s: figures.final_figure(f, s, list(f.replicates)),
-    "paired": lambda _, s: figures.forest_figure(s["paired"]),
+    "paired": lambda _, s: figures.forest_figure(s["paired"], s["labels"], s["durations"]),
     "dimensions": figures.dimensions_figure,
     "spread": lambda _, s: figures.spread_figure(s),
     "angles": lambda f, _: figures.angles_figure(f),
@@ -65,6 +65,45 @@ def test_nor_where_there_is_one_duration(tmp_path, monkeypatch, name):
     check_texts(DRAWN[name](findings, summarize_study(findings)), monkeypatch)
 
 
+@pytest.mark.parametrize("name", ["spread", "conditions"])
+def test_nor_where_there_are_three_arms(tmp_path, monkeypatch, name):
+    findings = read_study(write_study(tmp_path / "s", tuple(LEVELS)[:3], (256,), 2, 2))
+    check_texts(DRAWN[name](findings, summarize_study(findings)), monkeypatch)
+
+
+def test_a_duration_has_its_colour_in_every_picture(tmp_path):
+    folder = write_study(tmp_path / "s", ("ideal", "none"), (128, 256, 512), 2, 2)
+    for seed in (0, 1):
+        (folder / f"runs/ideal/512/{seed}.jsonl").unlink()
+    findings = read_study(folder)
+    summary = summarize_study(findings)
+    drawn = [
+        figures.rounds_figure(findings, summary, "ideal"),
+        figures.rounds_figure(findings, summary, "none"),
+        figures.final_figure(findings, summary, ["ideal"]),
+        figures.forest_figure(
+            [{"first": "ideal", "second": "none", "rows": ROWS}],
+            summary["labels"],
+            findings.durations,
+        ),
+    ]
+    colours = {
+        to_hex(line.get_color())
+        for figure in drawn
+        for line in figure.axes[0].lines
+        if line.get_label() == "256 steps"
+    }
+    assert len(colours) == 1
+    assert "each condition's durations" in (
+        figures.conditions_figure(findings, summary).axes[0].get_title()
+    )
+
+
+ROWS = [
+    {"durations": [steps], "last_round": {"mean": 0.1, "interval": None}} for steps in (128, 256)
+]
+
+
 @pytest.mark.parametrize("name", ["final", "effects"])
 def test_nor_where_there_are_many_arms_with_long_names(ablation, monkeypatch, name):
     findings, summary = ablation
@@ -72,7 +111,10 @@ def test_nor_where_there_are_many_arms_with_long_names(ablation, monkeypatch, na
         arms = list(findings.replicates)
         check_texts(figures.final_figure(findings, summary, arms), monkeypatch)
     else:
-        check_texts(figures.forest_figure(summary["effects"]), monkeypatch)
+        check_texts(
+            figures.forest_figure(summary["effects"], summary["labels"], findings.durations),
+            monkeypatch,
+        )
 
 
 def check_texts(figure, monkeypatch):
@@ -137,13 +179,17 @@ def test_differences_are_filled_where_they_exclude_zero():
             {"first": "b", "second": "baseline", "rows": [row(0.10, [0.05, 0.15])]},
             {"first": "c", "second": "baseline", "rows": [row(-0.10, None)]},
             {"first": "d", "second": "baseline", "rows": []},
-        ]
+        ],
+        {name: name for name in ("a", "b", "c", "d", "baseline")},
+        [256],
     )
     axes = figure.axes[0]
-    marks = [line for line in axes.lines if line.get_marker() == "o" and len(line.get_xdata())]
+    marks = [line for line in axes.lines if line.get_marker() in "ox" and len(line.get_xdata())]
     assert [mark.get_xdata()[0] for mark in marks] == [0.10, 0.02, -0.10], "by size"
-    hollow = [to_hex(mark.get_markerfacecolor()) == "#ffffff" for mark in marks]
-    assert hollow == [False, True, True]
+    hollow = [to_hex(mark.get_markerfacecolor()) == "#ffffff" for mark in marks[:2]]
+    assert hollow == [False, True]
+    assert [mark.get_marker() for mark in marks] == ["o", "o", "x"]
+    assert "no interval" in axes.get_xlabel()
     assert [text.get_text() for text in axes.get_yticklabels()] == ["b", "a", "c"]
 
 
@@ -165,4 +211,27 @@ def test_angles_are_in_degrees_and_leave_out_what_is_known(study):
     lines = {line.get_label(): line.get_ydata() for line in axes.lines}
     assert "Ideal" not in lines
     curves = list(findings.mean_curves("none", "angle_error").values())
-    assert lines["None"] == pytest.approx(np.degrees(np.mean(curves, axis=0)[:, 1]))
+    named = lines["None (assumes zero)"]
+    assert named == pytest.approx(np.degrees(np.mean(curves, axis=0)[:, 1]))
+
+
+def test_intervals_are_named_only_where_they_are_shown(tmp_path):
+    findings = read_study(write_study(tmp_path / "s", ("none", "in-band"), (256,), 2, 2))
+    summary = summarize_study(findings)
+    assert figures.conditions_figure(findings, summary).axes[0].get_title() == (
+        "mean over replicates"
+    )
+    label = (
+        figures.forest_figure(summary["paired"], summary["labels"], findings.durations)
+        .axes[0]
+        .get_xlabel()
+    )
+    assert "95%" not in label
+    assert "crosses: under 5 replicates, no interval" in label
+
+
+def test_points_at_the_edge_are_whole(study):
+    axes = figures.spread_figure(study[1]).axes[0]
+    points = [line for line in axes.lines if len(line.get_xdata()) == 1]
+    assert len(points) == 9
+    assert not any(point.get_clip_on() for point in points)

@@ -17,6 +17,7 @@ import pytest
 from rich.console import Console
 
 import eea.study
+from aquafish_gym import locks
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.storage import read_records
@@ -27,7 +28,7 @@ from eea.config import EEAConfig, figure_config
 from eea.genetic import GeneticConfig
 from eea.progress import Board, duration, shown
 from eea.replicate import Progress, World, look
-from eea.study import Study, claim, cost, cost_left, extended, only_here, source_stamp
+from eea.study import Study, claim, cost, cost_left, extended, only_here, source_stamp, versions
 from eea.study_command import StudyCommand
 from eea.workers import Event
 
@@ -86,8 +87,10 @@ def test_a_study_is_a_file_a_replicate_whatever_the_workers(tiny, tmp_path, caps
 def test_study_json_says_what_is_run(tiny):
     document = json.loads((tiny / "study.json").read_text())
     assert document["schema"] == "eea.study/1"
-    assert document["seeds"] == {"first": 0, "count": 2}
-    assert (document["rounds"], document["steps"]) == (3, [16])
+    spans = {"16": {"first": 0, "count": 2}}
+    assert document["replicates"] == {"ideal": spans, "none": spans}
+    assert document["rounds"] == 3
+    assert document["versions"] == [versions()]
     assert list(document["arms"]) == ["ideal", "none"]
     assert document["arms"]["none"]["condition"] == "none"
     assert document["arms"]["none"]["estimation"]["population"] == 4
@@ -107,8 +110,9 @@ def test_a_study_can_be_extended_and_keeps_what_it_has(tiny, tmp_path):
     }
     assert main([*TINY, "--replicates", "2", "--out", str(tmp_path)]) == 0
     document = json.loads((tmp_path / "study.json").read_text())
-    assert document["seeds"] == {"first": 0, "count": 2}
-    assert document["steps"] == [16, 32]
+    both, second = {"first": 0, "count": 2}, {"first": 1, "count": 1}
+    spans = {"16": both, "32": second}
+    assert document["replicates"] == {"none": spans, "ideal": spans}
     assert sorted(document["arms"]) == ["ideal", "none"]
     runs = {name: c for name, c in files(tmp_path).items() if "/16/" in name}
     assert runs == {name: c for name, c in files(tiny).items() if "/16/" in name}
@@ -268,8 +272,8 @@ def test_a_lock_whose_file_was_just_removed_is_not_taken_for_one(tmp_path, monke
             path.unlink()
         return original(handle, path)
 
-    original = eea.study._is_at
-    monkeypatch.setattr(eea.study, "_is_at", is_at)
+    original = locks._is_at
+    monkeypatch.setattr(locks, "_is_at", is_at)
     with only_here(tmp_path):
         assert len(looks) == 2
         with pytest.raises(InvalidArgumentError, match="in use"), only_here(tmp_path):
@@ -318,20 +322,57 @@ def test_another_study_in_the_folder_is_refused(tmp_path, other, difference):
     assert extended(tmp_path, STUDY) == json.loads(before["study.json"])
 
 
+def span(first, count):
+    return {"first": first, "count": count}
+
+
 @pytest.mark.parametrize(
-    ("other", "name", "union"),
+    ("other", "union"),
     [
-        (changed(steps=(256, 64)), "steps", [64, 128, 256]),
-        (changed(first_seed=6, replicates=1), "seeds", {"first": 2, "count": 5}),
-        (changed(first_seed=0, replicates=20), "seeds", {"first": 0, "count": 20}),
-        (changed(first_seed=3, replicates=1), "seeds", {"first": 2, "count": 4}),
-        (changed(arms={"more": EEAConfig()}), "arms", ["none", "more"]),
+        (
+            changed(steps=(256, 64)),
+            {"none": {"64": span(2, 4), "128": span(2, 4), "256": span(2, 4)}},
+        ),
+        (
+            changed(first_seed=6, replicates=1, steps=(64,)),
+            {"none": {"64": span(2, 5), "128": span(2, 4)}},
+        ),
+        (
+            changed(first_seed=0, replicates=20),
+            {"none": {"64": span(0, 20), "128": span(0, 20)}},
+        ),
+        (
+            changed(first_seed=3, replicates=1),
+            {"none": {"64": span(2, 4), "128": span(2, 4)}},
+        ),
+        (
+            changed(arms={"more": EEAConfig()}, first_seed=0, replicates=1, steps=(32,)),
+            {"none": {"64": span(2, 4), "128": span(2, 4)}, "more": {"32": span(0, 1)}},
+        ),
     ],
 )
-def test_a_larger_study_is_the_union(tmp_path, other, name, union):
+def test_a_larger_study_is_the_union(tmp_path, other, union):
     claim(tmp_path, extended(tmp_path, STUDY))
-    found = extended(tmp_path, other)[name]
-    assert (list(found) if name == "arms" else found) == union
+    document = extended(tmp_path, other)
+    assert document["replicates"] == union
+    assert list(document["arms"]) == list(union)
+    # The first studies had the same steps and seeds in all arms, and one set of versions.
+    old = {**extended(tmp_path, STUDY), "steps": [64, 128], "seeds": span(2, 4)}
+    old |= {"versions": old["versions"][0]}
+    del old["replicates"]
+    (tmp_path / "study.json").write_text(json.dumps(old))
+    assert extended(tmp_path, other) == document
+
+
+def test_a_study_of_unequal_arms_is_complete(tmp_path):
+    with_report = [word for word in TINY if word != "--no-draw"]
+    more = ["--conditions", "ideal", "--steps", "16", "32", "--replicates", "2"]
+    assert main([*with_report, *more, "--out", str(tmp_path)]) == 0
+    more = ["--conditions", "none", "--steps", "32", "--replicates", "1"]
+    assert main([*with_report, *more, "--out", str(tmp_path)]) == 0
+    assert "not complete" not in (tmp_path / "summary.md").read_text()
+    summary = json.loads((tmp_path / "summary.json").read_text())
+    assert (summary["finished"], summary["planned"]) == (5, 5)
 
 
 def test_results_of_other_code_are_not_gone_on_from_unasked(tmp_path, monkeypatch):
@@ -342,6 +383,18 @@ def test_results_of_other_code_are_not_gone_on_from_unasked(tmp_path, monkeypatc
         extended(tmp_path, STUDY)
     claim(tmp_path, extended(tmp_path, STUDY, other_code=True))
     assert extended(tmp_path, STUDY)["source"] == [here, "another"]
+
+
+def test_nor_are_results_of_other_versions(tmp_path, monkeypatch):
+    claim(tmp_path, extended(tmp_path, STUDY))
+    before = versions()
+    after = {**before, "numpy": "99.1"}
+    monkeypatch.setattr(eea.study, "versions", lambda: after)
+    message = rf"holds results of numpy {before['numpy']}, not 99\.1; .*--other-code"
+    with pytest.raises(InvalidArgumentError, match=message):
+        extended(tmp_path, STUDY)
+    claim(tmp_path, extended(tmp_path, STUDY, other_code=True))
+    assert extended(tmp_path, STUDY)["versions"] == [before, after]
 
 
 def test_comments_are_no_other_code(tmp_path, monkeypatch):
@@ -402,7 +455,15 @@ def test_a_damaged_study_json_is_refused_and_a_run_keeps_out_of_a_study(tmp_path
         (["--figure", "5", "--in-band.k", "4"], "in_band.k has no say: no arm is of the condition"),
         (["--conditions", "in-band", "--in-band.k", "26"], "in_band.k must be at most estimation"),
         (["--figure", "5", "--genetic.mutations", "19"], "genetic.mutations must be at most"),
-        (["--figure", "5", "--suffix", "/up"], "an arm's name must be a file's name too"),
+        (["--figure", "5", "--suffix", "/up"], "suffix must be at most 60 letters, digits"),
+        (["--figure", "5", "--suffix", ",x"], "suffix must be at most 60 letters, digits"),
+        (["--figure", "5", "--suffix", " with | pipe"], "got ' with | pipe'"),
+        (["--figure", "5", "--suffix", "a" * 61], "suffix must be at most 60"),
+        (["--figure", "5", "--suffix=-x"], "the first a letter or digit; got '-x'"),
+        (
+            ["--figure", "5", "--estimation.population", "1"],
+            "eea: estimation.population must be a whole number of at least 2; got 1",
+        ),
         (["--figure", "5", "--target-damage", "left:length=2"], "damage fin must be one of"),
         (["--figure", "5", "--target-morphology", "/nowhere"], "target_morphology must be a file"),
         (["--figure", "5", "--current", "0", "0", "nan"], "current must be finite"),
@@ -438,7 +499,7 @@ def test_the_figures_arms_are_the_papers():
 
 
 def test_settings_of_the_command_line_go_over_those_of_each_arm():
-    study = asked("--figure", "8", "9", "10", "--estimation.generations", "7", "--suffix", "-7")
+    study = asked("--figure", "8", "9", "10", "--estimation.generations", "7", "--suffix", "7")
     assert list(study.arms) == ["in-band-200-7", "out-of-band-7", "out-of-band-100-7"]
     assert [c.estimation.population for c in study.arms.values()] == [200, 25, 100]
     assert [c.estimation.generations for c in study.arms.values()] == [7, 7, 7]
@@ -467,6 +528,9 @@ def test_the_smoke_preset_makes_every_figure_and_gives_way_to_options(tmp_path, 
     assert {c.estimation.generations for c in study.arms.values()} == {4}
     assert len({c.estimation.population for c in study.arms.values()}) == 3
     assert list(asked("--preset", "smoke", "--figure", "7").arms) == ["in-band"]
+    assert asked("--preset", "smoke", "--replicates", "25").replicates == 25
+    study = StudyCommand(tmp_path, preset="smoke", replicates=7).study()
+    assert (study.steps, study.replicates, study.rounds) == ((128,), 7, 3)
     arguments = ["study", "--preset", "smoke", *smaller, "--out", str(tmp_path)]
     assert main(arguments) == 0
     assert capsys.readouterr().out.endswith(f"summary.md and figures are in {tmp_path}\n")
@@ -485,6 +549,8 @@ def test_plot_needs_a_study(tmp_path, capsys):
     said = capsys.readouterr().err
     assert "study" in said
     assert said.count("\n") == 1
+    assert main(["plot"]) == 2
+    assert capsys.readouterr().err == "eea: FOLDER, the directory of a study, is required\n"
 
 
 def board(workers=2):
@@ -548,6 +614,8 @@ def test_a_study_checks_itself():
         ({"arms": {}}, "the number of arms"),
         ({"steps": ()}, "the number of steps"),
         ({"arms": {"none": EEAConfig(time_limit=3.0)}}, "time_limit must be None in a study"),
+        ({"arms": {"a|b": EEAConfig()}}, "an arm's name must be letters, digits"),
+        ({"arms": {"a" * 121: EEAConfig()}}, "at most 120 characters"),
         ({"steps": (64, 65)}, "steps must be a power of two; got 65"),
     ):
         with pytest.raises(ConfigurationError, match=message):

@@ -51,10 +51,10 @@ from aquafish_gym.robot import (
     robot_parameters,
 )
 from aquafish_gym.verification import reactive as studies
+from aquafish_gym.verification.lattice import ASPECTS, lattice_share
 from aquafish_gym.verification.momentum import inertia_and_swing
 from aquafish_gym.verification.reactive import (
     ReactiveMomentum,
-    lattice_share,
     lighthill_thrust,
     scheme_errors,
     tail_body,
@@ -321,7 +321,7 @@ def test_the_lattice_finds_the_known_added_mass_of_rectangles(aspect: float, kno
     assert_allclose(lattice_share(1.0, aspect, 4), lattice_share(aspect, 1.0, 4) * aspect)
 
 
-@pytest.mark.parametrize("aspect", studies.ASPECTS)
+@pytest.mark.parametrize("aspect", ASPECTS)
 def test_the_law_is_the_lattice(aspect: float) -> None:
     mass = math.pi / 4 * aspect * lattice_share(1.0, aspect, 4)
     assert_allclose(plate_mass(1.0, aspect), mass, rtol=2.5e-3)
