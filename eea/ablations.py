@@ -87,21 +87,7 @@ _TABLE = (
         "signal in the DFT",
         "Is the transform that of the attitude or that of the gyroscope's rates?",
         SEEN_OR_NOT,
-        _one("behavior", "signal", {"attitude": "attitude", "rates": "body_rates"}),
-    ),
-    Ablation(
-        "unit",
-        "signal in the DFT",
-        "Does it matter, without a clamp, whether angles are in degrees or radians?",
-        SEEN_OR_NOT,
-        _one("behavior", "unit", {"degrees": "degrees", "radians": "radians"}),
-    ),
-    Ablation(
-        "normalised",
-        "signal in the DFT",
-        "Does it matter, without a clamp, whether the transform is divided by its length?",
-        SEEN_OR_NOT,
-        _one("behavior", "normalised", {"no": False, "yes": True}),
+        _one("behavior", "signal", {"rates": "body_rates", "attitude": "attitude"}),
     ),
     Ablation(
         "difference",
@@ -268,10 +254,9 @@ ELSEWHERE = (
     Elsewhere(
         "what is randomised before an action",
         "eea.aquafish.EngineTarget",
-        "A setting of the target, `orientation`. Still water knows no direction, so relative to "
-        "its start the log is the same to rounding; in a log of the world's attitude a heading "
-        "adds a constant to yaw, which is one coefficient, and a full attitude changes all three "
-        "signals.",
+        "A setting of the target, `orientation`. Still water knows no direction, so the gyroscope "
+        "feels the same; in a log of the world's attitude a heading adds a constant to yaw, which "
+        "is one coefficient, and a full attitude changes all three signals.",
     ),
     Elsewhere(
         "the first action",

@@ -23,7 +23,7 @@ from aquafish_gym.storage import DamagedFileError, read_records, write_bytes, wr
 from aquafish_gym.validation import InvalidArgumentError
 from eea.bits import BitLayout, model_layout
 from eea.checks import ConfigurationError
-from eea.fitness import chance_level, mid_range_level
+from eea.fitness import chance_level, mid_range_level, nearest_level
 from eea.statistics import paired_difference, rank_correlation, summarize
 from eea.study_plan import read_plan
 from eea.summary import ARMS, BASELINE, arm_label, condition_of, is_baseline, markdown
@@ -328,6 +328,7 @@ def summarize_study(findings: Findings) -> dict[str, Any]:
         "finished": sum(len(s) for arm in arms for s in findings.replicates[arm].values()),
         "chance": chance_level(findings.truth, findings.layout),
         "mid_range": mid_range_level(findings.truth, findings.layout),
+        "nearest": nearest_level(findings.truth, findings.layout),
         "durations": findings.durations,
         "labels": findings.labels,
         "conditions": findings.conditions,

@@ -58,7 +58,7 @@ class EngineSimulator:
         As ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest, and
         no result depends on the threads.
     record
-        ``"rpy"``, or ``"attitude"`` to log the gyroscope too.
+        ``"attitude"`` to log the gyroscope with roll, pitch and yaw, or ``"rpy"`` for these alone.
 
     Raises
     ------
@@ -74,7 +74,7 @@ class EngineSimulator:
         current: ArrayLike = (0.0, 0.0, 0.0),
         substeps: int = 1,
         threads: int | None = None,
-        record: str = "rpy",
+        record: str = "attitude",
     ) -> None:
         self.steps = steps
         self.engine = engine
@@ -307,8 +307,8 @@ def estimate_morphology_of(
     Parameters
     ----------
     target
-        Implements ``perform(command)``, which returns a log with ``rpy`` (and ``gyro``, if the
-        behaviour is of body rates) of shape (steps, 3) or (1, steps, 3).
+        Implements ``perform(command)``, which returns a log with ``gyro`` (or, if
+        ``config.behavior.signal`` is "attitude", ``rpy``) of shape (steps, 3) or (1, steps, 3).
     progress
         Called with each round's record.
     config, seed, truth, **simulator

@@ -47,7 +47,10 @@ class Target(Protocol):
     """The robot to be modelled. A physical one needs to implement nothing but this."""
 
     def perform(self, command: Floats) -> Log:
-        """Carry out a command (3,) from wherever the fins are; return the log of one trial."""
+        """Carry out a command (3,) from wherever the fins are; return the log of one trial.
+
+        It must hold the signal that the behaviour is of: ``gyro``, or ``rpy`` for the attitude.
+        """
 
 
 class RevealingTarget(Target, Protocol):

@@ -424,14 +424,19 @@ def _finish_rounds(axes: Axes, findings: Findings, summary: Mapping[str, Any]) -
 
 
 def _guessing(axes: Axes, summary: Mapping[str, Any]) -> None:
-    """Draw the two levels of guessing, named at the right edge."""
+    """Draw the two levels of guessing, and the most that a genome allows, named at the edge."""
     chance, middle = summary["chance"], summary["mid_range"]
     low, high = sorted((chance, middle))
     nudge = max(0.0, 0.06 - (high - low)) / 2  # so that the names keep apart
-    for level, line, name in ((chance, "--", "random\nbodies"), (middle, ":", "mid-range\nbody")):
-        axes.axhline(level, color=_GREY, ls=line, lw=1.2, zorder=1.5)
+    for level, line, name in (
+        (chance, "--", "random\nbodies"),
+        (middle, ":", "mid-range\nbody"),
+        (summary["nearest"], "-", "nearest\ngenome"),
+    ):
+        axes.axhline(level, color=_GREY, ls=line, lw=1.2 if line != "-" else 0.8, zorder=1.5)
+        shift = {low: -nudge, high: nudge}.get(level, 0.0)
         axes.annotate(
-            name, (1.0, level + (nudge if level == high else -nudge)), (4, 0),
+            name, (1.0, level + shift), (4, 0),
             xycoords=axes.get_yaxis_transform(), textcoords="offset points",
             va="center", fontsize=_SMALL - 1, color=_GREY, linespacing=0.9, annotation_clip=False,
         )  # fmt: skip

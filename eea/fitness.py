@@ -1,4 +1,4 @@
-"""The three fitnesses of the paper (Eqs. 1, 3, 4), and what guessing would score."""
+"""The fitnesses of the paper (Eqs. 1, 3, 4), and what guessing and no error at all would score."""
 
 from __future__ import annotations
 
@@ -119,3 +119,12 @@ def chance_level(target: ArrayLike, layout: BitLayout) -> float:
 def mid_range_level(target: ArrayLike, layout: BitLayout) -> float:
     """Return the OBJ_FIT of the body at the middle of every range against a target (n,)."""
     return float(objective_fitness(0.5 * (layout.low + layout.high), target, layout))
+
+
+def nearest_level(target: ArrayLike, layout: BitLayout) -> float:
+    """Return the OBJ_FIT of the body nearest to a target (n,) that a genome can spell.
+
+    No search can do better. It is less than 1 where a size lies between two levels.
+    """
+    nearest = layout.decode(layout.encode(np.asarray(target)[None]))[0]
+    return float(objective_fitness(nearest, target, layout))

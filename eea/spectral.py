@@ -23,9 +23,9 @@ SHORTEST = 4  # steps of a trial that the engine transforms
 
 
 def can_compare(behavior: BehaviorConfig, steps: int) -> bool:
-    """Return whether the engine knows this behaviour: the plain transform of the attitude."""
-    plain = behavior.summary == "dft" and behavior.signal == "attitude"
-    return plain and behavior.difference == "complex" and not behavior.clamp and steps >= SHORTEST
+    """Return whether the engine knows this behaviour: a transform, and nothing done to it."""
+    plain = behavior.difference == "complex" and not behavior.clamp
+    return behavior.summary == "dft" and plain and steps >= SHORTEST
 
 
 class CompiledSimulator(Protocol):
@@ -76,4 +76,5 @@ class SpectralComparer:
         scale = 180.0 / np.pi if self.behavior.unit == "degrees" else 1.0
         if self.behavior.normalised:
             scale /= s.steps
-        return lanes.spectra(checked.commands, s.steps, scale)
+        rates = self.behavior.signal == "body_rates"
+        return lanes.spectra(checked.commands, s.steps, scale, rates)

@@ -78,7 +78,8 @@ def markdown(summary: dict[str, Any], figures: Sequence[str]) -> str:
         f"OBJ_FIT is one less the mean error of the nine dimensions (Eq. 4), after {rounds} "
         "rounds. A uniform random body scores "
         f"{summary['chance']:.3f} on average against this target, the body in the middle of all "
-        f"ranges {summary['mid_range']:.3f}. Intervals are 95% bootstrap intervals of means over "
+        f"ranges {summary['mid_range']:.3f}, and the nearest body that a genome can spell "
+        f"{summary['nearest']:.3f}. Intervals are 95% bootstrap intervals of means over "
         "replicates (BCa with Student's quantiles; none for fewer than five).",
         "",
         *_unfinished(summary),

@@ -42,7 +42,8 @@ STATE_ROWS = 25  # State's 22 numbers in order, then roll, pitch, yaw
 BLOCK = 16  # samples gathered before they are written out, in the fastest cache
 WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
 
-# What to record, as bits.
+# What to record, as bits. SPECTRUM alone is that of roll, pitch and yaw; with GYRO it is that of
+# the rates, and the attitude in the state is left as it was.
 RPY, GYRO, POSE, SPECTRUM = 1, 2, 4, 8
 
 
@@ -199,6 +200,7 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
         block_pose = np.empty(10 * BLOCK * width, parameters.dtype)
         kept = 3 * steps * width if record & SPECTRUM else 0
         series = np.empty(kept, parameters.dtype)
+        rates_only = record == SPECTRUM | GYRO  # nothing then asks for the attitude
         for group in range(begin, end):
             robot = Robot(
                 fetch_fin(parameters, 0, group, groups, zero),
@@ -216,10 +218,12 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
                     by = drive(command, h)
                 for _ in range(substeps):
                     state = swim(robot, state, by, current, h)
-                rpy = imu.continue_attitude(rpy, imu.attitude(rotation(state.orientation)))
+                if not rates_only:
+                    rpy = imu.continue_attitude(rpy, imu.attitude(rotation(state.orientation)))
                 if record & SPECTRUM:
+                    felt = state.spin if rates_only else rpy
                     put_vector(
-                        series, 0, t, steps, (scale * rpy[0], scale * rpy[1], scale * rpy[2])
+                        series, 0, t, steps, (scale * felt[0], scale * felt[1], scale * felt[2])
                     )
                 elif record:
                     if record & RPY:

@@ -184,11 +184,15 @@ class LaneBatch:
             diverged=self._diverged(),
         )
 
-    def spectra(self, commands: NDArray[np.float64], steps: int, scale: float = 1.0) -> Floats:
-        """Hold commands (B, 3) for ``steps``, a power of two; return the attitude's spectra.
+    def spectra(
+        self, commands: NDArray[np.float64], steps: int, scale: float = 1.0, rates: bool = False
+    ) -> Floats:
+        """Hold commands (B, 3) for ``steps``, a power of two; return spectra of what was felt.
 
-        They are of ``scale`` times the angles in rad, and (B, 2, F') as ``spectrum.py`` says;
-        those of robots that diverged are not finite.
+        They are (B, 2, F') as ``spectrum.py`` says, of ``scale`` times roll, pitch and yaw in
+        rad; or, if ``rates``, of the gyroscope's rad/s about x, y and z, and no attitude is
+        then computed: that of ``state()`` stays as it was. Those of robots that diverged are not
+        finite.
 
         Raises
         ------
@@ -201,7 +205,8 @@ class LaneBatch:
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
         self._run(
             hold, self._pack_commands(commands), _NO_LAYOUT, 0, steps, steps,
-            logs, spectra, roots_of_unity(steps, np.dtype(self.dtype).name), scale, SPECTRUM,
+            logs, spectra, roots_of_unity(steps, np.dtype(self.dtype).name), scale,
+            SPECTRUM | GYRO if rates else SPECTRUM,
         )  # fmt: skip
         return spectra[: self.batch]
 

@@ -36,7 +36,7 @@ class FakeLog:
 
 
 class FakeSimulator:
-    """Each fin swings one axis of the attitude, by its sizes and from its angle."""
+    """Each fin makes one axis's rate swing, by its sizes and from its angle."""
 
     def __init__(self, steps: int = STEPS) -> None:
         self.steps = steps
@@ -51,8 +51,8 @@ class FakeSimulator:
         phase = 2 * np.pi * 3.0 * trials.commands[..., None] * time + trials.fin_angles[..., None]
         swing = sizes[:, :, 0] * np.sin(phase) + sizes[:, :, 1] * (1 - np.cos(phase))
         swing = swing + sizes[:, :, 2] * np.sin(2 * phase)
-        rpy = np.ascontiguousarray(swing.transpose(0, 2, 1))
-        return FakeLog(rpy, np.gradient(rpy, 0.01, axis=1))
+        gyro = np.ascontiguousarray(swing.transpose(0, 2, 1))
+        return FakeLog(0.01 * gyro.cumsum(axis=1), gyro)
 
 
 class FakeTarget:

@@ -163,7 +163,7 @@ def test_every_arm_runs_and_does_something_else_than_its_baseline(name, baseline
 
 
 def test_dividing_by_a_power_of_two_changes_no_ranking():
-    # So the arm "normalised" is a check of the machinery: it must equal its baseline.
+    # So without a clamp it needs no arm of its own.
     results = [
         run(tiny(with_settings(baseline_config("ideal"), {"behavior": {"normalised": n}})))
         for n in (False, True)

@@ -376,13 +376,16 @@ def test_a_target_that_logs_another_number_of_steps_is_refused(steps, summary):
         eea.run()
 
 
-def test_a_target_that_returns_no_log_is_named():
+@pytest.mark.parametrize(("signal", "name"), [("body_rates", "gyro"), ("attitude", "rpy")])
+def test_a_target_that_returns_no_log_is_named(signal, name):
     class Mute(FakeTarget):
         def perform(self, command):
             super().perform(command)
 
-    with pytest.raises(TargetError, match="the target must return a log with rpy; it returned N"):
-        EEA(Mute(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()
+    config = replace(QUICK, behavior=BehaviorConfig(signal=signal))
+    message = f"the target must return a log with {name}; it returned None"
+    with pytest.raises(TargetError, match=message):
+        EEA(Mute(), FakeSimulator(), MODELS, ACTIONS, config).run()
 
 
 @pytest.mark.parametrize("angles", [None, [1.0, 2.0], [0.0, np.nan, 0.0], "left"])
@@ -416,18 +419,18 @@ def test_bad_arguments_are_refused_before_anything_is_performed(changed, message
 
 
 @pytest.mark.parametrize(
-    ("rpy", "message"),
+    ("samples", "message"),
     [
         (np.zeros((2, 64, 3)), "the log of one trial; it returned 2"),
         (np.full((64, 3), np.nan), "must be finite"),
         (np.zeros((64, 2)), r"\(B, T, 3\)"),
     ],
 )
-def test_a_target_that_answers_wrongly_is_named(rpy, message):
+def test_a_target_that_answers_wrongly_is_named(samples, message):
     class Broken(FakeTarget):
         def perform(self, command):
             super().perform(command)
-            return FakeLog(rpy, rpy)
+            return FakeLog(samples, samples)
 
     with pytest.raises(TargetError, match=message):
         EEA(Broken(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()

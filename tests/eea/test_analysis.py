@@ -16,7 +16,7 @@ from eea.analysis import (
     summarize_study,
 )
 from eea.checks import ConfigurationError
-from eea.fitness import chance_level, mid_range_level
+from eea.fitness import chance_level, mid_range_level, nearest_level
 from study_folder import TRUTH, make_records, write_records, write_study
 
 
@@ -109,6 +109,7 @@ def test_the_summary_by_hand(folder):
     assert arm["durations"]["128"]["rise"]["mean"] == pytest.approx(np.mean(rises))
     assert summary["chance"] == chance_level(TRUTH, findings.layout)
     assert summary["mid_range"] == mid_range_level(TRUTH, findings.layout)
+    assert summary["nearest"] == nearest_level(TRUTH, findings.layout)
     text = (folder / "summary.md").read_text()
     assert f"| Out-of-Band | **mean of 2 durations** | 5 | {fit['mean']:.3f} |" in text
     assert "(BCa with Student's quantiles; none for fewer than five)" in text

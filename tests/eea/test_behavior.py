@@ -13,6 +13,8 @@ from eea.checks import ConfigurationError, TargetError
 from fake_fish import FakeLog
 
 DFT = BehaviorConfig()
+ATTITUDE = BehaviorConfig(signal="attitude")
+both_signals = pytest.mark.parametrize("config", [DFT, ATTITUDE], ids=["body_rates", "attitude"])
 RNG = np.random.default_rng(0)
 LOG = FakeLog(RNG.normal(size=(4, 16, 3)).cumsum(axis=1), RNG.normal(size=(4, 16, 3)))
 
@@ -25,39 +27,50 @@ def naive_dft(signal: np.ndarray) -> list[complex]:
     ]
 
 
-def test_the_default_is_the_unnormalised_transform_of_each_axis_in_degrees():
-    expected = [
-        [c for axis in range(3) for c in naive_dft(np.degrees(trial[:, axis]))] for trial in LOG.rpy
+def naive_transform(samples: np.ndarray) -> list[list[complex]]:
+    return [
+        [c for axis in range(3) for c in naive_dft(np.degrees(trial[:, axis]))] for trial in samples
     ]
-    assert np.allclose(summarize(LOG, DFT), expected)
 
 
-def test_radians_are_the_degrees_scaled():
-    radians = summarize(LOG, replace(DFT, unit="radians"))
-    assert np.allclose(np.degrees(radians.real), summarize(LOG, DFT).real)
+def test_the_default_is_the_unnormalised_transform_of_each_rate_in_degrees_a_second():
+    assert np.allclose(summarize(LOG, DFT), naive_transform(LOG.gyro))
 
 
-def test_normalised_divides_by_the_number_of_samples():
-    assert np.allclose(summarize(LOG, replace(DFT, normalised=True)) * 16, summarize(LOG, DFT))
+def test_the_attitudes_is_that_of_roll_pitch_and_yaw_in_degrees():
+    assert np.allclose(summarize(LOG, ATTITUDE), naive_transform(LOG.rpy))
 
 
-def test_magnitude_drops_the_phase():
-    magnitude = summarize(LOG, replace(DFT, difference="magnitude"))
+@both_signals
+def test_radians_are_the_degrees_scaled(config):
+    radians = summarize(LOG, replace(config, unit="radians"))
+    assert np.allclose(np.degrees(radians.real), summarize(LOG, config).real)
+
+
+@both_signals
+def test_normalised_divides_by_the_number_of_samples(config):
+    normalised = summarize(LOG, replace(config, normalised=True))
+    assert np.allclose(normalised * 16, summarize(LOG, config))
+
+
+@both_signals
+def test_magnitude_drops_the_phase(config):
+    magnitude = summarize(LOG, replace(config, difference="magnitude"))
     assert np.isrealobj(magnitude)
-    assert np.allclose(magnitude, np.abs(summarize(LOG, DFT)))
+    assert np.allclose(magnitude, np.abs(summarize(LOG, config)))
 
 
 def test_body_rates_are_the_gyroscope():
     rates = summarize(LOG, replace(DFT, signal="body_rates"))
-    assert np.allclose(rates, summarize(FakeLog(LOG.gyro, LOG.rpy), DFT))
+    assert np.allclose(rates, summarize(FakeLog(LOG.gyro, LOG.rpy), ATTITUDE))
 
 
 def test_the_rates_of_the_attitude_are_its_mean_and_rms_change_a_second():
     rate = np.degrees(np.diff(LOG.rpy, axis=1)) / 0.01
-    assert np.allclose(summarize(LOG, replace(DFT, summary="mean_rate")), rate.mean(axis=1))
+    assert np.allclose(summarize(LOG, replace(ATTITUDE, summary="mean_rate")), rate.mean(axis=1))
     rms = np.sqrt((rate**2).mean(axis=1))
-    assert np.allclose(summarize(LOG, replace(DFT, summary="rms_rate")), rms)
-    halved = summarize(LOG, replace(DFT, summary="rms_rate", timestep=0.02))
+    assert np.allclose(summarize(LOG, replace(ATTITUDE, summary="rms_rate")), rms)
+    halved = summarize(LOG, replace(ATTITUDE, summary="rms_rate", timestep=0.02))
     assert np.allclose(halved, rms / 2)
 
 
@@ -68,18 +81,20 @@ def test_the_rates_of_the_body_are_those_of_the_gyroscope(summary):
     assert np.allclose(found, LOG.gyro.mean(axis=1) if summary == "mean_rate" else square)
 
 
-def test_one_trial_needs_no_batch_axis():
+@both_signals
+def test_one_trial_needs_no_batch_axis(config):
     single = FakeLog(LOG.rpy[1], LOG.gyro[1])
-    assert np.array_equal(summarize(single, DFT), summarize(LOG, DFT)[1:2])
+    assert np.array_equal(summarize(single, config), summarize(LOG, config)[1:2])
 
 
-def test_a_trial_does_not_depend_on_the_batch_it_is_in():
-    single = FakeLog(LOG.rpy.astype("f4"), LOG.gyro)
-    whole = summarize(single, DFT)
+@both_signals
+def test_a_trial_does_not_depend_on_the_batch_it_is_in(config):
+    single = FakeLog(LOG.rpy.astype("f4"), LOG.gyro.astype("f4"))
+    whole = summarize(single, config)
     for i in range(4):
-        alone = summarize(FakeLog(single.rpy[i : i + 1], single.gyro), DFT)
+        alone = summarize(FakeLog(single.rpy[i : i + 1], single.gyro[i : i + 1]), config)
         assert np.array_equal(alone[0], whole[i])
-        assert similarity(alone[0], whole[0], DFT) == similarity(whole, whole[0], DFT)[i]
+        assert similarity(alone[0], whole[0], config) == similarity(whole, whole[0], config)[i]
 
 
 def test_similarity_is_one_less_the_mean_difference_over_max():
@@ -115,28 +130,45 @@ def test_the_modulus_is_the_absolute_value(values):
     assert np.array_equal(modulus(values.real), np.abs(values.real))
 
 
+@both_signals
 @pytest.mark.parametrize(
-    ("log", "config", "message"),
+    ("samples", "message"),
     [
-        (FakeLog(np.zeros((2, 1, 3)), None), DFT, "at least 2 steps"),
-        (FakeLog(np.zeros((2, 8, 2)), None), DFT, r"\(B, T, 3\)"),
-        (FakeLog(np.zeros(8), None), DFT, r"\(B, T, 3\)"),
-        (FakeLog(np.zeros((1, 8, 3)), None), BehaviorConfig(signal="body_rates"), "holds none"),
-        (FakeLog(None, np.zeros((1, 8, 3))), DFT, "must hold rpy .* holds none"),
-        (None, DFT, "a robot must return a log with rpy; it returned None"),
-        (np.zeros((8, 3)), DFT, "a log with rpy; it returned a ndarray"),
-        (FakeLog([["left"] * 3] * 8, None), DFT, "must hold real numbers"),
-        (FakeLog([[0.0], [0.0, 0.0]], None), DFT, "rpy of a robot is ragged"),
+        (np.zeros((2, 1, 3)), "at least 2 steps"),
+        (np.zeros((2, 8, 2)), r"\(B, T, 3\)"),
+        (np.zeros(8), r"\(B, T, 3\)"),
+        (None, "must hold {name} for behavior.signal = {signal}; that of a robot holds none"),
+        ([["left"] * 3] * 8, "must hold real numbers; {name} of a robot is"),
+        ([[0.0], [0.0, 0.0]], "{name} of a robot is ragged"),
     ],
 )
-def test_a_log_of_the_wrong_form_is_refused(log, config, message):
-    with pytest.raises(TargetError, match=message):
+def test_a_log_of_the_wrong_form_is_refused(samples, message, config):
+    # The other signal is as it should be, and is not taken instead.
+    name = "rpy" if config.signal == "attitude" else "gyro"
+    log = replace(LOG, **{name: samples})
+    with pytest.raises(TargetError, match=message.format(name=name, signal=config.signal)):
         summarize(log, config)
 
 
+@both_signals
+@pytest.mark.parametrize(("log", "got"), [(None, "None"), (np.zeros((8, 3)), "a ndarray")])
+def test_what_is_no_log_is_refused(log, got, config):
+    name = "rpy" if config.signal == "attitude" else "gyro"
+    with pytest.raises(TargetError, match=f"a robot must return a log with {name}; .* {got}"):
+        summarize(log, config)
+
+
+@both_signals
+def test_the_other_signal_need_not_be_logged(config):
+    other = "gyro" if config.signal == "attitude" else "rpy"
+    alone = replace(LOG, **{other: None})
+    assert np.array_equal(summarize(alone, config), summarize(LOG, config))
+
+
+@pytest.mark.parametrize("signal", ["attitude", "body_rates"])
 @pytest.mark.parametrize("summary", ["dft", "mean_rate", "rms_rate"])
-def test_a_log_of_another_length_is_refused(summary):
-    config = BehaviorConfig(summary=summary)
+def test_a_log_of_another_length_is_refused(summary, signal):
+    config = BehaviorConfig(summary=summary, signal=signal)
     assert np.array_equal(summarize(LOG, config, 16), summarize(LOG, config))
     for steps in (15, 17, 32):
         message = f"the fish must log trials of {steps} steps, .*; it logged 16"

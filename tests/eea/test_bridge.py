@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -41,9 +43,12 @@ def test_every_genome_is_a_body_and_a_command_the_fish_accepts(coding):
     commands = actions.decode(
         np.concatenate([actions.random(30, rng), actions.encode([actions.high])])
     )
-    log = EngineSimulator(8).simulate(Trials(bodies, commands, np.zeros((31, 3))))
-    assert log.rpy.shape == (31, 8, 3)
-    assert log.gyro is None
+    trials = Trials(bodies, commands, np.zeros((31, 3)))
+    log = EngineSimulator(8).simulate(trials)
+    assert log.rpy.shape == log.gyro.shape == (31, 8, 3)
+    alone = EngineSimulator(8, record="rpy").simulate(trials)
+    assert np.array_equal(alone.rpy, log.rpy)
+    assert alone.gyro is None
 
 
 def test_a_trial_is_the_same_to_the_bit_in_any_batch():
@@ -52,10 +57,11 @@ def test_a_trial_is_the_same_to_the_bit_in_any_batch():
     commands = fish_actions().decode(fish_actions().random(37, rng))
     angles = rng.uniform(-np.pi, np.pi, (37, 3))
     simulator = EngineSimulator(64)
-    whole = simulator.simulate(Trials(bodies, commands, angles)).rpy
+    whole = simulator.simulate(Trials(bodies, commands, angles))
     for part in (slice(0, 1), slice(5, 22), slice(36, 37)):
-        alone = simulator.simulate(Trials(bodies[part], commands[part], angles[part])).rpy
-        assert np.array_equal(alone, whole[part])
+        alone = simulator.simulate(Trials(bodies[part], commands[part], angles[part]))
+        assert np.array_equal(alone.rpy, whole.rpy[part])
+        assert np.array_equal(alone.gyro, whole.gyro[part])
 
 
 @pytest.mark.parametrize("engine", ["pybullet", "numba"])
@@ -77,16 +83,15 @@ def test_the_target_hides_new_angles_before_every_command(engine):
 def test_what_the_target_does_is_what_its_body_does_from_those_angles():
     target = EngineTarget(None, DAMAGE, np.random.default_rng(5), 64, "numba")
     command = np.array([0.3, -0.2, 0.5])
-    seen = target.perform(command).rpy
+    seen = target.perform(command)
     trials = Trials(target.morphology.to_array()[None], command[None], target.last_fin_angles[None])
-    modelled = EngineSimulator(64, dtype="float64").simulate(trials).rpy
-    assert np.allclose(seen, modelled, atol=1e-9)
+    modelled = EngineSimulator(64, dtype="float64").simulate(trials)
+    assert np.allclose(seen.rpy, modelled.rpy, atol=1e-9)
+    assert np.allclose(seen.gyro, modelled.gyro, atol=1e-9)
 
 
 @pytest.mark.parametrize("condition", eea.CONDITIONS)
 def test_every_condition_runs_on_the_fish(condition):
-    from dataclasses import replace
-
     seen = []
     result = estimate_morphology(
         None, DAMAGE, replace(QUICK, condition=condition), 1, seen.append, target_engine="numba"
@@ -117,14 +122,18 @@ def test_threads_change_nothing():
     assert [r.morphology for r in results[0].rounds] == [r.morphology for r in results[1].rounds]
 
 
-def test_body_rates_are_logged_when_the_behaviour_is_of_them():
-    from dataclasses import replace
-
-    config = replace(QUICK, behavior=BehaviorConfig(signal="body_rates"))
+@pytest.mark.parametrize("clamp", [False, True])
+@pytest.mark.parametrize("signal", ["attitude", "body_rates"])
+def test_what_the_behaviour_is_of_is_logged(signal, clamp):
+    # The engine does not clamp: then the models' logs are asked for, and not their distances.
+    config = replace(QUICK, behavior=BehaviorConfig(signal=signal, clamp=clamp))
     assert len(estimate_morphology(None, None, config, target_engine="numba").rounds) == 2
 
 
-def test_a_physical_robot_need_only_perform():
+@pytest.mark.parametrize(("settings", "felt"), [({}, "gyro"), ({"signal": "attitude"}, "rpy")])
+def test_a_physical_robot_need_only_perform(settings, felt):
+    config = replace(QUICK, behavior=BehaviorConfig(**settings))
+
     class Tank:
         def __init__(self):
             self.fish = EngineTarget(None, DAMAGE, np.random.default_rng(0), 32, "numba")
@@ -133,16 +142,17 @@ def test_a_physical_robot_need_only_perform():
             log = self.fish.perform(command)
 
             class Imu:
-                rpy, gyro = np.asarray(log.rpy)[0], None
+                rpy, gyro = None, None
 
+            setattr(Imu, felt, np.asarray(getattr(log, felt))[0])
             return Imu
 
-    result = estimate_morphology_of(Tank(), QUICK, 0)
+    result = estimate_morphology_of(Tank(), config, 0)
     assert isinstance(result.morphology, Morphology)
     assert result.rounds[0].objective_fitness is None
     assert result.rounds[0].true_angles is None
     with pytest.raises(eea.TargetError, match="Tank has none"):
-        estimate_morphology_of(Tank(), EEAConfig(condition="ideal"))
+        estimate_morphology_of(Tank(), replace(config, condition="ideal"))
 
 
 def test_the_truth_may_be_whatever_makes_a_body():

@@ -138,7 +138,7 @@ def test_a_figure_of_the_paper_shows_mean_and_sd_against_round(study):
         curves = np.array(list(findings.curves("in-band", steps, "objective_fitness").values()))
         assert lines[f"{steps} steps"].get_ydata() == pytest.approx(curves.mean(axis=0))
     levels = sorted({line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2})
-    assert levels == sorted([summary["chance"], summary["mid_range"]])
+    assert levels == sorted(summary[level] for level in ("chance", "mid_range", "nearest"))
     assert below.lines[-1].get_ydata() == pytest.approx(curves.std(axis=0, ddof=1))
     corners = axes.collections[-1].get_paths()[0].vertices
     reach = corners[corners[:, 0] == 4, 1]

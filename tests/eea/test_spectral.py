@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from aquafish_gym.validation import InvalidArgumentError
 from aquafish_gym.verification.trials import random_trials
 from eea.aquafish import EngineSimulator
-from eea.behavior import BehaviorConfig
+from eea.behavior import BehaviorConfig, Signal
 from eea.checks import TargetError
 from eea.laboratory import DIVERGED, Laboratory
 from eea.spectral import SpectralComparer, can_compare
@@ -18,6 +19,7 @@ from eea.spectral import SpectralComparer, can_compare
 STEPS, MODELS = 128, 6
 T = random_trials(30, 1)
 BODIES, COMMANDS, ANGLES = T.morphologies, T.commands, T.fin_angles
+both_signals = pytest.mark.parametrize("signal", ["attitude", "body_rates"])
 
 
 def laboratory(behavior: BehaviorConfig, compiled: bool) -> Laboratory:
@@ -27,11 +29,12 @@ def laboratory(behavior: BehaviorConfig, compiled: bool) -> Laboratory:
     return Laboratory(simulator, behavior, STEPS)
 
 
+@both_signals
 @pytest.mark.parametrize(
-    "behavior",
-    [BehaviorConfig(), BehaviorConfig(unit="radians"), BehaviorConfig(normalised=True, maximum=3)],
+    "settings", [{}, {"unit": "radians"}, {"normalised": True, "maximum": 3.0}]
 )
-def test_the_engine_compares_as_numpy_does(behavior: BehaviorConfig) -> None:
+def test_the_engine_compares_as_numpy_does(settings: dict[str, Any], signal: Signal) -> None:
+    behavior = BehaviorConfig(signal=signal, **settings)
     ours, theirs = (laboratory(behavior, compiled) for compiled in (True, False))
     assert isinstance(ours._comparer, SpectralComparer)
     observed = theirs.behaviors(BODIES[:4], COMMANDS[:4], ANGLES[:4]).astype(np.complex128)
@@ -45,18 +48,25 @@ def test_the_engine_compares_as_numpy_does(behavior: BehaviorConfig) -> None:
     assert ours.trials == 60
 
 
-def test_it_takes_over_only_what_it_knows() -> None:
-    assert can_compare(BehaviorConfig(), 128)
-    for change in ({"summary": "mean_rate"}, {"signal": "body_rates"}, {"clamp": True},
-                   {"difference": "magnitude"}):  # fmt: skip
-        assert not can_compare(dataclasses.replace(BehaviorConfig(), **change), 128)
-    assert not can_compare(BehaviorConfig(), 2)
+@both_signals
+def test_it_takes_over_only_what_it_knows(signal: Signal) -> None:
+    known = BehaviorConfig(signal=signal)
+    assert can_compare(known, 128)
+    changes: list[dict[str, Any]] = [
+        {"summary": "mean_rate"}, {"clamp": True}, {"difference": "magnitude"}
+    ]  # fmt: skip
+    for change in changes:
+        assert not can_compare(dataclasses.replace(known, **change), 128)
+    assert not can_compare(known, 2)
     pytest.importorskip("pybullet")
-    assert EngineSimulator(STEPS, engine="pybullet").comparer(BehaviorConfig(), STEPS) is None
+    assert EngineSimulator(STEPS, engine="pybullet").comparer(known, STEPS) is None
 
 
-def test_a_robot_that_diverged_is_like_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    lab = laboratory(BehaviorConfig(), compiled=True)
+@both_signals
+def test_a_robot_that_diverged_is_like_nothing(
+    monkeypatch: pytest.MonkeyPatch, signal: Signal
+) -> None:
+    lab = laboratory(BehaviorConfig(signal=signal), compiled=True)
     spectra = SpectralComparer._spectra
 
     def sick(self: SpectralComparer, trials: object) -> np.ndarray:
@@ -72,7 +82,8 @@ def test_a_robot_that_diverged_is_like_nothing(monkeypatch: pytest.MonkeyPatch) 
     assert not np.isfinite(lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS)[0])
 
 
-def test_a_simulator_of_ones_own_is_asked_and_not_bypassed() -> None:
+@both_signals
+def test_a_simulator_of_ones_own_is_asked_and_not_bypassed(signal: Signal) -> None:
     class Noisy(EngineSimulator):
         asked = 0
 
@@ -80,7 +91,7 @@ def test_a_simulator_of_ones_own_is_asked_and_not_bypassed() -> None:
             Noisy.asked += 1
             return super().simulate(trials)
 
-    lab = Laboratory(Noisy(STEPS), BehaviorConfig(), STEPS)
+    lab = Laboratory(Noisy(STEPS), BehaviorConfig(signal=signal), STEPS)
     before = Noisy.asked
     observed = lab.behaviors(BODIES[:1], COMMANDS[:1], ANGLES[:1])
     lab.similarities(BODIES, COMMANDS, ANGLES, observed, np.zeros(30, np.intp))
@@ -99,9 +110,10 @@ def test_it_checks_what_the_long_way_checks() -> None:
         other.similarities(BODIES, COMMANDS, ANGLES, observed, which)
 
 
-def test_it_swims_in_the_simulators_present_water() -> None:
+@both_signals
+def test_it_swims_in_the_simulators_present_water(signal: Signal) -> None:
     simulator = EngineSimulator(STEPS)
-    lab = Laboratory(simulator, BehaviorConfig(), STEPS)
+    lab = Laboratory(simulator, BehaviorConfig(signal=signal), STEPS)
     still = lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS)
     simulator.current = (1.0, 0.0, 0.5)
     assert (lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS) != still).all()
