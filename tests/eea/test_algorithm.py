@@ -462,7 +462,6 @@ def test_the_recommended_settings_are_the_case_studys():
     config = recovery_config()
     assert (config.condition, config.steps, config.rounds) == ("out-of-band", 256, 16)
     assert (config.out_of_band.sampled_models, config.out_of_band.revisit) == (5, 5)
-    assert config.genetic.crossover == "two_point"
     assert recovery_config(64, 3) == replace(config, steps=64, rounds=3)
 
 

@@ -168,7 +168,6 @@ def test_recover_is_run_with_the_case_studys_settings(tmp_path):
     out = tmp_path / "out"
     assert main(["recover", *QUICK[1:], "--condition", "out-of-band", "--out", str(out)]) == 0
     config = json.loads((out / "run.json").read_text())["config"]
-    assert config["genetic"]["crossover"] == "two_point"
     assert (config["out_of_band"]["sampled_models"], config["out_of_band"]["revisit"]) == (5, 5)
     assert (config["steps"], config["rounds"]) == (32, 2)
 
