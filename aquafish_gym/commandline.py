@@ -79,7 +79,8 @@ def _run(
     except SystemExit as stop:
         if not stop.code:
             return 0
-        return _refuse(program, _first_sentence(said.getvalue()))
+        words = sys.argv[1:] if arguments is None else arguments
+        return _refuse(program, _first_sentence(said.getvalue(), words))
     except refused as error:
         return _refuse(program, str(error))
     try:
@@ -167,8 +168,8 @@ def _refuse(program: str, reason: str) -> int:
     return REFUSED
 
 
-def _first_sentence(box: str) -> str:
-    """Return what a box of tyro's says first, and the nearest of the options it offers.
+def _first_sentence(box: str, arguments: Sequence[str]) -> str:
+    """Return what a box of tyro's says first, and the nearest of what it offers.
 
     Its parts are divided by rules. Where the terminal has no UTF-8, there is no frame, and the
     title is a part of its own.
@@ -184,6 +185,9 @@ def _first_sentence(box: str) -> str:
     sentence = " ".join(parts[0] if framed else parts[min(1, len(parts) - 1)])
     # tyro's own name for a group of settings, whose error names the setting itself.
     sentence = re.sub(r"^Error parsing \S*__tyro\S*: ", "", sentence)
+    plain = _wrong_choice(sentence) or _no_number(sentence, rows) or _no_value(sentence, arguments)
+    if plain:
+        return plain
     said = [word.strip(",:") for word in sentence.split()]
     unknown = next((word for word in said if word.startswith("--")), "")
     offered = [
@@ -192,3 +196,59 @@ def _first_sentence(box: str) -> str:
     offered = [option for option in offered if option not in said]
     close = difflib.get_close_matches(unknown, offered, n=1, cutoff=0.6)
     return f"{sentence}; did you mean {close[0]}?" if close else sentence
+
+
+def _wrong_choice(sentence: str) -> str | None:
+    """Return what an option must be, if tyro's sentence lists its choices."""
+    found = re.match(
+        r"invalid choice '(.*)' for argument '(.*?)'\. Expected one of \((.*)\)", sentence
+    )
+    if found is None:
+        return None
+    got, option, listed = found.groups()
+    # None is how an option is left out, and nobody says so.
+    choices = [name for name in re.findall(r"'(.*?)'", listed) if name != "None"]
+    close = difflib.get_close_matches(got, choices, n=1, cutoff=0.4)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    one_of = "one of " if len(choices) > 1 else ""
+    return f"{option} must be {one_of}{', '.join(choices)}; got {got!r}{hint}"
+
+
+def _no_number(sentence: str, rows: Sequence[str]) -> str | None:
+    """Return what an option must be, if tyro's help on it, among the rows, is of numbers."""
+    found = re.match(r"Error parsing (--\S+): ", sentence)
+    if found is None:
+        return None
+    option = found.group(1)
+    form = next((row for row in rows if row.startswith(f"{option} ")), "")
+    kinds = re.findall(r"\b(INT|FLOAT)\b", form)
+    got = re.search(r"\[('.*?')\]", sentence) or re.search(r": ('.*')$", sentence)
+    if not kinds or len(set(kinds)) > 1 or got is None:
+        return None
+    number = "whole number" if kinds[0] == "INT" else "number"
+    if "..." in form:
+        wanted = f"{number}s"
+    elif len(kinds) > 1:
+        wanted = f"{len(kinds)} {number}s"
+    else:
+        wanted = f"a {number}" + (" or None" if "{None}" in form else "")
+    return f"{option} must be {wanted}; got {got.group(1)}"
+
+
+def _no_value(sentence: str, arguments: Sequence[str]) -> str | None:
+    """Return how to say a switch, if tyro cannot place the word right behind one."""
+    found = re.match(r"Unrecognized options: ([^-,\s][^,\s]*)$", sentence)
+    if found is None or list(arguments).count(found.group(1)) != 1:
+        return None
+    word = found.group(1)
+    at = list(arguments).index(word)
+    # An option that takes a value would have taken the word.
+    option = arguments[at - 1] if at else ""
+    if not option.startswith("--") or "=" in option:
+        return None
+    group, dot, name = option.removeprefix("--").rpartition(".")
+    name = name.removeprefix("no-")
+    return (
+        f"{option} takes no value; got {word!r}; it is --{group}{dot}{name} "
+        f"or --{group}{dot}no-{name}"
+    )

@@ -19,7 +19,7 @@ from eea.config import EEAConfig
 from eea.estimation import Estimation
 from eea.experiment import Context, Experiment, Floats, Simulator, Target, resumes, reveals
 from eea.exploration import Exploration
-from eea.fitness import chance_level, mid_range_level, objective_fitness
+from eea.fitness import chance_level, mid_range_level, nearest_level, objective_fitness
 from eea.inference import FINS, Ideal, InBand, Inference, NoInference, OutOfBand
 from eea.laboratory import Laboratory
 from eea.state import pack, unpack
@@ -164,6 +164,11 @@ class Result:
         """The OBJ_FIT of the body in the middle of all ranges, if the truth is known."""
         return None if self.truth is None else mid_range_level(self.truth, self.layout)
 
+    @property
+    def nearest(self) -> float | None:
+        """The OBJ_FIT of the body nearest to the truth that a genome can spell, if it is known."""
+        return None if self.truth is None else nearest_level(self.truth, self.layout)
+
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
         return {
@@ -176,6 +181,7 @@ class Result:
             "truth": None if self.truth is None else self.truth.tolist(),
             "chance": self.chance,
             "mid_range": self.mid_range,
+            "nearest": self.nearest,
             "rounds": [record.to_dict() for record in self.rounds],
         }
 

@@ -25,7 +25,7 @@ from eea.bits import BitLayout, model_layout
 from eea.checks import ConfigurationError
 from eea.fitness import chance_level, mid_range_level, nearest_level
 from eea.statistics import paired_difference, rank_correlation, summarize
-from eea.study_plan import read_plan
+from eea.study_plan import Plan, read_plan
 from eea.summary import ARMS, BASELINE, arm_label, condition_of, is_baseline, markdown
 
 Floats = NDArray[np.float64]
@@ -70,6 +70,8 @@ class Findings:
         Arm to its name for readers.
     conditions
         Arm to what is done about the angles: "ideal", "none", "in-band" or "out-of-band".
+    run
+        What was run, as study.json says it, ready for JSON.
     """
 
     rounds: int
@@ -80,6 +82,7 @@ class Findings:
     planned: int
     labels: dict[str, str]
     conditions: dict[str, str]
+    run: dict[str, Any]
 
     @property
     def durations(self) -> list[int]:
@@ -181,8 +184,44 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
     labels = {arm: arm_label(arm, _models(header["arms"][arm])) for arm in plan}
     layout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
     conditions = {arm: str(header["arms"][arm].get("condition")) for arm in plan}
-    truth = _truth(path, header)
-    return Findings(rounds, truth, layout, replicates, unfinished, planned, labels, conditions)
+    morphology, damage = _target(path, header)
+    return Findings(
+        rounds,
+        damage.apply(morphology).to_array(),
+        layout,
+        replicates,
+        unfinished,
+        planned,
+        labels,
+        conditions,
+        _run(header, plan, morphology, damage),
+    )
+
+
+def _run(
+    header: dict[str, Any], plan: Plan, morphology: Morphology, damage: Damage
+) -> dict[str, Any]:
+    """Return what a reader must know of a study's settings; None and [] where it does not say."""
+    arms = sorted(plan, key=_place)
+    source = header.get("source")
+    return {
+        "target_changes": {
+            dimension.name: size
+            for dimension, size in zip(DIMENSIONS, morphology.to_array().tolist(), strict=True)
+            if size != dimension.nominal
+        },
+        "target_damage": str(damage),
+        "steps": {arm: sorted(plan[arm]) for arm in arms},
+        "signals": {arm: _signal(header["arms"][arm]) for arm in arms},
+        "source": [str(stamp) for stamp in source] if isinstance(source, list) else [],
+    }
+
+
+def _signal(settings: dict[str, Any]) -> str | None:
+    """Return what an arm's behaviours are made of, None if it does not say."""
+    behavior = settings.get("behavior")
+    signal = behavior.get("signal") if isinstance(behavior, dict) else None
+    return signal if isinstance(signal, str) else None
 
 
 def _models(settings: dict[str, Any]) -> int | None:
@@ -221,11 +260,13 @@ def _read_header(path: Path) -> dict[str, Any]:
     return dict(header)
 
 
-def _truth(path: Path, header: dict[str, Any]) -> Floats:
-    """Return the dimensions of the body that is modelled: what the damage left of it."""
+def _target(path: Path, header: dict[str, Any]) -> tuple[Morphology, Damage]:
+    """Return the target's body before its damage, and the damage, which fits it."""
     try:
         damage = Damage.from_json(json.dumps(header["target_damage"]))
-        return damage.apply(Morphology.coerce(header["target_morphology"])).to_array()
+        morphology = Morphology.coerce(header["target_morphology"])
+        damage.apply(morphology)
+        return morphology, damage
     except (InvalidArgumentError, KeyError) as error:
         raise ConfigurationError(
             f"{path / STUDY} does not say what the target is: {error}"
@@ -316,11 +357,19 @@ def chance_errors(truth: Floats, layout: BitLayout) -> Floats:
     return np.array([np.abs(v.levels - true).mean() / (v.high - v.low) for v, true in pairs])
 
 
+def nearest_errors(truth: Floats, layout: BitLayout) -> Floats:
+    """Return the least errors that a genome allows, as shares of the ranges, (n,)."""
+    nearest = layout.decode(layout.encode(truth[None]))[0]
+    errors: Floats = np.abs(nearest - truth) / (layout.high - layout.low)
+    return errors
+
+
 def summarize_study(findings: Findings) -> dict[str, Any]:
     """Return every number of the summary, ready for JSON."""
     arms = list(findings.replicates)
     return {
         "schema": SCHEMA,
+        "run": findings.run,
         "rounds": findings.rounds,
         "rise_since_round": _earlier(findings),
         "truth": dict(zip(findings.layout.names, findings.truth.tolist(), strict=True)),
@@ -495,6 +544,9 @@ def _summarize_dimensions(findings: Findings) -> dict[str, Any]:
     return {
         "chance_error": dict(zip(layout.names, chance.tolist(), strict=True)),
         "mid_range_error": dict(zip(layout.names, middle.tolist(), strict=True)),
+        "nearest_error": dict(
+            zip(layout.names, nearest_errors(truth, layout).tolist(), strict=True)
+        ),
         "arms": arms,
     }
 

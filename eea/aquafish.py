@@ -180,7 +180,9 @@ class EngineTarget:
     orientation
         How the body itself lies at the start: ``"upright"``, facing +y, as the models do;
         ``"heading"``, level and facing anywhere; ``"attitude"``, anyhow. The log is of the
-        attitude in the world. The hidden angles are the same for all three.
+        attitude in the world. The hidden angles are the same for all three. Only the attitude
+        signal, or a current, lets the models feel it: still water knows no direction, and the
+        gyroscope reads the same in it.
 
     Raises
     ------

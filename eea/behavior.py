@@ -52,9 +52,10 @@ class BehaviorConfig:
         rates are the gyroscope's own, or those of the attitude.
     unit
         Of the angles, or of the rates a second. At MAX = 100 a median 1 - sim between random
-        robots is about 0.4 in degrees and below 0.01 in radians.
+        robots is, by the gyroscope, about 0.4 in degrees and below 0.01 in radians.
     normalised
-        Divide the transform by the number of samples, so that trials of all lengths compare.
+        Divide the transform by the number of samples. Without a clamp this changes no ranking of
+        models, only the scale of MOD_FIT.
     difference
         Of two coefficients: "complex" is the modulus of their difference, "magnitude" the
         difference of their moduli, which drops the phase.

@@ -144,8 +144,9 @@ def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
     They differ from the paper's Out-of-Band Inference where that was measured to be better:
     ``revisit=5`` lets each search for angles also infer those of five earlier trials anew, which
     the paper locks in, and with them whatever was inferred wrongly while the models were still
-    poor: over the ten replicates of docs/recovery the mean OBJ_FIT after 16 rounds is RRR, against
-    PPP without revisits. Five sampled judges are those of Fig. 10, and save most of the trials.
+    poor: over the ten replicates of docs/recovery the mean OBJ_FIT after 16 rounds is 0.979,
+    against 0.954 without revisits. Five sampled judges are those of Fig. 10, and save most of the
+    trials.
 
     Parameters
     ----------

@@ -52,6 +52,7 @@ _LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)))
 _MARKERS = ("o", "s", "^", "D", "v", "P")
 _GREY, _SMALL = "0.35", 8
 _MOST_LINES = 8  # that can be told apart in one picture
+_NAME = 0.08  # of the height of axes, for a name of two small lines
 _ROUND = "round (experiments on the target)"
 
 
@@ -117,22 +118,27 @@ def rounds_figure(findings: Findings, summary: Mapping[str, Any], arm: str) -> F
     axes, below = figure.subplots(2, 1, sharex=True, height_ratios=(3.2, 1))
     durations = findings.replicates[arm]
     number = np.arange(1, findings.rounds + 1)
+    widest = 0.0
     for steps in durations:
         i = findings.durations.index(steps)
         curves = _stack(findings.curves(arm, steps, "objective_fitness"))
         mean, deviation = curves.mean(axis=0), _deviation(curves)
         colour, marker = _duration_colour(steps, findings.durations), _MARKERS[i % len(_MARKERS)]
         if len(curves) > 1:
-            low, high = mean - deviation, mean + deviation
+            # No OBJ_FIT passes 1, which a mean and an SD can.
+            low, high = mean - deviation, np.minimum(mean + deviation, 1.0)
             axes.fill_between(number, low, high, color=colour, alpha=0.12, lw=0)
-            below.plot(number, deviation, marker=marker, ms=2.5, lw=1.2, color=colour)
+            widest = max(widest, float(deviation.max()))
+            below.plot(
+                number, deviation, marker=marker, ms=2.5, lw=1.2, color=colour, clip_on=False
+            )
         axes.plot(number, mean, marker=marker, ms=3.5, lw=1.6, color=colour, label=f"{steps} steps")
     axes.set_title(_title(findings.labels[arm], durations), fontsize="medium")
     _finish_rounds(axes, findings, summary)
     axes.set_xlabel("")
     below.set_xlabel(_ROUND)
     below.set_ylabel("SD")
-    below.set_ylim(bottom=0.0)
+    below.set_ylim(0.0, 1.15 * widest or 0.1)  # room for the highest marker
     _grid(below)
     _legend_below(figure, axes, 4)
     return figure
@@ -185,8 +191,7 @@ def final_figure(findings: Findings, summary: Mapping[str, Any], arms: Sequence[
     for i in range(1, len(arms)):
         axes.axvline(i - 0.5, color="0.85", lw=0.8, zorder=0)
     _grid(axes, "y")
-    _guessing(axes, summary)
-    axes.set_ylim(top=1.01)
+    _levels(axes, summary)
     axes.set_ylabel(f"OBJ_FIT after {findings.rounds} rounds")
     _legend_below(figure, axes, 4)
     return figure
@@ -270,6 +275,7 @@ def dimensions_figure(findings: Findings, summary: Mapping[str, Any]) -> Figure:
         chance, middle = found["chance_error"][name], found["mid_range_error"][name]
         axes.axhline(chance, color=_GREY, ls="--", lw=1, label="random bodies")
         axes.axhline(middle, color=_GREY, ls=":", lw=1.2, label="mid-range body")
+        axes.axhline(found["nearest_error"][name], color=_GREY, lw=0.8, label="nearest genome")
         axes.set_title(spoken(name), fontsize="medium")
         _grid(axes)
         axes.set_xlim(0.5, findings.rounds + 0.5)
@@ -414,32 +420,47 @@ def _finish_rounds(axes: Axes, findings: Findings, summary: Mapping[str, Any]) -
         for steps in durations:
             curves = _stack(findings.curves(arm, steps, "objective_fitness"))
             least = min(least, float((curves.mean(axis=0) - _deviation(curves)).min()))
-    axes.set_ylim(np.floor(10 * least) / 10, 1.01)
+    axes.set_ylim(bottom=np.floor(10 * least) / 10)
     axes.set_xlim(0.5, findings.rounds + 0.5)
     _whole_ticks(axes)
     axes.set_xlabel(_ROUND)
     axes.set_ylabel("OBJ_FIT, likeness to the true body")
     _grid(axes)
-    _guessing(axes, summary)
+    _levels(axes, summary)
 
 
-def _guessing(axes: Axes, summary: Mapping[str, Any]) -> None:
+def _levels(axes: Axes, summary: Mapping[str, Any]) -> None:
     """Draw the two levels of guessing, and the most that a genome allows, named at the edge."""
-    chance, middle = summary["chance"], summary["mid_range"]
-    low, high = sorted((chance, middle))
-    nudge = max(0.0, 0.06 - (high - low)) / 2  # so that the names keep apart
-    for level, line, name in (
-        (chance, "--", "random\nbodies"),
-        (middle, ":", "mid-range\nbody"),
-        (summary["nearest"], "-", "nearest\ngenome"),
-    ):
-        axes.axhline(level, color=_GREY, ls=line, lw=1.2 if line != "-" else 0.8, zorder=1.5)
-        shift = {low: -nudge, high: nudge}.get(level, 0.0)
+    levels = [
+        ("random\nbodies", summary["chance"], "--", 1.2),
+        ("mid-range\nbody", summary["mid_range"], ":", 1.2),
+        ("nearest\ngenome", summary["nearest"], "-", 0.8),
+    ]
+    levels.sort(key=lambda level: level[1])
+    for _, value, line, width in levels:
+        axes.axhline(value, color=_GREY, ls=line, lw=width, zorder=1.5)
+    axes.set_ylim(top=1.01)
+    # Only now does the scale stand, and so which names would cover one another.
+    bottom, top = axes.get_ylim()
+    places = _spaced(np.array([(level[1] - bottom) / (top - bottom) for level in levels]), _NAME)
+    for (name, *_), place in zip(levels, places, strict=True):
         axes.annotate(
-            name, (1.0, level + shift), (4, 0),
-            xycoords=axes.get_yaxis_transform(), textcoords="offset points",
+            name, (1.0, place), (4, 0), xycoords="axes fraction", textcoords="offset points",
             va="center", fontsize=_SMALL - 1, color=_GREY, linespacing=0.9, annotation_clip=False,
         )  # fmt: skip
+
+
+def _spaced(places: Floats, gap: float) -> Floats:
+    """Return ascending places in [0, 1], moved the least that keeps them apart and inside."""
+    # Less a gap for each place below, they must only not fall: the nearest such row of numbers
+    # is known in closed form.
+    shift = gap * np.arange(len(places))
+    row, every = places - shift, range(len(places))
+    rising = [
+        max(min(row[i : k + 1].mean() for k in every[j:]) for i in every[: j + 1]) for j in every
+    ]
+    spaced: Floats = np.clip(rising, gap / 2, 1.0 - gap / 2 - shift[-1]) + shift
+    return spaced
 
 
 def _legend_below(figure: Figure, axes: Axes, columns: int) -> None:

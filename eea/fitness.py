@@ -1,4 +1,4 @@
-"""The fitnesses of the paper (Eqs. 1, 3, 4), and what guessing and no error at all would score."""
+"""The paper's fitnesses (Eqs. 1, 3, 4), and what guessing and the nearest genome would score."""
 
 from __future__ import annotations
 
@@ -125,6 +125,12 @@ def nearest_level(target: ArrayLike, layout: BitLayout) -> float:
     """Return the OBJ_FIT of the body nearest to a target (n,) that a genome can spell.
 
     No search can do better. It is less than 1 where a size lies between two levels.
+
+    Raises
+    ------
+    ConfigurationError
+        If the target is not finite or not of shape (n,).
     """
-    nearest = layout.decode(layout.encode(np.asarray(target)[None]))[0]
-    return float(objective_fitness(nearest, target, layout))
+    truth = finite("target", target, (len(layout),))
+    nearest = layout.decode(layout.encode(truth[None]))[0]
+    return float(objective_fitness(nearest, truth, layout))

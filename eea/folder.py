@@ -228,5 +228,14 @@ def read_state(path: Path) -> dict[str, Any] | None:
     return saved
 
 
+def state_complaint(path: Path) -> str | None:
+    """Return what is wrong with a state's file; ``None`` for none, or no file."""
+    try:
+        damaged = path.exists() and read_state(path) is None
+    except OSError as error:
+        return f"{path}: {error.strerror}"
+    return f"{path} does not match its checksum" if damaged else None
+
+
 def _digest(text: bytes) -> bytes:
     return hashlib.sha256(text).hexdigest().encode()

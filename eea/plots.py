@@ -1,4 +1,4 @@
-"""Pictures of a run: OBJ_FIT and MOD_FIT against round, beside what guessing scores.
+"""Pictures of a run: OBJ_FIT and MOD_FIT against round, beside guesses and the nearest genome.
 
 matplotlib is loaded when a picture is drawn, and no global state of it is touched.
 """
@@ -35,8 +35,8 @@ def draw_fitness(axes: Axes, results: Sequence[Result]) -> None:
     axes
         Of a matplotlib figure.
     results
-        At least one. OBJ_FIT, the chance line and the mid-range line are drawn if all their
-        truths are known.
+        At least one. OBJ_FIT and the levels of chance, of the mid-range body and of the nearest
+        genome are drawn if all their truths are known.
 
     Raises
     ------
@@ -52,11 +52,13 @@ def draw_fitness(axes: Axes, results: Sequence[Result]) -> None:
     curves = [("MOD_FIT, fit to the target's behaviour", _MODEL, _series(results, "model_fitness"))]
     chances = [result.chance for result in results if result.chance is not None]
     middles = [result.mid_range for result in results if result.mid_range is not None]
+    spelled = [result.nearest for result in results if result.nearest is not None]
     if len(chances) == len(results):
         objective = _series(results, "objective_fitness")
         curves.append(("OBJ_FIT, likeness to the true body", _OBJECTIVE, objective))
         axes.axhline(float(np.mean(chances)), color="0.4", ls="--", lw=1, label="random bodies")
         axes.axhline(float(np.mean(middles)), color="0.4", ls=":", lw=1, label="mid-range body")
+        axes.axhline(float(np.mean(spelled)), color="0.4", ls="-", lw=0.8, label="nearest genome")
     for label, color, values in curves:
         mean = values.mean(axis=0)
         if len(values) > 1:

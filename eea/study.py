@@ -248,7 +248,8 @@ def extended(folder: Path, study: Study, other_code: bool = False) -> dict[str, 
         before, asked = _comparable(held, ours), _comparable(ours, held)
     except (ValueError, KeyError, IndexError, TypeError, AttributeError):
         raise InvalidArgumentError(
-            f"out: {path} is damaged, so what the folder holds is not known"
+            f"out: {path} is damaged, so what the folder holds is not known; restore it or choose "
+            "another folder"
         ) from None
     for name in before | asked:
         if before.get(name) != asked.get(name):

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import tyro
 from rich.console import Console
@@ -22,6 +23,7 @@ from eea.checks import ConfigurationError, choice, whole
 from eea.config import FIGURE_ARMS, FIGURES, Condition, EEAConfig
 from eea.estimation import EstimationConfig
 from eea.exploration import ExplorationConfig
+from eea.folder import state_complaint
 from eea.genetic import GeneticConfig
 from eea.inference import InBandConfig, OutOfBandConfig
 from eea.progress import Board, shown
@@ -128,7 +130,8 @@ class StudyCommand:
         pybullet to 1e-9, and needs no second engine in each worker.
     target_orientation
         How the target's body lies at the start: upright and facing +y, as the models; with any
-        heading; or in any attitude.
+        heading; or in any attitude. Felt by the attitude signal, or in a current: the gyroscope
+        in still water reads the same.
     engine
         Where the candidate models swim.
     dtype
@@ -184,6 +187,7 @@ class StudyCommand:
                 "suffix must be at most 60 letters, digits, '.', '_' and '-', the first a letter "
                 f"or digit; got {self.suffix!r}"
             )
+        _refuse_empty(self.words)
         chosen = {
             "--figure": bool(self.figure),
             "--conditions": bool(self.conditions),
@@ -253,8 +257,11 @@ class StudyCommand:
             claim(folder, document)
             standings = {job: look(job) for job in jobs}
             for job, standing in standings.items():
-                if standing.complaint is not None:
-                    console.print(f"damaged: {standing.complaint}; {job.name} is made anew")
+                complaint = standing.complaint
+                if complaint is None and not standing.ended:
+                    complaint = state_complaint(job.state)
+                if complaint is not None:
+                    console.print(f"damaged: {complaint}; {job.name} is made anew")
             board = Board(standings, min(workers, len(jobs)))
             if len(board.finished) == len(jobs):
                 console.print(f"{board.counts()} are complete")
@@ -359,6 +366,18 @@ def _is_a_setting(word: str) -> bool:
     return option.startswith("--") and ("." in option or option == "--accurate")
 
 
+def _refuse_empty(words: Sequence[str]) -> None:
+    """Refuse an option of the words that says none of the values it is for."""
+    wanted = {
+        "--figure": f"one or more of {', '.join(get_args(Figure))}",
+        "--conditions": f"one or more of {', '.join(get_args(Condition))}",
+        "--steps": "one or more whole numbers",
+    }
+    for word, after in pairwise((*words, "--")):
+        if word in wanted and after.startswith("--"):
+            raise ConfigurationError(f"{word} must be {wanted[word]}; got none")
+
+
 def _refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
     for part, condition in (("in_band", "in-band"), ("out_of_band", "out-of-band")):
         given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
@@ -367,3 +386,9 @@ def _refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings
             raise ConfigurationError(
                 f"{part}.{changed[0]} has no say: no arm is of the condition {condition}"
             )
+    behaviors = [config.behavior for config in arms.values()]
+    used = any(b.signal == "attitude" and b.summary != "dft" for b in behaviors)
+    if settings.behavior.timestep != BehaviorConfig().timestep and not used:
+        raise ConfigurationError(
+            "behavior.timestep has no say: no arm takes the mean or rms rate of the attitude"
+        )

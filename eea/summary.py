@@ -27,6 +27,7 @@ LABELS = {
     "out-of-band": "Out-of-Band",
     "out-of-band-100": "Out-of-Band, {models} models",
 }
+SIGNALS = {"body_rates": "gyroscope", "attitude": "attitude"}
 MINUS = "\u2212"
 
 
@@ -75,6 +76,8 @@ def markdown(summary: dict[str, Any], figures: Sequence[str]) -> str:
     lines = [
         "# Study",
         "",
+        _run(summary["run"], rounds, summary["labels"]),
+        "",
         f"OBJ_FIT is one less the mean error of the nine dimensions (Eq. 4), after {rounds} "
         "rounds. A uniform random body scores "
         f"{summary['chance']:.3f} on average against this target, the body in the middle of all "
@@ -119,6 +122,47 @@ def markdown(summary: dict[str, Any], figures: Sequence[str]) -> str:
     for name in figures:
         lines += [f"![{PurePath(name).stem}]({name})", ""]
     return "\n".join(lines).rstrip() + "\n"
+
+
+def _run(run: Mapping[str, Any], rounds: int, labels: Mapping[str, str]) -> str:
+    """Return a paragraph that says what was run."""
+    changed = [f"{spoken(name)} {size:g}" for name, size in run["target_changes"].items()]
+    body = "nominal"
+    if changed:
+        body += f" but for {_listed(changed)} (in units of 5 cm),"
+    damage = run["target_damage"]
+    harm = "undamaged" if damage == "none" else f"damaged (`{damage}`)"
+    steps = {arm: f"{_listed([str(n) for n in own])} steps" for arm, own in run["steps"].items()}
+    signals = {
+        arm: "an unknown signal" if signal is None else f"the {SIGNALS.get(signal, signal)}"
+        for arm, signal in run["signals"].items()
+    }
+    text = (
+        f"The target's body is {body} and {harm}. Each replicate has {rounds} "
+        f"round{'' if rounds == 1 else 's'}; trials are of {_of_arms(steps, labels)}, and "
+        f"behaviours of {_of_arms(signals, labels)}. All settings are in `study.json`"
+    )
+    stamps = [f"`{stamp}`" for stamp in run["source"]]
+    if not stamps:
+        return f"{text}."
+    several = "s are" if len(stamps) > 1 else " is"
+    return f"{text}; the code's stamp{several} {_listed(stamps)}."
+
+
+def _of_arms(values: Mapping[str, str], labels: Mapping[str, str]) -> str:
+    """Return the commonest value, and in brackets the arms that have another."""
+    arms: dict[str, list[str]] = {}
+    for arm, value in values.items():
+        arms.setdefault(value, []).append(labels[arm])
+    most, *others = sorted(arms, key=lambda value: -len(arms[value]))
+    if not others:
+        return most
+    return f"{most} ({'; '.join(f'{_listed(arms[value])}: {value}' for value in others)})"
+
+
+def _listed(words: Sequence[str]) -> str:
+    """Return ``a, b and c``."""
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
 def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
@@ -243,7 +287,8 @@ def _dimensions(
     arms = {arm: found["arms"][arm] for arm in shown if arm in found["arms"]}
     rows = []
     for name, chance in found["chance_error"].items():
-        cells = [spoken(name), f"{chance:.3f}", f"{found['mid_range_error'][name]:.3f}"]
+        levels = [chance, found["mid_range_error"][name], found["nearest_error"][name]]
+        cells = [spoken(name), *(f"{level:.3f}" for level in levels)]
         for numbers in arms.values():
             row = numbers["dimensions"][name]
             mark = "**" if row["better_than_guessing"] else ""
@@ -260,13 +305,15 @@ def _dimensions(
         ]
         for name in found["chance_error"]
     ]
+    columns = ["dimension", "random", "middle", "nearest genome"]
     return [
         "The best model's error in each dimension after the last round, as a share of the "
         "dimension's range, mean over replicates and durations; in brackets the spread (SD) of the "
         "final population. *Random* and *middle* are the errors of a random body and of the middle "
-        "of the range. Bold where the whole 95% interval of the error is below both.",
+        "of the range, *nearest genome* the least that a genome allows. Bold where the whole 95% "
+        "interval of the error is below those of both guesses.",
         "",
-        *_table(["dimension", "random", "middle", *(labels[arm] for arm in arms)], rows),
+        *_table([*columns, *(labels[arm] for arm in arms)], rows),
         "Whether a wide spread goes with a large error, over all dimensions and replicates (rank "
         f"correlation): {'; '.join(spread)}.",
         "",

@@ -9,6 +9,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import pytest
 
@@ -60,7 +61,7 @@ def test_ctrl_c_is_130(capsys: pytest.CaptureFixture[str]) -> None:
         (("--fra", "2"), "fish: Unrecognized options: --fra, 2; did you mean --far?\n"),
         (
             ("--far", "long"),
-            "fish: Error parsing --far: could not convert string to float: 'long'\n",
+            "fish: --far must be a number; got 'long'\n",
         ),
     ],
 )
@@ -90,6 +91,54 @@ def test_a_switch_is_offered_without_its_comma(capsys: pytest.CaptureFixture[str
     assert run_command_line("fish", single_command(Hurry), ("--quik",)) == 2
     said = capsys.readouterr().err
     assert said == "fish: Unrecognized options: --quik; did you mean --quick?\n"
+
+
+@dataclass(frozen=True)
+class School:
+    """Swim together."""
+
+    many: int = 1
+    order: Literal["two_lines", "ring"] = "ring"
+    leader: Literal["first"] | None = None
+    laps: tuple[int, ...] = ()
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    pause: float | None = None
+    quick: bool = False
+    name: str = ""
+
+    def execute(self) -> None:
+        """Do nothing."""
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("--order twolines", "--order must be one of two_lines, ring; got 'twolines'; did you "
+         "mean 'two_lines'?"),
+        ("--order x", "--order must be one of two_lines, ring; got 'x'"),
+        ("--leader fist", "--leader must be first; got 'fist'; did you mean 'first'?"),
+        ("--many 1.5", "--many must be a whole number; got '1.5'"),
+        ("--laps 12O", "--laps must be whole numbers; got '12O'"),
+        ("--laps 1 12O", "--laps must be whole numbers; got '1', '12O'"),
+        ("--start 0 a 0", "--start must be 3 numbers; got '0', 'a', '0'"),
+        ("--pause long", "--pause must be a number or None; got 'long'"),
+        ("--quick yes", "--quick takes no value; got 'yes'; it is --quick or --no-quick"),
+        ("--no-quick yes", "--no-quick takes no value; got 'yes'; it is --quick or --no-quick"),
+        ("--name a b", "Unrecognized options: b"),
+        ("--name yes --quick yes", "Unrecognized options: yes"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_a_mistyped_value_is_told_what_it_must_be(
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    encoding: str,
+    words: str,
+    said: str,
+) -> None:
+    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO(), encoding=encoding))
+    assert run_command_line("fish", single_command(School), words.split()) == 2
+    assert capsys.readouterr().err == f"fish: {said}\n"
 
 
 def test_a_reader_that_leaves_is_no_error() -> None:

@@ -10,7 +10,10 @@ import pytest
 SCRIPT = pathlib.Path(__file__).parent.parent / "examples" / "compare_signals.py"
 
 
-def test_the_gyroscope_keeps_long_trials_comparable(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_gyroscope_keeps_long_trials_comparable(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "120")  # narrower terminals break cells in two
     command = runpy.run_path(str(SCRIPT))["CompareSignals"]
     command(pairs=40).execute()
     rows = [line.split("│")[1:-1] for line in capsys.readouterr().out.splitlines() if "│" in line]

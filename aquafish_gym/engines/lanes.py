@@ -191,8 +191,8 @@ class LaneBatch:
 
         They are (B, 2, F') as ``spectrum.py`` says, of ``scale`` times roll, pitch and yaw in
         rad; or, if ``rates``, of the gyroscope's rad/s about x, y and z, and no attitude is
-        then computed: that of ``state()`` stays as it was. Those of robots that diverged are not
-        finite.
+        then computed: that of ``state()`` stays as it was, so afterwards this batch's attitude
+        must not be logged. Spectra of robots that diverged are not finite.
 
         Raises
         ------

@@ -1,12 +1,13 @@
 """The Fourier transforms of what robots felt, and how far apart they are, without leaving lanes.
 
-The time loop (``kernel.py``) keeps each robot's roll, pitch and yaw of a trial side by side in
-lanes, and :func:`write_spectrum` transforms them there: a real transform of T samples, T a power
-of two, as a complex one of T / 2 by Stockham's algorithm, which needs no bit reversal, in
-steps of four (and one of two where T / 2 is no power of four).
+The time loop (``kernel.py``) keeps each robot's three signals of a trial, its attitude (roll,
+pitch, yaw) or its gyroscope's rates (about x, y, z), side by side in lanes, and
+:func:`write_spectrum` transforms them there: a real transform of T samples, T a power of two, as
+a complex one of T / 2 by Stockham's algorithm, which needs no bit reversal, in steps of four (and
+one of two where T / 2 is no power of four).
 
 A batch's **spectra** are an array (B, 2, F'): real and imaginary parts of the T / 2 + 1
-coefficients of roll, then pitch, then yaw, filled up with zeros to a multiple of 16.
+coefficients of each signal in turn, filled up with zeros to a multiple of 16.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ PARTIAL = 16
 
 
 def coefficients(samples: int) -> int:
-    """Return how many coefficients a trial has: T / 2 + 1 for each of three angles."""
+    """Return how many coefficients a trial has: T / 2 + 1 for each of three signals."""
     return AXES * (samples // 2 + 1)
 
 
@@ -156,7 +157,7 @@ def write_spectrum(
     Parameters
     ----------
     series
-        Flat lanes: T samples of roll, then of pitch, then of yaw. It is overwritten.
+        Flat lanes: T samples of each signal in turn. It is overwritten.
     roots
         Of :func:`roots_of_unity`.
     samples

@@ -13,6 +13,7 @@ from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config, recovery_c
 from eea.estimation import EstimationConfig
 from eea.experiment import Trials
 from eea.exploration import ExplorationConfig
+from eea.fitness import mid_range_level, nearest_level
 from eea.genetic import GeneticConfig
 from eea.inference import InBandConfig, OutOfBandConfig
 from eea.state import pack, unpack
@@ -102,6 +103,7 @@ def test_the_truth_may_be_unknown():
     assert all(r.objective_fitness is None and r.angle_error is None for r in result.rounds)
     assert result.chance is None
     assert result.mid_range is None
+    assert result.nearest is None
     assert json.loads(result.to_json())["truth"] is None
 
 
@@ -128,6 +130,8 @@ def test_json_holds_everything():
     assert len(document["rounds"]) == 3
     assert document["rounds"][0]["command"] == list(result.rounds[0].command)
     assert document["chance"] == pytest.approx(result.chance)
+    assert document["mid_range"] == mid_range_level(TRUTH, MODELS)
+    assert document["nearest"] == nearest_level(TRUTH, MODELS)
     assert document["dimensions"] == list(MODELS.names)
 
 

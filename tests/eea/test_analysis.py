@@ -118,6 +118,35 @@ def test_the_summary_by_hand(folder):
     assert "| Ideal |" not in angles
 
 
+def test_the_summary_says_what_was_run(tmp_path):
+    arms = ("ideal", "none", "in-band-200")
+    folder = write_study(tmp_path / "s", arms, (128, 256, 512), seeds=1, rounds=2)
+    report(folder)
+    assert (folder / "summary.md").read_text().splitlines()[:3] == [
+        "# Study",
+        "",
+        "The target's body is nominal and damaged (`left_pectoral:length=0.5`). Each replicate "
+        "has 2 rounds; trials are of 128, 256 and 512 steps, and behaviours of an unknown signal. "
+        "All settings are in `study.json`.",
+    ]
+    header = json.loads((folder / "study.json").read_text())
+    for arm, signal in zip(arms, ("body_rates", "body_rates", "attitude"), strict=True):
+        header["arms"][arm]["behavior"] = {"signal": signal}
+    del header["replicates"]["in-band-200"]["256"]
+    header["target_damage"] = []
+    header["target_morphology"]["caudal"] = [0.4, 1.0, 0.5]
+    header["source"] = ["0123abcd"]
+    (folder / "study.json").write_text(json.dumps(header))
+    report(folder)
+    assert (folder / "summary.md").read_text().splitlines()[2] == (
+        "The target's body is nominal but for caudal length 1 and caudal width 0.5 (in units of "
+        "5 cm), and undamaged. Each replicate has 2 rounds; trials are of 128, 256 and 512 steps "
+        "(In-Band, 200 models: 128 and 512 steps), and behaviours of the gyroscope "
+        "(In-Band, 200 models: the attitude). All settings are in `study.json`; the code's stamp "
+        "is `0123abcd`."
+    )
+
+
 def test_arms_are_compared_within_the_seeds_that_both_finished(tmp_path):
     folder = write_study(tmp_path / "s", ("ideal", "out-of-band"), seeds=6)
     (folder / "runs/ideal/256/2.jsonl").unlink()
@@ -149,6 +178,12 @@ def test_dimensions_are_held_against_guessing(folder):
     assert 1 - chance.mean() == pytest.approx(chance_level(TRUTH, findings.layout))
     assert list(found["chance_error"].values()) == pytest.approx(chance)
     assert found["mid_range_error"]["right_pectoral.length"] == pytest.approx(0.3)
+    # A nominal length of 0.8 of the range lies between 50 and 51 of its 63 steps.
+    assert found["nearest_error"]["right_pectoral.length"] == pytest.approx(0.8 - 50 / 63)
+    least = 1 - np.mean(list(found["nearest_error"].values()))
+    assert least == pytest.approx(nearest_level(TRUTH, findings.layout))
+    row = f"| right pectoral length | {chance[4]:.3f} | 0.300 | 0.006 |"
+    assert row in (folder / "summary.md").read_text()
     ideal, none = (found["arms"][arm]["dimensions"] for arm in ("ideal", "none"))
     name = "right_pectoral.length"
     errors = [
@@ -203,7 +238,7 @@ def test_figures_and_ablations_share_a_report(tmp_path):
         (both / "runs" / arm).rename(folder / "runs" / arm)
     written = report(folder)
     summary = (folder / "summary.md").read_text()
-    columns = "random | middle | Out-of-Band (baseline) | Ideal | Out-of-Band |"
+    columns = "random | middle | nearest genome | Out-of-Band (baseline) | Ideal | Out-of-Band |"
     assert f"| dimension | {columns}" in summary
     angles = summary.partition("## The inferred angles")[2].partition("## Figures")[0]
     assert "\n| Out-of-Band |" in angles

@@ -61,7 +61,7 @@ def test_magnitude_drops_the_phase(config):
 
 
 def test_body_rates_are_the_gyroscope():
-    rates = summarize(LOG, replace(DFT, signal="body_rates"))
+    rates = summarize(LOG, DFT)
     assert np.allclose(rates, summarize(FakeLog(LOG.gyro, LOG.rpy), ATTITUDE))
 
 

@@ -26,7 +26,7 @@ def labels(figure):
     return {line.get_label(): line for line in figure.axes[0].lines}
 
 
-def test_the_figure_shows_both_fitnesses_and_what_guessing_scores():
+def test_the_figure_shows_both_fitnesses_and_the_levels_beside_them():
     result = fake_eea(QUICK).run()
     lines = labels(fitness_figure(result))
     objective = next(line for label, line in lines.items() if label.startswith("OBJ_FIT"))
@@ -36,6 +36,7 @@ def test_the_figure_shows_both_fitnesses_and_what_guessing_scores():
     assert list(objective.get_xdata()) == [1, 2, 3]
     assert set(lines["random bodies"].get_ydata()) == {result.chance}
     assert set(lines["mid-range body"].get_ydata()) == {result.mid_range}
+    assert set(lines["nearest genome"].get_ydata()) == {result.nearest}
 
 
 def test_without_the_truth_only_the_model_fitness_is_drawn():

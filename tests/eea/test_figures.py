@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -143,10 +145,82 @@ def test_a_figure_of_the_paper_shows_mean_and_sd_against_round(study):
     corners = axes.collections[-1].get_paths()[0].vertices
     reach = corners[corners[:, 0] == 4, 1]
     middle, deviation = curves[:, 3].mean(), curves[:, 3].std(ddof=1)
+    assert middle + deviation < 1
     assert (reach.min(), reach.max()) == pytest.approx((middle - deviation, middle + deviation))
     assert (
         len({to_hex(lines[f"{steps} steps"].get_color()) for steps in (128, 256, 512, 1024)}) == 4
     )
+
+
+def with_last_rounds(findings, values):
+    """Return a study of one arm and duration whose replicates have these OBJ_FIT throughout."""
+    runs = {
+        seed: [{**record, "objective_fitness": value} for record in records]
+        for (seed, records), value in zip(
+            findings.replicates["ideal"][128].items(), values, strict=True
+        )
+    }
+    return replace(findings, replicates={"ideal": {128: runs}})
+
+
+def test_a_band_ends_where_no_fitness_can_be(study):
+    skewed = with_last_rounds(study[0], [1.0, 1.0, 1.0, 1.0, 0.5])
+    axes, _ = figures.rounds_figure(skewed, summarize_study(skewed), "ideal").axes
+    corners = axes.collections[-1].get_paths()[0].vertices[:, 1]
+    deviation = np.std([1.0, 1.0, 1.0, 1.0, 0.5], ddof=1)
+    assert (corners.min(), corners.max()) == pytest.approx((0.9 - deviation, 1.0))
+
+
+def test_the_highest_sd_has_room_and_none_at_all_a_scale(study):
+    findings, summary = study
+    below = figures.rounds_figure(findings, summary, "none").axes[1]
+    highest = max(line.get_ydata().max() for line in below.lines)
+    assert below.get_ylim() == pytest.approx((0.0, 1.15 * highest))
+    same = with_last_rounds(findings, [0.8] * 5)
+    assert figures.rounds_figure(same, summarize_study(same), "ideal").axes[1].get_ylim() == (
+        (0.0, 0.1)
+    )
+
+
+CLOSE_LEVELS = [
+    (0.75, 1.0, 0.984),  # a target in the middle of all ranges
+    (0.5, 0.5, 1.0),  # one without fins
+    (0.7, 0.71, 0.72),
+    (0.99, 0.99, 0.99),
+]
+
+
+@pytest.mark.parametrize("levels", CLOSE_LEVELS)
+@pytest.mark.parametrize("name", ["rounds", "conditions", "final"])
+def test_nor_where_levels_are_close(study, monkeypatch, name, levels):
+    findings, summary = study
+    close = summary | dict(zip(("chance", "mid_range", "nearest"), levels, strict=True))
+    check_texts(DRAWN[name](findings, close), monkeypatch)
+
+
+@pytest.mark.parametrize("levels", CLOSE_LEVELS)
+def test_nor_where_they_are_close_beside_long_names(ablation, monkeypatch, levels):
+    findings, summary = ablation
+    close = summary | dict(zip(("chance", "mid_range", "nearest"), levels, strict=True))
+    arms = list(findings.replicates)
+    check_texts(figures.final_figure(findings, close, arms), monkeypatch)
+
+
+def test_names_of_levels_stand_beside_them_in_their_order(study):
+    findings, summary = study
+
+    def places(**levels):
+        axes = figures.conditions_figure(findings, summary | levels).axes[0]
+        bottom, top = axes.get_ylim()
+        found = {text.get_text(): text.xy[1] * (top - bottom) + bottom for text in axes.texts}
+        return [found[name] for name in ("random\nbodies", "mid-range\nbody", "nearest\ngenome")]
+
+    assert places(chance=0.65, mid_range=0.8, nearest=0.95) == pytest.approx([0.65, 0.8, 0.95])
+    low, high, _ = places(chance=0.7, mid_range=0.71, nearest=0.95)
+    assert low < 0.7 < 0.71 < high
+    assert (low + high) / 2 == pytest.approx(0.705), "both give way"
+    _, middle, nearest = places(chance=0.75, mid_range=1.0, nearest=0.984)
+    assert nearest < middle < 1
 
 
 def test_one_scale_for_all_conditions(study):
@@ -203,6 +277,7 @@ def test_each_dimension_has_its_own_panel_with_its_own_levels(study):
     curves = list(findings.mean_curves("out-of-band", "dimension_error").values())
     assert lines["Out-of-Band"] == pytest.approx(np.mean(curves, axis=0)[:, 7])
     assert lines["random bodies"][0] == summary["dimensions"]["chance_error"]["caudal.length"]
+    assert lines["nearest genome"][0] == summary["dimensions"]["nearest_error"]["caudal.length"]
 
 
 def test_angles_are_in_degrees_and_leave_out_what_is_known(study):

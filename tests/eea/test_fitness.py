@@ -93,6 +93,9 @@ def test_guessing_scores_between_a_half_and_three_quarters():
 def test_a_target_of_the_wrong_form_is_refused(target):
     with pytest.raises(ConfigurationError, match="target must"):
         objective_fitness(TRUTH, target, MODELS)
+    for level in (chance_level, mid_range_level, nearest_level):
+        with pytest.raises(ConfigurationError, match="target must"):
+            level(target, MODELS)
 
 
 def test_the_nearest_genome_is_the_most_that_can_be_found():

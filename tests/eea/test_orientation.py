@@ -76,6 +76,7 @@ def test_relative_to_its_start_the_log_is_that_of_the_upright_fish():
         assert np.abs(start.T @ rotations(b.rpy[0]) - rotations(a.rpy[0])).max() < 1e-9
         assert np.abs(np.diff(b.rpy[0], axis=0)).max() < 1.0  # continuous, as a log is
         assert np.abs(b.rpy - a.rpy).max() > 0.1
+        assert np.array_equal(a.gyro, b.gyro)
 
 
 @pytest.mark.parametrize("orientation", ["heading", "attitude"])

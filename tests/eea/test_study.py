@@ -134,6 +134,22 @@ def test_a_damaged_line_is_named_and_made_anew(tiny, tmp_path, capsys):
     assert len(read_records(tmp_path / "times.jsonl")) == 3
 
 
+def test_a_damaged_state_is_named(tiny, tmp_path, capsys):
+    for name, content in files(tiny).items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    log = tmp_path / "runs" / "none" / "16" / "1.jsonl"
+    log.write_bytes(b"".join(log.read_bytes().splitlines(keepends=True)[:2]))
+    state = log.with_suffix(".state")
+    state.write_bytes(b"damaged")
+    assert main([*TINY, "--out", str(tmp_path)]) == 0
+    said = capsys.readouterr().out
+    damaged = f"damaged: {state} does not match its checksum; none, 16 steps, seed 1 is made anew\n"
+    assert damaged in said
+    assert files(tmp_path) == files(tiny)
+
+
 def test_a_replicate_that_cannot_be_made_is_named_and_the_others_are_made(tmp_path, capsys):
     (tmp_path / "runs" / "none").mkdir(parents=True)
     main([*TINY, "--conditions", "ideal", "--replicates", "1", "--out", str(tmp_path / "x")])
@@ -433,7 +449,9 @@ def test_other_folders_are_refused(tmp_path, capsys, name, message):
 def test_a_damaged_study_json_is_refused_and_a_run_keeps_out_of_a_study(tmp_path, capsys):
     (tmp_path / "study.json").write_text('{"schema": "eea.study/1"}')
     assert main([*TINY, "--out", str(tmp_path)]) == 2
-    assert "study.json is damaged" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "study.json is damaged" in said
+    assert "restore it or choose another folder" in said
     assert main(["run", "--out", str(tmp_path)]) == 2
     assert "holds a study (study.json)" in capsys.readouterr().err
 
@@ -469,7 +487,25 @@ def test_a_damaged_study_json_is_refused_and_a_run_keeps_out_of_a_study(tmp_path
         (["--figure", "5", "--target-damage", "left:length=2"], "damage fin must be one of"),
         (["--figure", "5", "--target-morphology", "/nowhere"], "target_morphology must be a file"),
         (["--figure", "5", "--current", "0", "0", "nan"], "current must be finite"),
-        (["--figure", "5", "--preset", "smok"], "smok"),
+        (["--figure", "5", "--preset", "smok"], "--preset must be smoke; got 'smok'; did you mean"),
+        (["--figure", "5", "--genetic.crossover", "twopoint"], "did you mean 'two_point'?"),
+        (["--conditions", "idea"], "did you mean 'ideal'?"),
+        (["--figure", "5", "--target-orientation", "headng"], "did you mean 'heading'?"),
+        (["--figure", "5", "--rounds", "1.5"], "--rounds must be a whole number; got '1.5'"),
+        (["--figure", "5", "--steps", "12O"], "--steps must be whole numbers; got '12O'"),
+        (
+            ["--figure", "5", "--behavior.clamp", "yes"],
+            "takes no value; got 'yes'; it is --behavior.clamp or --behavior.no-clamp",
+        ),
+        (["--figure"], "--figure must be one or more of 5, 6, 7, 8, 9, 10, all; got none"),
+        (["--preset", "smoke", "--figure"], "--figure must be one or more of"),
+        (["--conditions"], "--conditions must be one or more of ideal, none, in-band, out-of-band"),
+        (["--figure", "5", "--steps"], "--steps must be one or more whole numbers; got none"),
+        (["--figure", "5", "--behavior.timestep", "0.02"], "behavior.timestep has no say: no arm"),
+        (
+            ["--figure", "5", "--behavior.timestep", "0.02", "--behavior.signal", "attitude"],
+            "behavior.timestep has no say: no arm takes the mean or rms rate of the attitude",
+        ),
     ],
 )
 def test_bad_options_are_refused_in_a_sentence(tmp_path, capsys, arguments, message):
@@ -510,6 +546,14 @@ def test_settings_of_the_command_line_go_over_those_of_each_arm():
     study = asked("--figure", "8", "9", "--estimation.population=25", "--accurate", "0.9")
     assert [c.estimation.population for c in study.arms.values()] == [25, 25]
     assert [c.accurate for c in study.arms.values()] == [0.9, 0.9]
+
+
+def test_the_attitudes_rates_have_a_timestep():
+    settings = {"timestep": 0.02, "signal": "attitude", "summary": "rms_rate"}
+    words = [
+        word for name, value in settings.items() for word in (f"--behavior.{name}", str(value))
+    ]
+    assert asked("--figure", "5", *words).arms["ideal"].behavior.timestep == 0.02
 
 
 def test_an_ablation_is_arms_of_256_steps():
