@@ -211,6 +211,7 @@ def _run(
             if size != dimension.nominal
         },
         "target_damage": str(damage),
+        "target_orientation": header.get("target_orientation", "upright"),
         "steps": {arm: sorted(plan[arm]) for arm in arms},
         "signals": {arm: _signal(header["arms"][arm]) for arm in arms},
         "source": [str(stamp) for stamp in source] if isinstance(source, list) else [],

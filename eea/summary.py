@@ -27,6 +27,10 @@ LABELS = {
     "out-of-band": "Out-of-Band",
     "out-of-band-100": "Out-of-Band, {models} models",
 }
+STARTS = {
+    "heading": ", and begins each trial with any heading",
+    "attitude": ", and begins each trial in any attitude",
+}
 SIGNALS = {"body_rates": "gyroscope", "attitude": "attitude"}
 MINUS = "\u2212"
 
@@ -132,13 +136,14 @@ def _run(run: Mapping[str, Any], rounds: int, labels: Mapping[str, str]) -> str:
         body += f" but for {_listed(changed)} (in units of 5 cm),"
     damage = run["target_damage"]
     harm = "undamaged" if damage == "none" else f"damaged (`{damage}`)"
+    start = STARTS.get(run["target_orientation"], "")
     steps = {arm: f"{_listed([str(n) for n in own])} steps" for arm, own in run["steps"].items()}
     signals = {
         arm: "an unknown signal" if signal is None else f"the {SIGNALS.get(signal, signal)}"
         for arm, signal in run["signals"].items()
     }
     text = (
-        f"The target's body is {body} and {harm}. Each replicate has {rounds} "
+        f"The target's body is {body} and {harm}{start}. Each replicate has {rounds} "
         f"round{'' if rounds == 1 else 's'}; trials are of {_of_arms(steps, labels)}, and "
         f"behaviours of {_of_arms(signals, labels)}. All settings are in `study.json`"
     )

@@ -13,6 +13,9 @@ PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 SYMBOL = re.compile(r"`((?:aquafish_gym|eea|gait)(?:\.[A-Za-z_]\w*)+)`")
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 CODE_PATH = re.compile(r"`((?:aquafish_gym|eea|gait|tests|examples|docs)/[\w./-]+)`")
+PLACEHOLDERS = ("EVIDENCE", "RRR", "PPP", "TODO", "FIXME", "XXX")
+PACKAGES = ("aquafish_gym", "eea", "gait")
+SOURCES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py"))]
 
 
 def resolve(dotted: str) -> object:
@@ -50,6 +53,12 @@ def test_every_row_of_the_paper_map_names_a_symbol() -> None:
     assert len(rows) >= 40
     for row in rows:
         assert SYMBOL.search(row), f"names no symbol: {row[:60]}"
+
+
+@pytest.mark.parametrize("file", [*PAGES, *SOURCES], ids=lambda p: str(p.relative_to(ROOT)))
+def test_nothing_is_left_to_fill_in(file: pathlib.Path) -> None:
+    left = set(PLACEHOLDERS) & set(re.findall(r"\w+", file.read_text()))
+    assert not left
 
 
 def test_the_map_finds_a_missing_symbol() -> None:

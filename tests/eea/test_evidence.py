@@ -1,0 +1,50 @@
+"""What docs/paper_map.md says the ablations showed is what they showed."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+import re
+
+import pytest
+
+from eea.ablations import ABLATIONS, arms
+from eea.summary import arm_label, signed
+
+DOCS = pathlib.Path(__file__).parents[2] / "docs"
+SUMMARY = json.loads((DOCS / "results" / "ablations" / "summary.json").read_text())
+EFFECTS = {effect["first"]: effect["rows"][0]["last_round"] for effect in SUMMARY["effects"]}
+TABLE = (DOCS / "paper_map.md").read_text().split("## Where the paper leaves a choice")[1]
+# Choice -> the last cell of its row.
+WRITTEN = {
+    row.group(1): row.group(2)
+    for row in re.finditer(r"^\| ([^|]+) \|.*\| ([^|]*?) ?\|$", TABLE, re.MULTILINE)
+}
+
+
+def evidence(row: str) -> str:
+    """Return what the last cell of a row must say of its ablations."""
+    parts = []
+    for ablation in ABLATIONS.values():
+        for answer in ablation.answers if ablation.row == row else ():
+            found = []
+            for condition in ablation.conditions:
+                effect = EFFECTS.get(f"{ablation.name}-{answer}-{condition}")
+                if effect is not None:
+                    low, high = effect["interval"]
+                    star = "" if low <= 0.0 <= high else "\\*"
+                    found.append(f"{arm_label(condition, 100)} {signed(effect['mean'])}{star}")
+            if found:
+                parts.append(f"`{ablation.name}-{answer}`: {', '.join(found)}")
+    return "; ".join(parts)
+
+
+@pytest.mark.parametrize("row", sorted({ablation.row for ablation in ABLATIONS.values()}))
+def test_a_choices_evidence_is_what_was_measured(row: str) -> None:
+    assert WRITTEN[row] == evidence(row)
+
+
+def test_every_arm_was_measured_with_ten_replicates_of_256_steps() -> None:
+    assert EFFECTS.keys() == arms().keys()
+    assert all(effect["replicates"] >= 10 for effect in EFFECTS.values())
+    assert SUMMARY["durations"] == [256]
