@@ -26,7 +26,7 @@ from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
 from eea.aquafish import EngineTarget, fish_actions, fish_eea
-from eea.behavior import BehaviorConfig
+from eea.behavior import BehaviorConfig, Signal
 from eea.checks import TargetError
 from eea.config import EEAConfig
 from eea.estimation import EstimationConfig
@@ -365,7 +365,10 @@ def test_no_honest_similarity_is_as_low_as_divergence() -> None:
     assert similarity.min() > DIVERGED / 1000
 
 
-def test_a_target_that_diverges_is_an_error_and_leaves_no_trace() -> None:
+@pytest.mark.parametrize(("signal", "samples"), [("body_rates", "gyro"), ("attitude", "rpy")])
+def test_a_target_that_diverges_is_an_error_and_leaves_no_trace(
+    signal: Signal, samples: str
+) -> None:
     """A real robot does not; a log with NaN is no measurement."""
 
     class Broken(EngineTarget):
@@ -374,7 +377,7 @@ def test_a_target_that_diverges_is_an_error_and_leaves_no_trace() -> None:
         def perform(self, command: Any) -> Any:
             log = super().perform(command)
             if self.sick:
-                log.rpy[:, -1] = NAN
+                getattr(log, samples)[:, -1] = NAN
             return log
 
     config = EEAConfig(
@@ -383,6 +386,7 @@ def test_a_target_that_diverges_is_an_error_and_leaves_no_trace() -> None:
         steps=16,
         estimation=EstimationConfig(population=4, generations=2),
         exploration=ExplorationConfig(population=4, generations=2),
+        behavior=BehaviorConfig(signal=signal),
     )
     target = Broken(steps=16, engine="numba", rng=np.random.default_rng(0))
     eea = fish_eea(target, config)
