@@ -141,12 +141,12 @@ RECOVERY = EEAConfig(
 def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
     """Return the recommended settings, those of the damage-recovery case study.
 
-    They differ from the paper's Out-of-Band Inference where that was measured to be better:
-    ``revisit=5`` lets each search for angles also infer those of five earlier trials anew, which
-    the paper locks in, and with them whatever was inferred wrongly while the models were still
-    poor: over the ten replicates of docs/recovery the mean OBJ_FIT after 16 rounds is 0.979,
-    against 0.954 without revisits. Five sampled judges are those of Fig. 10, and save most of the
-    trials.
+    They differ from the paper's Out-of-Band Inference in two settings. ``revisit=5`` lets each
+    search for angles also infer those of five earlier trials anew, which the paper locks in, and
+    with them whatever was inferred wrongly while the models were still poor: over the ten
+    replicates of docs/recovery the mean OBJ_FIT after 16 rounds is 0.979, against 0.954 without
+    revisits. (On the undamaged robot, after 12 rounds, no gain is told from none:
+    docs/paper_map.md.) Five sampled judges are those of Fig. 10, and save half the trials.
 
     Parameters
     ----------
