@@ -1,4 +1,4 @@
-"""What the issue asks of the four conditions, on the fish itself."""
+"""What the four conditions must come to, on the fish itself."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ def final_objectives(config: EEAConfig, seeds: range, target_engine: str) -> np.
 
 
 def test_inference_lies_between_knowing_and_not_knowing():
-    # A fiftieth of the work of the slow tests below, and margins for that: over six other seeds
-    # the means were 0.916, 0.646 and 0.824, with standard deviations of 0.03, 0.07 and 0.05.
+    # A fiftieth of the work of the slow tests below, and margins for that: over seeds 1000 to
+    # 1005 the means were 0.919, 0.652 and 0.857, with SDs of 0.02, 0.09 and 0.04.
     config = EEAConfig(
         steps=128,
         rounds=4,
@@ -42,7 +42,7 @@ def test_inference_lies_between_knowing_and_not_knowing():
     )
     assert ideal > 0.87
     assert none < 0.78
-    assert out_of_band > none + 0.03
+    assert out_of_band > none + 0.08
 
 
 @cache
@@ -54,7 +54,7 @@ def five_seeds(condition: Condition) -> np.ndarray:
 
 @pytest.mark.slow
 def test_ideal_finds_the_body():
-    assert five_seeds("ideal").mean() >= 0.95
+    assert five_seeds("ideal").mean() >= 0.97
 
 
 @pytest.mark.slow
@@ -64,10 +64,11 @@ def test_none_does_not():
 
 @pytest.mark.slow
 def test_out_of_band_regains_much_of_what_none_loses():
+    assert five_seeds("out-of-band").mean() >= 0.88
     assert five_seeds("out-of-band").mean() >= five_seeds("none").mean() + 0.10
 
 
 @pytest.mark.slow
 def test_in_band_lies_between_none_and_ideal():
     order = {condition: five_seeds(condition).mean() for condition in CONDITIONS}
-    assert order["none"] < order["in-band"] < order["ideal"]
+    assert order["none"] + 0.08 < order["in-band"] < order["ideal"]
