@@ -23,7 +23,7 @@ from aquafish_gym.storage import DamagedFileError, read_records, write_bytes, wr
 from aquafish_gym.validation import InvalidArgumentError
 from eea.bits import BitLayout, model_layout
 from eea.checks import ConfigurationError
-from eea.fitness import chance_level, mid_range_level, nearest_level
+from eea.fitness import chance_level, mid_range_level, nearest_errors, nearest_level
 from eea.statistics import paired_difference, rank_correlation, summarize
 from eea.study_plan import Plan, read_plan
 from eea.summary import ARMS, BASELINE, arm_label, condition_of, is_baseline, markdown
@@ -356,13 +356,6 @@ def chance_errors(truth: Floats, layout: BitLayout) -> Floats:
     """Return the exact mean error of uniform random genomes, as shares of the ranges, (n,)."""
     pairs = zip(layout.variables, truth, strict=True)
     return np.array([np.abs(v.levels - true).mean() / (v.high - v.low) for v, true in pairs])
-
-
-def nearest_errors(truth: Floats, layout: BitLayout) -> Floats:
-    """Return the least errors that a genome allows, as shares of the ranges, (n,)."""
-    nearest = layout.decode(layout.encode(truth[None]))[0]
-    errors: Floats = np.abs(nearest - truth) / (layout.high - layout.low)
-    return errors
 
 
 def summarize_study(findings: Findings) -> dict[str, Any]:

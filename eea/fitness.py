@@ -121,10 +121,10 @@ def mid_range_level(target: ArrayLike, layout: BitLayout) -> float:
     return float(objective_fitness(0.5 * (layout.low + layout.high), target, layout))
 
 
-def nearest_level(target: ArrayLike, layout: BitLayout) -> float:
-    """Return the OBJ_FIT of the body nearest to a target (n,) that a genome can spell.
+def nearest_errors(target: ArrayLike, layout: BitLayout) -> Floats:
+    """Return the least errors that a genome allows, as shares of the ranges, for a target (n,).
 
-    No search can do better. It is less than 1 where a size lies between two levels.
+    They are not zero where a size lies between two levels.
 
     Raises
     ------
@@ -133,4 +133,13 @@ def nearest_level(target: ArrayLike, layout: BitLayout) -> float:
     """
     truth = finite("target", target, (len(layout),))
     nearest = layout.decode(layout.encode(truth[None]))[0]
-    return float(objective_fitness(nearest, truth, layout))
+    errors: Floats = np.abs(nearest - truth) / (layout.high - layout.low)
+    return errors
+
+
+def nearest_level(target: ArrayLike, layout: BitLayout) -> float:
+    """Return the OBJ_FIT of the body nearest to a target (n,) that a genome can spell.
+
+    No search can do better. Raises as ``nearest_errors``.
+    """
+    return float(1.0 - nearest_errors(target, layout).mean())
