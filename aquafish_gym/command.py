@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.validation import finite_array
+from aquafish_gym.utils.validation import finite_array
 
 SERVOS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
 

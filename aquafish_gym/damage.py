@@ -17,7 +17,7 @@ from itertools import chain
 from typing import Any, ClassVar, Self, final
 
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology, dimension_index
-from aquafish_gym.validation import (
+from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
     finite_array,

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.carriers import (
+from aquafish_gym.physics.arithmetic import (
     TAU,
     Matrix,
     Number,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.validation import (
+from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
     finite_array,

@@ -1,7 +1,7 @@
 """The Estimation-Exploration Algorithm for robots that do not know where their fins are.
 
 The algorithm knows no robot: it asks a ``Target`` and a ``Simulator``, and needs numpy only.
-``eea.aquafish`` binds it to the fish of ``aquafish_gym`` and is loaded when first used.
+``eea.aquafish.fish`` binds it to the fish of ``aquafish_gym`` and is loaded when first used.
 """
 
 from __future__ import annotations
@@ -9,13 +9,14 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from eea.algorithm import EEA, Result, RoundRecord
-from eea.checks import ConfigurationError, TargetError
-from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config, recovery_config
-from eea.experiment import RevealingTarget, Simulator, Target, Trials
+from eea.core.algorithm import EEA, Result, RoundRecord
+from eea.core.checks import ConfigurationError, TargetError
+from eea.core.config import CONDITIONS, EEAConfig, recovery_config
+from eea.core.experiment import RevealingTarget, Simulator, Target, Trials
+from eea.study.presets import FIGURES, figure_config
 
 if TYPE_CHECKING:
-    from eea.aquafish import (
+    from eea.aquafish.fish import (
         EngineSimulator,
         EngineTarget,
         MorphologyEstimate,
@@ -48,5 +49,5 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        return getattr(import_module("eea.aquafish"), name)
+        return getattr(import_module("eea.aquafish.fish"), name)
     raise AttributeError(f"module 'eea' has no attribute {name!r}")

@@ -16,17 +16,17 @@ import tyro
 from rich.console import Console
 from tyro.extras import SubcommandApp
 
-from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line
 from aquafish_gym.damage import Damage
-from aquafish_gym.locks import only_here
 from aquafish_gym.morphology import DIMENSIONS
-from aquafish_gym.storage import ensure_writable_directory
-from eea.algorithm import EEA, Result, RoundRecord, streams
-from eea.aquafish import EngineTarget, fish_eea
-from eea.checks import ConfigurationError, TargetError, choice
-from eea.config import EEAConfig, recovery_config
-from eea.folder import MODEL, RunFolder
-from eea.study_command import Plot, StudyCommand
+from aquafish_gym.runs.locks import only_here
+from aquafish_gym.runs.storage import ensure_writable_directory
+from aquafish_gym.utils.command_line import BAD_INPUT, read_morphology, run_command_line
+from eea.aquafish.fish import EngineTarget, fish_eea
+from eea.cli.folder import MODEL, RunFolder
+from eea.cli.study import Plot, StudyCommand
+from eea.core.algorithm import EEA, Result, RoundRecord, streams
+from eea.core.checks import ConfigurationError, TargetError, choice
+from eea.core.config import EEAConfig, recovery_config
 
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
 app = SubcommandApp()

@@ -16,8 +16,8 @@ from rich.progress import track
 from rich.table import Table
 
 from aquafish_gym import Damage
-from aquafish_gym.commandline import BAD_INPUT, run_command_line, single_command
-from aquafish_gym.validation import integer
+from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
+from aquafish_gym.utils.validation import integer
 from eea import (
     CONDITIONS,
     ConfigurationError,

@@ -19,13 +19,13 @@ from rich.console import Console
 from rich.table import Table
 
 from aquafish_gym import Morphology
-from aquafish_gym.commandline import BAD_INPUT, run_command_line, single_command
-from aquafish_gym.validation import integer
-from aquafish_gym.verification.trials import random_trials
+from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
+from aquafish_gym.utils.validation import integer
 from eea import ConfigurationError
-from eea.aquafish import EngineSimulator, fish_models
-from eea.behavior import BehaviorConfig, Signal, similarity, summarize
-from eea.experiment import Trials
+from eea.aquafish.fish import EngineSimulator, fish_models
+from eea.core.behavior import BehaviorConfig, Signal, similarity, summarize
+from eea.core.experiment import Trials
+from tests.verification.trials import random_trials
 
 SIGNALS: dict[str, Signal] = {
     "attitude, degrees": "attitude",

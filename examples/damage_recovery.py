@@ -23,13 +23,18 @@ from rich.console import Console
 from rich.markdown import Markdown
 
 from aquafish_gym import Damage
-from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line, single_command
 from aquafish_gym.engines.base import find_engine
-from aquafish_gym.locks import only_here
-from aquafish_gym.storage import ensure_writable_directory, read_records
-from aquafish_gym.validation import InvalidArgumentError, integer
+from aquafish_gym.runs.locks import only_here
+from aquafish_gym.runs.storage import ensure_writable_directory, read_records
+from aquafish_gym.utils.command_line import (
+    BAD_INPUT,
+    read_morphology,
+    run_command_line,
+    single_command,
+)
+from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from eea import ConfigurationError, recovery_config
-from eea.config import RECOVERY
+from eea.core.config import RECOVERY
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
 from recovery import figures

@@ -14,11 +14,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 from tyro.extras import SubcommandApp
 
-from aquafish_gym.commandline import BAD_INPUT, read_morphology, run_command_line
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.storage import ensure_writable_directory, write_json
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.runs.storage import ensure_writable_directory, write_json
+from aquafish_gym.utils.command_line import BAD_INPUT, read_morphology, run_command_line
+from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.baselines import Baseline, BaselineConfig, MissingExtraError
 from gait.controller import Controller
 from gait.evolve import (

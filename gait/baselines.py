@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.storage import ensure_writable_directory, write_bytes, write_json
-from aquafish_gym.validation import InvalidArgumentError, finite_array, flag, integer, one_of
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_json
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, integer, one_of
 from gait.controller import read_json
 
 SPEC_FILE = "baseline.json"

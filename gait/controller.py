@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import InvalidArgumentError, finite_array, integer, parse_json
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, parse_json
 from gait.network import INPUTS, OUTPUTS, forward, listen
 
 SCHEMA = 1

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.storage import ensure_writable_directory, write_bytes, write_json
-from aquafish_gym.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_json
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from gait.controller import Controller, read_json
 from gait.evolution import Evolution, genome_to_controller
 from gait.history import HISTORY_FILE, Generation, write_history

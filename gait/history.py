@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 
-from aquafish_gym.storage import write_bytes
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 HISTORY_FILE = "history.csv"
 

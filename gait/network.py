@@ -3,7 +3,7 @@
 :func:`steer` is the only statement of the controller's inputs and of its forward pass. It
 runs on plain floats (one robot), and the lane engine compiles the same function objects into
 its time loop, where a number is a register of many robots. So nothing here branches on data,
-and nothing but ``+ - * /`` and the primitives of ``carriers.py`` is used.
+and nothing but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Any
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.physics.carriers import (
+from aquafish_gym.physics.arithmetic import (
     TAU,
     Number,
     Vector,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aquafish_gym.storage import write_bytes
+from aquafish_gym.runs.storage import write_bytes
 from gait.history import Generation
 from gait.rollout import Swim
 

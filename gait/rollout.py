@@ -16,7 +16,7 @@ from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.kinematics import State, rotation
-from aquafish_gym.validation import finite_array, integer, one_of
+from aquafish_gym.utils.validation import finite_array, integer, one_of
 from gait import network
 from gait.controller import Controller
 
@@ -127,7 +127,7 @@ def swim_all(
         ``threads`` is not at least 1.
     """
     # numba comes with its engine: importing this package stays quick.
-    from aquafish_gym.engines.lanes import LaneBatch, pack_rows
+    from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 
     _register_network()
     body = Morphology.coerce(morphology).to_array()

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.base import ENGINES, check_engine
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.validation import finite_array, integer, one_of
+from aquafish_gym.utils.validation import finite_array, integer, one_of
 from gait.controller import Controller
 from gait.rollout import SECONDS, Swim, random_poses, step_count, swim, swim_all
 

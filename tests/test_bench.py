@@ -18,15 +18,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from aquafish_gym.bench import starting
-from aquafish_gym.bench.__main__ import Bench
-from aquafish_gym.bench.measure import Timing, measure
-from aquafish_gym.bench.report import format_count, format_time, make_records, make_table
-from aquafish_gym.bench.rows import GROUPS, NO_MUJOCO, Group, Row, Settings, load_provider
 from aquafish_gym.engines.base import simulate
-from aquafish_gym.engines.clients import load_pybullet
-from eea import bench as replicate
-from gait.bench import NO_LEARNING
+from aquafish_gym.engines.bullet.clients import load_pybullet
+from tests.benchmarks import replicate, starting
+from tests.benchmarks.__main__ import Bench
+from tests.benchmarks.gait import NO_LEARNING
+from tests.benchmarks.measure import Timing, measure
+from tests.benchmarks.report import format_count, format_time, make_records, make_table
+from tests.benchmarks.rows import GROUPS, NO_MUJOCO, Group, Row, Settings, load_provider
 
 TINY = Settings(robots=17, steps=4, seed=0, cores=2, quick=True)
 NEEDS = {"mujoco": "mujoco", "learning": "stable_baselines3"}
@@ -34,7 +33,7 @@ NEEDS = {"mujoco": "mujoco", "learning": "stable_baselines3"}
 
 def command_line(*arguments: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "aquafish_gym.bench", *arguments],
+        [sys.executable, "-m", "tests.benchmarks", *arguments],
         capture_output=True,
         text=True,
         cwd=pathlib.Path(__file__).parents[1],
@@ -61,7 +60,7 @@ def without(monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
         monkeypatch.setitem(sys.modules, package, None)
         if package == "pybullet":
             fresh = functools.cache(load_pybullet.__wrapped__)
-            monkeypatch.setattr("aquafish_gym.bench.rows.load_pybullet", fresh)
+            monkeypatch.setattr("tests.benchmarks.rows.load_pybullet", fresh)
 
     return hide
 
@@ -313,12 +312,12 @@ def test_without_stable_baselines_a_sentence_says_how_to_get_it(
 def test_the_usual_way_to_score_neat_is_the_same_swim() -> None:
     """It would be no comparison if its robot heard or did something else."""
     pytest.importorskip("pybullet")
-    from aquafish_gym.engines.bullet import BulletWorld
+    from aquafish_gym.engines.bullet.world import BulletWorld
     from aquafish_gym.morphology import Morphology
-    from gait.bench import swim_as_usual
     from gait.evolution import Evolution, genome_to_controller
     from gait.evolve import EvolveConfig
     from gait.rollout import swim
+    from tests.benchmarks.gait import swim_as_usual
 
     body = Morphology.nominal()
     world = BulletWorld()
@@ -334,7 +333,7 @@ def test_the_usual_way_to_score_neat_is_the_same_swim() -> None:
 def test_mujoco_turns_the_same_fins_of_different_bodies() -> None:
     """It would be no comparison if its servos did not follow, or if it had given up."""
     pytest.importorskip("mujoco")
-    from aquafish_gym.bench.mujoco_rollout import SWEEP, Rollout, sturdy_trials
+    from tests.benchmarks.mujoco_rollout import SWEEP, Rollout, sturdy_trials
 
     trials = sturdy_trials(40, seed=1)
     log = simulate(trials.morphologies, trials.commands, trials.fin_angles, steps=200,
@@ -402,4 +401,4 @@ def test_help_names_every_group() -> None:
 def test_a_mistake_is_one_line(arguments: tuple[str, ...], sentence: str) -> None:
     done = command_line(*arguments)
     assert done.returncode == 2
-    assert done.stderr.splitlines() == [f"aquafish_gym.bench: {sentence}"]
+    assert done.stderr.splitlines() == [f"tests.benchmarks: {sentence}"]

@@ -18,15 +18,15 @@ from numpy.typing import NDArray
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines import base
 from aquafish_gym.engines.base import Settings, Trials, check_engine, find_engine, simulate
-from aquafish_gym.engines.bullet import BulletWorld, simulate_bullet
-from aquafish_gym.engines.clients import load_pybullet
-from aquafish_gym.engines.push import push
+from aquafish_gym.engines.bullet.clients import load_pybullet
+from aquafish_gym.engines.bullet.push import push
+from aquafish_gym.engines.bullet.world import BulletWorld, simulate_bullet
 from aquafish_gym.imu import attitude, continue_attitude
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import State, at_rest, caudal_angle, drive, rotation
-from aquafish_gym.robot import robot_from_column, robot_parameters
-from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.physics.robot import robot_from_column, robot_parameters
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 pytest.importorskip("pybullet")
 
@@ -262,7 +262,7 @@ def test_resets_and_worlds_do_not_leak() -> None:
 
 FORK = """
 import os, sys
-from aquafish_gym.engines.bullet import BulletWorld
+from aquafish_gym.engines.bullet.world import BulletWorld
 from aquafish_gym.morphology import Morphology
 body, zero = Morphology.nominal().to_array(), (0.0, 0.0, 0.0)
 world = BulletWorld()

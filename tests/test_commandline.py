@@ -13,9 +13,9 @@ from typing import Literal
 
 import pytest
 
-from aquafish_gym.commandline import read_morphology, run_command_line, single_command
 from aquafish_gym.morphology import DIMENSIONS, Morphology
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.utils.command_line import read_morphology, run_command_line, single_command
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from test_commandline import Swim\n"
-        "from aquafish_gym.commandline import run_command_line, single_command\n"
+        "from aquafish_gym.utils.command_line import run_command_line, single_command\n"
         "sys.exit(run_command_line('fish', single_command(Swim), sys.argv[2:]))\n"
     )
     for arguments in (["--help"], ["--far", "2"]):

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from aquafish_gym.damage import Damage, Fault, FinMissing, FinScaled
 from aquafish_gym.morphology import FINS, Morphology
-from aquafish_gym.validation import InvalidArgumentError, UnknownNameError
+from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 
 faults = st.one_of(
     st.builds(

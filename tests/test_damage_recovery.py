@@ -14,7 +14,7 @@ import time
 import numpy as np
 import pytest
 
-from aquafish_gym.locks import only_here
+from aquafish_gym.runs.locks import only_here
 
 pytest.importorskip("pybullet")
 
@@ -222,7 +222,7 @@ def test_a_self_model_that_is_broken_off_goes_on(
     monkeypatch.syspath_prepend(str(SCRIPT.parent))
     from aquafish_gym import Damage, Morphology
     from eea import EEAConfig
-    from eea.estimation import EstimationConfig
+    from eea.core.estimation import EstimationConfig
     from gait.evolve import EvolveConfig
     from gait.transfer import TransferConfig
     from recovery.treatments import Job, _model

@@ -63,4 +63,4 @@ def test_nothing_is_left_to_fill_in(file: pathlib.Path) -> None:
 
 def test_the_map_finds_a_missing_symbol() -> None:
     with pytest.raises(AttributeError):
-        resolve("eea.fitness.no_such_function")
+        resolve("eea.core.fitness.no_such_function")

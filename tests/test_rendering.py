@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.rendering import (
+from aquafish_gym.rendering.render import (
     Camera,
     fin_poses,
     render_motion,
@@ -23,8 +23,8 @@ from aquafish_gym.rendering import (
     write_gif,
     write_mp4,
 )
-from aquafish_gym.scenery import multiply, rotate
-from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.rendering.scenery import multiply, rotate
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 pytest.importorskip("pybullet")
 
@@ -172,7 +172,7 @@ def test_bad_films_are_refused(tmp_path: Path) -> None:
 
 
 def test_drawing_needs_pybullet_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    import aquafish_gym.rendering as rendering
+    import aquafish_gym.rendering.render as rendering
 
     def missing() -> Any:
         raise EngineUnavailableError('use engine="numba"')

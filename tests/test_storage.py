@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aquafish_gym.storage import (
+from aquafish_gym.runs.storage import (
     DamagedFileError,
     append_record,
     ensure_writable_directory,
     read_records,
     write_json,
 )
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 JSON = st.recursive(
     st.none()

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
-from aquafish_gym.engines.clients import load_pybullet
+from aquafish_gym.engines.bullet.clients import load_pybullet
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA, Morphology
-from aquafish_gym.validation import (
+from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
     finite_array,
@@ -73,8 +73,8 @@ Engine = Callable[[Trials, Settings], ImuLog]
 # Engines are loaded when first asked for, so that importing the package stays quick and
 # works without them.
 ENGINES: dict[str, str] = {
-    "numba": "aquafish_gym.engines.lanes:simulate_lanes",
-    "pybullet": "aquafish_gym.engines.bullet:simulate_bullet",
+    "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
+    "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
 }
 
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.carriers import Vector
+from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State
 
 Triple = tuple[float, float, float]
@@ -55,9 +55,9 @@ def make_world(engine: str, reactive: bool = False) -> World:
     ``reactive`` says whether the water has the terms of ``physics/reactive.py``.
     """
     if engine == "pybullet":
-        from aquafish_gym.engines.bullet import BulletWorld
+        from aquafish_gym.engines.bullet.world import BulletWorld
 
         return BulletWorld(reactive=reactive)
-    from aquafish_gym.engines.single import CompiledWorld
+    from aquafish_gym.engines.compiled.single import CompiledWorld
 
     return CompiledWorld(reactive)

@@ -24,16 +24,16 @@ from aquafish_gym.envs.conditions import (
     servo_speeds,
 )
 from aquafish_gym.envs.tasks import SwimForward
-from aquafish_gym.physics.carriers import Vector
+from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import at_rest
-from aquafish_gym.rendering import (
+from aquafish_gym.rendering.render import (
     RENDER_MODES,
     Window,
     check_render_mode,
     render_pose,
     usable_modes,
 )
-from aquafish_gym.validation import flag, integer
+from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
 

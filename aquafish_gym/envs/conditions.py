@@ -15,8 +15,8 @@ from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.carriers import Number, Vector
-from aquafish_gym.validation import InvalidArgumentError, brief, finite_array, integer, one_of
+from aquafish_gym.physics.arithmetic import Number, Vector
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]

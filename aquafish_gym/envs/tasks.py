@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from aquafish_gym.physics.carriers import Number, Vector
-from aquafish_gym.validation import finite_array
+from aquafish_gym.physics.arithmetic import Number, Vector
+from aquafish_gym.utils.validation import finite_array
 
 MOST = 1e6  # of a weight: a reward must stay finite
 

@@ -28,9 +28,9 @@ from aquafish_gym.envs.conditions import (
 )
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.carriers import Vector
-from aquafish_gym.rendering import check_render_mode, render_pose
-from aquafish_gym.validation import InvalidArgumentError, brief, flag, integer, one_of
+from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.rendering.render import check_render_mode, render_pose
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -108,7 +108,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         reactive: bool = False,
     ) -> None:
-        from aquafish_gym.engines.lanes import LaneBatch
+        from aquafish_gym.engines.compiled.lanes import LaneBatch
 
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
         if one_of("engine", engine, ENGINES) != "numba":

@@ -10,14 +10,14 @@ with the attitude by the exponential map: what Bullet does with ideal motors, to
 
 Frames: ``world`` is inertial; ``body`` turns with the capsule; each fin's ``hinge`` and
 ``fin`` frames are those of ``robot.py``. Straight-line code for any carrier; see
-``carriers.py``.
+``arithmetic.py``.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
-from aquafish_gym.physics.carriers import (
+from aquafish_gym.physics.arithmetic import (
     Number,
     Symmetric,
     Vector,
@@ -44,7 +44,15 @@ from aquafish_gym.physics.kinematics import (
     to_world,
     turn,
 )
-from aquafish_gym.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y, Fin, Robot
+from aquafish_gym.physics.robot import (
+    BODY_INERTIA,
+    BODY_MASS,
+    CAUDAL_Y,
+    PECTORAL_X,
+    PECTORAL_Y,
+    Fin,
+    Robot,
+)
 
 Wrench = tuple[Vector, Vector]  # force, torque
 

@@ -11,15 +11,15 @@ net impulse, however its speed varies within the turn.
 
 Each fin is three orthogonal plates through its middle, one two-sided plate for two opposite
 faces of the box, so at one quadrature point of a fin the law is anisotropic in the fin's own
-axes. Straight-line code for any carrier; see ``carriers.py``.
+axes. Straight-line code for any carrier; see ``arithmetic.py``.
 """
 
 from __future__ import annotations
 
 import math
 
-from aquafish_gym.physics.carriers import Number, Vector, dot, fma
-from aquafish_gym.robot import (
+from aquafish_gym.physics.arithmetic import Number, Vector, dot, fma
+from aquafish_gym.physics.robot import (
     CAPSULE_STATIONS,
     MOUNT_LENGTH,
     MOUNT_WIDTH,

@@ -1,7 +1,7 @@
 """Where the robot is and how its parts move: state, attitude, servos.
 
 Frames: ``world`` is inertial; ``body`` turns with the capsule. Straight-line code for any
-carrier; see ``carriers.py``.
+carrier; see ``arithmetic.py``.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from aquafish_gym.physics.carriers import (
+from aquafish_gym.physics.arithmetic import (
     TAU,
     Matrix,
     Number,

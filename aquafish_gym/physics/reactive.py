@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from aquafish_gym.physics.carriers import (
+from aquafish_gym.physics.arithmetic import (
     Matrix,
     Number,
     Symmetric,
@@ -58,7 +58,7 @@ from aquafish_gym.physics.kinematics import (
     to_body,
     to_world,
 )
-from aquafish_gym.robot import (
+from aquafish_gym.physics.robot import (
     BODY_INERTIA,
     BODY_MASS,
     CAUDAL_Y,

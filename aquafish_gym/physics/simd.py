@@ -1,7 +1,7 @@
 """SIMD lanes for numba: a number type that is a whole vector register of robots.
 
 ``Lanes(float32, 16)`` is sixteen float32 that compute together. It has ``+ - * /``, negation,
-``abs``, ``math.sqrt`` and the primitives of ``carriers.py``; plain numbers promote to it. The
+``abs``, ``math.sqrt`` and the primitives of ``arithmetic.py``; plain numbers promote to it. The
 physics is then ordinary Python, compiled once for lanes and once for scalars from the same
 function objects (:func:`register`).
 
@@ -39,8 +39,8 @@ from numba.extending import (
     register_model,
 )
 
-from aquafish_gym import imu, robot
-from aquafish_gym.physics import carriers, dynamics, hydrodynamics, kinematics, reactive
+from aquafish_gym import imu
+from aquafish_gym.physics import arithmetic, dynamics, hydrodynamics, kinematics, reactive, robot
 
 # A call would pass lanes through memory, and hide from the compiler what does not change from
 # step to step: each function becomes part of its caller.
@@ -169,7 +169,7 @@ def _fused(_typingctx: Any, a: Any, b: Any, c: Any) -> Any:
     return signature(found, found, found, found), codegen
 
 
-@overload(carriers.fma, strict=False, jit_options=_INLINE)
+@overload(arithmetic.fma, strict=False, jit_options=_INLINE)
 def _fma(a: Any, b: Any, c: Any) -> Any:
     return lambda a, b, c: _fused(a, b, c)
 
@@ -184,7 +184,7 @@ def _select_less(_typingctx: Any, a: Any, b: Any, then: Any, otherwise: Any) -> 
     return signature(lanes, lanes, lanes, lanes, lanes), codegen
 
 
-@overload(carriers.where_less, strict=False, jit_options=_INLINE)
+@overload(arithmetic.where_less, strict=False, jit_options=_INLINE)
 def _where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
     if any(isinstance(t, Lanes) for t in (a, b, then, otherwise)):
         return lambda a, b, then, otherwise: _select_less(a, b, then, otherwise)
@@ -199,7 +199,7 @@ def _floor_lanes(_typingctx: Any, x: Any) -> Any:
     return signature(x, x), codegen
 
 
-@overload(carriers.floor, strict=False, jit_options=_INLINE)
+@overload(arithmetic.floor, strict=False, jit_options=_INLINE)
 def _floor(x: Any) -> Any:
     if isinstance(x, Lanes):
         return lambda x: _floor_lanes(x)
@@ -310,14 +310,14 @@ def zero_lanes(_typingctx: Any, array: Any, width: Any) -> Any:
     return signature(lanes, array, width), codegen
 
 
-@overload(carriers.fetch, strict=False, jit_options=_INLINE)
+@overload(arithmetic.fetch, strict=False, jit_options=_INLINE)
 def _fetch(array: Any, index: Any, like: Any) -> Any:
     if isinstance(like, Lanes):
         return lambda array, index, like: _load(array, index, like)
     return lambda array, index, like: array[index]
 
 
-@overload(carriers.put, strict=False, jit_options=_INLINE)
+@overload(arithmetic.put, strict=False, jit_options=_INLINE)
 def _put(array: Any, index: Any, value: Any) -> Any:
     if isinstance(value, Lanes):
         return lambda array, index, value: _save(array, index, value)
@@ -328,8 +328,14 @@ def _put(array: Any, index: Any, value: Any) -> Any:
     return put
 
 
-_PRIMITIVES = (carriers.fma, carriers.where_less, carriers.floor, carriers.fetch, carriers.put)
-PHYSICS_MODULES = (carriers, kinematics, hydrodynamics, dynamics, reactive, imu, robot)
+_PRIMITIVES = (
+    arithmetic.fma,
+    arithmetic.where_less,
+    arithmetic.floor,
+    arithmetic.fetch,
+    arithmetic.put,
+)
+PHYSICS_MODULES = (arithmetic, kinematics, hydrodynamics, dynamics, reactive, imu, robot)
 
 
 def register_module(module: ModuleType) -> None:
@@ -346,7 +352,7 @@ def register_module(module: ModuleType) -> None:
 @functools.cache
 def register() -> None:
     """Let compiled code call the physics: the very function objects that plain Python runs."""
-    for module in (carriers, kinematics, hydrodynamics, dynamics, reactive):
+    for module in (arithmetic, kinematics, hydrodynamics, dynamics, reactive):
         register_module(module)
     for function in (imu.attitude, imu.nearest_turn, imu.continue_attitude):
         inlined(function)

@@ -10,10 +10,10 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from aquafish_gym import Morphology
-from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
-from aquafish_gym.storage import write_bytes
-from eea.aquafish import fish_models
-from eea.fitness import chance_level, mid_range_level
+from aquafish_gym.rendering.render import Camera, render_motion, render_pose, write_gif
+from aquafish_gym.runs.storage import write_bytes
+from eea.aquafish.fish import fish_models
+from eea.core.fitness import chance_level, mid_range_level
 from gait.plots import draw_trajectories
 from recovery.statistics import Outcomes, distances
 from recovery.treatments import TREATMENTS, read_swims

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from aquafish_gym.storage import write_bytes, write_json
+from aquafish_gym.runs.storage import write_bytes, write_json
 from recovery.statistics import FEWEST, Outcomes, paired_table, treatment_table
 
 SCHEMA = "damage_recovery/1"

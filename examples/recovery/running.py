@@ -22,9 +22,9 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 import aquafish_gym
 import eea
 import gait
-from aquafish_gym.stamps import code_stamp
-from aquafish_gym.storage import write_json
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.runs.stamps import code_stamp
+from aquafish_gym.runs.storage import write_json
+from aquafish_gym.utils.validation import InvalidArgumentError
 from recovery.treatments import Job, run_job
 
 CONFIG_FILE = "config.json"

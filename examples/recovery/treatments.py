@@ -13,13 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.storage import append_record, ensure_writable_directory, write_bytes, write_json
+from aquafish_gym.runs.storage import (
+    append_record,
+    ensure_writable_directory,
+    write_bytes,
+    write_json,
+)
 from eea import EEAConfig, EngineTarget
-from eea.algorithm import streams
-from eea.aquafish import fish_eea, fish_models
-from eea.config import Condition
-from eea.fitness import objective_fitness
-from eea.folder import resume_log, write_state
+from eea.aquafish.fish import fish_eea, fish_models
+from eea.cli.folder import resume_log, write_state
+from eea.core.algorithm import streams
+from eea.core.config import Condition
+from eea.core.fitness import objective_fitness
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.algorithm import EEA
-from eea.bits import action_layout, model_layout
-from eea.config import EEAConfig
-from eea.experiment import Trials
+from eea.core.algorithm import EEA
+from eea.core.bits import action_layout, model_layout
+from eea.core.config import EEAConfig
+from eea.core.experiment import Trials
 
 STEPS = 64
 TABLE = [

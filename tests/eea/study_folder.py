@@ -10,7 +10,7 @@ import numpy as np
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA, Morphology
-from aquafish_gym.storage import write_json
+from aquafish_gym.runs.storage import write_json
 
 DAMAGE = "left_pectoral:length=0.5"
 TRUTH = Damage.parse(DAMAGE).apply(Morphology.nominal()).to_array()

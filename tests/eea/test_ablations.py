@@ -11,7 +11,10 @@ from dataclasses import fields, replace
 import pytest
 
 from eea import ConfigurationError, EEAConfig, estimate_morphology
-from eea.ablations import (
+from eea.core.algorithm import EEA, Result
+from eea.core.bits import BitLayout
+from eea.core.config import PARTS
+from eea.study.ablations import (
     ABLATIONS,
     BASELINES,
     ELSEWHERE,
@@ -23,9 +26,6 @@ from eea.ablations import (
     expected_trials,
     with_settings,
 )
-from eea.algorithm import EEA, Result
-from eea.bits import BitLayout
-from eea.config import PARTS
 from fake_fish import ACTIONS, MODELS, TRUTH, FakeRevealingTarget, FakeSimulator
 
 # What the paper says outright, and what changes no result.

@@ -6,17 +6,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eea.algorithm import EEA, STREAMS, RoundRecord, streams
-from eea.behavior import BehaviorConfig
-from eea.checks import ConfigurationError, TargetError
-from eea.config import CONDITIONS, FIGURES, EEAConfig, figure_config, recovery_config
-from eea.estimation import EstimationConfig
-from eea.experiment import Trials
-from eea.exploration import ExplorationConfig
-from eea.fitness import mid_range_level, nearest_level
-from eea.genetic import GeneticConfig
-from eea.inference import InBandConfig, OutOfBandConfig
-from eea.state import pack, unpack
+from eea.core.algorithm import EEA, STREAMS, RoundRecord, streams
+from eea.core.behavior import BehaviorConfig
+from eea.core.checks import ConfigurationError, TargetError
+from eea.core.config import CONDITIONS, EEAConfig, recovery_config
+from eea.core.estimation import EstimationConfig
+from eea.core.experiment import Trials
+from eea.core.exploration import ExplorationConfig
+from eea.core.fitness import mid_range_level, nearest_level
+from eea.core.genetic import GeneticConfig
+from eea.core.inference import InBandConfig, OutOfBandConfig
+from eea.core.state import pack, unpack
+from eea.study.presets import FIGURES, figure_config
 from fake_fish import (
     ACTIONS,
     MODELS,
@@ -312,7 +313,7 @@ def test_a_physical_target_goes_on_from_where_it_is():
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (lambda _: None, "must be a state of schema eea.state/1"),
+        (lambda _: None, "must be a state of schema eea.core.state/1"),
         (lambda saved: {**saved, "schema": "eea.result/1"}, "must be a state of schema"),
         (lambda saved: {**saved, "seed": 1}, "state of this run; its seed differs"),
         (

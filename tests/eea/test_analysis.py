@@ -6,7 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from eea.analysis import (
+from eea.core.checks import ConfigurationError
+from eea.core.fitness import chance_level, mid_range_level, nearest_level
+from eea.report.analysis import (
     baseline_of,
     chance_errors,
     comparisons,
@@ -15,8 +17,6 @@ from eea.analysis import (
     results_table,
     summarize_study,
 )
-from eea.checks import ConfigurationError
-from eea.fitness import chance_level, mid_range_level, nearest_level
 from study_folder import TRUTH, make_records, write_records, write_study
 
 
@@ -410,7 +410,7 @@ def test_a_folder_without_a_study_or_a_finished_replicate_is_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "says"),
     [
-        ({"schema": "eea.run/1"}, "must be of schema eea.study/1; it is of eea.run/1"),
+        ({"schema": "eea.run/1"}, "must be of schema eea.study.study/1; it is of eea.run/1"),
         ({"rounds": None}, "is damaged"),
         ({"arms": []}, "is damaged"),
         ({"rounds": 0}, "does not say the rounds"),

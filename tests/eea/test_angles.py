@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eea.angles import circular_distance, sample_range, smallest_inclusive, widen, wrap
+from eea.core.angles import circular_distance, sample_range, smallest_inclusive, widen, wrap
 
 POSES = hnp.arrays(np.float64, st.tuples(st.integers(1, 6), st.just(3)), elements=st.floats(-9, 9))
 

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eea.behavior import BehaviorConfig, modulus, similarity, summarize
-from eea.checks import ConfigurationError, TargetError
+from eea.core.behavior import BehaviorConfig, modulus, similarity, summarize
+from eea.core.checks import ConfigurationError, TargetError
 from fake_fish import FakeLog
 
 DFT = BehaviorConfig()

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eea.bits import BitLayout, Variable, action_layout, model_layout, pose_layout
-from eea.checks import ConfigurationError
+from eea.core.bits import BitLayout, Variable, action_layout, model_layout, pose_layout
+from eea.core.checks import ConfigurationError
 from fake_fish import ACTIONS, MODELS, TABLE
 
 CODINGS = st.sampled_from(["gray", "binary"])

@@ -14,8 +14,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from eea.bits import model_layout
-from eea.genetic import GeneticConfig, evolve, next_generation
+from eea.core.bits import model_layout
+from eea.core.genetic import GeneticConfig, evolve, next_generation
 
 pytest.importorskip("deap", reason="DEAP comes with the extra named test")
 from deap import base, tools

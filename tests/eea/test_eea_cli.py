@@ -13,9 +13,9 @@ import pytest
 
 import eea.__main__
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.storage import append_record, read_records
+from aquafish_gym.runs.storage import append_record, read_records
 from eea.__main__ import main
-from eea.folder import RunFolder
+from eea.cli.folder import RunFolder
 
 QUICK = [
     "run",

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from eea.checks import ConfigurationError
-from eea.config import EEAConfig
-from eea.estimation import EstimationConfig
-from eea.exploration import ExplorationConfig
-from eea.plots import draw_fitness, fitness_figure, save_fitness_figure
+from eea.core.checks import ConfigurationError
+from eea.core.config import EEAConfig
+from eea.core.estimation import EstimationConfig
+from eea.core.exploration import ExplorationConfig
+from eea.report.run_figure import draw_fitness, fitness_figure, save_fitness_figure
 from fake_fish import STEPS, TRUTH, fake_eea
 
 QUICK = EEAConfig(

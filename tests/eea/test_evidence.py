@@ -8,8 +8,8 @@ import re
 
 import pytest
 
-from eea.ablations import ABLATIONS, arms
-from eea.summary import arm_label, signed
+from eea.report.summary import arm_label, signed
+from eea.study.ablations import ABLATIONS, arms
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 SUMMARY = json.loads((DOCS / "results" / "ablations" / "summary.json").read_text())

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eea.experiment import Context, Experiment, perform_angles, reveals
+from eea.core.experiment import Context, Experiment, perform_angles, reveals
 from fake_fish import FakeRevealingTarget, FakeTarget
 
 

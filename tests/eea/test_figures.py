@@ -7,8 +7,8 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
-from eea import figures
-from eea.analysis import read_study, summarize_study
+from eea.report import figures
+from eea.report.analysis import read_study, summarize_study
 from study_folder import LEVELS, write_study
 
 

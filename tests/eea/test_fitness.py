@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eea.behavior import BehaviorConfig, similarity
-from eea.checks import ConfigurationError
-from eea.fitness import (
+from eea.core.behavior import BehaviorConfig, similarity
+from eea.core.checks import ConfigurationError
+from eea.core.fitness import (
     action_fitness,
     chance_level,
     mid_range_level,

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eea.checks import ConfigurationError
-from eea.genetic import GeneticConfig, crossover, evolve, mutate, next_generation, tournament
+from eea.core.checks import ConfigurationError
+from eea.core.genetic import GeneticConfig, crossover, evolve, mutate, next_generation, tournament
 
 SEEDS = st.integers(0, 2**32 - 1)
 KINDS = st.sampled_from(["two_point", "uniform"])

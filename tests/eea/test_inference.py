@@ -3,13 +3,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eea.angles import circular_distance
-from eea.behavior import BehaviorConfig, summarize
-from eea.bits import pose_layout
-from eea.checks import ConfigurationError, TargetError
-from eea.experiment import Context, Experiment, Trials
-from eea.genetic import GeneticConfig
-from eea.inference import (
+from eea.core.angles import circular_distance
+from eea.core.behavior import BehaviorConfig, summarize
+from eea.core.bits import pose_layout
+from eea.core.checks import ConfigurationError, TargetError
+from eea.core.experiment import Context, Experiment, Trials
+from eea.core.genetic import GeneticConfig
+from eea.core.inference import (
     Ideal,
     InBand,
     InBandConfig,
@@ -17,7 +17,7 @@ from eea.inference import (
     OutOfBand,
     OutOfBandConfig,
 )
-from eea.laboratory import Laboratory
+from eea.core.laboratory import Laboratory
 from fake_fish import ACTIONS, MODELS, STEPS, TRUTH, FakeSimulator
 
 COMMAND = np.array([0.4, -0.3, 0.8])

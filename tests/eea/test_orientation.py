@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Morphology
-from aquafish_gym.engines.lanes import LaneBatch
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.imu import attitude
 from eea import ConfigurationError, EngineTarget
-from eea.aquafish import random_orientation, rotations
+from eea.aquafish.fish import random_orientation, rotations
 
 COMMAND = np.array([0.4, -0.3, 0.8])
 CURRENT = (0.7, -0.4, 0.2)

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eea.behavior import BehaviorConfig, summarize
-from eea.checks import ConfigurationError, TargetError
-from eea.config import CONDITIONS, EEAConfig
-from eea.estimation import Estimation, EstimationConfig
-from eea.experiment import Context, Experiment, Trials
-from eea.exploration import Exploration, ExplorationConfig
-from eea.genetic import GeneticConfig
-from eea.inference import Ideal, NoInference, OutOfBandConfig
-from eea.laboratory import DIVERGED, Laboratory
+from eea.core.behavior import BehaviorConfig, summarize
+from eea.core.checks import ConfigurationError, TargetError
+from eea.core.config import CONDITIONS, EEAConfig
+from eea.core.estimation import Estimation, EstimationConfig
+from eea.core.experiment import Context, Experiment, Trials
+from eea.core.exploration import Exploration, ExplorationConfig
+from eea.core.genetic import GeneticConfig
+from eea.core.inference import Ideal, NoInference, OutOfBandConfig
+from eea.core.laboratory import DIVERGED, Laboratory
 from fake_fish import (
     ACTIONS,
     MODELS,

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aquafish_gym.validation import InvalidArgumentError
-from aquafish_gym.verification.trials import random_trials
-from eea.aquafish import EngineSimulator
-from eea.behavior import BehaviorConfig, Signal
-from eea.checks import TargetError
-from eea.laboratory import DIVERGED, Laboratory
-from eea.spectral import SpectralComparer, can_compare
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea.aquafish.fish import EngineSimulator
+from eea.aquafish.spectral import SpectralComparer, can_compare
+from eea.core.behavior import BehaviorConfig, Signal
+from eea.core.checks import TargetError
+from eea.core.laboratory import DIVERGED, Laboratory
+from tests.verification.trials import random_trials
 
 STEPS, MODELS = 128, 6
 T = random_trials(30, 1)

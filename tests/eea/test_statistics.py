@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from eea import statistics
-from eea.statistics import (
+from eea.report import statistics
+from eea.report.statistics import (
     FEWEST,
     bca_interval,
     paired_difference,

@@ -16,21 +16,31 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-import eea.study
-from aquafish_gym import locks
+import eea.study.study
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.storage import read_records
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.runs import locks
+from aquafish_gym.runs.storage import read_records
+from aquafish_gym.runs.workers import Event
+from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.__main__ import main
-from eea.checks import ConfigurationError
-from eea.config import EEAConfig, figure_config
-from eea.genetic import GeneticConfig
-from eea.progress import Board, duration, shown
-from eea.replicate import Progress, World, look
-from eea.study import Study, claim, cost, cost_left, extended, only_here, source_stamp, versions
-from eea.study_command import StudyCommand
-from eea.workers import Event
+from eea.cli.board import Board, duration, shown
+from eea.cli.study import StudyCommand
+from eea.core.checks import ConfigurationError
+from eea.core.config import EEAConfig
+from eea.core.genetic import GeneticConfig
+from eea.study.presets import figure_config
+from eea.study.replicate import Progress, World, look
+from eea.study.study import (
+    Study,
+    claim,
+    cost,
+    cost_left,
+    extended,
+    only_here,
+    source_stamp,
+    versions,
+)
 
 SMALL = [
     *("--exploration.population", "4", "--exploration.generations", "2"),
@@ -396,7 +406,7 @@ def test_a_study_of_unequal_arms_is_complete(tmp_path):
 def test_results_of_other_code_are_not_gone_on_from_unasked(tmp_path, monkeypatch):
     claim(tmp_path, extended(tmp_path, STUDY))
     here = source_stamp()
-    monkeypatch.setattr(eea.study, "source_stamp", lambda: "another")
+    monkeypatch.setattr(eea.study.study, "source_stamp", lambda: "another")
     with pytest.raises(InvalidArgumentError, match=rf"other code \(source {here}, not another\)"):
         extended(tmp_path, STUDY)
     claim(tmp_path, extended(tmp_path, STUDY, other_code=True))
@@ -407,7 +417,7 @@ def test_nor_are_results_of_other_versions(tmp_path, monkeypatch):
     claim(tmp_path, extended(tmp_path, STUDY))
     before = versions()
     after = {**before, "numpy": "99.1"}
-    monkeypatch.setattr(eea.study, "versions", lambda: after)
+    monkeypatch.setattr(eea.study.study, "versions", lambda: after)
     message = rf"holds results of numpy {before['numpy']}, not 99\.1; .*--other-code"
     with pytest.raises(InvalidArgumentError, match=message):
         extended(tmp_path, STUDY)
@@ -420,7 +430,7 @@ def test_comments_are_no_other_code(tmp_path, monkeypatch):
     package.mkdir()
     (package / "__init__.py").write_text("")
     source = package / "algorithm.py"
-    monkeypatch.setattr(eea.study.eea, "__file__", str(package / "__init__.py"))
+    monkeypatch.setattr(eea.study.study.eea, "__file__", str(package / "__init__.py"))
     source.write_text('"""A text."""\n\ndef f(x):\n    """Another."""\n    return x + 1\n')
     stamp = source_stamp()
     source.write_text("def f(x):  # short\n    return x + 1\n")
@@ -557,7 +567,7 @@ def test_the_attitudes_rates_have_a_timestep():
 
 
 def test_an_ablation_is_arms_of_256_steps():
-    from eea.ablations import ABLATIONS, ablation_arms
+    from eea.study.ablations import ABLATIONS, ablation_arms
 
     name = next(iter(ABLATIONS))
     study = asked("--ablation", name)

@@ -7,15 +7,23 @@ from dataclasses import replace
 
 import pytest
 
-import eea.replicate
+import eea.study.replicate
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.storage import append_record, read_records
-from eea.config import CONDITIONS, EEAConfig
-from eea.estimation import EstimationConfig
-from eea.exploration import ExplorationConfig
-from eea.inference import OutOfBandConfig
-from eea.replicate import Progress, Replicate, World, look, read_state, run_replicate, write_state
+from aquafish_gym.runs.storage import append_record, read_records
+from eea.core.config import CONDITIONS, EEAConfig
+from eea.core.estimation import EstimationConfig
+from eea.core.exploration import ExplorationConfig
+from eea.core.inference import OutOfBandConfig
+from eea.study.replicate import (
+    Progress,
+    Replicate,
+    World,
+    look,
+    read_state,
+    run_replicate,
+    write_state,
+)
 
 CONFIG = EEAConfig(
     condition="none",
@@ -108,7 +116,7 @@ def test_a_kill_between_any_two_writes_changes_nothing(
 
         with monkeypatch.context() as patch:
             for name in ("append_record", "write_state"):
-                patch.setattr(eea.replicate, name, fatal(getattr(eea.replicate, name)))
+                patch.setattr(eea.study.replicate, name, fatal(getattr(eea.study.replicate, name)))
             try:
                 run(replicate)
             except Killed:
@@ -205,7 +213,7 @@ def test_a_state_that_is_not_the_logs_is_not_gone_on_from(tmp_path, undisturbed)
         replicate.state.write_bytes(replicate.state.read_bytes().replace(b"0.", b"1.", 1))
 
     def of_the_future(replicate):
-        write_state(replicate.state, {**read_state(replicate.state), "schema": "eea.state/2"})
+        write_state(replicate.state, {**read_state(replicate.state), "schema": "eea.core.state/2"})
 
     def no_dict(replicate):
         write_state(replicate.state, [])

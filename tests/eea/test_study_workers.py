@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from eea.workers import do_jobs, wait_for_orphans
+from aquafish_gym.runs.workers import do_jobs, wait_for_orphans
 
 
 def work(job):
@@ -76,7 +76,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from pathlib import Path\n"
         "from test_study_workers import work\n"
-        "from eea.workers import do_jobs\n"
+        "from aquafish_gym.runs.workers import do_jobs\n"
         "if __name__ == '__main__':\n"
         "    jobs = [f'sleep:{sys.argv[2]}/{i}' for i in range(2)]\n"
         "    for event in do_jobs(jobs, work, 2, Path(sys.argv[2], 'guard')):\n"

@@ -7,7 +7,7 @@ import pytest
 
 import aquafish_gym
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA
-from aquafish_gym.verification.agreement import (
+from tests.verification.agreement import (
     QUANTILES,
     WHAT,
     differences,
@@ -15,7 +15,7 @@ from aquafish_gym.verification.agreement import (
     single_precision,
     swim,
 )
-from aquafish_gym.verification.trials import random_trials
+from tests.verification.trials import random_trials
 
 Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from llvmlite import binding
 
-from aquafish_gym.engines.lanes import LaneBatch
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA
-from aquafish_gym.verification.trials import random_trials
+from tests.verification.trials import random_trials
 
 FIELDS = ("rpy", "gyro", "position", "quaternion", "fin_angles")
 DTYPES = (np.float32, np.float64)
@@ -108,8 +108,8 @@ def test_a_copied_batch_goes_on_identically(trials, dtype, again) -> None:  # ty
 SCRIPT = """
 import hashlib, json
 import numpy as np
-from aquafish_gym.engines import lanes
-from aquafish_gym.verification.trials import random_trials
+from aquafish_gym.engines.compiled import lanes
+from tests.verification.trials import random_trials
 
 used, inner = [], lanes.compile_kernel
 lanes.compile_kernel = lambda *a, **k: used.append(inner(*a, **k)) or used[-1]

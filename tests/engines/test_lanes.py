@@ -13,7 +13,7 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import aquafish_gym
-from aquafish_gym.engines.lanes import LaneBatch
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics import simd
 
@@ -142,7 +142,7 @@ def test_the_cache_is_tied_to_all_that_a_policy_imports(
 
 SCRIPT = """
 import numpy as np
-from aquafish_gym.engines import kernel, lanes
+from aquafish_gym.engines.compiled import kernel, lanes
 from aquafish_gym.physics import simd
 if {stamp!r}:
     simd.source_stamp = lambda *_: {stamp!r}

@@ -5,16 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquafish_gym.engines.lanes import LaneBatch
-from aquafish_gym.engines.spectrum import (
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.compiled.spectrum import (
     coefficients,
     disagreements,
     distances,
     pack_spectra,
     padded,
 )
-from aquafish_gym.validation import InvalidArgumentError
-from aquafish_gym.verification.trials import random_trials
+from aquafish_gym.utils.validation import InvalidArgumentError
+from tests.verification.trials import random_trials
 
 COUNT = 35  # no multiple of any width
 ROUNDING = {np.float32: 3e-7, np.float64: 1e-15}

@@ -23,7 +23,7 @@ from hypothesis.extra import numpy as hnp
 
 import aquafish_gym
 from aquafish_gym.command import scale_action
-from aquafish_gym.engines.single import CompiledWorld, compile_single
+from aquafish_gym.engines.compiled.single import CompiledWorld, compile_single
 from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.conditions import (
     check_action,
@@ -34,7 +34,7 @@ from aquafish_gym.envs.conditions import (
 )
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics import simd
-from aquafish_gym.validation import (
+from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
     UnknownNameError,

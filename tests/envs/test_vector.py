@@ -17,9 +17,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode
 
 import aquafish_gym  # noqa: F401
-from aquafish_gym.engines import lanes
+from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 COUNT = 3
 
@@ -191,7 +191,7 @@ def test_threads_work_on_in_a_fork() -> None:
 import copy
 import os
 import numpy as np
-from aquafish_gym.engines import lanes
+from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 lanes._WORTH_A_THREAD = 1
 env = AquaFishVectorEnv(64, threads=2)

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import InvalidArgumentError, UnknownNameError
+from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from gait import baselines
 from gait.baselines import (
     PARAMETERS_FILE,

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controller import Controller
 from gait.network import INPUT_COUNT
 from gait_fakes import make_controller

@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controller import Controller
 from gait.evolve import (
     CHECKPOINT_FILE,

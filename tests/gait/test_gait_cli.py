@@ -15,7 +15,7 @@ from rich.console import Console
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.storage import write_json
+from aquafish_gym.runs.storage import write_json
 from gait.__main__ import _progress, _progress_line, main
 from gait.controller import Controller
 from gait.evolve import finished_generations

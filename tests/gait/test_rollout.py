@@ -8,7 +8,7 @@ import pytest
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import InvalidArgumentError, UnknownNameError
+from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.rollout import INTERVAL, ZERO_POSE, random_poses, step_count, swim, swim_all
 from gait_fakes import make_controller

@@ -9,7 +9,7 @@ import pytest
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.validation import InvalidArgumentError, UnknownNameError
+from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from gait.rollout import swim, swim_all
 from gait.transfer import TransferConfig, score, transfer
 from gait_fakes import make_controller

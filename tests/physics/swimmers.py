@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP
-from aquafish_gym.engines.lanes import LaneBatch
-from aquafish_gym.engines.single import STATE, CompiledWorld
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.compiled.single import STATE, CompiledWorld
 from aquafish_gym.physics.kinematics import State, rotation, to_world
-from aquafish_gym.verification import harness
+from tests.verification import harness
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -144,7 +144,7 @@ class Bullet(Swimmer):
         super().__init__("engine pybullet")
 
     def _march(self, bodies, states, commands, h, steps, current, push, wet):  # type: ignore[no-untyped-def]
-        from aquafish_gym.engines.bullet import BulletWorld
+        from aquafish_gym.engines.bullet.world import BulletWorld
 
         world = BulletWorld()
         world.timestep = h

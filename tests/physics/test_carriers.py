@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from numba import njit
 from numpy.testing import assert_allclose
 
-from aquafish_gym.engines.lanes import lane_width, pack_rows
+from aquafish_gym.engines.compiled.lanes import lane_width, pack_rows
 from aquafish_gym.physics import simd
-from aquafish_gym.physics.carriers import (
+from aquafish_gym.physics.arithmetic import (
     arctangent2,
     fetch,
     floor,

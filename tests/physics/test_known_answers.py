@@ -14,15 +14,22 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from aquafish_gym.engines import kernel
-from aquafish_gym.engines.lanes import rest_rows
+from aquafish_gym.engines.compiled import kernel
+from aquafish_gym.engines.compiled.lanes import rest_rows
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import dynamics
 from aquafish_gym.physics.hydrodynamics import AXIAL_DRAG, DENSITY, NORMAL_DRAG, SKIN_FRICTION
 from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.robot import BODY_MASS, MINIMUM_FIN_MASS, MOUNT_LENGTH, MOUNT_WIDTH, RADIUS
-from aquafish_gym.verification import harness
-from aquafish_gym.verification.harness import (
+from aquafish_gym.physics.robot import (
+    BODY_MASS,
+    MINIMUM_FIN_MASS,
+    MOUNT_LENGTH,
+    MOUNT_WIDTH,
+    RADIUS,
+)
+from swimmers import SWIMMERS, CannotError, Swimmer
+from tests.verification import harness
+from tests.verification.harness import (
     CARRIERS,
     POSITION,
     QUATERNION,
@@ -31,15 +38,14 @@ from aquafish_gym.verification.harness import (
     VELOCITY,
     march,
 )
-from aquafish_gym.verification.momentum import (
+from tests.verification.momentum import (
     Momentum,
     angular_momentum,
     kinetic_energy,
     total_momentum,
 )
-from aquafish_gym.verification.rk4 import rotation_matrix
-from aquafish_gym.verification.trials import random_trials
-from swimmers import SWIMMERS, CannotError, Swimmer
+from tests.verification.rk4 import rotation_matrix
+from tests.verification.trials import random_trials
 
 NOMINAL = Morphology.nominal().to_array()
 NO_FINS = np.zeros((1, 9))
@@ -395,7 +401,7 @@ def test_what_a_swimmer_cannot_do_is_refused_with_the_reason(swimmer: Swimmer) -
 
 
 def test_every_swimmer_answers_most_of_the_contract() -> None:
-    """And the carriers, which are the physics itself, all of it."""
+    """And the arithmetic, which are the physics itself, all of it."""
     left_out = dict.fromkeys((s.name for s in SWIMMERS), 0)
     for _, name, reason in LEFT_OUT:
         left_out[name] += 1

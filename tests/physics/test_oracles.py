@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from aquafish_gym.morphology import MAXIMA
-from aquafish_gym.robot import BODY_MASS, robot_from_column, robot_parameters
-from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
-from aquafish_gym.verification import mechanics
-from aquafish_gym.verification.momentum import Momentum, inertia_and_swing
-from aquafish_gym.verification.mujoco_robot import DryRobot, load_mujoco, mujoco_model
-from aquafish_gym.verification.rk4 import integrate, quaternion_rate, rotation_matrix
-from aquafish_gym.verification.trials import random_trials
+from aquafish_gym.physics.robot import BODY_MASS, robot_from_column, robot_parameters
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
+from tests.verification import mechanics
+from tests.verification.momentum import Momentum, inertia_and_swing
+from tests.verification.mujoco_robot import DryRobot, load_mujoco, mujoco_model
+from tests.verification.rk4 import integrate, quaternion_rate, rotation_matrix
+from tests.verification.trials import random_trials
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aquafish_gym import simulate
-from aquafish_gym.engines.lanes import LaneBatch
+from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import reactive
 from aquafish_gym.physics.dynamics import Water, advance, forces, gather, step
@@ -40,7 +40,7 @@ from aquafish_gym.physics.reactive import (
     step_reactive,
     trailing_edge,
 )
-from aquafish_gym.robot import (
+from aquafish_gym.physics.robot import (
     BODY_INERTIA,
     BODY_MASS,
     CAUDAL_Y,
@@ -50,18 +50,18 @@ from aquafish_gym.robot import (
     robot_from_column,
     robot_parameters,
 )
-from aquafish_gym.verification import reactive as studies
-from aquafish_gym.verification.lattice import ASPECTS, lattice_share
-from aquafish_gym.verification.momentum import inertia_and_swing
-from aquafish_gym.verification.reactive import (
+from tests.verification import reactive as studies
+from tests.verification.lattice import ASPECTS, lattice_share
+from tests.verification.momentum import inertia_and_swing
+from tests.verification.reactive import (
     ReactiveMomentum,
     lighthill_thrust,
     scheme_errors,
     tail_body,
     water_inertia_and_swing,
 )
-from aquafish_gym.verification.rk4 import rotation_matrix
-from aquafish_gym.verification.trials import random_trials
+from tests.verification.rk4 import rotation_matrix
+from tests.verification.trials import random_trials
 
 Vector = tuple[float, float, float]
 
@@ -439,7 +439,7 @@ def test_lanes_equal_pybullet(trials, substeps: int, current: Vector) -> None:  
 
 def test_a_pybullet_world_has_the_terms_only_if_asked() -> None:
     pytest.importorskip("pybullet")
-    from aquafish_gym.engines.bullet import BulletWorld
+    from aquafish_gym.engines.bullet.world import BulletWorld
 
     ends = []
     for options in ({}, {"reactive": False}, {"reactive": True}):

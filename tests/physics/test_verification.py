@@ -1,4 +1,4 @@
-"""The command ``python -m aquafish_gym.verification``: its report, tables, pictures and page."""
+"""The command ``python -m tests.verification``: its report, tables, pictures and page."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ import sys
 import numpy as np
 import pytest
 
-from aquafish_gym.validation import InvalidArgumentError
-from aquafish_gym.verification.__main__ import Verification
-from aquafish_gym.verification.report import tables_of
-from aquafish_gym.verification.strokes import flipper_stroke, tail_stroke
-from aquafish_gym.verification.tables import TABLES, Table, fill_page, make_tables
+from aquafish_gym.utils.validation import InvalidArgumentError
+from tests.verification.__main__ import Verification
+from tests.verification.report import tables_of
+from tests.verification.strokes import flipper_stroke, tail_stroke
+from tests.verification.tables import TABLES, Table, fill_page, make_tables
 
 ROOT = pathlib.Path(__file__).parents[2]
 REPORT = ROOT / "docs" / "physics" / "report.json"
@@ -23,7 +23,7 @@ PAGE = ROOT / "docs" / "physics.md"
 
 def verification(*arguments: str, **keywords: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "aquafish_gym.verification", *arguments],
+        [sys.executable, "-m", "tests.verification", *arguments],
         capture_output=True, text=True, cwd=ROOT, **keywords,
     )  # type: ignore[call-overload,no-any-return]  # fmt: skip
 
@@ -72,7 +72,7 @@ def test_the_documentation_holds_the_tables_of_its_report() -> None:
     for name in tables:
         assert f"<!-- table: {name} -->" in text
     assert fill_page(text, tables) == text, (
-        "run: python -m aquafish_gym.verification --out docs/physics --page docs/physics.md"
+        "run: python -m tests.verification --out docs/physics --page docs/physics.md"
     )
     for name in ("strokes", "convergence", "quadrature", "single_precision"):
         assert (REPORT.parent / f"{name}.png").exists()
@@ -111,7 +111,7 @@ def test_a_table_in_markdown() -> None:
 def test_a_mistake_is_one_line(arguments: tuple[str, ...], sentence: str) -> None:
     done = verification("--quick", *arguments)
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.startswith(f"aquafish_gym.verification: {sentence}")
+    assert done.stderr.startswith(f"tests.verification: {sentence}")
     assert len(done.stderr.splitlines()) == 1
 
 

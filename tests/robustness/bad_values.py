@@ -1,8 +1,8 @@
 """Strategies of values that are not what an argument asks for.
 
-Each ``no_...`` function answers one of the questions of ``aquafish_gym.validation`` wrongly, in
-every way that we could think of: another type, another shape, a bad entry among good ones, just
-beyond a bound and far beyond it, and names that are nearly right.
+Each ``no_...`` function answers one of the questions of ``aquafish_gym.utils.validation``
+wrongly, in every way that we could think of: another type, another shape, a bad entry among
+good ones, just beyond a bound and far beyond it, and names that are nearly right.
 """
 
 from __future__ import annotations

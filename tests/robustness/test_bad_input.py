@@ -37,8 +37,8 @@ from aquafish_gym.damage import Damage, FinMissing, FinScaled
 from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import FINS, Morphology
-from aquafish_gym.storage import ensure_writable_directory
-from aquafish_gym.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.runs.storage import ensure_writable_directory
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 COUNT = 2  # robots in the vector environment
 

@@ -18,22 +18,23 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from aquafish_gym.command import scale_action
-from aquafish_gym.engines import base, lanes
+from aquafish_gym.engines import base
 from aquafish_gym.engines.base import simulate
-from aquafish_gym.engines.single import STATE, CompiledWorld
+from aquafish_gym.engines.compiled import lanes
+from aquafish_gym.engines.compiled.single import STATE, CompiledWorld
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
-from eea.aquafish import EngineTarget, fish_actions, fish_eea
-from eea.behavior import BehaviorConfig, Signal
-from eea.checks import TargetError
-from eea.config import EEAConfig
-from eea.estimation import EstimationConfig
-from eea.experiment import Trials
-from eea.exploration import Exploration, ExplorationConfig
-from eea.genetic import GeneticConfig
-from eea.laboratory import DIVERGED, Laboratory
+from eea.aquafish.fish import EngineTarget, fish_actions, fish_eea
+from eea.core.behavior import BehaviorConfig, Signal
+from eea.core.checks import TargetError
+from eea.core.config import EEAConfig
+from eea.core.estimation import EstimationConfig
+from eea.core.experiment import Trials
+from eea.core.exploration import Exploration, ExplorationConfig
+from eea.core.genetic import GeneticConfig
+from eea.core.laboratory import DIVERGED, Laboratory
 from gait import evolve, network, rollout
 from gait.controller import Controller
 from gait.transfer import score
@@ -323,7 +324,7 @@ BEHAVIORS = [
 def test_a_candidate_that_diverged_is_like_nothing(
     config: BehaviorConfig, how: float, late: int
 ) -> None:
-    """``eea.laboratory``: its sim is DIVERGED, far below any other."""
+    """``eea.core.laboratory``: its sim is DIVERGED, far below any other."""
     laboratory = Laboratory(Sick(how, late), config, 16)
     bodies = np.tile(MAXIMA / 2, (3, 1))
     bodies[1, 0] = 1.0
@@ -336,7 +337,7 @@ def test_a_candidate_that_diverged_is_like_nothing(
 
 @pytest.mark.parametrize("config", BEHAVIORS, ids=str)
 def test_a_command_under_which_a_model_diverges_is_chosen_last(config: BehaviorConfig) -> None:
-    """``eea.exploration``: its ACT_FIT is -1, below all others."""
+    """``eea.core.exploration``: its ACT_FIT is -1, below all others."""
     exploration = Exploration(
         fish_actions(),
         Laboratory(Sick(), config, 16),

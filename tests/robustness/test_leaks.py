@@ -20,7 +20,7 @@ import gymnasium as gym
 import numpy as np
 
 import aquafish_gym
-from aquafish_gym.engines import clients
+from aquafish_gym.engines.bullet import clients
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.morphology import MAXIMA
 

@@ -20,7 +20,7 @@ from gymnasium.vector import AsyncVectorEnv
 from worker_jobs import ACTIONS, ENGINES, MAKERS, make_env, make_numba, play, run_simulate
 
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 CONTEXTS = [
     c for c in ("spawn", "forkserver", "fork") if c in multiprocessing.get_all_start_methods()
@@ -256,7 +256,7 @@ def test_an_interrupted_step_spoils_its_own_world_alone(monkeypatch: pytest.Monk
 def test_an_interrupted_simulation_gives_its_client_back(monkeypatch: pytest.MonkeyPatch) -> None:
     import pybullet
 
-    from aquafish_gym.engines import clients
+    from aquafish_gym.engines.bullet import clients
 
     expected = run_simulate(("pybullet", 0))
     idle = len(clients._idle_clients)

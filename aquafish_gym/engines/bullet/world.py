@@ -1,0 +1,336 @@
+"""PyBullet as an engine: one robot in a world of its own, pushed by the one drag law.
+
+Bullet has no water. Its joints are turned by ideal velocity motors, and the water's whole
+wrench, from :func:`aquafish_gym.physics.dynamics.wrench`, is applied to the base before every
+step: the fins' forces need not go through the links, because the motors prescribe the joints
+and Bullet's link frames are one step old when forces are applied.
+
+Bullet checks nothing: it accepts NaN, negative sizes and links that do not exist. So every
+number is checked before it goes in, and the motion after every step.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import weakref
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
+from aquafish_gym.engines.bullet.clients import load_pybullet, return_client, take_client
+from aquafish_gym.engines.bullet.push import compiled, follow, push, push_reactive
+from aquafish_gym.engines.worlds import RUNAWAY
+from aquafish_gym.imu import ImuLog
+from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.physics.kinematics import (
+    Drive,
+    State,
+    at_rest,
+    caudal_angle,
+    drive,
+    rotation,
+    to_body,
+)
+from aquafish_gym.physics.robot import (
+    BODY_INERTIA,
+    BODY_MASS,
+    CAUDAL_Y,
+    PARAMETERS_PER_FIN,
+    PECTORAL_X,
+    PECTORAL_Y,
+    robot_parameters,
+)
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+Quaternion = tuple[float, float, float, float]
+
+HINGES = ((-PECTORAL_X, PECTORAL_Y, 0.0), (PECTORAL_X, PECTORAL_Y, 0.0), (0.0, CAUDAL_Y, 0.0))
+AXES = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+
+# Bullet's defaults are 1000 and 100, and joints would lag behind their servos.
+_UNLIMITED = 1e9
+# Its default residual threshold of 1e-7 leaves errors of 1e-5 rad.
+_SOLVER_ITERATIONS = 50
+
+
+class BulletWorld:
+    """One robot in a PyBullet world.
+
+    It belongs to the process that made it: it can be neither pickled nor used after a fork.
+
+    Parameters
+    ----------
+    substeps
+        Physics steps in each 0.01 s.
+    reactive
+        Whether the water has the terms of ``physics/reactive.py``.
+
+    Raises
+    ------
+    EngineUnavailableError
+        If pybullet is not installed.
+    """
+
+    def __init__(self, substeps: int = 1, reactive: bool = False) -> None:
+        self.timestep = TIMESTEP / substeps
+        self._bullet = load_pybullet()
+        self._process = os.getpid()
+        self._client = take_client()
+        self._closing = weakref.finalize(self, return_client, self._client, self._process)
+        self._push = compiled(push_reactive if reactive else push)
+        self._robot = -1
+        self._column: NDArray[np.float64] = np.zeros(3 * PARAMETERS_PER_FIN)
+        self._joints: NDArray[np.float64] = np.zeros(9)
+        self._current: Vector = (0.0, 0.0, 0.0)
+        self._command: Vector | None = None
+        self._drive: Drive = drive((0.0, 0.0, 0.0), self.timestep)
+        self._set_resting()
+
+    def _set_resting(self) -> None:
+        self.diverged = False
+        self.position: Vector = (0.0, 0.0, 0.0)
+        self.orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
+        self.velocity: Vector = (0.0, 0.0, 0.0)
+        self.world_spin: Vector = (0.0, 0.0, 0.0)
+
+    def close(self) -> None:
+        """Give the client back; the world is of no more use. Closing twice does no harm."""
+        self._closing()
+
+    def _check_process(self) -> None:
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                "this PyBullet world was made before a fork and belongs to the parent process; "
+                'make the environment in the child process (start method "spawn", or a '
+                'factory such as lambda: gym.make(...)), or use engine="numba"'
+            )
+        if not self._closing.alive:
+            raise RuntimeError("this PyBullet world is closed; make a new one")
+
+    def __reduce__(self) -> Any:
+        raise TypeError(
+            "a PyBullet world cannot be pickled or copied: its robot lives in this process; "
+            'make a new one, or use engine="numba"'
+        )
+
+    def reset(
+        self,
+        morphology: NDArray[np.float64],
+        fin_angles: tuple[float, float, float],
+        current: tuple[float, float, float],
+    ) -> None:
+        """Build a robot at rest at the origin, upright, facing +y.
+
+        Parameters
+        ----------
+        morphology
+            (9,) sizes in the order of ``DIMENSIONS``, already checked.
+        fin_angles
+            Left and right pectoral angle and caudal phase, rad.
+        current
+            The water's own velocity in the world, units/s.
+        """
+        self._check_process()
+        column = np.ascontiguousarray(robot_parameters(np.asarray(morphology)[None])[:, 0])
+        numbers = np.concatenate([column, fin_angles, current])
+        if not np.isfinite(numbers).all() or (column < 0).any():
+            raise InvalidArgumentError(
+                "a PyBullet world needs finite sizes of 0 or more, fin angles and current"
+            )
+        rest = at_rest((float(fin_angles[0]), float(fin_angles[1]), float(fin_angles[2])))
+        self._column = column
+        self._joints = np.array([*rest.left, *rest.right, *rest.phase, *rest.rates])
+        self._current = (float(current[0]), float(current[1]), float(current[2]))
+        self._command = None
+        self._set_resting()
+        angles = (float(fin_angles[0]), float(fin_angles[1]), float(caudal_angle(rest.phase)))
+        self._build(angles)
+
+    def _build(self, angles: tuple[float, float, float]) -> None:
+        """Empty the world and put the robot in, its joints at these angles (rad)."""
+        # Building anew is quick, leaks nothing and leaves no motor or
+        # solver state behind, which restoring a saved state would.
+        p, client = self._bullet, self._client
+        p.resetSimulation(physicsClientId=client)
+        p.setGravity(0.0, 0.0, 0.0, physicsClientId=client)
+        p.setPhysicsEngineParameter(
+            fixedTimeStep=self.timestep,
+            numSubSteps=0,
+            numSolverIterations=_SOLVER_ITERATIONS,
+            solverResidualThreshold=0.0,
+            physicsClientId=client,
+        )
+        fins = self._column.reshape(3, PARAMETERS_PER_FIN)
+        length, mass, inertia = 1, 3, (4, 5, 6)  # the columns of Fin
+        turns = [(0.0, 0.0, 0.0, 1.0)] * 3
+        self._robot = robot = p.createMultiBody(
+            baseMass=BODY_MASS,
+            baseCollisionShapeIndex=-1,
+            baseVisualShapeIndex=-1,
+            linkMasses=[float(fin[mass]) for fin in fins],
+            linkCollisionShapeIndices=[-1] * 3,
+            linkVisualShapeIndices=[-1] * 3,
+            linkPositions=HINGES,
+            linkOrientations=turns,
+            linkInertialFramePositions=[(0.0, -0.5 * float(fin[length]), 0.0) for fin in fins],
+            linkInertialFrameOrientations=turns,
+            linkParentIndices=[0] * 3,
+            linkJointTypes=[p.JOINT_REVOLUTE] * 3,
+            linkJointAxis=AXES,
+            useMaximalCoordinates=0,
+            physicsClientId=client,
+        )
+        if robot < 0:
+            raise RuntimeError("PyBullet could not build the robot")
+        inertias = [BODY_INERTIA]
+        for i, fin in enumerate(fins):
+            about = [float(fin[k]) for k in inertia]
+            # The caudal fin's width axis is the body's z, its normal the body's x.
+            inertias.append(
+                (about[0], about[1], about[2]) if i < 2 else (about[2], about[1], about[0])
+            )
+        # Each in a call of its own: some of these arguments, given together, silently move
+        # the others to the base.
+        for link in range(-1, 3):
+            for setting in (
+                {"localInertiaDiagonal": inertias[link + 1]},
+                {"linearDamping": 0.0},
+                {"angularDamping": 0.0},
+                {"jointDamping": 0.0},
+                {"maxJointVelocity": _UNLIMITED},
+                {"activationState": p.ACTIVATION_STATE_DISABLE_SLEEPING},
+            ):
+                p.changeDynamics(robot, link, **setting, physicsClientId=client)
+        for joint, angle in enumerate(angles):
+            p.resetJointState(robot, joint, angle, 0.0, physicsClientId=client)
+
+    def _turn(self, joint: int, rate: float) -> None:
+        self._bullet.setJointMotorControl2(
+            self._robot,
+            joint,
+            self._bullet.VELOCITY_CONTROL,
+            targetVelocity=rate,
+            force=_UNLIMITED,
+            physicsClientId=self._client,
+        )
+
+    def _obey(self, command: Vector) -> None:
+        """Set the pectorals' motors, which turn steadily; the tail's is set at every step."""
+        if not all(map(math.isfinite, command)):
+            raise InvalidArgumentError(f"command must be finite; got {command!r}")
+        self._command = command
+        self._drive = drive(command, self.timestep)
+        for joint, rate in enumerate(self._drive.speeds):
+            self._turn(joint, rate)
+
+    def advance(self, command: tuple[float, float, float], steps: int = 1) -> None:
+        """Hold a command (rev/s, rev/s, Hz) for some physics steps.
+
+        A robot that leaves the finite numbers is ``diverged`` and stays so until it is reset.
+        """
+        self._check_process()
+        if self._robot < 0:
+            raise RuntimeError("reset the PyBullet world before advancing it")
+        if command != self._command:
+            self._obey(command)
+        p, client, robot, push = self._bullet, self._client, self._robot, self._push
+        column, joints, current = self._column, self._joints, self._current
+        by, h, caudal = self._drive, self.timestep, 2
+        for _ in range(steps):
+            if self.diverged:
+                return
+            force, torque, sweep = push(
+                column, joints, self.orientation, self.velocity, self.world_spin, current, by, h
+            )
+            if not math.isfinite(sum(force) + sum(torque)):
+                self._diverge()
+                return
+            self._turn(caudal, sweep)
+            p.applyExternalForce(
+                robot, -1, force, self.position, p.WORLD_FRAME, physicsClientId=client
+            )
+            p.applyExternalTorque(robot, -1, torque, p.WORLD_FRAME, physicsClientId=client)
+            p.stepSimulation(physicsClientId=client)
+            self.position, self.orientation = p.getBasePositionAndOrientation(
+                robot, physicsClientId=client
+            )
+            self.velocity, self.world_spin = p.getBaseVelocity(robot, physicsClientId=client)
+            (vx, vy, vz), (wx, wy, wz) = self.velocity, self.world_spin
+            # Written so that NaN fails it.
+            if not vx * vx + vy * vy + vz * vz + wx * wx + wy * wy + wz * wz < RUNAWAY:
+                self._diverge()
+
+    def _diverge(self) -> None:
+        nothing = (math.nan,) * 3
+        self.diverged = True
+        self.position = self.velocity = self.world_spin = nothing
+        self.orientation = (math.nan,) * 4
+
+    def state(self) -> State:
+        """Return the robot's state on plain floats."""
+        j = [float(v) for v in self._joints]
+        return State(
+            self.orientation,
+            self.position,
+            self.velocity,
+            to_body(rotation(self.orientation), self.world_spin),
+            (j[0], j[1]),
+            (j[2], j[3]),
+            (j[4], j[5]),
+            (j[6], j[7], j[8]),
+        )
+
+    @property
+    def fin_angles(self) -> Vector:
+        """Left and right pectoral angle and caudal phase in (-pi, pi], rad."""
+        j = self._joints
+        return (math.atan2(j[1], j[0]), math.atan2(j[3], j[2]), math.atan2(j[5], j[4]))
+
+
+def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
+    """Answer :func:`aquafish_gym.simulate` with PyBullet, one robot after another.
+
+    It computes in double precision whatever ``settings.dtype`` is, and in one thread.
+    """
+    batch, steps = len(trials), settings.steps
+    rpy, gyro = np.empty((batch, steps, 3)), np.empty((batch, steps, 3))
+    position, quaternion = np.empty((batch, steps, 3)), np.empty((batch, steps, 4))
+    fin_angles = np.empty((batch, steps, 3))
+    spins = np.empty((steps, 3))
+    diverged = np.zeros(batch, dtype=np.bool_)
+    fill = compiled(follow)
+    world = BulletWorld(settings.substeps, settings.reactive)
+    try:
+        for i in range(batch):
+            world.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), settings.current)
+            command = _triple(trials.commands[i])
+            for t in range(steps):
+                world.advance(command, settings.substeps)
+                position[i, t] = world.position
+                quaternion[i, t] = world.orientation
+                spins[t] = world.world_spin
+                fin_angles[i, t] = world.fin_angles
+            good = steps
+            if world.diverged:
+                diverged[i] = True
+                good = int(np.isfinite(quaternion[i]).all(axis=1).sum())
+                rpy[i, good:] = gyro[i, good:] = math.nan
+            fill(quaternion[i, :good], spins[:good], rpy[i, :good], gyro[i, :good])
+    finally:
+        world.close()
+    pose = settings.record == "pose"
+    return ImuLog(
+        rpy=rpy,
+        gyro=None if settings.record == "rpy" else gyro,
+        position=position if pose else None,
+        quaternion=quaternion if pose else None,
+        fin_angles=fin_angles if pose else None,
+        diverged=diverged,
+    )
+
+
+def _triple(row: NDArray[np.float64]) -> tuple[float, float, float]:
+    return (float(row[0]), float(row[1]), float(row[2]))

@@ -1,0 +1,256 @@
+"""The compiled time loop: robots side by side in vector registers, their policy included.
+
+A **policy** is a plain function of straight-line scalar Python that says what the servos
+shall do; :func:`compile_kernel` compiles it, and the physics, into one loop. Its signature is
+
+    policy(weights, layout, scratch, group, groups, time, rpy, gyro) -> (left, right, caudal)
+
+``rpy`` (continuous roll, pitch, yaw, rad) and ``gyro`` (body axes, rad/s) are what the IMU
+says now, and the answer is a command in rev/s, rev/s and Hz. ``weights`` is a flat array of
+the carrier's numbers to be read with ``fetch(weights, i, like)``, ``layout`` an int64 array of
+the policy's own, ``scratch`` a flat array to ``put`` to and ``fetch`` from, and ``time`` a
+plain float in seconds. Robots share the instructions of their vector register, so no branch
+may depend on lanes (branches on ``layout`` are fine). The robots of one register are group
+``group`` of ``groups``; row r of a table of P rows is entry ``r * groups + group``. Functions
+that a policy calls must be registered with ``simd.inlined``.
+
+On plain floats the same function serves one robot: ``group`` 0 of 1.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from aquafish_gym import imu
+from aquafish_gym.engines.compiled.spectrum import write_spectrum
+from aquafish_gym.physics import simd
+from aquafish_gym.physics.arithmetic import Number, Vector, fetch, put
+from aquafish_gym.physics.dynamics import step
+from aquafish_gym.physics.kinematics import State, drive, joint_angles, rotation
+from aquafish_gym.physics.reactive import step_reactive
+from aquafish_gym.physics.robot import PARAMETERS_PER_FIN, Fin, Robot
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+Policy = Callable[..., Vector]
+
+STATE_ROWS = 25  # State's 22 numbers in order, then roll, pitch, yaw
+BLOCK = 16  # samples gathered before they are written out, in the fastest cache
+WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
+
+# What to record, as bits. SPECTRUM alone is that of roll, pitch and yaw; with GYRO it is that of
+# the rates, and the attitude in the state is left as it was.
+RPY, GYRO, POSE, SPECTRUM = 1, 2, 4, 8
+
+
+@simd.inlined
+def fetch_fin(parameters: Any, first: int, group: int, groups: int, like: Number) -> Fin:
+    """Read one fin's seven rows."""
+    i = first * groups + group
+    return Fin(
+        fetch(parameters, i, like),
+        fetch(parameters, i + groups, like),
+        fetch(parameters, i + 2 * groups, like),
+        fetch(parameters, i + 3 * groups, like),
+        (
+            fetch(parameters, i + 4 * groups, like),
+            fetch(parameters, i + 5 * groups, like),
+            fetch(parameters, i + 6 * groups, like),
+        ),
+    )
+
+
+@simd.inlined
+def fetch_vector(rows: Any, first: int, group: int, groups: int, like: Number) -> Vector:
+    """Read three rows."""
+    i = first * groups + group
+    return (fetch(rows, i, like), fetch(rows, i + groups, like), fetch(rows, i + 2 * groups, like))
+
+
+@simd.inlined
+def fetch_pair(rows: Any, first: int, group: int, groups: int, like: Number) -> Any:
+    """Read two rows."""
+    i = first * groups + group
+    return (fetch(rows, i, like), fetch(rows, i + groups, like))
+
+
+@simd.inlined
+def fetch_state(rows: Any, group: int, groups: int, like: Number) -> State:
+    """Read a group's state, rows 0 to 21."""
+    x, y, z = fetch_vector(rows, 0, group, groups, like)
+    return State(
+        (x, y, z, fetch(rows, 3 * groups + group, like)),
+        fetch_vector(rows, 4, group, groups, like),
+        fetch_vector(rows, 7, group, groups, like),
+        fetch_vector(rows, 10, group, groups, like),
+        fetch_pair(rows, 13, group, groups, like),
+        fetch_pair(rows, 15, group, groups, like),
+        fetch_pair(rows, 17, group, groups, like),
+        fetch_vector(rows, 19, group, groups, like),
+    )
+
+
+@simd.inlined
+def put_vector(rows: Any, first: int, group: int, groups: int, value: Any) -> None:
+    """Write three rows."""
+    i = first * groups + group
+    put(rows, i, value[0])
+    put(rows, i + groups, value[1])
+    put(rows, i + 2 * groups, value[2])
+
+
+@simd.inlined
+def put_state(rows: Any, group: int, groups: int, state: State, rpy: Vector) -> None:
+    """Write a group's state and attitude."""
+    q = state.orientation
+    put_vector(rows, 0, group, groups, (q[0], q[1], q[2]))
+    put(rows, 3 * groups + group, q[3])
+    put_vector(rows, 4, group, groups, state.position)
+    put_vector(rows, 7, group, groups, state.velocity)
+    put_vector(rows, 10, group, groups, state.spin)
+    put_vector(rows, 13, group, groups, (state.left[0], state.left[1], state.right[0]))
+    put_vector(rows, 16, group, groups, (state.right[1], state.phase[0], state.phase[1]))
+    put_vector(rows, 19, group, groups, state.rates)
+    put_vector(rows, 22, group, groups, rpy)
+
+
+@simd.inlined
+def hold(
+    weights: Any,
+    _layout: Any,
+    _scratch: Any,
+    group: int,
+    groups: int,
+    _time: float,
+    rpy: Vector,
+    _gyro: Vector,
+) -> Vector:
+    """Hold the command that stands in the three rows of ``weights``: the open-loop policy."""
+    return fetch_vector(weights, 0, group, groups, rpy[0])
+
+
+@simd.inlined
+def write_block(buffer: Any, log: Any, first: int, count: int, group: int, zero: Any) -> None:
+    """Write ``count`` samples of every channel of a group's robots to log (B, channels, T)."""
+    width = buffer.size // (log.shape[1] * BLOCK)
+    robot, channels, samples = group * width, log.shape[1], log.shape[2]
+    if count == BLOCK and robot + width <= log.shape[0]:
+        for channel in range(channels):
+            start = (robot * channels + channel) * samples + first
+            for k in range(0, BLOCK, width):
+                at = channel * BLOCK + k
+                simd.put_transposed(buffer, at, log, start + k, channels * samples, zero)
+        return
+    for lane in range(min(width, log.shape[0] - robot)):
+        for channel in range(channels):
+            at = channel * BLOCK * width + lane
+            for k in range(count):
+                log[robot + lane, channel, first + k] = buffer[at + k * width]
+
+
+@functools.cache
+def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
+    """Return the compiled loop for a policy at a lane width; compilation itself is lazy.
+
+    ``reactive`` brings in the terms of ``physics/reactive.py``. The loop runs groups ``begin``
+    to ``end`` and may be called from several threads at once.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the width is no power of two up to 16.
+    """
+    if width not in WIDTHS:
+        raise InvalidArgumentError(f"width must be one of {WIDTHS} robots; got {width!r}")
+    simd.register()
+    simd.inlined(policy)
+    stamp = simd.source_stamp(compile_kernel, policy)
+    swim = step_reactive if reactive else step
+
+    def kernel(
+        parameters: Any,
+        states: Any,
+        weights: Any,
+        layout: Any,
+        scratch_size: int,
+        current: Vector,
+        h: float,
+        first_step: int,
+        steps: int,
+        substeps: int,
+        interval: int,
+        logs: Any,
+        spectra: Any,
+        roots: Any,
+        scale: float,
+        record: int,
+        begin: int,
+        end: int,
+    ) -> None:
+        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        zero = simd.zero_lanes(parameters, width)
+        groups = parameters.size // (3 * PARAMETERS_PER_FIN * width)
+        scratch = np.empty(scratch_size * width, parameters.dtype)
+        block_rpy = np.empty(3 * BLOCK * width, parameters.dtype)
+        block_gyro = np.empty(3 * BLOCK * width, parameters.dtype)
+        block_pose = np.empty(10 * BLOCK * width, parameters.dtype)
+        kept = 3 * steps * width if record & SPECTRUM else 0
+        series = np.empty(kept, parameters.dtype)
+        rates_only = record == SPECTRUM | GYRO  # nothing then asks for the attitude
+        for group in range(begin, end):
+            robot = Robot(
+                fetch_fin(parameters, 0, group, groups, zero),
+                fetch_fin(parameters, PARAMETERS_PER_FIN, group, groups, zero),
+                fetch_fin(parameters, 2 * PARAMETERS_PER_FIN, group, groups, zero),
+            )
+            state = fetch_state(states, group, groups, zero)
+            rpy = fetch_vector(states, 22, group, groups, zero)
+            by = drive((zero, zero, zero), h)
+            in_block = 0
+            for t in range(steps):
+                if t % interval == 0:
+                    time = (first_step + t) * (h * substeps)
+                    command = policy(weights, layout, scratch, group, groups, time, rpy, state.spin)
+                    by = drive(command, h)
+                for _ in range(substeps):
+                    state = swim(robot, state, by, current, h)
+                if not rates_only:
+                    rpy = imu.continue_attitude(rpy, imu.attitude(rotation(state.orientation)))
+                if record & SPECTRUM:
+                    felt = state.spin if rates_only else rpy
+                    put_vector(
+                        series, 0, t, steps, (scale * felt[0], scale * felt[1], scale * felt[2])
+                    )
+                elif record:
+                    if record & RPY:
+                        put_vector(block_rpy, 0, in_block, BLOCK, rpy)
+                    if record & GYRO:
+                        put_vector(block_gyro, 0, in_block, BLOCK, state.spin)
+                    if record & POSE:
+                        q = state.orientation
+                        put_vector(block_pose, 0, in_block, BLOCK, state.position)
+                        put_vector(block_pose, 3, in_block, BLOCK, (q[0], q[1], q[2]))
+                        put(block_pose, 6 * BLOCK + in_block, q[3])
+                        put_vector(block_pose, 7, in_block, BLOCK, joint_angles(state))
+                    in_block += 1
+                    if in_block == BLOCK or t == steps - 1:
+                        first = t + 1 - in_block
+                        if record & RPY:
+                            write_block(block_rpy, logs[0], first, in_block, group, zero)
+                        if record & GYRO:
+                            write_block(block_gyro, logs[1], first, in_block, group, zero)
+                        if record & POSE:
+                            write_block(block_pose, logs[2], first, in_block, group, zero)
+                        in_block = 0
+            if record & SPECTRUM:
+                write_spectrum(series, roots, steps, spectra, group, zero)
+            put_state(states, group, groups, state, rpy)
+
+    try:
+        return njit(cache=True, nogil=True)(kernel)
+    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
+        return njit(nogil=True)(kernel)

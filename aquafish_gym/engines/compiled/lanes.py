@@ -1,0 +1,323 @@
+"""The compiled engine: thousands of robots at once, on all cores."""
+
+from __future__ import annotations
+
+import os
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
+from aquafish_gym.engines.compiled.kernel import (
+    GYRO,
+    POSE,
+    RPY,
+    SPECTRUM,
+    STATE_ROWS,
+    Policy,
+    compile_kernel,
+    hold,
+)
+from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
+from aquafish_gym.imu import ImuLog
+from aquafish_gym.physics.robot import PARAMETERS_PER_FIN, robot_parameters
+from aquafish_gym.physics.simd import register_bytes
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+Floats = NDArray[np.floating]
+
+_RECORDS = {"nothing": 0, "rpy": RPY, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE}
+_NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
+# Under this many steps of a group, a second thread costs more than it brings.
+_WORTH_A_THREAD = 1000
+
+
+def lane_width(dtype: type[np.floating]) -> int:
+    """Return how many robots of this type share a register on this machine."""
+    return register_bytes() // np.dtype(dtype).itemsize
+
+
+def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -> Floats:
+    """Pad a table (rows, B) to whole groups by repeating its last column, and flatten it."""
+    batch = rows.shape[1]
+    table = np.empty((len(rows), batch + -batch % width), dtype)
+    table[:, :batch] = rows
+    if batch % width:
+        table[:, batch:] = rows[:, -1:]
+    return table.reshape(-1)
+
+
+def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the states (25, B) of robots at rest: upright, facing +y, fins at these angles.
+
+    ``fin_angles`` is (B, 3): left and right pectoral angle and caudal phase, rad.
+    """
+    rows = np.zeros((STATE_ROWS, len(fin_angles)))
+    rows[3] = 1.0
+    rows[13:19:2] = np.cos(fin_angles).T
+    rows[14:20:2] = np.sin(fin_angles).T
+    return rows
+
+
+_pools: dict[int, ThreadPoolExecutor] = {}
+_pools_lock = threading.Lock()
+
+
+def _helpers(count: int) -> ThreadPoolExecutor:
+    """Return this process's threads beside the caller's, at least ``count``, idle between calls.
+
+    Starting threads takes as long as many a call's work. A fork does not carry them over, so
+    they are kept by the process's number.
+    """
+    with _pools_lock:
+        pool = _pools.get(os.getpid())
+        if pool is None or pool._max_workers < count:
+            # What the smaller one is still doing, it finishes.
+            pool = ThreadPoolExecutor(count, thread_name_prefix="aquafish-lanes")
+            smaller = _pools.pop(os.getpid(), None)
+            _pools[os.getpid()] = pool
+            if smaller is not None:
+                smaller.shutdown(wait=False)
+        return pool
+
+
+class LaneBatch:
+    """B robots that live in the lanes between calls.
+
+    Parameters
+    ----------
+    morphologies
+        (B, 9) sizes, already checked.
+    fin_angles
+        (B, 3) initial left and right pectoral angle and caudal phase, rad.
+    current
+        The water's own velocity in the world, units/s.
+    dtype
+        float32 or float64.
+    substeps
+        Physics steps in each 0.01 s.
+    threads
+        None takes every core; no result depends on it.
+    width
+        Robots a register; None takes what the machine has; no result depends on it.
+    reactive
+        Whether the water has the terms of ``physics/reactive.py``.
+    """
+
+    def __init__(
+        self,
+        morphologies: NDArray[np.float64],
+        fin_angles: NDArray[np.float64],
+        current: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        dtype: type[np.floating] = np.float32,
+        substeps: int = 1,
+        threads: int | None = None,
+        width: int | None = None,
+        reactive: bool = False,
+    ) -> None:
+        self.batch = len(morphologies)
+        self.dtype = dtype
+        self.width = width or lane_width(dtype)
+        self.groups = -(-self.batch // self.width)
+        self.current = current
+        self.reactive = reactive
+        self.substeps = substeps
+        self.threads = threads or len(os.sched_getaffinity(0))
+        self.steps_done = 0
+        self._parameters = pack_rows(robot_parameters(morphologies), dtype, self.width)
+        self._states = pack_rows(rest_rows(fin_angles), dtype, self.width)
+
+    def replace(
+        self,
+        mask: NDArray[np.bool_],
+        morphologies: NDArray[np.float64],
+        fin_angles: NDArray[np.float64],
+    ) -> None:
+        """Put the robots under ``mask`` (B,) back to rest, with these bodies and fin angles.
+
+        ``morphologies`` (n, 9) and ``fin_angles`` (n, 3) hold the n replaced robots only.
+        """
+        self._table(self._parameters, 3 * PARAMETERS_PER_FIN)[:, mask] = robot_parameters(
+            morphologies
+        )
+        self._table(self._states, STATE_ROWS)[:, mask] = rest_rows(fin_angles)
+
+    def advance(self, commands: NDArray[np.float64], steps: int, record: str = "nothing") -> ImuLog:
+        """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s."""
+        weights = self._pack_commands(commands)
+        return self.run(hold, weights, _NO_LAYOUT, 0, steps, steps, record)
+
+    def run(
+        self,
+        policy: Policy,
+        weights: Floats,
+        layout: NDArray[np.int64],
+        scratch_size: int,
+        steps: int,
+        interval: int,
+        record: str = "nothing",
+    ) -> ImuLog:
+        """Let a policy (see ``kernel.py``) command the robots every ``interval`` steps.
+
+        ``scratch_size`` is how many numbers a robot the policy may ``put``. Samples of what
+        is not recorded are missing from the log: its arrays are then of no length.
+        """
+        bits = _RECORDS[record]
+        logs = tuple(
+            np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
+            for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
+        )
+        spectra, roots = np.empty((0, 2, 0), self.dtype), np.empty(0, self.dtype)
+        self._run(
+            policy, weights, layout, scratch_size, steps, interval, logs, spectra, roots, 1.0, bits
+        )
+        rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
+        return ImuLog(
+            rpy=rpy,
+            gyro=gyro if bits & GYRO else None,
+            position=pose[:, :, :3] if bits & POSE else None,
+            quaternion=pose[:, :, 3:7] if bits & POSE else None,
+            fin_angles=pose[:, :, 7:] if bits & POSE else None,
+            diverged=self._diverged(),
+        )
+
+    def spectra(
+        self, commands: NDArray[np.float64], steps: int, scale: float = 1.0, rates: bool = False
+    ) -> Floats:
+        """Hold commands (B, 3) for ``steps``, a power of two; return spectra of what was felt.
+
+        They are (B, 2, F') as ``spectrum.py`` says, of ``scale`` times roll, pitch and yaw in
+        rad; or, if ``rates``, of the gyroscope's rad/s about x, y and z, and no attitude is
+        then computed: that of ``state()`` stays as it was, so afterwards this batch's attitude
+        must not be logged. Spectra of robots that diverged are not finite.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If ``steps`` is no power of two of at least 4.
+        """
+        if steps < 4 or steps & (steps - 1):
+            raise InvalidArgumentError(f"steps must be a power of two of at least 4; got {steps}")
+        logs = tuple(np.empty((0, n, 0), self.dtype) for n in (3, 3, 10))
+        spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
+        self._run(
+            hold, self._pack_commands(commands), _NO_LAYOUT, 0, steps, steps,
+            logs, spectra, roots_of_unity(steps, np.dtype(self.dtype).name), scale,
+            SPECTRUM | GYRO if rates else SPECTRUM,
+        )  # fmt: skip
+        return spectra[: self.batch]
+
+    def _pack_commands(self, commands: NDArray[np.float64]) -> Floats:
+        # A shorter table would be read beyond its end.
+        if commands.shape != (self.batch, 3):
+            raise InvalidArgumentError(
+                f"commands must have shape ({self.batch}, 3); got {commands.shape}"
+            )
+        return pack_rows(commands.T, self.dtype, self.width)
+
+    def _run(
+        self,
+        policy: Policy,
+        weights: Floats,
+        layout: NDArray[np.int64],
+        scratch_size: int,
+        steps: int,
+        interval: int,
+        logs: tuple[Floats, ...],
+        spectra: Floats,
+        roots: Floats,
+        scale: float,
+        bits: int,
+    ) -> None:
+        """Run the kernel on as many threads as are worth it."""
+        kernel = compile_kernel(policy, self.width, self.reactive)
+
+        def part(begin: int, end: int) -> None:
+            kernel(
+                self._parameters,
+                self._states,
+                weights,
+                layout,
+                scratch_size,
+                self.current,
+                TIMESTEP / self.substeps,
+                self.steps_done,
+                steps,
+                self.substeps,
+                interval,
+                logs,
+                spectra,
+                roots,
+                scale,
+                bits,
+                begin,
+                end,
+            )
+
+        work = self.groups * steps * self.substeps
+        parts = max(1, min(self.threads, self.groups, work // _WORTH_A_THREAD))
+        if parts == 1:
+            part(0, self.groups)
+        else:
+            edges = [self.groups * i // parts for i in range(parts + 1)]
+            others = [_helpers(parts - 1).submit(part, *ends) for ends in pairwise(edges[1:])]
+            part(0, edges[1])
+            for other in others:
+                other.result()
+        self.steps_done += steps
+
+    def _diverged(self) -> NDArray[np.bool_]:
+        """Return which robots (B,) have left the finite numbers."""
+        if np.isfinite(self._states).all():
+            return np.zeros(self.batch, np.bool_)
+        return np.logical_not(np.isfinite(self._table(self._states, STATE_ROWS)).all(axis=0))
+
+    def rows(self) -> NDArray[np.float64]:
+        """Return a copy of the states (25, B): the numbers of ``State`` in order, then rpy."""
+        return self._table(self._states, STATE_ROWS).astype(np.float64)
+
+    @staticmethod
+    def angles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return fin angles (3, B) in rad of states (25, B), or (3,) of one robot's (22,)."""
+        found: NDArray[np.float64] = np.arctan2(rows[14:20:2], rows[13:19:2])
+        return found
+
+    def state(self) -> dict[str, NDArray[np.float64]]:
+        """Return copies of what the robots are now.
+
+        ``quaternion`` (B, 4), ``position`` (B, 3), ``velocity`` (B, 3) in the world,
+        ``gyro`` (B, 3) in body axes, ``fin_angles`` (B, 3) (left, right, caudal *phase*, rad),
+        ``rates`` (B, 3) of the joints in rad/s, and ``rpy`` (B, 3).
+        """
+        rows = self.rows()
+        return {
+            "quaternion": rows[0:4].T,
+            "position": rows[4:7].T,
+            "velocity": rows[7:10].T,
+            "gyro": rows[10:13].T,
+            "fin_angles": self.angles(rows).T,
+            "rates": rows[19:22].T,
+            "rpy": rows[22:25].T,
+        }
+
+    def _table(self, flat: Floats, rows: int) -> Floats:
+        """View a flat table as (rows, B)."""
+        view: Floats = flat.reshape(rows, self.groups * self.width)[:, : self.batch]
+        return view
+
+
+def simulate_lanes(trials: Trials, settings: Settings) -> ImuLog:
+    """Answer :func:`aquafish_gym.simulate` with the compiled engine."""
+    lanes = LaneBatch(
+        trials.morphologies,
+        trials.fin_angles,
+        settings.current,
+        settings.dtype,
+        settings.substeps,
+        settings.threads,
+        reactive=settings.reactive,
+    )
+    return lanes.advance(trials.commands, settings.steps, settings.record)

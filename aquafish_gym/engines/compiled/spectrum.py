@@ -1,0 +1,280 @@
+"""The Fourier transforms of what robots felt, and how far apart they are, without leaving lanes.
+
+The time loop (``kernel.py``) keeps each robot's three signals of a trial, its attitude (roll,
+pitch, yaw) or its gyroscope's rates (about x, y, z), side by side in lanes, and
+:func:`write_spectrum` transforms them there: a real transform of T samples, T a power of two, as
+a complex one of T / 2 by Stockham's algorithm, which needs no bit reversal, in steps of four (and
+one of two where T / 2 is no power of four).
+
+A batch's **spectra** are an array (B, 2, F'): real and imaginary parts of the T / 2 + 1
+coefficients of each signal in turn, filled up with zeros to a multiple of 16.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+from numba.extending import register_jitable
+from numpy.typing import NDArray
+
+from aquafish_gym.physics import simd
+from aquafish_gym.physics.arithmetic import Number, fetch, fma, put
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+AXES = 3
+# Sums over coefficients always run in sixteen partial sums, whatever the machine's registers:
+# their rounding does not depend on it.
+PARTIAL = 16
+
+
+def coefficients(samples: int) -> int:
+    """Return how many coefficients a trial has: T / 2 + 1 for each of three signals."""
+    return AXES * (samples // 2 + 1)
+
+
+def padded(samples: int) -> int:
+    """Return F', the coefficients filled up to a multiple of 16."""
+    return -(-coefficients(samples) // PARTIAL) * PARTIAL
+
+
+@functools.cache
+def roots_of_unity(samples: int, dtype: str) -> NDArray[np.floating]:
+    """Return (cos, -sin) of 2 pi i / T for i < T, flat, in "float32" or "float64"."""
+    angles = 2 * np.pi * np.arange(samples) / samples
+    table = np.stack([np.cos(angles), -np.sin(angles)], axis=1).reshape(-1).astype(dtype)
+    table.setflags(write=False)
+    return table
+
+
+def pack_spectra(behaviors: NDArray[Any], dtype: type[np.floating]) -> NDArray[np.floating]:
+    """Return complex coefficients (E, F) in the form of spectra, (E, 2, F')."""
+    count = behaviors.shape[-1]
+    packed = np.zeros((len(behaviors), 2, -(-count // PARTIAL) * PARTIAL), dtype)
+    packed[:, 0, :count] = behaviors.real
+    packed[:, 1, :count] = behaviors.imag
+    return packed
+
+
+@simd.inlined
+def _times(re: Number, im: Number, c: Number, s: Number) -> Any:
+    """Return (re + i im)(c + i s)."""
+    return fma(re, c, -(im * s)), fma(re, s, im * c)
+
+
+@register_jitable
+def _fourfold(x: Any, y: Any, roots: Any, n: int, s: int, zero: Number) -> None:
+    """One step of four: complex numbers k of ``x`` stand in its rows 2 k and 2 k + 1."""
+    part = n // 4
+    for p in range(part):
+        i = 4 * s * p
+        for q in range(s):
+            at = 2 * (q + s * p)
+            ar, ai = fetch(x, at, zero), fetch(x, at + 1, zero)
+            at += 2 * s * part
+            br, bi = fetch(x, at, zero), fetch(x, at + 1, zero)
+            at += 2 * s * part
+            cr, ci = fetch(x, at, zero), fetch(x, at + 1, zero)
+            at += 2 * s * part
+            dr, di = fetch(x, at, zero), fetch(x, at + 1, zero)
+            sum_r, sum_i, gap_r, gap_i = ar + cr, ai + ci, ar - cr, ai - ci
+            other_r, other_i, turn_r, turn_i = br + dr, bi + di, bi - di, dr - br
+            to = 2 * (q + s * 4 * p)
+            put(y, to, sum_r + other_r)
+            put(y, to + 1, sum_i + other_i)
+            to += 2 * s
+            re, im = _times(gap_r + turn_r, gap_i + turn_i, roots[i], roots[i + 1])
+            put(y, to, re)
+            put(y, to + 1, im)
+            to += 2 * s
+            re, im = _times(sum_r - other_r, sum_i - other_i, roots[2 * i], roots[2 * i + 1])
+            put(y, to, re)
+            put(y, to + 1, im)
+            to += 2 * s
+            re, im = _times(gap_r - turn_r, gap_i - turn_i, roots[3 * i], roots[3 * i + 1])
+            put(y, to, re)
+            put(y, to + 1, im)
+
+
+@register_jitable
+def _twofold(x: Any, y: Any, s: int, zero: Number) -> None:
+    """The last step where a factor of two is left: pairs that are s apart."""
+    for q in range(s):
+        a, b = 2 * q, 2 * (q + s)
+        for part in range(2):
+            one, other = fetch(x, a + part, zero), fetch(x, b + part, zero)
+            put(y, a + part, one + other)
+            put(y, b + part, one - other)
+
+
+@register_jitable
+def _transform(series: Any, spare: Any, roots: Any, samples: int, zero: Number) -> Any:
+    """Return where the complex transform of T / 2 ends up: in one of the two arrays."""
+    x, y = series, spare
+    n, s = samples // 2, 1
+    while n > 1:
+        if n % 4 == 0:
+            _fourfold(x, y, roots, n, s, zero)
+            n, s = n // 4, s * 4
+        else:
+            _twofold(x, y, s, zero)
+            n = 1
+        x, y = y, x
+    return x
+
+
+@register_jitable
+def _split(z: Any, roots: Any, samples: int, re: Any, im: Any, first: int, zero: Number) -> None:
+    """Put the real transform's T / 2 + 1 coefficients into rows ``first`` on of re and im."""
+    half = samples // 2
+    r, i = fetch(z, 0, zero), fetch(z, 1, zero)
+    put(re, first, r + i)
+    put(im, first, zero)
+    put(re, first + half, r - i)
+    put(im, first + half, zero)
+    for k in range(1, half // 2 + 1):
+        m = half - k
+        ar, ai = fetch(z, 2 * k, zero), fetch(z, 2 * k + 1, zero)
+        br, bi = fetch(z, 2 * m, zero), fetch(z, 2 * m + 1, zero)
+        # Of the even samples, and of the odd ones, turned by a root of unity.
+        even_r, even_i = 0.5 * (ar + br), 0.5 * (ai - bi)
+        odd_r, odd_i = _times(0.5 * (ai + bi), 0.5 * (br - ar), roots[2 * k], roots[2 * k + 1])
+        put(re, first + k, even_r + odd_r)
+        put(im, first + k, even_i + odd_i)
+        put(re, first + m, even_r - odd_r)
+        put(im, first + m, odd_i - even_i)
+
+
+@register_jitable
+def write_spectrum(
+    series: Any, roots: Any, samples: int, spectra: Any, group: int, zero: Number
+) -> None:
+    """Transform a group's ``series`` and write its robots' rows of ``spectra``.
+
+    Parameters
+    ----------
+    series
+        Flat lanes: T samples of each signal in turn. It is overwritten.
+    roots
+        Of :func:`roots_of_unity`.
+    samples
+        T.
+    spectra
+        (at least groups times width, 2, F').
+    group
+        Which robots.
+    zero
+        Lanes of zeros.
+    """
+    width = series.size // (AXES * samples)
+    rows = spectra.shape[2]
+    spare = np.empty(samples * width, series.dtype)
+    planes = (np.zeros(rows * width, series.dtype), np.zeros(rows * width, series.dtype))
+    for axis in range(AXES):
+        one = series[axis * samples * width : (axis + 1) * samples * width]
+        found = _transform(one, spare, roots, samples, zero)
+        first = axis * (samples // 2 + 1)
+        _split(found, roots, samples, planes[0], planes[1], first, zero)
+    for plane in range(2):
+        start = (group * width * 2 + plane) * rows
+        for k in range(0, rows, width):
+            simd.put_transposed(planes[plane], k, spectra, start + k, 2 * rows, zero)
+
+
+@register_jitable
+def _distance(one: Any, i: int, other: Any, j: int, rows: int, sums: Any, zero: Number) -> float:
+    """Return the sum of |a - b| over the coefficients of two rows of spectra, flat."""
+    total = zero
+    a, b, step = i * 2 * rows, j * 2 * rows, rows
+    for k in range(rows):
+        re = fetch(one, a + k, zero) - fetch(other, b + k, zero)
+        im = fetch(one, a + step + k, zero) - fetch(other, b + step + k, zero)
+        total = total + math.sqrt(fma(re, re, im * im))
+    put(sums, 0, total)
+    found = 0.0
+    for lane in range(PARTIAL):
+        found += sums[lane]
+    return found
+
+
+@functools.cache
+def compile_distances() -> Any:
+    """Return the compiled ``(spectra, observed, which, out)``: see :func:`distances`."""
+    simd.register()
+    stamp = simd.source_stamp(compile_distances)
+
+    def to_observed(spectra: Any, observed: Any, which: Any, out: Any) -> None:
+        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        sums = np.empty(PARTIAL, spectra.dtype)
+        zero = simd.zero_lanes(sums, PARTIAL)
+        rows = spectra.shape[2] // PARTIAL
+        one, other = spectra.reshape(-1), observed.reshape(-1)
+        for b in range(len(out)):
+            out[b] = _distance(one, b, other, which[b], rows, sums, zero)
+
+    return _compile(to_observed)
+
+
+@functools.cache
+def compile_disagreement() -> Any:
+    """Return the compiled ``(spectra, models, out)``: see :func:`disagreements`."""
+    simd.register()
+    stamp = simd.source_stamp(compile_disagreement)
+
+    def between_pairs(spectra: Any, models: int, out: Any) -> None:
+        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        sums = np.empty(PARTIAL, spectra.dtype)
+        zero = simd.zero_lanes(sums, PARTIAL)
+        rows = spectra.shape[2] // PARTIAL
+        flat = spectra.reshape(-1)
+        for action in range(len(out)):
+            total, first = 0.0, action * models
+            for i in range(first, first + models):
+                for j in range(i + 1, first + models):
+                    total += _distance(flat, i, flat, j, rows, sums, zero)
+            out[action] = total
+
+    return _compile(between_pairs)
+
+
+def _compile(function: Any) -> Any:
+    try:
+        return njit(cache=True, nogil=True)(function)
+    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
+        return njit(nogil=True)(function)
+
+
+def distances(
+    spectra: NDArray[np.floating], observed: NDArray[np.floating], which: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Return sum |a - b| over coefficients, (B,), of spectra (B, 2, F') to observed ones.
+
+    ``observed`` is (E, 2, F'), and ``which`` (B,) says with which of them each is compared.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``which`` names one that there is not, or the shapes differ.
+    """
+    if which.shape != spectra.shape[:1] or spectra.shape[1:] != observed.shape[1:]:
+        raise InvalidArgumentError(
+            f"spectra, observed and which must fit: (B, 2, F'), (E, 2, F') and (B,); got "
+            f"{spectra.shape}, {observed.shape} and {which.shape}"
+        )
+    if len(which) and not 0 <= which.min() <= which.max() < len(observed):
+        raise InvalidArgumentError(
+            f"which must lie in [0, {len(observed) - 1}]; got {which.min()} to {which.max()}"
+        )
+    out = np.empty(len(spectra))
+    compile_distances()(spectra, observed, which, out)
+    return out
+
+
+def disagreements(spectra: NDArray[np.floating], models: int) -> NDArray[np.float64]:
+    """Return, for each run of ``models`` rows of spectra, sum |a - b| over all its pairs, (A,)."""
+    out = np.empty(len(spectra) // models)
+    compile_disagreement()(spectra, models, out)
+    return out

@@ -1,0 +1,85 @@
+"""The fish's behaviours compared where they are simulated: only the answers leave the engine.
+
+A trial's Fourier transform costs numpy about as much as the compiled engine needs for the whole
+trial, and comparing it half as much again. Here both happen in the engine's lanes, to the same
+result but for single precision's rounding (tests/eea/test_spectral.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.engines.base import check_trials
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.compiled.spectrum import (
+    coefficients,
+    disagreements,
+    distances,
+    pack_spectra,
+)
+from eea.core.behavior import BehaviorConfig, Coefficients
+from eea.core.experiment import Floats, Trials
+
+SHORTEST = 4  # steps of a trial that the engine transforms
+
+
+def can_compare(behavior: BehaviorConfig, steps: int) -> bool:
+    """Return whether the engine knows this behaviour: a transform, and nothing done to it."""
+    plain = behavior.difference == "complex" and not behavior.clamp
+    return behavior.summary == "dft" and plain and steps >= SHORTEST
+
+
+class CompiledSimulator(Protocol):
+    """What of a simulator decides its trials; read anew for each batch."""
+
+    steps: int
+    current: ArrayLike
+    dtype: str
+    substeps: int
+    threads: int | None
+
+
+@dataclass(frozen=True)
+class SpectralComparer:
+    """An ``eea.core.laboratory.Comparer`` in the compiled engine.
+
+    Attributes
+    ----------
+    simulator
+        Whose trials these are.
+    behavior
+        One for which :func:`can_compare`.
+    """
+
+    simulator: CompiledSimulator
+    behavior: BehaviorConfig
+
+    def to_observed(
+        self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
+    ) -> Floats:
+        """Return the mean difference (B,) of coefficients from ``observed[which]``."""
+        spectra = self._spectra(trials)
+        packed = pack_spectra(observed, spectra.dtype.type)
+        return distances(spectra, packed, which) / coefficients(self.simulator.steps)
+
+    def between_models(self, trials: Trials, models: int) -> Floats:
+        """Return, for each run of ``models`` trials, the sum over its pairs of that mean, (A,)."""
+        return disagreements(self._spectra(trials), models) / coefficients(self.simulator.steps)
+
+    def _spectra(self, trials: Trials) -> NDArray[np.floating]:
+        s = self.simulator
+        checked = check_trials(trials.morphologies, trials.commands, trials.fin_angles)
+        x, y, z = np.asarray(s.current, dtype=np.float64).tolist()
+        lanes = LaneBatch(
+            checked.morphologies, checked.fin_angles, (x, y, z), getattr(np, s.dtype), s.substeps,
+            s.threads,
+        )  # fmt: skip
+        scale = 180.0 / np.pi if self.behavior.unit == "degrees" else 1.0
+        if self.behavior.normalised:
+            scale /= s.steps
+        rates = self.behavior.signal == "body_rates"
+        return lanes.spectra(checked.commands, s.steps, scale, rates)

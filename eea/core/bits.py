@@ -1,0 +1,158 @@
+"""Binary genomes: which bits encode which variable, and what a string of bits means (Sec. 3.2).
+
+A genome is a row of 0s and 1s, the most significant bit of each variable first. A variable of n
+bits that reads as the whole number k has the value ``low + (high - low) * k / (2^n - 1)``, so
+that both ends of its range are reachable; a periodic one has ``low + (high - low) * k / 2^n``,
+since its ends are the same point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eea.core.checks import choice, finite, flag, real, whole
+
+Coding = Literal["gray", "binary"]
+Genomes = NDArray[np.uint8]
+
+ACTION_BITS = 6  # for each servo: 18 bits an action
+POSE_BITS = 8  # for each fin: 24 bits a pose
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One encoded quantity: its name, number of bits and range.
+
+    Raises
+    ------
+    ConfigurationError
+        If the bits are fewer than 1, or the range is not finite or not increasing.
+    """
+
+    name: str
+    bits: int
+    low: float
+    high: float
+    periodic: bool = False
+
+    def __post_init__(self) -> None:
+        whole(f"bits of {self.name}", self.bits, 1)
+        real(f"low of {self.name}", self.low, -np.inf)
+        real(f"high of {self.name}", self.high, np.nextafter(self.low, np.inf))
+        flag(f"periodic of {self.name}", self.periodic)
+
+    @property
+    def quantum(self) -> float:
+        """The distance between neighbouring values."""
+        steps: int = 2**self.bits if self.periodic else 2**self.bits - 1
+        return (self.high - self.low) / steps
+
+    @property
+    def levels(self) -> NDArray[np.float64]:
+        """Every value the bits can give, in order, shape (2^bits,)."""
+        return np.minimum(self.low + self.quantum * np.arange(2**self.bits), self.high)
+
+
+class BitLayout:
+    """How a genome's bits make its variables' values.
+
+    Parameters
+    ----------
+    variables
+        In the order of their bits.
+    coding
+        ``"gray"`` (neighbouring values differ in one bit, so a mutation can always take the
+        small step) or ``"binary"``.
+
+    Examples
+    --------
+    >>> layout = BitLayout([Variable("speed", 2, 0.0, 3.0)], coding="binary")
+    >>> layout.decode([[1, 0]])
+    array([[2.]])
+    """
+
+    def __init__(self, variables: Sequence[Variable], coding: Coding = "gray") -> None:
+        choice("coding", coding, ("gray", "binary"))
+        whole("the number of variables", len(variables), 1)
+        self.variables: tuple[Variable, ...] = tuple(variables)
+        self.coding: Coding = coding
+        self.bits: int = sum(v.bits for v in self.variables)
+        self.low: NDArray[np.float64] = np.array([v.low for v in self.variables])
+        self.high: NDArray[np.float64] = np.array([v.high for v in self.variables])
+        self._quantum = np.array([v.quantum for v in self.variables])
+        # From Gray bits to binary ones by a running parity within each variable, and from
+        # those to whole numbers by place values: two exact matrix products.
+        self._parity = np.zeros((self.bits, self.bits))
+        self._place = np.zeros((self.bits, len(self.variables)))
+        start = 0
+        for column, variable in enumerate(self.variables):
+            stop = start + variable.bits
+            self._parity[start:stop, start:stop] = np.triu(np.ones((variable.bits, variable.bits)))
+            self._place[start:stop, column] = 2.0 ** np.arange(variable.bits - 1, -1, -1)
+            start = stop
+
+    def __len__(self) -> int:
+        return len(self.variables)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The variables' names."""
+        return tuple(v.name for v in self.variables)
+
+    def decode(self, genomes: ArrayLike) -> NDArray[np.float64]:
+        """Return the values of genomes (N, bits) as an array (N, variables)."""
+        bits = np.asarray(genomes, dtype=np.float64)
+        if self.coding == "gray":
+            bits = (bits @ self._parity) % 2.0
+        # The greatest k may round to just above the range.
+        return np.minimum(self.low + self._quantum * (bits @ self._place), self.high)
+
+    def encode(self, values: ArrayLike) -> Genomes:
+        """Return the genomes (N, bits) nearest to values (N, variables).
+
+        Periodic variables wrap; others are clipped to their range.
+
+        Raises
+        ------
+        ConfigurationError
+            If the values are not finite or not of shape (N, variables).
+        """
+        array = finite("values", values, (None, len(self.variables)))
+        columns: list[Genomes] = []
+        for i, variable in enumerate(self.variables):
+            k = np.rint((array[:, i] - variable.low) / variable.quantum).astype(np.int64)
+            size = 2**variable.bits
+            k = k % size if variable.periodic else np.clip(k, 0, size - 1)
+            if self.coding == "gray":
+                k ^= k >> 1
+            columns.append((k[:, None] >> np.arange(variable.bits - 1, -1, -1) & 1).astype("u1"))
+        return np.concatenate(columns, axis=1)
+
+    def random(self, count: int, rng: np.random.Generator) -> Genomes:
+        """Return ``count`` uniform random genomes, shape (count, bits)."""
+        return rng.integers(0, 2, size=(count, self.bits), dtype=np.uint8)
+
+
+def model_layout(table: Iterable[tuple[str, float, int]], coding: Coding = "gray") -> BitLayout:
+    """Return a layout for models from rows of (name, maximum, bits), each range [0, maximum].
+
+    For the robot of the paper the table is ``aquafish_gym.morphology.DIMENSIONS``: 45 bits.
+    """
+    return BitLayout([Variable(name, bits, 0.0, high) for name, high, bits in table], coding)
+
+
+def action_layout(
+    table: Iterable[tuple[str, float, float]], coding: Coding = "gray", bits: int = ACTION_BITS
+) -> BitLayout:
+    """Return a layout for actions from rows of (servo, lowest, highest speed): 6 bits each."""
+    return BitLayout([Variable(name, bits, low, high) for name, low, high in table], coding)
+
+
+def pose_layout(names: Iterable[str], coding: Coding = "gray", bits: int = POSE_BITS) -> BitLayout:
+    """Return a layout for the fins' angles, each over the whole turn [-pi, pi)."""
+    return BitLayout([Variable(name, bits, -np.pi, np.pi, periodic=True) for name in names], coding)

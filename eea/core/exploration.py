@@ -1,0 +1,127 @@
+"""The exploration phase: evolve the action about which the models disagree most (Sec. 3.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from eea.core.bits import BitLayout
+from eea.core.checks import choice, whole
+from eea.core.experiment import Floats
+from eea.core.genetic import GeneticConfig, evolve
+from eea.core.laboratory import Laboratory
+
+ExplorationPose = Literal["zero", "common_random"]
+
+
+@dataclass(frozen=True)
+class ExplorationConfig:
+    """The exploration phase's settings (the paper's are the defaults).
+
+    Attributes
+    ----------
+    population
+        How many commands evolve.
+    generations
+        For how many generations they evolve in a round.
+    pose
+        Where all the models' fins begin: "zero", arms back, or "common_random", one random pose
+        a round. It is common to all, so that disagreement is the bodies'.
+    best_models
+        How many models, the fittest, enter Eq. 1; None for the whole population.
+    """
+
+    population: int = 25
+    generations: int = 25
+    pose: ExplorationPose = "zero"
+    best_models: int | None = None
+
+    def __post_init__(self) -> None:
+        whole("exploration.population", self.population, 2)
+        whole("exploration.generations", self.generations, 1)
+        choice("exploration.pose", self.pose, ("zero", "common_random"))
+        if self.best_models is not None:
+            whole("exploration.best_models", self.best_models, 2)
+
+
+class Exploration:
+    """Chooses the commands to perform on the target.
+
+    Parameters
+    ----------
+    layout
+        The actions' genome.
+    laboratory
+        Where models are tried.
+    config, genetic
+        Settings.
+    rng
+        Its own stream of chance.
+    """
+
+    def __init__(
+        self,
+        layout: BitLayout,
+        laboratory: Laboratory,
+        config: ExplorationConfig,
+        genetic: GeneticConfig,
+        rng: np.random.Generator,
+    ) -> None:
+        self._layout = layout
+        self._laboratory = laboratory
+        self._config = config
+        self._genetic = genetic
+        self._rng = rng
+
+    def first(self) -> Floats:
+        """Return a random command (3,): before any experiment the models know nothing."""
+        command: Floats = self._layout.decode(self._layout.random(1, self._rng))[0]
+        return command
+
+    def run(self, models: Floats, fitness: Floats) -> tuple[Floats, float]:
+        """Evolve a command that makes the models behave differently.
+
+        Parameters
+        ----------
+        models
+            The current hypotheses, shape (M, n).
+        fitness
+            Their MOD_FIT, shape (M,), by which ``best_models`` chooses.
+
+        Returns
+        -------
+        command
+            The fittest of the final generation, shape (3,).
+        act_fit
+            Its ACT_FIT (Eq. 1).
+        """
+        config = self._config
+        if config.best_models is not None:
+            models = models[np.argsort(-fitness, kind="stable")[: config.best_models]]
+        pose = np.zeros(3)
+        if config.pose == "common_random":
+            pose = self._rng.uniform(-np.pi, np.pi, size=3)
+        genome, act_fit = evolve(
+            self._layout.random(config.population, self._rng),
+            config.generations,
+            lambda genomes: self._disagreement(models, self._layout.decode(genomes), pose),
+            self._genetic,
+            self._rng,
+        )
+        return self._layout.decode(genome[None])[0], act_fit
+
+    def _disagreement(self, models: Floats, commands: Floats, pose: Floats) -> Floats:
+        """Return ACT_FIT (A,) of commands (A, 3) over models (M, n).
+
+        A command that some model cannot be simulated under scores below all others.
+        """
+        actions, count = len(commands), len(models)
+        fitness = self._laboratory.disagreements(
+            np.tile(models, (actions, 1)),
+            np.repeat(commands, count, axis=0),
+            np.broadcast_to(pose, (actions * count, 3)),
+            count,
+        )
+        return np.where(np.isfinite(fitness), fitness, -1.0)

@@ -1,0 +1,312 @@
+"""Four ways to deal with fins whose angles are unknown (Secs. 3.3, 3.4, 4.1 and 4.2).
+
+Each is a small strategy over the same rounds: ``begin`` with a new experiment, ``pause`` before a
+generation is evaluated, ``observe`` how it did, ``end`` the round. What a strategy has to say it
+says by replacing the newest experiment's context.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from eea.core.angles import Inclusion, smallest_inclusive, widen
+from eea.core.bits import BitLayout
+from eea.core.checks import TargetError, choice, flag, real, whole
+from eea.core.experiment import Context, Experiment, Floats
+from eea.core.genetic import GeneticConfig, evolve
+from eea.core.laboratory import Laboratory
+
+FINS = 3
+
+
+class Inference(ABC):
+    """What the estimation phase asks of a strategy."""
+
+    experiments: Sequence[Experiment]
+
+    @property
+    def newest(self) -> Experiment:
+        """The round's own experiment."""
+        return self.experiments[-1]
+
+    def begin(self, experiments: Sequence[Experiment], generations: int) -> None:
+        """Begin a round of so many generations; the newest experiment is the last."""
+        self.experiments = experiments
+        self.newest.context = self._first_context(self.newest, generations)
+
+    @abstractmethod
+    def _first_context(self, newest: Experiment, generations: int) -> Context:
+        """Return what is believed of a new experiment's start."""
+
+    def pause(self, generation: int, models: Floats) -> None:  # noqa: B027 - most need none
+        """Think, before a generation (from 0) of models (N, n) is evaluated."""
+
+    def observe(  # noqa: B027 - most learn nothing here
+        self, generation: int, angles: Floats, similarities: Floats
+    ) -> None:
+        """Learn from an evaluated generation.
+
+        Parameters
+        ----------
+        generation
+            From 0.
+        angles
+            Where each model began each experiment, shape (N, E, 3), rad.
+        similarities
+            How alike each model was to the target in each experiment, shape (N, E).
+        """
+
+    def end(self) -> None:  # noqa: B027 - most have nothing left to say
+        """End the round: lock in what was inferred."""
+
+
+class NoInference(Inference):
+    """Every model begins at the zero state, arms back (Sec. 4.2): the floor."""
+
+    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+        return Context.known(np.zeros(FINS))
+
+
+class Ideal(Inference):
+    """The target's angles are given to the models (Sec. 4.1): the ceiling."""
+
+    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+        if newest.true_angles is None:
+            raise TargetError(
+                "the ideal condition needs a target that reveals its fins' angles after each "
+                "command as last_fin_angles; this one does not"
+            )
+        return Context.known(newest.true_angles)
+
+
+RankBy = Literal["newest", "overall"]
+
+
+@dataclass(frozen=True)
+class InBandConfig:
+    """Settings of In-Band Inference.
+
+    Attributes
+    ----------
+    k
+        How many of the best models' angles make the inferred range.
+    rank_by
+        Which models are the best: those that fit the "newest" experiment, whose angles are
+        sought, or those that fit all, "overall", by MOD_FIT.
+    confidence
+        Of the newest experiment: the share of models that begin in the inferred range.
+    dynamic_split
+        Raise that share evenly to 1 by the middle of the round.
+    extension
+        Share of its width by which the range is widened at each end; the paper tried 0.2.
+    inclusion
+        What range includes the best: "circular" is the shortest arc, "linear" reaches from
+        their least to their greatest angle in [-pi, pi).
+    """
+
+    k: int = 3
+    rank_by: RankBy = "newest"
+    confidence: float = 0.5
+    dynamic_split: bool = False
+    extension: float = 0.0
+    inclusion: Inclusion = "circular"
+
+    def __post_init__(self) -> None:
+        whole("in_band.k", self.k, 1)
+        choice("in_band.rank_by", self.rank_by, ("newest", "overall"))
+        real("in_band.confidence", self.confidence, 0.0, 1.0)
+        flag("in_band.dynamic_split", self.dynamic_split)
+        real("in_band.extension", self.extension, 0.0)
+        choice("in_band.inclusion", self.inclusion, ("circular", "linear"))
+
+
+class InBand(Inference):
+    """Infer the angles from how the evolving models do (Sec. 3.3).
+
+    Half the models begin somewhere in the range of the K best's angles, the others anywhere, so
+    that the range can move. When the round ends the range is locked in: models begin inside it,
+    and are still spread over it.
+
+    Parameters
+    ----------
+    config
+        Settings.
+    """
+
+    def __init__(self, config: InBandConfig) -> None:
+        self._config = config
+        self._generations = 1
+
+    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+        self._generations = generations
+        return Context.unknown(FINS, self._confidence(0))
+
+    def observe(self, generation: int, angles: Floats, similarities: Floats) -> None:
+        """Set the newest experiment's range to that of the K best models of this generation."""
+        newest_only = self._config.rank_by == "newest"
+        scores = similarities[:, -1] if newest_only else similarities.mean(axis=1)
+        k_best = np.argsort(-scores, kind="stable")[: self._config.k]
+        low, high = smallest_inclusive(angles[k_best, -1], self._config.inclusion)
+        if self._config.extension:
+            low, high = widen(low, high, self._config.extension)
+        self.newest.context = Context(low, high, self._confidence(generation + 1))
+
+    def end(self) -> None:
+        """Lock the range in: confidence 1."""
+        context = self.newest.context
+        self.newest.context = Context(context.min_angle, context.max_angle, 1.0)
+
+    def _confidence(self, generation: int) -> float:
+        start = self._config.confidence
+        if not self._config.dynamic_split:
+            return start
+        return start + (1.0 - start) * min(1.0, 2.0 * generation / self._generations)
+
+
+PoseFitness = Literal["mean", "best"]
+
+
+@dataclass(frozen=True)
+class OutOfBandConfig:
+    """Settings of Out-of-Band Inference.
+
+    Attributes
+    ----------
+    period
+        Generations of models between inferences: at 0, 35 and 70 of the paper's 100.
+    inner_population
+        How many poses evolve.
+    inner_generations
+        For how many generations they evolve in an inference.
+    sampled_models
+        How many models, drawn at random for each inference, judge the poses; None for all.
+    pose_fitness
+        What a pose scores: the "mean" of the judging models' similarities to the newest
+        experiment, or that of the "best" of them.
+    warm_start
+        Begin a round's later inferences with the pose inferred before among the candidates.
+    revisit
+        At each pause, infer the angles of so many earlier experiments anew too, drawn at random
+        and begun with the pose they had. The paper locks them in: 0.
+    """
+
+    period: int = 35
+    inner_population: int = 25
+    inner_generations: int = 25
+    sampled_models: int | None = None
+    pose_fitness: PoseFitness = "mean"
+    warm_start: bool = False
+    revisit: int = 0
+
+    def __post_init__(self) -> None:
+        whole("out_of_band.period", self.period, 1)
+        whole("out_of_band.inner_population", self.inner_population, 2)
+        whole("out_of_band.inner_generations", self.inner_generations, 1)
+        if self.sampled_models is not None:
+            whole("out_of_band.sampled_models", self.sampled_models, 1)
+        choice("out_of_band.pose_fitness", self.pose_fitness, ("mean", "best"))
+        flag("out_of_band.warm_start", self.warm_start)
+        whole("out_of_band.revisit", self.revisit, 0)
+
+
+class OutOfBand(Inference):
+    """Pause the search for models and search for the angles (Sec. 3.4).
+
+    Parameters
+    ----------
+    config
+        Settings.
+    layout
+        The poses' genome.
+    laboratory
+        Where models are tried.
+    genetic
+        The operators' settings, shared with the other phases.
+    rng
+        Its own stream of chance.
+    """
+
+    def __init__(
+        self,
+        config: OutOfBandConfig,
+        layout: BitLayout,
+        laboratory: Laboratory,
+        genetic: GeneticConfig,
+        rng: np.random.Generator,
+    ) -> None:
+        self._config = config
+        self._layout = layout
+        self._laboratory = laboratory
+        self._genetic = genetic
+        self._rng = rng
+
+    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+        # Never simulated: generation 0 begins with an inference.
+        return Context.unknown(FINS, 1.0)
+
+    def pause(self, generation: int, models: Floats) -> None:
+        """Every ``period`` generations, replace the newest experiment's angles."""
+        if generation % self._config.period:
+            return
+        start = self.newest.context.min_angle if generation and self._config.warm_start else None
+        self.newest.context = Context.known(self.opt_ang(models, self.newest, start))
+        earlier = len(self.experiments) - 1
+        count = min(self._config.revisit, earlier)
+        for e in self._rng.choice(earlier, count, replace=False) if count else ():
+            experiment = self.experiments[e]
+            pose = self.opt_ang(models, experiment, experiment.context.min_angle)
+            experiment.context = Context.known(pose)
+
+    def opt_ang(
+        self, models: Floats, experiment: Experiment, start: Floats | None = None
+    ) -> Floats:
+        """Evolve the pose that best helps models reproduce an experiment.
+
+        Parameters
+        ----------
+        models
+            Shape (N, n).
+        experiment
+            What is to be reproduced.
+        start
+            A pose (3,) to put among the first candidates, if any.
+
+        Returns
+        -------
+        pose
+            The fittest of the final generation, shape (3,), rad.
+        """
+        config = self._config
+        if config.sampled_models is not None and config.sampled_models < len(models):
+            models = models[self._rng.choice(len(models), config.sampled_models, replace=False)]
+        genomes = self._layout.random(config.inner_population, self._rng)
+        if start is not None:
+            genomes[0] = self._layout.encode(start[None])[0]
+        genome, _ = evolve(
+            genomes,
+            config.inner_generations,
+            lambda poses: self._pose_fitness(self._layout.decode(poses), models, experiment),
+            self._genetic,
+            self._rng,
+        )
+        pose: Floats = self._layout.decode(genome[None])[0]
+        return pose
+
+    def _pose_fitness(self, poses: Floats, models: Floats, experiment: Experiment) -> Floats:
+        """Return the fitness (P,) of poses (P, 3) judged by models (N, n)."""
+        trials = (len(poses), len(models))
+        similarities = self._laboratory.similarities(
+            np.tile(models, (trials[0], 1)),
+            np.broadcast_to(experiment.command, (trials[0] * trials[1], FINS)),
+            np.repeat(poses, trials[1], axis=0),
+            experiment.behavior[None],
+            np.zeros(trials[0] * trials[1], dtype=np.intp),
+        ).reshape(trials)
+        best = self._config.pose_fitness == "best"
+        fitness: Floats = similarities.max(axis=1) if best else similarities.mean(axis=1)
+        return fitness

@@ -1,0 +1,55 @@
+"""The settings behind each of the paper's figures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from eea.core.checks import choice
+from eea.core.config import EEAConfig
+from eea.core.estimation import EstimationConfig
+from eea.core.inference import InBandConfig, OutOfBandConfig
+
+FIGURES: dict[str, EEAConfig] = {
+    "fig5": EEAConfig(condition="ideal"),
+    "fig6": EEAConfig(condition="none"),
+    "fig7": EEAConfig(condition="in-band"),
+    "in-band-split": EEAConfig(condition="in-band", in_band=InBandConfig(dynamic_split=True)),
+    "in-band-extended": EEAConfig(condition="in-band", in_band=InBandConfig(extension=0.2)),
+    "fig8": EEAConfig(condition="in-band", estimation=EstimationConfig(population=200)),
+    "fig9": EEAConfig(condition="out-of-band"),
+    "fig10": EEAConfig(
+        condition="out-of-band",
+        estimation=EstimationConfig(population=100),
+        out_of_band=OutOfBandConfig(inner_population=50, sampled_models=5),
+    ),
+}
+
+# What the arms of a study are called, by the number of the figure that shows them.
+FIGURE_ARMS: dict[str, str] = {
+    "5": "ideal",
+    "6": "none",
+    "7": "in-band",
+    "8": "in-band-200",
+    "9": "out-of-band",
+    "10": "out-of-band-100",
+}
+
+
+def figure_config(name: str, steps: int = 256, rounds: int = 25) -> EEAConfig:
+    """Return the settings behind one of the paper's figures, or a variant of Sec. 4.3.
+
+    Parameters
+    ----------
+    name
+        A key of ``FIGURES``: ``"fig5"`` to ``"fig10"``, ``"in-band-split"``,
+        ``"in-band-extended"``.
+    steps, rounds
+        The paper's figures have steps of 128 to 1024 and 25 rounds.
+
+    Raises
+    ------
+    ConfigurationError
+        If the name is unknown.
+    """
+    choice("figure", name, FIGURES)
+    return replace(FIGURES[name], steps=steps, rounds=rounds)

@@ -1,0 +1,106 @@
+"""The command line: ``python -m tests.benchmarks``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from aquafish_gym.engines.base import MAXIMUM_STEPS
+from aquafish_gym.runs.storage import ensure_writable_directory, write_json
+from aquafish_gym.utils.command_line import run_command_line, single_command
+from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from tests.benchmarks.measure import LEAST_SECONDS, measure
+from tests.benchmarks.report import machine_facts, make_records, make_table
+from tests.benchmarks.rows import GROUPS, Group, Settings, load_provider
+
+_QUICK = {"robots": 64, "steps": 32, "turns": 2}
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Time engines, bodies, gaits, environments and new processes, and print one table.
+
+    A robot-step is one robot for one physics step of 0.01 s. "861 x #1" says: 861 times as fast as
+    row 1, which took turns with this row in this same run.
+    """
+
+    robots: int = 4096
+    """Robots in the largest batch of the open loop; few shrink the other groups, too."""
+    steps: int = 512
+    """Physics steps of 0.01 s that each robot takes in the rows of the open loop."""
+    turns: int = 5
+    """How often each row is run; its best turn counts, of a new process the median."""
+    seed: int = 0
+    """The random bodies, commands, fin angles and networks follow from it."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """A JSON file to write as well."""
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GROUP ...")] = ()
+    """Some of the groups: physics, widths, bodies, mujoco, neat, environments,
+    learning, starting, replicate."""
+    quick: bool = False
+    """At most 64 robots, 32 steps and 2 turns: to see that it runs, not how fast."""
+
+    def execute(self) -> None:
+        """Time, print one table and write what was asked for."""
+        integer("robots", self.robots, 1)
+        integer("steps", self.steps, 1, MAXIMUM_STEPS)
+        integer("turns", self.turns, 1)
+        integer("seed", self.seed, 0)
+        names = [one_of("only", name, GROUPS) for name in self.only] or list(GROUPS)
+        if self.out is not None:
+            if self.out.is_dir():
+                raise InvalidArgumentError(f"out must be a file; {self.out} is a directory")
+            ensure_writable_directory(self.out.parent, "out")
+        if self.quick:
+            limits = {name: min(getattr(self, name), most) for name, most in _QUICK.items()}
+        else:
+            limits = {name: getattr(self, name) for name in _QUICK}
+        turns = limits.pop("turns")
+        cores = len(os.sched_getaffinity(0))
+        settings = Settings(**limits, seed=self.seed, cores=cores, quick=self.quick)
+        groups, records = time_groups(list(dict.fromkeys(names)), settings, turns)
+        console = Console()
+        title = f"best of {turns} turn{'s'[: turns > 1]}, {settings.steps} steps in open loop"
+        console.print(make_table(title, groups, records))
+        for note in dict.fromkeys(note for group in groups.values() for note in group.notes):
+            console.print(note, highlight=False, markup=False, soft_wrap=True)
+        if self.out is not None:
+            config = {**asdict(settings), "turns": turns, "groups": list(groups)}
+            notes = {name: group.notes for name, group in groups.items()}
+            write_json(
+                self.out,
+                {"config": config, "machine": machine_facts(), "notes": notes, "rows": records},
+            )
+
+
+def time_groups(
+    names: list[str], settings: Settings, turns: int
+) -> tuple[dict[str, Group], list[dict[str, Any]]]:
+    """Time the groups of these names under a progress bar; return them and all their records."""
+    least = 0.0 if settings.quick else LEAST_SECONDS
+    groups: dict[str, Group] = {}
+    records: list[dict[str, Any]] = []
+    columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(),
+               TimeElapsedColumn())  # fmt: skip
+    bar = Console(stderr=True)
+    with Progress(*columns, console=bar, transient=True, disable=not bar.is_terminal) as progress:
+        for name in names:
+            task = progress.add_task(name, total=None)
+            with ExitStack() as cleanup:
+                group = groups[name] = load_provider(name)(settings, cleanup)
+                progress.update(task, total=len(group.rows) * (turns + 1))
+                timings = measure(group, turns, least, lambda task=task: progress.advance(task))  # type: ignore[misc]
+            records += make_records(name, group, timings, len(records) + 1)
+    return groups, records
+
+
+if __name__ == "__main__":
+    sys.exit(run_command_line("tests.benchmarks", single_command(Bench)))

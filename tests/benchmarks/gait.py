@@ -1,0 +1,172 @@
+"""Rows of closed loops for ``python -m tests.benchmarks``: NEAT's populations, and learning.
+
+The benchmark finds them by name (``tests.benchmarks.rows.GROUPS``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+import gymnasium as gym
+import neat
+import numpy as np
+
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.bullet.clients import load_pybullet
+from aquafish_gym.morphology import Morphology
+from gait.baselines import BaselineConfig
+from gait.controller import Controller
+from gait.evolution import Evolution, genome_to_controller, load_config
+from gait.evolve import DIVERGED_SPEED, EvolveConfig
+from gait.network import GYRO_SCALE
+from gait.rollout import INTERVAL, SECONDS, random_poses, step_count, swim_all
+from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet
+
+LEAST_POPULATION = 10  # NEAT's species need some members
+GENERATIONS = 30
+
+LEARNERS = BaselineConfig.environments
+MANY_LEARNERS = 1024
+
+NO_LEARNING = (
+    "stable-baselines3 is not installed, so its rows are left out: "
+    'pip install -e ".[rl]" in a clone of the repository'
+)
+
+
+def populations(settings: Settings, cleanup: ExitStack) -> Group:
+    """Return a population as NEAT begins with, as chance breeds it, and as evolution does."""
+    usual = EvolveConfig()
+    count = max(LEAST_POPULATION, min(usual.population, settings.robots))
+    generations = 2 if settings.quick else GENERATIONS
+    seconds = 0.1 if settings.quick else SECONDS
+    steps = step_count(seconds)
+    body = Morphology.nominal()
+    chance = np.random.default_rng(settings.seed)
+    evolution = Evolution(count, settings.seed)
+    first = _controllers(evolution, body)
+    drifting = Evolution(count, settings.seed)
+    for _ in range(generations):
+        evolution.tell(_fitness(_controllers(evolution, body), body, seconds))
+        drifting.tell(chance.uniform(size=count).tolist())
+    bred, evolved = _controllers(drifting, body), _controllers(evolution, body)
+
+    notes = missing_pybullet()
+    rows: list[Row] = []
+    reference = None
+    if not notes:
+        from aquafish_gym.engines.bullet.world import BulletWorld
+
+        world = BulletWorld()
+        cleanup.callback(world.close)
+        leader = evolution.ask()[0]
+
+        def alone() -> object:
+            return swim_as_usual(world, leader, body, steps)
+
+        reference = Row("neat-python's network", "pybullet", "float64", 1, 1, steps, alone)
+        rows.append(reference)
+
+    def row(name: str, controllers: list[Controller], dtype: str, poses: int, threads: int) -> Row:
+        angles, batch = random_poses(poses, settings.seed), count * poses
+
+        def call() -> object:
+            return swim_all(controllers, body, angles, seconds, dtype=dtype, threads=threads)
+
+        return Row(f"{name}, {_size(controllers)}", "numba", dtype, batch, threads,
+                   batch * steps, call, reference)  # fmt: skip
+
+    for name, controllers, dtype, poses in (
+        ("generation 0", first, "float32", 1),
+        (f"{generations} of chance", bred, "float32", 1),
+        (f"{generations} evolved", evolved, "float32", 1),
+        (f"{generations} evolved", evolved, "float64", 1),
+        (f"{generations} evolved", evolved, "float32", usual.poses + 1),
+    ):
+        one = row(name, controllers, dtype, poses, 1)
+        rows.append(one)
+        if settings.cores > 1:
+            every = row(name, controllers, dtype, poses, settings.cores)
+            rows.append(replace(every, against=one))
+    return Group("NEAT: robot-steps", "robot-step", rows, notes)
+
+
+def swim_as_usual(world: Any, genome: Any, body: Morphology, steps: int) -> float:
+    """Return the progress of one swim as NEAT is usually scored, in units.
+
+    neat-python's own network in Python, and a PyBullet world that waits for it: no numbers of
+    ours but the drag law.
+    """
+    network = neat.nn.FeedForwardNetwork.create(genome, load_config(LEAST_POPULATION))
+    matrix = load_pybullet().getMatrixFromQuaternion
+    middle = ((COMMAND_LOW + COMMAND_HIGH) / 2).tolist()
+    reach = ((COMMAND_HIGH - COMMAND_LOW) / 2).tolist()
+    world.reset(body.to_array(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    for t in range(0, steps, INTERVAL):
+        m = matrix(world.orientation)
+        x, y, z = world.world_spin
+        spin = [m[i] * x + m[i + 3] * y + m[i + 6] * z for i in range(3)]
+        gyro = [min(max(rate / GYRO_SCALE, -1.0), 1.0) for rate in spin]
+        angle = math.tau * EvolveConfig.clock * t * TIMESTEP
+        heard = (*m[6:9], *m[3:6], *gyro, math.sin(angle), math.cos(angle))
+        action = network.activate(heard)
+        command = tuple(c + r * a for c, r, a in zip(middle, reach, action, strict=True))
+        world.advance(command, min(INTERVAL, steps - t))
+    return float(world.position[1])
+
+
+def _controllers(evolution: Evolution, body: Morphology) -> list[Controller]:
+    return [genome_to_controller(genome, EvolveConfig.clock, body, 0) for genome in evolution.ask()]
+
+
+def _fitness(controllers: Sequence[Controller], body: Morphology, seconds: float) -> list[float]:
+    distances = swim_all(controllers, body, seconds=seconds)[:, 0]
+    return [float(d) for d in np.nan_to_num(distances, nan=DIVERGED_SPEED * seconds)]
+
+
+def _size(controllers: Sequence[Controller]) -> str:
+    """Say how large the largest network is: the lanes pad all to its nodes."""
+    return f"{max(c.nodes for c in controllers)} nodes"
+
+
+def learning(settings: Settings, cleanup: ExitStack) -> Group:
+    """Return what stable-baselines3 sees of the environments, which is all that learns."""
+    title, unit = "SB3: env-steps", "env-step"
+    try:
+        vec_env: Any = import_module("stable_baselines3.common.vec_env")
+        monitor: Any = import_module("stable_baselines3.common.monitor").Monitor
+        lanes: Any = import_module("gait.sb3_env").LaneVecEnv
+    except ImportError:
+        return Group(title, unit, [], [NO_LEARNING])
+
+    def one_by_one(engine: str) -> Any:
+        make = [lambda: monitor(gym.make("AquaFish-v0", engine=engine))] * LEARNERS
+        return vec_env.DummyVecEnv(make)
+
+    def row(
+        what: str, envs: Any, engine: str, dtype: str, threads: int, against: Row | None
+    ) -> Row:
+        cleanup.callback(envs.close)
+        count = envs.num_envs
+        envs.reset()
+        reach = np.random.default_rng(settings.seed).uniform(-1, 1, (count, 3))
+        actions = reach.astype(np.float32)
+        return Row(what, engine, dtype, count, threads, count, lambda: envs.step(actions), against)
+
+    notes = missing_pybullet()
+    rows: list[Row] = []
+    reference = None
+    if not notes:
+        reference = row("DummyVecEnv", one_by_one("pybullet"), "pybullet", "float64", 1, None)
+        rows.append(reference)
+    rows.append(row("DummyVecEnv", one_by_one("numba"), "numba", "float64", 1, reference))
+    for count in sorted({LEARNERS, min(MANY_LEARNERS, settings.robots)}):
+        envs = vec_env.VecMonitor(lanes(count, Morphology.nominal(), "zero"))
+        rows.append(row("LaneVecEnv", envs, "numba", "float32", settings.cores, reference))
+    return Group(title, unit, rows, notes)

@@ -1,0 +1,141 @@
+"""Rows of many different bodies at once, beside MuJoCo's own way of doing that.
+
+MuJoCo has no drag law of ours. It is given its own cheapest water, the inertia-box model, which
+takes each body for one box: less work than our strips. There are no contacts, no gravity and no
+geometry to draw, and both write down each robot's whole pose at every step.
+"""
+
+from __future__ import annotations
+
+import math
+from contextlib import ExitStack
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
+from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.physics.kinematics import SWEEP
+from tests.benchmarks.rows import Group, Row, Settings, missing_mujoco, random_trials
+from tests.verification.mujoco_robot import load_mujoco, mujoco_model
+
+BODIES = 256
+WATER = 1.0  # density, in the robot's units
+# Of each size's range: MuJoCo's servos push a fin of next to no mass to accelerations at which
+# MuJoCo gives up on the robot.
+LEAST_SIZE = 0.1
+
+
+def against_mujoco(settings: Settings, cleanup: ExitStack) -> Group:
+    """Return ``mujoco.rollout`` and the lanes on the same bodies, commands and steps."""
+    count = min(BODIES, settings.robots)
+    trials, amount = sturdy_trials(count, settings.seed), count * settings.steps
+    rows: list[Row] = []
+    notes = missing_mujoco()
+    several = sorted({1, settings.cores})
+    peers: dict[int, Row] = {}  # by threads
+    if not notes:
+        wet = [("rollout, box fluid", WATER, threads) for threads in several]
+        for what, density, threads in [*wet, ("rollout, no fluid", 0.0, 1)]:
+            work = Rollout(trials, settings.steps, density, threads, cleanup)
+            row = Row(what, "mujoco", "float64", count, threads, amount, work.run, peers.get(1))
+            rows.append(row)
+            if density:
+                peers[threads] = row
+            if work.broken_off:
+                notes.append(f"MuJoCo broke off {work.broken_off} of {count} robots: {what}")
+    for dtype in ("float32", "float64"):
+        for threads in several:
+
+            def call(dtype: str = dtype, threads: int = threads) -> object:
+                return simulate(
+                    trials.morphologies, trials.commands, trials.fin_angles,
+                    steps=settings.steps, dtype=dtype, threads=threads, record="pose",
+                )  # fmt: skip
+
+            rows.append(Row("our law, pose", "numba", dtype, count, threads, amount, call,
+                            peers.get(threads)))  # fmt: skip
+    return Group(f"{count} bodies: robot-steps", "robot-step", rows, notes)
+
+
+class Rollout:
+    """``mujoco.rollout`` of B different bodies under prescribed servo speeds.
+
+    Parameters
+    ----------
+    trials
+        The bodies, commands and starting fin angles.
+    steps
+        Of 0.01 s.
+    density
+        Of the fluid, in the robot's units; 0 for none.
+    threads
+        How many.
+    cleanup
+        Stops the threads.
+
+    Attributes
+    ----------
+    broken_off
+        How many robots MuJoCo stopped simulating, because it warned of them.
+    """
+
+    def __init__(
+        self, trials: Trials, steps: int, density: float, threads: int, cleanup: ExitStack
+    ) -> None:
+        mujoco = load_mujoco()
+        self._models = [
+            mujoco_model(Morphology.from_array(b), TIMESTEP) for b in trials.morphologies
+        ]
+        for model in self._models:
+            model.opt.density = density
+        self._data = [mujoco.MjData(self._models[0]) for _ in range(threads)]
+        self._control = servo_rates(trials, steps)
+        # A pool of one would run beside the caller, who waits: none at all is what MuJoCo means
+        # by one thread.
+        self._rollout = import_module("mujoco.rollout").Rollout(
+            nthread=threads if threads > 1 else None
+        )
+        cleanup.callback(self._rollout.close)
+        self._start = self._starting_states(mujoco, trials)
+        times = self.run()[:, -1, 0]
+        self.broken_off = int((times < (steps - 0.5) * TIMESTEP).sum())
+
+    def _starting_states(self, mujoco: Any, trials: Trials) -> NDArray[np.float64]:
+        """Return (B, S) states at rest but for the hinges, which turn as commanded at once."""
+        everything = mujoco.mjtState.mjSTATE_FULLPHYSICS
+        model, data = self._models[0], self._data[0]
+        states = np.empty((len(trials), mujoco.mj_stateSize(model, everything)))
+        for state, angles, rates in zip(
+            states, trials.fin_angles, self._control[:, 0], strict=True
+        ):
+            mujoco.mj_resetData(model, data)
+            data.qpos[-3:] = angles[0], angles[1], SWEEP * math.sin(angles[2])
+            data.qvel[-3:] = rates
+            mujoco.mj_getState(model, data, state, everything)
+        return states
+
+    def run(self) -> NDArray[np.float64]:
+        """Return the states (B, T, 20): time, positions and velocities."""
+        states: NDArray[np.float64]
+        states, _ = self._rollout.rollout(self._models, self._data, self._start, self._control)
+        return states
+
+
+def sturdy_trials(count: int, seed: int) -> Trials:
+    """Return random trials whose fins are none too small."""
+    trials = random_trials(count, seed)
+    return replace(trials, morphologies=np.maximum(trials.morphologies, LEAST_SIZE * MAXIMA))
+
+
+def servo_rates(trials: Trials, steps: int) -> NDArray[np.float64]:
+    """Return the hinges' rates (B, T, 3) in rad/s that the commands mean."""
+    omega = 2 * math.pi * trials.commands[:, None, :]
+    time = TIMESTEP * (np.arange(steps) + 0.5)
+    rates = np.repeat(omega, steps, axis=1)
+    phase = trials.fin_angles[:, None, 2] + omega[:, :, 2] * time
+    rates[:, :, 2] = SWEEP * omega[:, :, 2] * np.cos(phase)
+    return rates

@@ -1,0 +1,74 @@
+"""Verify the simulator: ``python -m tests.verification``."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from aquafish_gym.engines.base import check_engine
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_json
+from aquafish_gym.utils.command_line import run_command_line, single_command
+from aquafish_gym.utils.validation import InvalidArgumentError, integer
+from tests.verification.report import QUICK, Effort, make_report, tables_of
+from tests.verification.tables import fill_page
+
+
+@dataclass(frozen=True)
+class Verification:
+    """Compare the simulator with its oracles and print what was found.
+
+    The engines with each other, single with double precision, the scheme with RK4, the drag
+    law's few points with the whole surface, the mechanics with MuJoCo's, if it is installed, and
+    the reactive terms with potential flow.
+    """
+
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIRECTORY")] = None
+    """Where to write report.json and the pictures as well."""
+    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """A Markdown page whose marked tables to fill, such as docs/physics.md."""
+    seed: int = 0
+    """All that is random follows from it."""
+    quick: bool = False
+    """Run each study on next to nothing, to see that it runs."""
+    markdown: bool = False
+    """Print the tables in Markdown."""
+
+    def execute(self) -> None:
+        """Run the studies, print the tables and write what was asked for."""
+        integer("seed", self.seed, 0)
+        check_engine("pybullet")
+        if self.out is not None:
+            ensure_writable_directory(self.out, "out")
+        if self.page is not None and not self.page.is_file():
+            raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
+        steps = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+        with Progress(*steps, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
+            report = make_report(QUICK if self.quick else Effort(), self.seed, progress)
+        tables = tables_of(report)
+        console = Console(highlight=False)
+        for table in tables.values():
+            if self.markdown:
+                print(f"\n{table.title}\n\n{table.markdown()}")
+            else:
+                console.print(table.rich())
+        if report["mechanics"] is None:
+            print('MuJoCo is not installed, so the mechanics were not compared with it: '
+                  'pip install "aquafish-gym[bench]"')  # fmt: skip
+        if self.page is not None:
+            filled = fill_page(self.page.read_text(encoding="utf-8"), tables)
+            write_bytes(self.page, filled.encode())
+        if self.out is not None:
+            from tests.verification.plots import save_pictures
+
+            write_json(self.out / "report.json", report)
+            save_pictures(report, self.out)
+
+
+if __name__ == "__main__":
+    sys.exit(run_command_line("tests.verification", single_command(Verification)))
