@@ -1,0 +1,40 @@
+"""Settings of all tests: no example is too slow on a shared machine, and kernels compile once."""
+
+from __future__ import annotations
+
+import fcntl
+import hashlib
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import settings
+
+# A shared machine may stall any example; time is no property under test here.
+settings.register_profile("shared-machine", deadline=None)
+settings.load_profile("shared-machine")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _kernels_compile_once() -> None:
+    """Let one of the parallel test processes compile a kernel, and the others wait for its cache.
+
+    Compiling takes most of a cold run's time, and numba has no lock across processes.
+    """
+    if "PYTEST_XDIST_WORKER" not in os.environ:
+        return
+    from numba.core.dispatcher import Dispatcher
+
+    compile_now = Dispatcher.compile
+    place = Path(tempfile.gettempdir()) / f"aquafish-kernels-{os.getuid()}"
+    place.mkdir(exist_ok=True)
+
+    def compile_alone(self: Any, signature: Any) -> Any:
+        name = f"{self.py_func.__module__}.{self.py_func.__qualname__}{signature}"
+        with (place / hashlib.sha256(name.encode()).hexdigest()).open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            return compile_now(self, signature)
+
+    Dispatcher.compile = compile_alone

@@ -1,0 +1,53 @@
+"""Every example in a docstring runs, and every public class has one."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import inspect
+import pkgutil
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+PACKAGES = ("aquafish_gym", "eea", "gait", "aquafish")
+# What can only be imported with a heavy extra.
+NEEDS_EXTRAS = ("gait.sb3_env",)
+
+
+def modules(package: str) -> list[str]:
+    root = importlib.import_module(package)
+    found = [m.name for m in pkgutil.walk_packages(root.__path__, f"{package}.")]
+    return [package, *(name for name in found if not name.endswith("__main__"))]
+
+
+NAMES = [name for package in PACKAGES for name in modules(package) if name not in NEEDS_EXTRAS]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_examples_run(name: str, tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    module = importlib.import_module(name)
+    with np.printoptions(legacy=False):
+        failed, _ = doctest.testmod(
+            module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
+        )
+    assert not failed
+
+
+def public_classes(module: ModuleType) -> list[type]:
+    named = (getattr(module, name) for name in module.__all__)
+    return [one for one in named if inspect.isclass(one)]
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_every_public_class_has_an_example(package: str) -> None:
+    without = [
+        one.__name__
+        for one in public_classes(importlib.import_module(package))
+        if not issubclass(one, Exception)
+        and not getattr(one, "_is_protocol", False)
+        and ">>>" not in (one.__doc__ or "")
+    ]
+    assert not without
