@@ -30,7 +30,7 @@ from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
-from aquafish_gym.rendering.render import check_render_mode, render_pose
+from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
 
 Floats = NDArray[np.float64]
@@ -90,6 +90,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     ------
     InvalidArgumentError, UnknownNameError
         The message names the argument, what was expected and what came.
+
+    Examples
+    --------
+    >>> envs = AquaFishVectorEnv(num_envs=3, fin_angles="random")
+    >>> observations, infos = envs.reset(seed=0)
+    >>> observations, rewards, *_ = envs.step(np.zeros((3, 3), np.float32))
+    >>> observations.shape, rewards.shape
+    ((3, 9), (3,))
     """
 
     def __init__(
