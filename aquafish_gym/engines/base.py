@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
-from aquafish_gym.engines.packages import check_engine, resolve_engine
+from aquafish_gym.engines.packages import check_engine as check_engine
+from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import (
@@ -21,24 +22,6 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-
-__all__ = [
-    "ENGINES",
-    "MAXIMUM_CURRENT",
-    "MAXIMUM_STEPS",
-    "MAXIMUM_SUBSTEPS",
-    "RECORDS",
-    "TIMESTEP",
-    "Engine",
-    "Settings",
-    "Trials",
-    "available_cores",
-    "check_engine",
-    "check_trials",
-    "find_engine",
-    "resolve_engine",
-    "simulate",
-]
 
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
