@@ -26,6 +26,7 @@ from aquafish_gym.utils.validation import (
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
 MAXIMUM_SUBSTEPS = 64
+MAXIMUM_THREADS = 1024
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
 # How many numbers a sample has.
 RECORDS: dict[str, int] = {"rpy": 3, "attitude": 6, "pose": 16}
@@ -193,7 +194,7 @@ def simulate(
         substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
         current=(float(water[0]), float(water[1]), float(water[2])),
         dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
-        threads=None if threads is None else integer("threads", threads, 1),
+        threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         record=one_of("record", record, RECORDS),
         reactive=flag("reactive", reactive),
     )
