@@ -1,4 +1,5 @@
-"""Settings of all tests: no example is too slow on a shared machine, and kernels compile once."""
+"""Settings of all tests: what needs PyBullet is left out where it has no wheel (Python 3.12 and
+later, macOS), no example is too slow on a shared machine, and kernels compile once."""
 
 from __future__ import annotations
 
@@ -6,15 +7,29 @@ import fcntl
 import hashlib
 import os
 import tempfile
+from collections.abc import Generator
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 from hypothesis import settings
 
+from aquafish_gym.utils.validation import EngineUnavailableError
+
 # A shared machine may stall any example; time is no property under test here.
 settings.register_profile("shared-machine", deadline=None)
 settings.load_profile("shared-machine")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call() -> Generator[None, None, None]:
+    try:
+        return (yield)
+    except (EngineUnavailableError, ModuleNotFoundError) as error:
+        if "pybullet" in str(error) and find_spec("pybullet") is None:
+            pytest.skip(f"PyBullet is not installed: {error}")
+        raise
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 PACKAGES = ("aquafish_gym", "eea", "gait", "aquafish")
+ROOMS = (*PACKAGES, "aquafish_gym.envs", "aquafish_gym.rendering", "eea.core")
 # What can only be imported with a heavy extra.
 NEEDS_EXTRAS = ("gait.sb3_env",)
 
@@ -41,7 +42,7 @@ def public_classes(module: ModuleType) -> list[type]:
     return [one for one in named if inspect.isclass(one)]
 
 
-@pytest.mark.parametrize("package", PACKAGES)
+@pytest.mark.parametrize("package", ROOMS)
 def test_every_public_class_has_an_example(package: str) -> None:
     without = [
         one.__name__

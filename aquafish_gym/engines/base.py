@@ -6,17 +6,16 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
-from aquafish_gym.engines.bullet.clients import load_pybullet
+from aquafish_gym.engines.packages import check_engine as check_engine
+from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import (
-    EngineUnavailableError,
     InvalidArgumentError,
     finite_array,
     flag,
@@ -27,6 +26,7 @@ from aquafish_gym.utils.validation import (
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
 MAXIMUM_SUBSTEPS = 64
+MAXIMUM_THREADS = 1024
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
 # How many numbers a sample has.
 RECORDS: dict[str, int] = {"rpy": 3, "attitude": 6, "pose": 16}
@@ -56,47 +56,26 @@ class Trials:
 
 @dataclass(frozen=True)
 class Settings:
-    """How to simulate; checked by :func:`simulate`."""
+    """How to simulate: the keywords of :func:`simulate`, which checks them."""
 
     steps: int
-    substeps: int
-    current: tuple[float, float, float]
-    dtype: type[np.floating]
-    threads: int | None
-    record: str
+    substeps: int = 1
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    dtype: type[np.floating] = np.float32
+    threads: int | None = None
+    record: str = "attitude"
     reactive: bool = False
 
 
-# Whatever turns trials into logs.
+# Whatever turns trials into logs. It trusts its caller; :func:`simulate` is the checked door.
 Engine = Callable[[Trials, Settings], ImuLog]
 
 # Engines are loaded when first asked for, so that importing the package stays quick and
-# works without them.
+# works without them; ``packages.py`` knows their names.
 ENGINES: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
     "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
 }
-
-
-def check_engine(engine: object) -> str:
-    """Return the engine's name if it can be used here.
-
-    Raises
-    ------
-    UnknownNameError
-        With the nearest known name.
-    EngineUnavailableError
-        If the package behind it is not installed.
-    """
-    name = one_of("engine", engine, ENGINES)
-    if name == "pybullet":
-        load_pybullet()
-    elif find_spec(name) is None:
-        raise EngineUnavailableError(
-            f'the engine "{name}" needs the package {name}, which is not installed here: '
-            f"pip install {name}"
-        )
-    return name
 
 
 def find_engine(name: str) -> Engine:
@@ -170,7 +149,8 @@ def simulate(
     steps
         Samples of 0.01 s, at most 1,000,000.
     engine
-        ``"numba"`` (all robots at once) or ``"pybullet"`` (one after another).
+        ``"numba"`` (all robots at once), ``"pybullet"`` (one after another) or ``"auto"``
+        (PyBullet where it is installed).
     dtype
         ``"float32"`` or ``"float64"``, for the compiled engine; PyBullet always computes in
         double precision.
@@ -205,6 +185,7 @@ def simulate(
     >>> log.rpy.shape
     (1, 100, 3)
     """
+    engine = resolve_engine("engine", engine)
     answer = find_engine(engine)
     trials = check_trials(morphologies, commands, fin_angles)
     water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
@@ -213,12 +194,19 @@ def simulate(
         substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
         current=(float(water[0]), float(water[1]), float(water[2])),
         dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
-        threads=None if threads is None else integer("threads", threads, 1),
+        threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         record=one_of("record", record, RECORDS),
         reactive=flag("reactive", reactive),
     )
     _check_log_fits(len(trials), settings, engine)
     return answer(trials, settings)
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS and Windows bind no process to cores
 
 
 def _check_log_fits(batch: int, settings: Settings, engine: str) -> None:
@@ -227,7 +215,10 @@ def _check_log_fits(batch: int, settings: Settings, engine: str) -> None:
     if engine == "pybullet":  # keeps everything, in double precision, until the end
         sample = RECORDS["pose"] * 8
     wanted = batch * settings.steps * sample
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # this system does not say
+        return
     if wanted > memory:
         raise InvalidArgumentError(
             f"a log of {settings.steps} steps of {batch} robots would take {wanted / 2**30:,.0f} "

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import simulate
-from aquafish_gym.imu import ImuLog, attitude, unwrap_rpy
+from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.morphology import DIMENSIONS, Morphology
+from aquafish_gym.physics.attitude import attitude
 from eea.core.algorithm import EEA, Result, RoundRecord, streams
 from eea.core.behavior import BehaviorConfig
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
