@@ -14,14 +14,14 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+import aquafish.recovery.treatment
 import aquafish_gym
 import eea.aquafish
 import eea.core
 import gait
-from aquafish.recovery import treatment
 from aquafish.recovery.report import Outcomes, build_report, show, to_markdown, versions
 from aquafish.recovery.treatment import TREATMENTS, Treatment, treat
-from aquafish_gym import Damage, Morphology
+from aquafish_gym import Damage
 from aquafish_gym.engines.base import check_engine
 from aquafish_gym.runs.executors import workers
 from aquafish_gym.runs.folder import claim, described, held
@@ -229,7 +229,7 @@ def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
     InvalidArgumentError
         If one is missing.
     """
-    outcomes: dict[str, list[dict[str, Any]]] = {treatment: [] for treatment in TREATMENTS}
+    outcomes: dict[str, list[dict[str, Any]]] = {name: [] for name in TREATMENTS}
     for job in jobs:
         outcome = read_result(folder, job)
         if outcome is None:
@@ -242,8 +242,10 @@ def source_stamp() -> str:
     """Return a hash of all code that the results come from."""
     packages = (aquafish_gym, eea.core, eea.aquafish, gait)
     folders = [Path(str(package.__file__)).parent for package in packages]
-    files = [file for folder in folders for end in ("py", "ini") for file in folder.rglob(f"*.{end}")]
-    return code_stamp([*files, Path(treatment.__file__)])
+    files = [
+        file for folder in folders for end in ("py", "ini") for file in folder.rglob(f"*.{end}")
+    ]
+    return code_stamp([*files, Path(aquafish.recovery.treatment.__file__)])
 
 
 def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:

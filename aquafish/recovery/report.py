@@ -56,7 +56,7 @@ def versions() -> dict[str, str]:
 
 
 def build_report(
-    config: dict[str, Any], versions: dict[str, str], outcomes: Outcomes
+    config: dict[str, Any], code: list[dict[str, str]], outcomes: Outcomes
 ) -> dict[str, Any]:
     """Return every number of the study, ready for JSON.
 
@@ -64,15 +64,15 @@ def build_report(
     ----------
     config
         The study's settings: ``damage``, ``morphology``, ``eea``, ``gait``, ``transfer`` and more.
-    versions
-        Of what made the numbers.
+    code
+        Versions and sources of what made the numbers, one state of the code or more.
     outcomes
         What :func:`~aquafish.recovery.treatment.treat` returned, every replicate in the same
         order in each treatment.
     """
     return {
         "config": config,
-        "versions": versions,
+        "code": code,
         "seeds": [outcome["seed"] for outcome in outcomes["oracle"]],
         "unit_in_m": UNIT_IN_M,
         "treatments": {treatment: _row(outcomes, treatment) for treatment in TREATMENTS},
@@ -140,7 +140,7 @@ def show(report: dict[str, Any], console: Console) -> None:
 
 def what_broke(damage: Damage, body: Morphology) -> str:
     """Return in words what broke, as "left flipper: half its length, 0.80 where it was 1.60"."""
-    return damage.in_words(body)
+    return str(damage)
 
 
 def _parts(report: dict[str, Any]) -> list[str | Rows]:
@@ -213,9 +213,10 @@ def _main_table(treatments: dict[str, Any]) -> Rows:
 
 
 def _paired_table(rows: list[dict[str, Any]]) -> Rows:
-    return ["on the target|is better than|in|sign test|by (units)".split("|")] + [
+    poses = {"target_distance": "zero pose", "target_distance_random_poses": "random poses"}
+    return [["on the target", "is better than", "in", "sign test", "by (units)"]] + [
         [
-            f"{row['first']}, {'random poses' if row['measure'].endswith('poses') else 'zero pose'}",
+            f"{row['first']}, {poses[row['measure']]}",
             row["second"],
             f"{row['wins']} of {row['replicates']}",
             f"p = {row['sign_test_p']:.2g}",
