@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.morphology import FINS
 from aquafish_gym.runs.storage import write_bytes
-from eea.report.statistics import FEWEST, percentile_band
+from eea.report.statistics import FEWEST, curve_interval
 from eea.report.summary import (
     ARMS,
     BASELINE,
@@ -382,7 +382,7 @@ def _draw_arms(
         table = _stack(curves) * scale
         table = table if part is None else table[:, :, part]
         colour, line = _arm_style(i, arm)
-        low, high = percentile_band(table)
+        low, high = curve_interval(table)
         axes.fill_between(number, low, high, color=colour, alpha=0.15, lw=0)
         label = findings.labels[arm]
         axes.plot(number, table.mean(axis=0), color=colour, ls=line, lw=1.6, label=label)
