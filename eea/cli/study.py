@@ -349,7 +349,7 @@ def _watch(board: Board, folder: Path, console: Console) -> list[str]:
 
 
 def _report(folder: Path, console: Console) -> None:
-    from eea.report.analysis import report
+    from eea.report import report
 
     report(folder)
     console.print(f"results.csv, summary.md and figures are in {folder}")
