@@ -207,7 +207,10 @@ class Recover:
         assert description is not None
         report = build_report(settings, description["code"], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
-        write_bytes(folder / "report.md", to_markdown(report, _one_each(pictures)).encode())
+        # Readers' programs show one of the formats, and not all of them show PDF.
+        best = next(form for form in ("png", "svg", "pdf") if form in self.format)
+        shown = [name for name in pictures if name.endswith((best, "gif"))]
+        write_bytes(folder / "report.md", to_markdown(report, shown).encode())
         for job in jobs:
             outcome = next(o for o in outcomes[job.treatment] if o["seed"] == job.seed)
             for name in ("morphology", "controller"):
@@ -257,11 +260,6 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
             part.pop(name, None)
     body = job.morphology.to_dict()
     return {"damage": str(job.damage), "morphology": body, "first_seed": job.seed, **parts}
-
-
-def _one_each(pictures: Sequence[str]) -> list[str]:
-    """Return one file of each picture, the first of its formats, for a page."""
-    return list({name.partition(".")[0]: name for name in reversed(pictures)}.values())[::-1]
 
 
 @contextmanager

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from PIL import Image, ImageDraw, ImageFont
 
 from aquafish.recovery.report import Outcomes, distances
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, path_from_dict
 from aquafish_gym import Morphology
 from aquafish_gym.rendering.render import Camera, render_motion, render_pose, write_gif
-from aquafish_gym.runs.storage import write_bytes
 from eea.aquafish.fish import fish_models
 from eea.core.fitness import chance_level, mid_range_level
+from eea.report.figures.drawing import new_figure, save_figure
 from gait.plots import draw_trajectories
 from gait.rollout import Swim
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 COLOURS = {
     "undamaged": "#555555",
@@ -39,6 +36,7 @@ SHOWN = {
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
 CM_PER_UNIT = 5
+DPI = 150
 FILM = "film.gif"
 FILM_FPS = 10
 FILM_SPEED = 2  # times real time
@@ -72,7 +70,7 @@ def draw_all(
     film
         Whether to write the film.
     """
-    figures = {
+    figures: dict[str, Callable[[], Figure]] = {
         "bodies": lambda: bodies_figure(target, outcomes),
         "paths": lambda: paths_figure(outcomes),
         "fitness": lambda: fitness_figure(target, outcomes),
@@ -85,28 +83,11 @@ def draw_all(
         figure = draw()
         for kind in formats:
             names.append(f"{name}.{kind}")
-            save(figure, folder / names[-1])
+            save_figure(figure, folder / names[-1])
     if robot and film:
         names.append(FILM)
         write_film(folder / FILM, healthy, target, outcomes)
     return names
-
-
-def new_figure(width: float, height: float) -> Figure:
-    """Return a figure without pyplot's global state or a window system."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure whole or not at all, in the format of the file's ending."""
-    content = io.BytesIO()
-    figure.savefig(content, format=path.suffix.removeprefix("."))
-    write_bytes(path, content.getvalue())
 
 
 def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
@@ -114,7 +95,7 @@ def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     bodies = {"target": target} | {
         t: Morphology.coerce(outcomes[t][0]["morphology"]) for t in TREATMENTS if t != "oracle"
     }
-    figure = new_figure(10.5, 3.3)
+    figure = new_figure(10.5, 3.3, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA))
         if name == "target":
@@ -128,7 +109,7 @@ def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
 
 def paths_figure(outcomes: Outcomes) -> Figure:
     """Draw the first replicate's gaits, each on its own model and on the target (Fig. 12)."""
-    figure = new_figure(12.0, 3.6)
+    figure = new_figure(12.0, 3.6, DPI)
     panels = figure.subplots(1, len(TREATMENTS), sharey=True)
     for axes, name in zip(panels, TREATMENTS, strict=True):
         draw_trajectories(
@@ -148,9 +129,7 @@ def _first_swim(outcomes: Outcomes, treatment: str, body: str) -> Swim:
 
 def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     """Draw OBJ_FIT and MOD_FIT against round for both self-models."""
-    from matplotlib.ticker import MaxNLocator
-
-    figure = new_figure(9.0, 3.8)
+    figure = new_figure(9.0, 3.8, DPI)
     panels = figure.subplots(1, 2)
     for axes, (field, title) in zip(
         panels,
@@ -185,7 +164,7 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
 
 def distances_figure(outcomes: Outcomes) -> Figure:
     """Draw every replicate's distance on the target, a line within each replicate."""
-    figure = new_figure(9.0, 3.8)
+    figure = new_figure(9.0, 3.8, DPI)
     names = {
         "target_distance": "from the zero pose",
         "target_distance_random_poses": "mean over random fin poses",

@@ -15,7 +15,8 @@ from eea.aquafish.fish import fish_eea, fish_models
 from eea.core.algorithm import streams
 from eea.core.config import Condition
 from eea.core.fitness import objective_fitness
-from gait.evolve import EvolveConfig, Generation, evolve_gait
+from gait.evolve import EvolveConfig, evolve_gait
+from gait.history import Generation
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer
 
