@@ -51,7 +51,7 @@ class _Commands:
         name = one_of("the command", words[0], COMMANDS)
         entry = COMMANDS[name]
         command = getattr(import_module(entry.module), entry.name)
-        return single_command(command).cli(prog=f"aquafish {name}", args=words[1:])
+        return single_command(command).cli(prog=f"{prog} {name}", args=words[1:])
 
 
 def usage() -> str:
