@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aquafish_gym.runs.storage import write_bytes
-from eea.core.algorithm import Result
+from eea.core.result import Result
 from eea.core.checks import ConfigurationError, choice
 
 if TYPE_CHECKING:
