@@ -20,7 +20,7 @@ from aquafish_gym.runs.runner import read_result, run_jobs
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.command_line import read_morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.aquafish.fish import Orientation
+from eea.aquafish import Orientation
 from eea.cli.arms import (
     ArmSettings,
     Figure,

@@ -52,7 +52,11 @@ def read_plan(document: Mapping[str, Any]) -> Plan:
         raise ValueError("replicates")
     plan: Plan = {}
     for arm, durations in table.items():
-        if not isinstance(durations, dict) or not all(map(str.isdecimal, durations)):
+        if (
+            not isinstance(durations, dict)
+            or not durations
+            or not all(map(str.isdecimal, durations))
+        ):
             raise ValueError(f"replicates.{arm}")
         plan[arm] = {
             int(steps): _span(seeds, f"replicates.{arm}.{steps}")

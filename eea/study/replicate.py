@@ -8,7 +8,7 @@ from typing import Any
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from eea.aquafish.fish import EngineTarget, Orientation, fish_eea
+from eea.aquafish import EngineTarget, Orientation, fish_eea
 from eea.core.algorithm import EEA, streams
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
