@@ -66,9 +66,7 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
     Raises
     ------
     ConfigurationError
-        If there is no such format.
-    InvalidArgumentError
-        If the folder holds no study or no finished replicate.
+        If there is no such format, or the folder holds no study or no finished replicate.
     DamagedFileError
         If a file is damaged; the message names it.
     """

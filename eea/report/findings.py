@@ -22,16 +22,18 @@ from numpy.typing import NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
-from aquafish_gym.runs.storage import DamagedFileError, read_bytes, read_document
+from aquafish_gym.runs.runner import read_result
+from aquafish_gym.runs.storage import DamagedFileError, read_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.bits import BitLayout, model_layout
+from eea.core.checks import ConfigurationError
 from eea.report.arms import arm_label, arm_order
-from eea.study.plan import Plan, read_plan
+from eea.study.folder import STUDY, read_description
+from eea.study.plan import RUNS, Place, Plan, places, read_plan
 
 Floats = NDArray[np.float64]
 
-STUDY, RUNS, CSV = "study.json", "runs", "results.csv"
-STUDY_SCHEMA = "eea.study/1"
+CSV = "results.csv"
 MOST_BYTES = 2**30  # of results.csv: two million rounds
 LAYOUT: BitLayout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
 
@@ -39,6 +41,9 @@ KEYS = ["arm", "steps", "seed"]  # of a replicate
 ANGLE_ERRORS = [f"angle_error.{fin}" for fin in FINS]  # rad
 DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
 SPREADS = [f"spread.{name}" for name in LAYOUT.names]  # the population's SDs, shares of the ranges
+# A record's fields, in the order of their columns.
+_NUMBERS = ("objective_fitness", "model_fitness", "action_fitness")
+_LISTS = ("angle_error", "dimension_error", "spread")
 COLUMNS = [
     *KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
     *ANGLE_ERRORS, *DIMENSION_ERRORS, *SPREADS,
@@ -142,20 +147,24 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
 
     Raises
     ------
-    InvalidArgumentError
+    ConfigurationError
         If the folder holds no study or no finished replicate.
     DamagedFileError
         If a file is damaged; the message names it.
     """
     path = Path(folder)
-    header, plan = _read_header(path)
-    table = read_replicates(path, header, plan)
-    morphology, damage = _target(path, header)
-    arms = header["arms"]
+    header = read_description(path, checksum="optional")
+    plan, arms = read_plan(header), header["arms"]
+    try:
+        damage = Damage.from_json(json.dumps(header["target_damage"]))
+        morphology = Morphology.coerce(header["target_morphology"])
+        truth = damage.apply(morphology).to_array()
+    except (InvalidArgumentError, KeyError) as error:
+        raise DamagedFileError(f"{path / STUDY} does not say what the target is: {error}") from None
     return Findings(
-        table,
+        read_replicates(path, plan, header),
         header["rounds"],
-        damage.apply(morphology).to_array(),
+        truth,
         plan,
         {arm: arm_label(arm, _setting(arms[arm], "estimation", "population", int)) for arm in plan},
         {arm: str(arms[arm].get("condition")) for arm in plan},
@@ -163,27 +172,28 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
     )
 
 
-def read_replicates(folder: Path, header: dict[str, Any], plan: Plan) -> pd.DataFrame:
+def read_replicates(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
     """Return the table of a study's finished replicates, from ``runs/`` or ``results.csv``.
 
     Raises
     ------
-    InvalidArgumentError, DamagedFileError
+    ConfigurationError, DamagedFileError
         As ``read_study``.
     """
     source = folder / CSV
-    computed = (folder / RUNS).exists() or not source.exists()
-    if computed:
-        rows = [row for arm in sorted(plan, key=arm_order) for row in _rows(folder, arm, plan[arm])]
+    read = source.exists() and not (folder / RUNS).exists()
+    if read:
+        content = read_bytes(source, "results", MOST_BYTES).decode(errors="replace")
+    else:
+        ordered = sorted(places(plan), key=lambda p: (arm_order(p.arm), p.steps, p.seed))
+        rows = [row for place in ordered for row in _rows(folder, place)]
         if not rows:
-            raise InvalidArgumentError(
+            raise ConfigurationError(
                 f"the study in {folder} has no finished replicate yet; the command that began it "
                 "goes on with it"
             )
         # What a report says is a function of results.csv: its digits are all that there is.
         content = pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, float_format="%.5g")
-    else:
-        content = read_bytes(source, "results", MOST_BYTES).decode(errors="replace")
     try:
         table = pd.read_csv(io.StringIO(content), dtype={"arm": str})
         numbers = table[COLUMNS[1:]].drop(columns="act_fit").to_numpy(dtype=np.float64)
@@ -194,80 +204,35 @@ def read_replicates(folder: Path, header: dict[str, Any], plan: Plan) -> pd.Data
         raise DamagedFileError(f"{source} is damaged: it is no table of rounds")
     most = header["rounds"]
     for (arm, steps, seed), rounds in table.groupby(KEYS, sort=False)["round"]:
-        least = most
+        least, place = most, Place(arm, steps, seed)
         if seed not in plan.get(arm, {}).get(steps, ()):
             least = most + 1  # it can have none
         elif header["arms"][arm].get("accurate") is not None:
             least = 1  # an accurate model ends it
         if not least <= len(rounds) <= most or list(rounds) != list(range(1, len(rounds) + 1)):
-            name = _file(folder, arm, steps, seed) if computed else source
+            name = source if read else folder / place.file
             raise DamagedFileError(
-                f"{name} is damaged: of {arm}, {steps} steps, seed {seed}, it must hold the "
-                f"rounds that {STUDY} plans, 1 to {most}; it holds {len(rounds)}"
+                f"{name} is damaged: of {place.name} it must hold the rounds that {STUDY} plans, "
+                f"1 to {most}; it holds {len(rounds)}"
             )
     return table
 
 
-def _file(folder: Path, arm: str, steps: int, seed: int) -> Path:
-    return folder / RUNS / arm / str(steps) / f"{seed}.json"
-
-
-def _rows(folder: Path, arm: str, durations: dict[int, range]) -> Iterator[list[Any]]:
-    """Yield a row of the table for each round of an arm's finished replicates."""
-    for steps, seeds in sorted(durations.items()):
-        for seed in seeds:
-            file = _file(folder, arm, steps, seed)
-            if not file.exists():
-                continue
-            try:
-                for record in read_document(file, argument="replicate")["rounds"]:
-                    names = ("round", "objective_fitness", "model_fitness", "action_fitness")
-                    numbers = [record[name] for name in (*names, "trials")]
-                    for name in ("angle_error", "dimension_error", "spread"):
-                        numbers.extend(record[name])
-                    if len(numbers) != len(COLUMNS) - len(KEYS):
-                        raise ValueError("a list is too short or too long")
-                    yield [arm, steps, seed, *numbers]
-            except DamagedFileError as error:
-                raise DamagedFileError(
-                    f"{error}; delete this file, and the study's command computes it anew"
-                ) from None
-            except (KeyError, TypeError, ValueError):
-                raise DamagedFileError(f"{file} is damaged: it holds no rounds") from None
-
-
-def _read_header(path: Path) -> tuple[dict[str, Any], Plan]:
-    """Return what study.json says, and its plan."""
-    source = path / STUDY
-    if not source.exists():
-        raise InvalidArgumentError(
-            f"{path} must hold a study, which python -m eea study --out {path} begins; "
-            f"it has no {STUDY}"
-        )
-    header = read_document(source, STUDY_SCHEMA, "study", checksum="optional")
+def _rows(folder: Path, place: Place) -> Iterator[list[Any]]:
+    """Yield a row of the table for each round of a replicate, none of one that is not finished."""
     try:
-        if type(header.get("rounds")) is not int or header["rounds"] < 1:
-            raise ValueError("rounds")
-        plan = read_plan(header)
-        for arm, durations in plan.items():
-            if not durations:
-                raise ValueError(f"replicates.{arm}")
-            if not isinstance(header["arms"][arm].get("accurate"), int | float | None):
-                raise ValueError(f"arms.{arm}.accurate")
-    except ValueError as name:
-        raise DamagedFileError(f"{source} is damaged: it does not say the {name}") from None
-    return header, plan
-
-
-def _target(path: Path, header: dict[str, Any]) -> tuple[Morphology, Damage]:
-    """Return the target's body before its damage, and the damage, which fits it."""
-    try:
-        damage = Damage.from_json(json.dumps(header["target_damage"]))
-        morphology = Morphology.coerce(header["target_morphology"])
-        damage.apply(morphology)
-        return morphology, damage
-    except (InvalidArgumentError, KeyError) as error:
-        raise DamagedFileError(f"{path / STUDY} does not say what the target is: {error}") from None
+        for record in (read_result(folder, place) or {"rounds": []})["rounds"]:
+            numbers = [record[name] for name in ("round", *_NUMBERS, "trials")]
+            numbers += [x for name in _LISTS for x in record[name]]
+            if len(numbers) != len(COLUMNS) - len(KEYS):
+                raise ValueError("a list is too short or too long")
+            yield [*place, *numbers]
+    except DamagedFileError as error:
+        raise DamagedFileError(
+            f"{error}; delete this file, and the study's command computes it anew"
+        ) from None
+    except (KeyError, TypeError, ValueError):
+        raise DamagedFileError(f"{folder / place.file} is damaged: it holds no rounds") from None
 
 
 def _setting(arm: dict[str, Any], part: str, name: str, kind: type) -> Any:
@@ -280,8 +245,8 @@ def _setting(arm: dict[str, Any], part: str, name: str, kind: type) -> Any:
 def _run(
     header: dict[str, Any], plan: Plan, morphology: Morphology, damage: Damage
 ) -> dict[str, Any]:
-    """Return what a reader must know of a study's settings; None and [] where it does not say."""
-    arms, stamps = sorted(plan, key=arm_order), header.get("source")
+    """Return what a reader must know of a study's settings; None where it does not say."""
+    arms = sorted(plan, key=arm_order)
     return {
         "target_changes": {
             dimension.name: size
@@ -292,5 +257,5 @@ def _run(
         "target_orientation": header.get("target_orientation", "upright"),
         "steps": {arm: sorted(plan[arm]) for arm in arms},
         "signals": {arm: _setting(header["arms"][arm], "behavior", "signal", str) for arm in arms},
-        "source": [str(stamp) for stamp in stamps] if isinstance(stamps, list) else [],
+        "source": [str(stamp) for stamp in header["source"]],
     }
