@@ -96,7 +96,7 @@ class RunFolder:
         if result.stopped != "interrupted":
             (self.path / STATE).unlink(missing_ok=True)
         if result.rounds:
-            from eea.report.run_figure import save_fitness_figure
+            from eea.report import save_fitness_figure
 
             save_fitness_figure(result, self.path / PICTURE)
         return True

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import io
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 from PIL import Image, ImageDraw, ImageFont
 
+from aquafish.recovery.report import Outcomes, distances
+from aquafish.recovery.treatment import MODELLED, TREATMENTS, path_from_dict
 from aquafish_gym import Morphology
 from aquafish_gym.rendering.render import Camera, render_motion, render_pose, write_gif
-from aquafish_gym.runs.storage import write_bytes
 from eea.aquafish.fish import fish_models
 from eea.core.fitness import chance_level, mid_range_level
+from eea.report.figures.drawing import new_figure, save_figure
 from gait.plots import draw_trajectories
-from recovery.statistics import Outcomes, distances
-from recovery.treatments import TREATMENTS, read_swims
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from gait.rollout import Swim
 
 COLOURS = {
     "undamaged": "#555555",
@@ -37,34 +36,66 @@ SHOWN = {
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
 CM_PER_UNIT = 5
+DPI = 150
+FILM = "film.gif"
 FILM_FPS = 10
 FILM_SPEED = 2  # times real time
 FILM_PIXELS = (224, 224)
 
 
-def new_figure(width: float, height: float) -> Figure:
-    """Return a figure without pyplot's global state or a window system."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def draw_all(
+    folder: Path,
+    healthy: Morphology,
+    target: Morphology,
+    outcomes: Outcomes,
+    formats: Sequence[str],
+    *,
+    robot: bool,
+    film: bool,
+) -> list[str]:
+    """Write all pictures into a folder, each in each format, and return their files' names.
 
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=150)
-    FigureCanvasAgg(figure)
-    return figure
+    Parameters
+    ----------
+    folder
+        Where.
+    healthy, target
+        The body before and after the damage.
+    outcomes
+        What the treatments came to.
+    formats
+        Of "png", "pdf" and "svg".
+    robot
+        Whether the robot can be drawn, which takes PyBullet: else no bodies and no film.
+    film
+        Whether to write the film.
+    """
+    figures: dict[str, Callable[[], Figure]] = {
+        "bodies": lambda: bodies_figure(target, outcomes),
+        "paths": lambda: paths_figure(outcomes),
+        "fitness": lambda: fitness_figure(target, outcomes),
+        "distances": lambda: distances_figure(outcomes),
+    }
+    names = []
+    for name, draw in figures.items():
+        if name == "bodies" and not robot:
+            continue
+        figure = draw()
+        for kind in formats:
+            names.append(f"{name}.{kind}")
+            save_figure(figure, folder / names[-1])
+    if robot and film:
+        names.append(FILM)
+        write_film(folder / FILM, healthy, target, outcomes)
+    return names
 
 
-def save(figure: Figure, path: Path) -> None:
-    """Write a figure whole or not at all."""
-    content = io.BytesIO()
-    figure.savefig(content, format="png")
-    write_bytes(path, content.getvalue())
-
-
-def draw_bodies(path: Path, target: Morphology, outcomes: Outcomes) -> None:
+def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     """Draw the target and each treatment's body of the first replicate, fins in red (Fig. 11)."""
     bodies = {"target": target} | {
         t: Morphology.coerce(outcomes[t][0]["morphology"]) for t in TREATMENTS if t != "oracle"
     }
-    figure = new_figure(10.5, 3.3)
+    figure = new_figure(10.5, 3.3, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA))
         if name == "target":
@@ -73,35 +104,32 @@ def draw_bodies(path: Path, target: Morphology, outcomes: Outcomes) -> None:
             fit = outcomes[name][0]["objective_fitness"]
             axes.set_title(f"{SHOWN[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
-    save(figure, path)
+    return figure
 
 
-def draw_paths(path: Path, folders: dict[str, Path]) -> None:
-    """Draw each gait's path on its own model and on the target (Fig. 12).
-
-    ``folders`` is treatment -> the folder of its outcome.
-    """
-    figure = new_figure(12.0, 3.6)
-    panels = figure.subplots(1, len(folders), sharey=True)
-    for axes, (name, folder) in zip(panels, folders.items(), strict=True):
-        swims = read_swims(folder)
-        draw_trajectories(axes, {"own model": swims["native"], "target": swims["target"]})
+def paths_figure(outcomes: Outcomes) -> Figure:
+    """Draw the first replicate's gaits, each on its own model and on the target (Fig. 12)."""
+    figure = new_figure(12.0, 3.6, DPI)
+    panels = figure.subplots(1, len(TREATMENTS), sharey=True)
+    for axes, name in zip(panels, TREATMENTS, strict=True):
+        draw_trajectories(
+            axes,
+            {"own model": _first_swim(outcomes, name, "native")}
+            | {"target": _first_swim(outcomes, name, "target")},
+        )
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="small", ncols=2)
         axes.label_outer()
         axes.set_title(f"gait for {SHOWN[name]}", color=COLOURS[name])
-    save(figure, path)
+    return figure
 
 
-def draw_fitness(
-    path: Path, target: Morphology, rounds: dict[str, list[list[dict[str, Any]]]]
-) -> None:
-    """Draw OBJ_FIT and MOD_FIT against round for both self-models.
+def _first_swim(outcomes: Outcomes, treatment: str, body: str) -> Swim:
+    return path_from_dict(outcomes[treatment][0]["swims"][body])
 
-    ``rounds`` is treatment -> replicate -> records.
-    """
-    from matplotlib.ticker import MaxNLocator
 
-    figure = new_figure(9.0, 3.8)
+def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
+    """Draw OBJ_FIT and MOD_FIT against round for both self-models."""
+    figure = new_figure(9.0, 3.8, DPI)
     panels = figure.subplots(1, 2)
     for axes, (field, title) in zip(
         panels,
@@ -111,8 +139,8 @@ def draw_fitness(
         ),
         strict=True,
     ):
-        for name, replicates in rounds.items():
-            curves = np.array([[r[field] for r in records] for records in replicates])
+        for name in MODELLED:
+            curves = np.array([[r[field] for r in o["rounds"]] for o in outcomes[name]])
             number = np.arange(1, curves.shape[1] + 1)
             if len(curves) > 1:
                 axes.plot(number, curves.T, color=COLOURS[name], lw=0.5, alpha=0.4)
@@ -131,12 +159,12 @@ def draw_fitness(
     panels[0].set_ylim(0.4, 1.01)
     panels[1].set_ylim(max(-0.5, panels[1].get_ylim()[0]), 1.02)
     panels[0].legend(loc="lower right", fontsize="small")
-    save(figure, path)
+    return figure
 
 
-def draw_distances(path: Path, outcomes: Outcomes) -> None:
+def distances_figure(outcomes: Outcomes) -> Figure:
     """Draw every replicate's distance on the target, a line within each replicate."""
-    figure = new_figure(9.0, 3.8)
+    figure = new_figure(9.0, 3.8, DPI)
     names = {
         "target_distance": "from the zero pose",
         "target_distance_random_poses": "mean over random fin poses",
@@ -148,7 +176,7 @@ def draw_distances(path: Path, outcomes: Outcomes) -> None:
     count = len(outcomes["oracle"])
     figure.suptitle(f"on the damaged robot, {count} replicate{'s' if count > 1 else ''}")
     figure.axes[0].set_ylabel("distance (units of 5 cm)")
-    save(figure, path)
+    return figure
 
 
 def _draw_pairs(axes: Axes, table: np.ndarray) -> None:
@@ -163,13 +191,12 @@ def _draw_pairs(axes: Axes, table: np.ndarray) -> None:
     axes.grid(axis="y", color="0.92")
 
 
-def film(path: Path, morphology: Morphology, target: Morphology, folders: dict[str, Path]) -> None:
+def write_film(path: Path, healthy: Morphology, target: Morphology, outcomes: Outcomes) -> None:
     """Write a GIF: healthy, damaged with the old gait, damaged with the recovered gait."""
-    old, new = read_swims(folders["undamaged"]), read_swims(folders["out-of-band"])
     scenes = [
-        ("healthy", morphology, old["native"]),
-        ("damaged, old gait", target, old["target"]),
-        ("damaged, recovered", target, new["target"]),
+        ("healthy", healthy, _first_swim(outcomes, "undamaged", "native")),
+        ("damaged, old gait", target, _first_swim(outcomes, "undamaged", "target")),
+        ("damaged, recovered", target, _first_swim(outcomes, "out-of-band", "target")),
     ]
     camera = Camera(distance=13.0)
     columns = []
