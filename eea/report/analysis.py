@@ -23,7 +23,7 @@ from aquafish_gym.runs.storage import DamagedFileError, read_records, write_byte
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.bits import BitLayout, model_layout
 from eea.core.checks import ConfigurationError
-from eea.core.fitness import chance_level, mid_range_level, nearest_errors, nearest_level
+from eea.core.fitness import chance_level, mid_range_level, quantisation_errors, quantisation_limit
 from eea.report.statistics import paired_difference, rank_correlation, summarize
 from eea.report.summary import ARMS, BASELINE, arm_label, condition_of, is_baseline, markdown
 from eea.study.plan import Plan, read_plan
@@ -371,7 +371,7 @@ def summarize_study(findings: Findings) -> dict[str, Any]:
         "finished": sum(len(s) for arm in arms for s in findings.replicates[arm].values()),
         "chance": chance_level(findings.truth, findings.layout),
         "mid_range": mid_range_level(findings.truth, findings.layout),
-        "nearest": nearest_level(findings.truth, findings.layout),
+        "nearest": quantisation_limit(findings.truth, findings.layout),
         "durations": findings.durations,
         "labels": findings.labels,
         "conditions": findings.conditions,
@@ -539,7 +539,7 @@ def _summarize_dimensions(findings: Findings) -> dict[str, Any]:
         "chance_error": dict(zip(layout.names, chance.tolist(), strict=True)),
         "mid_range_error": dict(zip(layout.names, middle.tolist(), strict=True)),
         "nearest_error": dict(
-            zip(layout.names, nearest_errors(truth, layout).tolist(), strict=True)
+            zip(layout.names, quantisation_errors(truth, layout).tolist(), strict=True)
         ),
         "arms": arms,
     }
