@@ -9,7 +9,7 @@ from typing import Any
 
 from aquafish_gym.utils.command_line import BAD_INPUT, Command, run_command_line, subcommands
 from eea.cli.run import Recover, Run
-from eea.cli.study import Plot, StudyCommand
+from eea.cli.study import Merge, Plot, StudyCommand
 from eea.core.checks import ConfigurationError, TargetError
 
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
@@ -18,6 +18,7 @@ COMMANDS: dict[str, type[Command]] = {
     "recover": Recover,
     "study": StudyCommand,
     "plot": Plot,
+    "merge": Merge,
 }
 
 

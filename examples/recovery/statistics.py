@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from eea.report.statistics import FEWEST, ratio_interval, sign_test
-from eea.report.statistics import studentized_interval as mean_interval
+from eea.report.statistics import interval as mean_interval
 from recovery.treatments import TREATMENTS
 
 __all__ = [

@@ -9,7 +9,8 @@ import re
 import pytest
 
 from eea.report.summary import arm_label, signed
-from eea.study.ablations import ABLATIONS, arms
+from eea.study.ablations import ABLATIONS
+from eea.study.arms import arms
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 SUMMARY = json.loads((DOCS / "results" / "ablations" / "summary.json").read_text())
