@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from eea.core.checks import ConfigurationError
-from eea.core.fitness import chance_level, mid_range_level, nearest_level
+from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
 from eea.report.analysis import (
     baseline_of,
     chance_errors,
@@ -109,7 +109,7 @@ def test_the_summary_by_hand(folder):
     assert arm["durations"]["128"]["rise"]["mean"] == pytest.approx(np.mean(rises))
     assert summary["chance"] == chance_level(TRUTH, findings.layout)
     assert summary["mid_range"] == mid_range_level(TRUTH, findings.layout)
-    assert summary["nearest"] == nearest_level(TRUTH, findings.layout)
+    assert summary["nearest"] == quantisation_limit(TRUTH, findings.layout)
     text = (folder / "summary.md").read_text()
     assert f"| Out-of-Band | **mean of 2 durations** | 5 | {fit['mean']:.3f} |" in text
     assert "(BCa with Student's quantiles; none for fewer than five)" in text
@@ -181,7 +181,7 @@ def test_dimensions_are_held_against_guessing(folder):
     # A nominal length of 0.8 of the range lies between 50 and 51 of its 63 steps.
     assert found["nearest_error"]["right_pectoral.length"] == pytest.approx(0.8 - 50 / 63)
     least = 1 - np.mean(list(found["nearest_error"].values()))
-    assert least == pytest.approx(nearest_level(TRUTH, findings.layout))
+    assert least == pytest.approx(quantisation_limit(TRUTH, findings.layout))
     row = f"| right pectoral length | {chance[4]:.3f} | 0.300 | 0.006 |"
     assert row in (folder / "summary.md").read_text()
     ideal, none = (found["arms"][arm]["dimensions"] for arm in ("ideal", "none"))

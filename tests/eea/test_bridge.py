@@ -11,7 +11,7 @@ import eea
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from eea import EEAConfig, EngineSimulator, EngineTarget, Trials, estimate_morphology
-from eea.aquafish.fish import estimate_morphology_of, fish_actions, fish_eea, fish_models
+from eea.aquafish import estimate_morphology_of, fish_actions, fish_eea, fish_models
 from eea.core.behavior import BehaviorConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
@@ -75,7 +75,7 @@ def test_the_target_hides_new_angles_before_every_command(engine):
         log = target.perform(np.array([0.3, -0.2, 0.5]))
         assert np.shape(log.rpy) == (1, 32, 3)
         assert np.shape(log.gyro) == (1, 32, 3)
-        hidden.append(target.last_fin_angles)
+        hidden.append(target.start_angles)
     again = np.random.default_rng(5).uniform(-np.pi, np.pi, (3, 3))
     assert np.array_equal(hidden, again)
 
@@ -84,7 +84,7 @@ def test_what_the_target_does_is_what_its_body_does_from_those_angles():
     target = EngineTarget(None, DAMAGE, np.random.default_rng(5), 64, "numba")
     command = np.array([0.3, -0.2, 0.5])
     seen = target.perform(command)
-    trials = Trials(target.morphology.to_array()[None], command[None], target.last_fin_angles[None])
+    trials = Trials(target.morphology.to_array()[None], command[None], target.start_angles[None])
     modelled = EngineSimulator(64, dtype="float64").simulate(trials)
     assert np.allclose(seen.rpy, modelled.rpy, atol=1e-9)
     assert np.allclose(seen.gyro, modelled.gyro, atol=1e-9)

@@ -10,7 +10,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
-from eea.report.run_figure import draw_fitness, fitness_figure, save_fitness_figure
+from eea.report.figures import draw_fitness, fitness_figure, save_fitness_figure
 from fake_fish import STEPS, TRUTH, fake_eea
 
 QUICK = EEAConfig(
