@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.engines.bullet.clients import load_pybullet, take_client
+from aquafish_gym.engines.bullet.clients import take_client
+from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering.film import Frame, write_gif, write_mp4
 from aquafish_gym.rendering.robot_mesh import Figure, draw, fin_poses, find_window

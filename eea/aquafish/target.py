@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import resolve_engine, simulate
-from aquafish_gym.imu import ImuLog, attitude, unwrap_rpy
+from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.attitude import attitude
 from eea.core.checks import choice
 from eea.core.experiment import Floats
 

@@ -15,7 +15,16 @@ from aquafish_gym import simulate
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import reactive
-from aquafish_gym.physics.dynamics import Water, advance, forces, gather, step
+from aquafish_gym.physics.added_mass import (
+    BODY_ADDED_INERTIA,
+    BODY_ADDED_MASS,
+    fin_added_mass,
+    finite_span,
+    plate_inertia,
+    plate_mass,
+    trailing_edge,
+)
+from aquafish_gym.physics.dynamics import Water, advance, composite_inertia, forces, step
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.kinematics import (
     State,
@@ -28,18 +37,8 @@ from aquafish_gym.physics.kinematics import (
     rotation,
     to_body,
 )
-from aquafish_gym.physics.reactive import (
-    BODY_ADDED_INERTIA,
-    BODY_ADDED_MASS,
-    accelerations_with,
-    added_water,
-    fin_added_mass,
-    finite_span,
-    plate_inertia,
-    plate_mass,
-    step_reactive,
-    trailing_edge,
-)
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.reactive import accelerations_with, added_water, step_reactive
 from aquafish_gym.physics.robot import (
     BODY_INERTIA,
     BODY_MASS,
@@ -47,8 +46,6 @@ from aquafish_gym.physics.robot import (
     MINIMUM_FIN_MASS,
     Fin,
     Robot,
-    robot_from_column,
-    robot_parameters,
 )
 from tests.verification import reactive as studies
 from tests.verification.lattice import ASPECTS, lattice_share
@@ -91,7 +88,7 @@ def march(robot: Robot, state: State, command: Vector, h: float, steps: int, wet
         push = joint_accelerations(state, joints, h)
         water = forces(robot, state, ZERO) if wet else DRY
         added = added_water(robot, state, push, ZERO)
-        found = accelerations_with(gather(robot, state, push, water), added, state.spin)
+        found = accelerations_with(composite_inertia(robot, state, push, water), added, state.spin)
         state = advance(state, joints, found, h)
     return state
 
@@ -172,11 +169,11 @@ def test_with_joints_locked_in_still_water_the_whole_energy_never_rises() -> Non
 def mobility(robot: Robot, angles: Vector) -> np.ndarray:
     """Return what ``accelerations_with`` answers to unit forces and torques, (6, 6)."""
     state = at_rest(angles)
-    whole = gather(robot, state, ZERO, DRY)
+    composite = composite_inertia(robot, state, ZERO, DRY)
     added = added_water(robot, state, ZERO, ZERO)
     columns = []
     for unit in np.eye(6):
-        asked = whole._replace(force=tuple(unit[:3]), torque=tuple(unit[3:]))
+        asked = composite._replace(force=tuple(unit[:3]), torque=tuple(unit[3:]))
         columns.append(np.concatenate(accelerations_with(asked, added, ZERO)))
     return np.array(columns).T
 

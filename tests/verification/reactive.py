@@ -19,27 +19,19 @@ from rich.console import Console
 
 from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
 from aquafish_gym.morphology import DIMENSIONS, Morphology
-from aquafish_gym.physics.dynamics import forces, on_body
-from aquafish_gym.physics.hydrodynamics import DENSITY
-from aquafish_gym.physics.kinematics import SWEEP, State
-from aquafish_gym.physics.reactive import (
+from aquafish_gym.physics.added_mass import (
     BODY_ADDED_INERTIA,
     BODY_ADDED_MASS,
-    added_water,
     finite_span,
     plate_inertia,
     plate_mass,
 )
-from aquafish_gym.physics.robot import (
-    BODY_INERTIA,
-    BODY_MASS,
-    CAUDAL_Y,
-    NOSE,
-    Fin,
-    Robot,
-    robot_from_column,
-    robot_parameters,
-)
+from aquafish_gym.physics.dynamics import forces, on_body
+from aquafish_gym.physics.hydrodynamics import DENSITY
+from aquafish_gym.physics.kinematics import SWEEP, State
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.reactive import added_water
+from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, NOSE, Fin, Robot
 from aquafish_gym.utils.command_line import run_command_line, single_command
 from aquafish_gym.utils.validation import integer
 from tests.verification.convergence import INTERVAL, WHAT, path_gaps
