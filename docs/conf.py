@@ -47,6 +47,8 @@ suppress_warnings = ["ref.python"]
 
 BARS = re.compile(r"(?<![`\w])\|(?=[^|`\s][^|`]*\|)|(?<=[^|`\s])\|(?![`\w|])")
 
+ARRAY = re.compile(r"~?(?:numpy\.)?ndarray\[~?tuple\[~?(?:typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[~?(?:numpy\.)?([\w.]+)\]\]")
+
 
 def as_restructured_text(
     _app: Sphinx, _what: str, _name: str, _object: object, _options: object, lines: list[str]
@@ -57,6 +59,14 @@ def as_restructured_text(
     lines[:] = [BARS.sub(r"\\|", line) for line in lines]
 
 
+def with_short_types(
+    _app: Sphinx, _what: str, _name: str, _object: object, _options: object, *signature: str | None
+) -> tuple[str | None, ...]:
+    """Write an array's type as the sources do."""
+    return tuple(part and ARRAY.sub(r"NDArray[\1]", part) for part in signature)
+
+
 def setup(app: Sphinx) -> None:
     """Tell Sphinx of the above."""
     app.connect("autodoc-process-docstring", as_restructured_text)
+    app.connect("autodoc-process-signature", with_short_types)
