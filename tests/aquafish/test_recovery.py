@@ -190,7 +190,10 @@ MISTAKES = {
     "nothing": (("--out", ""), "--out must not be empty"),
     "digits": (("--seed", "1" + "0" * 400), "seed must be"),
     "models": (("--models", "0"), "estimation.population must be"),
-    "seeds": (("--seeds", "0"), "seeds must be a whole number of at least 1; got 0"),
+    "seeds": (
+        ("--seeds", "0"),
+        "seeds must be a whole number of at least 1 and at most 100000; got 0",
+    ),
     "many seeds": (("--seeds", "100000000"), "seeds must be"),
     "workers": (("--workers", "0"), "workers must be"),
 }
