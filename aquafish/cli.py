@@ -34,9 +34,10 @@ COMMANDS = {
     ),
     "study": Entry("eea.cli.study", "StudyCommand", "replicates of the paper's figures, ablations"),
     "plot": Entry("eea.cli.study", "Plot", "write a study's tables and figures anew"),
-    "evolve": Entry("gait.__main__", "Evolve", "evolve a gait for a body"),
-    "transfer": Entry("gait.__main__", "TransferCommand", "swim a gait on another body"),
-    "baseline": Entry("gait.__main__", "BaselineCommand", "train a learner of stable-baselines3"),
+    "merge": Entry("eea.cli.study", "Merge", "add another folder of a study to this one"),
+    "evolve": Entry("gait.cli", "Evolve", "evolve a gait for a body"),
+    "transfer": Entry("gait.cli", "TransferCommand", "swim a gait on another body"),
+    "baseline": Entry("gait.cli", "BaselineCommand", "train a learner of stable-baselines3"),
 }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,23 +15,19 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-import aquafish.recovery.treatment
-import aquafish_gym
-import eea.aquafish
-import eea.core
-import gait
 from aquafish.recovery.report import Outcomes, build_report, show, to_markdown, versions
-from aquafish.recovery.treatment import TREATMENTS, Treatment, treat
+from aquafish.recovery.treatment import TREATMENTS, Treatment, rehearse, source_stamp, treat
 from aquafish_gym import Damage
 from aquafish_gym.engines.base import check_engine
 from aquafish_gym.runs.executors import workers
 from aquafish_gym.runs.folder import claim, described, held
+from aquafish_gym.runs.processes import WorkerDiedError
 from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
-from aquafish_gym.runs.stamps import code_stamp
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.command_line import read_morphology
+from aquafish_gym.utils.command_line import RESUMES, Out, TargetEngine, read_morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from eea.core.config import RECOVERY, recovery_config
+from gait.controller import Controller
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
 
@@ -38,6 +35,7 @@ KIND = "a case study"
 SCHEMA = "aquafish.recovery/1"
 REPORT = "report.json"
 MOST_SEEDS = 100_000
+PATIENCE = 3.0  # s, in which a worker with everything compiled is ready
 ORDER = ("out-of-band", "none", "undamaged", "oracle")  # the longest first
 
 
@@ -52,8 +50,7 @@ class Recover:
     self-model alone: python -m eea recover.)
     """
 
-    out: Path = Path("out/recovery")
-    """Directory for the results; made if need be."""
+    out: Out = Path("out/recovery")
     damage: str = "left_pectoral:length=0.5"
     """What breaks: FIN:SIZE=FACTOR or FIN:missing, several joined by ";". FIN is left_pectoral,
     right_pectoral or caudal; SIZE is length, width or thickness."""
@@ -86,10 +83,7 @@ class Recover:
     """Random fin poses that a finished gait is scored from, besides the zero pose."""
     seconds: float = 20.0
     """Length of a swim."""
-    target_engine: Annotated[
-        Literal["auto", "pybullet", "numba"], tyro.conf.arg(aliases=("--engine",))
-    ] = "auto"
-    """Where the damaged robot lives; auto is pybullet where it is installed, else numba."""
+    target_engine: Annotated[TargetEngine, tyro.conf.arg(aliases=("--engine",))] = "auto"
     workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
     """Processes; every core if not given. No result depends on it."""
     scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
@@ -142,7 +136,14 @@ class Recover:
         swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
         return [
             Treatment(
-                name, seed, body, damage, eea, replace(gait, seed=seed), replace(swims, seed=seed)
+                treatment=name,
+                seed=seed,
+                morphology=body,
+                damage=damage,
+                eea=eea,
+                gait=replace(gait, seed=seed),
+                transfer=replace(swims, seed=seed),
+                source=source_stamp(),
             )
             for seed in range(self.seed, self.seed + self.seeds)
             for name in ORDER
@@ -181,12 +182,14 @@ class Recover:
         if not missing:
             return
         try:
-            with workers(self.workers, self.scheduler) as executor, progress(missing) as tell:
-                failures = run_jobs(missing, treat, folder, executor, tell)
+            with workers(self.workers, self.scheduler) as executor:
+                compile_once(executor, missing[0])
+                with progress(missing) as tell:
+                    failures = run_jobs(missing, treat, folder, executor, tell)
         except KeyboardInterrupt:
             left = len(jobs) - len(finished(folder, jobs))
             raise KeyboardInterrupt(
-                f"interrupted with {left} of {len(jobs)} treatments to do; the same command goes on"
+                f"interrupted with {left} of {len(jobs)} treatments to do; {RESUMES}"
             ) from None
         if failures:
             print(*(f"failed: {failure}" for failure in failures), sep="\n", file=sys.stderr)
@@ -212,14 +215,32 @@ class Recover:
         shown = [name for name in pictures if name.endswith((best, "gif"))]
         write_bytes(folder / "report.md", to_markdown(report, shown).encode())
         for job in jobs:
-            outcome = next(o for o in outcomes[job.treatment] if o["seed"] == job.seed)
-            for name in ("morphology", "controller"):
-                write_document(folder / job.folder / f"{name}.json", outcome[name])
+            outcome = outcomes[job.treatment][job.seed - jobs[0].seed]
+            write_document(folder / job.folder / "morphology.json", outcome["morphology"])
+            controller = Controller.from_dict(outcome["controller"])
+            controller.save(folder / job.folder / "controller.json")
         console = Console()
         show(report, console)
         console.print(f"Report and pictures: {folder}", soft_wrap=True)
         if not drawable:
             print("the bodies and the film need PyBullet, which draws the robot", file=sys.stderr)
+
+
+def compile_once(executor: Executor, job: Treatment) -> None:
+    """Have one worker compile what all of them then find compiled, and say so if it takes time.
+
+    Raises
+    ------
+    OSError
+        If its process dies.
+    """
+    rehearsal = executor.submit(rehearse, job)
+    if not wait([rehearsal], PATIENCE).done:
+        print("compiling, once on each machine, in about a minute", file=sys.stderr, flush=True)
+    try:
+        rehearsal.result()
+    except WorkerDiedError as error:
+        raise OSError(f"no treatment was begun: {error}") from None
 
 
 def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
@@ -239,16 +260,6 @@ def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
             raise InvalidArgumentError(f"redraw needs a finished folder; {folder} lacks {job.name}")
         outcomes[job.treatment].append(outcome)
     return outcomes
-
-
-def source_stamp() -> str:
-    """Return a hash of all code that the results come from."""
-    packages = (aquafish_gym, eea.core, eea.aquafish, gait)
-    folders = [Path(str(package.__file__)).parent for package in packages]
-    files = [
-        file for folder in folders for end in ("py", "ini") for file in folder.rglob(f"*.{end}")
-    ]
-    return code_stamp([*files, Path(aquafish.recovery.treatment.__file__)])
 
 
 def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:

@@ -175,12 +175,15 @@ def _parts(report: dict[str, Any]) -> list[str | Rows]:
 
 
 def _old_body(damage: Damage, body: Morphology) -> str:
-    """Say how much of the old body is right, which its OBJ_FIT is the measure of."""
+    """Say how much of the old body is right, which OBJ_FIT counts whether it matters or not."""
     sizes = body.to_array()
     right = int(np.count_nonzero(sizes == damage.apply(body).to_array()))
     if right == len(sizes):
         return "Nothing broke, so the old body is the true one."
-    return f"The old body has {right} of the {len(sizes)} dimensions right, and its OBJ_FIT by it."
+    return (
+        f"The old body has {right} of the {len(sizes)} dimensions right, which its OBJ_FIT counts, "
+        "and is wrong in what broke."
+    )
 
 
 def _number(found: Mapping[str, Any], digits: int) -> str:

@@ -4,15 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+import aquafish_gym
+import eea.aquafish
+import eea.core
+import gait
 from aquafish_gym import Damage, Morphology
-from eea import EEAConfig, EngineTarget
-from eea.aquafish.fish import fish_eea, fish_models
-from eea.core.algorithm import streams
+from aquafish_gym.runs.stamps import code_stamp
+from eea.aquafish import EngineTarget, fish_eea, fish_models
+from eea.core import ConfigurationError, EEAConfig, streams
 from eea.core.config import Condition
 from eea.core.fitness import objective_fitness
 from gait.evolve import EvolveConfig, evolve_gait
@@ -49,6 +55,8 @@ class Treatment:
         What breaks.
     eea, gait, transfer
         Settings of the self-model, of the gait's evolution and of the swims.
+    source
+        The code that must do it (see :func:`source_stamp`); "" for any.
     """
 
     treatment: str
@@ -58,6 +66,7 @@ class Treatment:
     eea: EEAConfig
     gait: EvolveConfig
     transfer: TransferConfig
+    source: str = ""
 
     @property
     def name(self) -> str:
@@ -94,7 +103,19 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
         self-model's records; ``generations``, the gait's; the ``controller``; distances in units
         of 5 cm by body, from the zero pose and from each random pose; ``diverged``; ``swims``,
         body -> ``PATH`` of the swim from the zero pose.
+
+    Raises
+    ------
+    ConfigurationError
+        If this machine has other code than ``job.source``.
+    InvalidArgumentError, EngineUnavailableError
+        If a setting is wrong, or an engine is not to be had here.
     """
+    if job.source and job.source != source_stamp():
+        raise ConfigurationError(
+            f"this worker has other code (source {source_stamp()}, not {job.source}); install the "
+            "same version on every machine"
+        )
     model, rounds = _self_model(job, say)
     total = job.gait.generations
 
@@ -129,6 +150,31 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     }
 
 
+def rehearse(job: Treatment) -> None:
+    """Do a treatment in small, so that whatever it needs is compiled."""
+    few = replace(job.eea, rounds=2)
+    few = replace(
+        few,
+        exploration=replace(few.exploration, generations=1),
+        estimation=replace(few.estimation, generations=1),
+        out_of_band=replace(few.out_of_band, inner_generations=1, revisit=0),
+    )
+    brief = replace(job.gait, generations=1, population=10, poses=0, seconds=0.1)
+    swims = replace(job.transfer, poses=1, seconds=0.1)
+    small = replace(job, treatment="out-of-band", eea=few, gait=brief, transfer=swims)
+    treat(small, lambda _text, _share: None)
+
+
+@cache
+def source_stamp() -> str:
+    """Return a hash of all code that the results come from."""
+    packages = (aquafish_gym, eea.core, eea.aquafish, gait)
+    folders = [Path(str(package.__file__)).parent for package in packages]
+    kinds = ("*.py", "*.ini")
+    files = [file for folder in folders for kind in kinds for file in folder.rglob(kind)]
+    return code_stamp([*files, Path(__file__)])
+
+
 def _self_model(job: Treatment, say: Say) -> tuple[Morphology, list[dict[str, Any]]]:
     """Return the body that this treatment believes in, and the rounds in which it was inferred."""
     if job.treatment not in MODELLED:
@@ -137,10 +183,10 @@ def _self_model(job: Treatment, say: Say) -> tuple[Morphology, list[dict[str, An
     hidden = streams(job.seed)["target"]
     engine = job.transfer.target_engine
     target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine)
-    eea = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
+    algorithm = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
     rounds = []
     say("self-model: the first trial", 0.0)
-    for record in eea:
+    for record in algorithm:
         say(
             f"self-model: round {record.round}/{config.rounds}, "
             f"MOD_FIT {record.model_fitness:.3f}, OBJ_FIT {record.objective_fitness:.3f}",
@@ -148,7 +194,7 @@ def _self_model(job: Treatment, say: Say) -> tuple[Morphology, list[dict[str, An
         )
         rounds.append(record.to_dict())
         del rounds[-1]["seconds"]  # which no two runs share
-    return Morphology.from_array(eea.result.model), rounds
+    return Morphology.from_array(algorithm.result.model), rounds
 
 
 def _progress(distances: object) -> list[float]:

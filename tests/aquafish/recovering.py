@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
+import contextlib
+import io
 import sys
 from pathlib import Path
+from typing import NamedTuple
+
+from aquafish.cli import main
 
 SMALL = ("--rounds", "2", "--steps", "64", "--models", "6", "--angle-sets", "6", "--generations",
          "3", "--population", "12", "--gait-poses", "1", "--poses", "2", "--seconds", "2",
@@ -12,11 +16,20 @@ SMALL = ("--rounds", "2", "--steps", "64", "--models", "6", "--angle-sets", "6",
 COMMAND = [sys.executable, "-m", "aquafish", "recover"]
 
 
-def recover(out: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    """Run the case study with these arguments to its end."""
-    return subprocess.run(
-        [*COMMAND, "--out", str(out), *arguments], capture_output=True, text=True, check=False
-    )
+class Done(NamedTuple):
+    """What a command ended with, and said."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def recover(out: Path, *arguments: str) -> Done:
+    """Run the case study with these arguments to its end, in this process and its workers."""
+    said, complained = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(complained):
+        code = main(["recover", "--out", str(out), *arguments])
+    return Done(code, said.getvalue(), complained.getvalue())
 
 
 def results(out: Path) -> dict[str, bytes]:

@@ -184,15 +184,18 @@ def test_without_pybullet_the_study_is_whole_but_for_the_robots_picture(
 
 MISTAKES = {
     "damage": (("--damage", "left_pectorl:length=0.5"), "did you mean 'left_pectoral'"),
-    "engine": (("--target-engine", "bullet"), "did you mean 'pybullet'"),
     "steps": (("--steps", "100"), "steps must be a power of two; got 100"),
     "body": (("--morphology", "nowhere.json"), "morphology must be a file that can be read"),
+    "device": (("--morphology", "/dev/zero"), "morphology must be a regular file"),
+    "nothing": (("--out", ""), "--out must not be empty"),
+    "digits": (("--seed", "1" + "0" * 400), "seed must be"),
     "models": (("--models", "0"), "estimation.population must be"),
-    "seeds": (("--seeds", "0"), "seeds must be a whole number of at least 1; got 0"),
+    "seeds": (
+        ("--seeds", "0"),
+        "seeds must be a whole number of at least 1 and at most 100000; got 0",
+    ),
     "many seeds": (("--seeds", "100000000"), "seeds must be"),
     "workers": (("--workers", "0"), "workers must be"),
-    "option": (("--round", "3"), "did you mean --rounds"),
-    "format": (("--format", "pgn"), "did you mean 'png'"),
 }
 
 
@@ -204,6 +207,30 @@ def test_a_mistake_is_one_line(mistake: str, tmp_path: Path) -> None:
     assert message in done.stderr
     assert len(done.stderr.splitlines()) == 1
     assert not (tmp_path / "out").exists(), "nothing was written"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--target-engine", "bullet"), "'numba'"),
+        (("--round", "3"), "--rounds"),
+        (("--format", "pgn"), "'svg'"),
+    ],
+)
+def test_a_misspelt_option_is_told_the_right_one(
+    arguments: tuple[str, ...], message: str, tmp_path: Path
+) -> None:
+    done = recover(tmp_path / "out", *arguments)
+    assert done.returncode == 2
+    assert message in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_scheduler_that_nobody_is_at_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("distributed")
+    done = recover(tmp_path / "out", *SMALL, "--scheduler", "nowhere")
+    assert done.returncode == 2
+    assert "scheduler must be the address of a dask scheduler" in done.stderr
 
 
 def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
@@ -224,7 +251,7 @@ def test_an_interrupted_run_says_so_and_goes_on(
     os.kill(process.pid, sent)
     _, said = process.communicate(timeout=60)
     assert process.returncode == 130
-    assert said.splitlines()[-1].endswith("the same command goes on")
+    assert said.splitlines()[-1].endswith("the same command resumes")
     assert "Traceback" not in said
     assert recover(out, *SMALL, "--seeds", "2").returncode == 0
     assert results(out) == results(study)
