@@ -47,18 +47,17 @@ from aquafish_gym.physics.robot import (
     Fin,
     Robot,
 )
-from tests.verification import reactive as studies
+from tests.verification import propulsion, reactive_terms
 from tests.verification.lattice import ASPECTS, lattice_share
 from tests.verification.momentum import inertia_and_swing
-from tests.verification.reactive import (
-    ReactiveMomentum,
-    lighthill_thrust,
-    scheme_errors,
-    tail_body,
-    water_inertia_and_swing,
-)
+from tests.verification.propulsion import lighthill_thrust, tail_body
 from tests.verification.rk4 import rotation_matrix
 from tests.verification.trials import random_trials
+from tests.verification.water_momentum import (
+    ReactiveMomentum,
+    scheme_errors,
+    water_inertia_and_swing,
+)
 
 Vector = tuple[float, float, float]
 
@@ -96,7 +95,7 @@ def march(robot: Robot, state: State, command: Vector, h: float, steps: int, wet
 def totals(robot: Robot, state: State) -> tuple[np.ndarray, float]:
     """Return impulse and angular impulse of robot and water (6,), and their energy if locked.
 
-    By the virtual work of ``verification/reactive.py``, which knows no accelerations.
+    By the virtual work of ``verification/water_momentum.py``, which knows no accelerations.
     """
     left, right, phase = joint_angles(state)
     angles = np.array([left, right, caudal_angle((math.cos(phase), math.sin(phase)))])
@@ -297,10 +296,10 @@ def test_a_slender_tail_at_incidence_lifts_as_jones_says_at_its_leading_edge() -
     assert 0.9 < finite_span(width, length) < 1
 
 
-@pytest.mark.parametrize("tail", studies.TAILS)
+@pytest.mark.parametrize("tail", propulsion.TAILS)
 def test_a_held_tail_thrusts_by_shedding_alone(tail: str) -> None:
-    robot = robot_of(tail_body(studies.TAILS[tail], pectorals=False))
-    drag, thrust = studies.held_thrust(robot, 0.8)
+    robot = robot_of(tail_body(propulsion.TAILS[tail], pectorals=False))
+    drag, thrust = propulsion.held_thrust(robot, 0.8)
     assert abs(drag) < 1e-12
     assert_allclose(thrust, lighthill_thrust(robot.caudal, 0.8), rtol=1e-12)
     assert thrust > 0.5
@@ -511,8 +510,8 @@ def test_extreme_bodies_stay_finite_under_bang_bang_commands() -> None:
 
 
 def test_the_study_prints_every_table() -> None:
-    report = studies.study(quick=True)
-    for table in studies.make_tables(report).values():
+    report = reactive_terms.study(quick=True)
+    for table in reactive_terms.make_tables(report).values():
         assert table.rows
         assert all(len(row) == len(table.columns) for row in table.rows)
     swimming = {
@@ -520,7 +519,7 @@ def test_the_study_prints_every_table() -> None:
         for r in report["swimming"]
         if r["frequency"] == 1
     }
-    for tail in studies.TAILS:
+    for tail in propulsion.TAILS:
         assert swimming[tail, False, True] > swimming[tail, False, False]
 
 
