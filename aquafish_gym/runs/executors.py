@@ -14,7 +14,7 @@ from aquafish_gym.runs.processes import ProcessExecutor
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
 
 MOST_WORKERS = 1024
-_PATIENCE = 10.0  # s for a scheduler to answer
+_PATIENCE = 20.0  # s for a scheduler to answer
 
 
 class ClusterUnavailableError(EngineUnavailableError):

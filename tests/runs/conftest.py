@@ -45,7 +45,7 @@ def start(tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             start_new_session=session,
-            preexec_fn=limit,  # noqa: PLW1509
+            preexec_fn=limit,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
         )
         started.append(program)

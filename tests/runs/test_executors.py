@@ -48,7 +48,7 @@ def test_a_dead_process_takes_only_its_own_call_along():
 
 def test_what_a_call_raises_is_raised_here():
     with ProcessExecutor(1) as executor:
-        with pytest.raises(ValueError, match="math domain error|nonnegative"):
+        with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
             executor.submit(__import__("math").sqrt, -1).result()
         with pytest.raises(SystemExit):
             executor.submit(sys.exit, 3).result()
@@ -100,12 +100,12 @@ def test_a_stopped_process_is_killed_and_its_job_begun_elsewhere(tmp_path, undis
     assert contents(tmp_path).keys() == undisturbed.keys() | {"99.json"}
 
 
-def test_processes_that_are_busy_or_asleep_are_left_alone(tmp_path):
+def test_processes_that_are_busy_or_asleep_are_left_alone():
     """One holds the interpreter, so that it cannot beat; another uses no time."""
     with ProcessExecutor(2, silence=2) as executor:
-        busy = executor.submit(pow, 3, 4_500_000)  # one C call, seconds long
+        busy = executor.submit(pow, 3, 2_500_000)  # one C call, seconds long
         asleep = executor.submit(time.sleep, 4)
-        assert busy.result().bit_length() > 7_000_000
+        assert busy.result().bit_length() > 3_900_000
         assert asleep.result() is None
 
 
@@ -123,26 +123,32 @@ def test_killing_an_executor_ends_its_calls_at_once():
 
 @pytest.mark.parametrize("count", [0, -1, True, 1.5, 10**400])
 def test_a_count_of_workers_that_cannot_be_is_refused(count):
-    with pytest.raises(InvalidArgumentError, match="workers must be a whole number"), workers(count):
+    with (
+        pytest.raises(InvalidArgumentError, match="workers must be a whole number"),
+        workers(count),
+    ):
         pass
 
 
 def test_sigterm_is_an_interruption_meanwhile():
     before = signal.getsignal(signal.SIGTERM)
     with pytest.raises(KeyboardInterrupt), interrupts():
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(5)
+        signal.raise_signal(signal.SIGTERM)
     assert signal.getsignal(signal.SIGTERM) is before
 
 
 @contextmanager
-def cluster(folder, count=2):
-    """Run a dask scheduler and workers; give its address and the workers."""
+def cluster(folder, failures=3):
+    """Run a dask scheduler and two workers, so many of which a job may kill; give its address."""
     pytest.importorskip("distributed")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path])}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(HERE), *sys.path]),
+        "DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": str(failures),
+    }
 
     def run(program, *arguments):
         return subprocess.Popen(
@@ -156,13 +162,20 @@ def cluster(folder, count=2):
     hosts = ("--host", "127.0.0.1", "--port", port, "--no-dashboard")
     programs = [run("scheduler", *hosts)]
     options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder))
-    programs += [run("worker", address, *options) for _ in range(count)]
+    programs += [run("worker", address, *options) for _ in range(2)]
     try:
+        while not _answers(int(port)):
+            time.sleep(0.1)
         yield address, programs[1:]
     finally:
         for program in programs:
             program.kill()
             program.wait()
+
+
+def _answers(port):
+    with socket.socket() as one:
+        return one.connect_ex(("127.0.0.1", port)) == 0
 
 
 def test_a_cluster_does_the_same_jobs_though_a_worker_is_killed(
@@ -186,12 +199,13 @@ def test_a_cluster_does_the_same_jobs_though_a_worker_is_killed(
     assert contents(out) == undisturbed
 
 
-@pytest.mark.slow
-def test_a_job_that_kills_every_worker_of_a_cluster_is_named(tmp_path):
-    with cluster(tmp_path, 6) as (address, _), workers(scheduler=address) as executor:
-        failures = run_jobs([Task(0, "leave"), Task(1)], work, tmp_path, executor)
+def test_a_job_that_kills_the_workers_of_a_cluster_is_named(tmp_path):
+    with cluster(tmp_path, 0) as (address, _), workers(scheduler=address) as executor:
+        failures = run_jobs([Task(0, "leave")], work, tmp_path, executor)
+        assert run_jobs([Task(1)], work, tmp_path, executor) == []  # there is another worker
     assert len(failures) == 1
     assert failures[0].startswith("leave 0: KilledWorker: Attempted to run task")
+    assert failures[0].endswith("all those workers died while running it")
 
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nonsense", "foo://bar:1"])
