@@ -4,7 +4,11 @@ import ast
 import pathlib
 import re
 
+from docutils import nodes
+from sphinx import addnodes
 from sphinx.application import Sphinx
+from sphinx.transforms.post_transforms import SphinxPostTransform
+from sphinx.util.nodes import make_refnode
 
 ROOT = pathlib.Path(__file__).parent.parent
 
@@ -41,13 +45,31 @@ myst_substitutions = {
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 default_role = "code"
+napoleon_attr_annotations = False  # an array's shape says more than its type
 napoleon_use_ivar = True
 # "nodes" under Returns is a name, not a reference, and several classes have some.
 suppress_warnings = ["ref.python"]
 
 BARS = re.compile(r"(?<![`\w])\|(?=[^|`\s][^|`]*\|)|(?<=[^|`\s])\|(?![`\w|])")
 
-ARRAY = re.compile(r"~?(?:numpy\.)?ndarray\[~?tuple\[~?(?:typing\.)?Any, \.\.\.\], ~?(?:numpy\.)?dtype\[~?(?:numpy\.)?([\w.]+)\]\]")
+ARRAY = re.compile(
+    r"~?(?:numpy\.)?ndarray\[~?tuple\[~?(?:typing\.)?Any, \.\.\.\], "
+    r"~?(?:numpy\.)?dtype\[~?(?:numpy\.)?([\w.]+)\]\]"
+)
+
+
+# A study's report does not know which study of the paper it is.
+STUDIES = {
+    "results/figs-5-to-10/summary": "Figs. 5 to 10, every table",
+    "results/ablations/summary": "Ablations, every table",
+    "results/orientation/summary": "Orientation, every table",
+}
+
+
+def name_study(_app: Sphinx, page: str, source: list[str]) -> None:
+    """Give a study's report its title."""
+    if page in STUDIES:
+        source[0] = source[0].replace("# Study", f"# {STUDIES[page]}", 1)
 
 
 def as_restructured_text(
@@ -66,7 +88,25 @@ def with_short_types(
     return tuple(part and ARRAY.sub(r"NDArray[\1]", part) for part in signature)
 
 
+class LinkedNames(SphinxPostTransform):
+    """Makes `eea.core.behavior.summarize` on a page a link to its place in the reference."""
+
+    default_priority = 5
+
+    def run(self, **_: object) -> None:
+        """Replace every literal that is the whole name of a thing in the reference."""
+        known = self.env.get_domain("py").objects
+        for literal in list(self.document.findall(nodes.literal)):
+            found = known.get(literal.astext())
+            if found and not isinstance(literal.parent, (nodes.reference, addnodes.pending_xref)):
+                here = self.env.current_document.docname
+                link = (self.app.builder, here, found.docname, found.node_id, literal.deepcopy())
+                literal.replace_self(make_refnode(*link))
+
+
 def setup(app: Sphinx) -> None:
     """Tell Sphinx of the above."""
+    app.connect("source-read", name_study)
+    app.add_post_transform(LinkedNames)
     app.connect("autodoc-process-docstring", as_restructured_text)
     app.connect("autodoc-process-signature", with_short_types)

@@ -56,9 +56,7 @@ def test_a_page_does_what_it_says(
 
 def test_every_page_with_python_is_run() -> None:
     pages = [DOCS / "tutorial.md", *(DOCS / "howto").glob("*.md")]
-    with_python = {
-        str(page.relative_to(DOCS)) for page in pages if BLOCK.search(page.read_text())
-    }
+    with_python = {str(page.relative_to(DOCS)) for page in pages if BLOCK.search(page.read_text())}
     assert with_python == set(PAGES)
 
 
