@@ -14,6 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.engines.base import check_engine
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import SETTINGS, claim, held
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
@@ -157,8 +158,8 @@ class TransferCommand:
             document = {
                 "native_morphology": controller.morphology.to_dict(),
                 "target_morphology": target.to_dict(),
-                "native_engine": self.config.native_engine,
-                "target_engine": self.config.target_engine,
+                "native_engine": check_engine(self.config.native_engine),
+                "target_engine": check_engine(self.config.target_engine),
                 "seconds": self.config.seconds,
                 "seed": self.config.seed,
                 **result.to_dict(),

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.base import check_engine, resolve_engine
+from aquafish_gym.engines.base import AUTO, ENGINES, check_engine, resolve_engine
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait.controller import MAXIMUM_SEED, Controller
 from gait.policy import ControllerLike
 from gait.rollout import MAXIMUM_POSES, SECONDS, Swim, random_poses, step_count, swim, swim_all
@@ -46,7 +46,7 @@ class TransferConfig:
         integer("seed", self.seed, 0, MAXIMUM_SEED)
         step_count(self.seconds)
         for name in ("native_engine", "target_engine"):
-            object.__setattr__(self, name, resolve_engine(name, getattr(self, name)))
+            one_of(name, getattr(self, name), (AUTO, *ENGINES))
 
 
 @dataclass(frozen=True)
@@ -180,12 +180,11 @@ def transfer(
     c = config or TransferConfig()
     body = Morphology.coerce(target)
     home = _native_body(controller) if native is None else Morphology.coerce(native)
-    check_engine(c.native_engine)
-    check_engine(c.target_engine)
+    engines = [check_engine(name) for name in (c.native_engine, c.target_engine)]
     poses = random_poses(c.poses, c.seed)
     return Transfer(
-        native=score(controller, home, poses, c.native_engine, c.seconds),
-        target=score(controller, body, poses, c.target_engine, c.seconds),
+        native=score(controller, home, poses, engines[0], c.seconds),
+        target=score(controller, body, poses, engines[1], c.seconds),
         poses=poses,
     )
 

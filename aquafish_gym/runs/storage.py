@@ -236,7 +236,7 @@ def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> 
         if isinstance(error, InvalidArgumentError):
             raise
         raise InvalidArgumentError(
-            f"{argument} must be a file that can be read; {brief(path)}: {_reason(error)}"
+            f"{argument} must be a file that can be read; {path}: {_reason(error)}"
         ) from None
     if content is None or len(content) > most_bytes:  # it may have grown meanwhile
         raise InvalidArgumentError(

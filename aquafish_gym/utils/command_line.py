@@ -6,7 +6,9 @@ a file or the machine is said in one line.
 
 from __future__ import annotations
 
+import contextlib
 import inspect
+import io
 import os
 import sys
 from collections.abc import Mapping, Sequence
@@ -139,8 +141,7 @@ def run_command_line(
     try:
         with interrupts():
             _refuse_empty_values(words)
-            command: Command = app.cli(prog=prog, args=words)
-            command.execute()
+            _make(app, prog, words, refused).execute()
             sys.stdout.flush()
     except SystemExit as leaving:  # tyro has said why
         return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
@@ -158,6 +159,28 @@ def run_command_line(
     except MemoryError:
         return _say(program, "there is not enough memory", FAILED)
     return 0
+
+
+def _make(
+    app: CommandLine, prog: str, words: Sequence[str], refused: tuple[type[Exception], ...]
+) -> Command:
+    """Return the command, or let tyro's box be seen, but for settings that we refuse ourselves."""
+    box = io.StringIO()
+    cause: BaseException | None = None
+    try:
+        with contextlib.redirect_stderr(box):
+            command: Command = app.cli(prog=prog, args=words)
+    except SystemExit as leaving:
+        cause = leaving
+        while cause is not None and not isinstance(cause, refused):
+            cause = cause.__context__
+        if cause is None:
+            raise
+        raise cause from None
+    finally:
+        if cause is None:
+            sys.stderr.write(box.getvalue())
+    return command
 
 
 def _say(program: str, sentence: str, code: int) -> int:
