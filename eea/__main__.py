@@ -23,7 +23,7 @@ from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.command_line import BAD_INPUT, read_morphology, run_command_line
 from eea.aquafish.fish import EngineTarget, fish_eea
 from eea.cli.folder import MODEL, RunFolder
-from eea.cli.study import Plot, StudyCommand
+from eea.cli.study import Merge, Plot, StudyCommand
 from eea.core.algorithm import EEA, Result, RoundRecord, streams
 from eea.core.checks import ConfigurationError, TargetError, choice
 from eea.core.config import EEAConfig, recovery_config
@@ -159,6 +159,7 @@ class Recover(Run):
 
 app.command(name="study")(StudyCommand)
 app.command(name="plot")(Plot)
+app.command(name="merge")(Merge)
 
 
 class Commands:
@@ -168,7 +169,7 @@ class Commands:
         """Return the command that the arguments ask for."""
         words = sys.argv[1:] if args is None else args
         if words and not words[0].startswith("-"):
-            choice("the command", words[0], ("run", "recover", "study", "plot"))
+            choice("the command", words[0], ("run", "recover", "study", "plot", "merge"))
         said = io.StringIO()
         try:
             with contextlib.redirect_stderr(said):

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import multiprocessing
 import os
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -76,10 +79,42 @@ ENGINES: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
     "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
 }
+# Whichever of them this machine has, PyBullet first; see ``resolve_engine``.
+AUTO = "auto"
+
+
+def resolve_engine(argument: str, name: object) -> str:
+    """Return ``"pybullet"`` or ``"numba"``, which ``"auto"`` decides by what is installed.
+
+    ``"auto"`` is PyBullet where it is installed, else the compiled engine, the same robot to
+    1e-9, with one line on stderr: once a process, and not in workers. ``argument`` is what a
+    message calls the engine. That a named engine can be used here is for :func:`check_engine`.
+
+    Raises
+    ------
+    UnknownNameError
+        With the nearest known name.
+    """
+    known = one_of(argument, name, (AUTO, *ENGINES))
+    if known != AUTO:
+        return known
+    if find_spec("pybullet") is not None:
+        return "pybullet"
+    _say_compiled()
+    return "numba"
+
+
+@functools.cache
+def _say_compiled() -> None:
+    if multiprocessing.parent_process() is None:
+        print(
+            'PyBullet is not installed here: engine "auto" is "numba", the same robot compiled',
+            file=sys.stderr,
+        )
 
 
 def check_engine(engine: object) -> str:
-    """Return the engine's name if it can be used here.
+    """Return the engine's name if it can be used here; see :func:`resolve_engine` for "auto".
 
     Raises
     ------
@@ -88,7 +123,7 @@ def check_engine(engine: object) -> str:
     EngineUnavailableError
         If the package behind it is not installed.
     """
-    name = one_of("engine", engine, ENGINES)
+    name = resolve_engine("engine", engine)
     if name == "pybullet":
         load_pybullet()
     elif find_spec(name) is None:
@@ -170,7 +205,8 @@ def simulate(
     steps
         Samples of 0.01 s, at most 1,000,000.
     engine
-        ``"numba"`` (all robots at once) or ``"pybullet"`` (one after another).
+        ``"numba"`` (all robots at once), ``"pybullet"`` (one after another) or ``"auto"``
+        (PyBullet where it is installed).
     dtype
         ``"float32"`` or ``"float64"``, for the compiled engine; PyBullet always computes in
         double precision.
@@ -205,6 +241,7 @@ def simulate(
     >>> log.rpy.shape
     (1, 100, 3)
     """
+    engine = resolve_engine("engine", engine)
     answer = find_engine(engine)
     trials = check_trials(morphologies, commands, fin_angles)
     water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
@@ -221,13 +258,23 @@ def simulate(
     return answer(trials, settings)
 
 
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS and Windows bind no process to cores
+
+
 def _check_log_fits(batch: int, settings: Settings, engine: str) -> None:
     """Refuse a log that is larger than this machine's memory."""
     sample = RECORDS[settings.record] * np.dtype(settings.dtype).itemsize
     if engine == "pybullet":  # keeps everything, in double precision, until the end
         sample = RECORDS["pose"] * 8
     wanted = batch * settings.steps * sample
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # this system does not say
+        return
     if wanted > memory:
         raise InvalidArgumentError(
             f"a log of {settings.steps} steps of {batch} robots would take {wanted / 2**30:,.0f} "

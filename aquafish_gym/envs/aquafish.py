@@ -123,7 +123,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     |-----------|------|---------|-------------|
     | `morphology` | Morphology, dict, nine numbers | `None` | before damage; None: the prototype |
     | `damage` | Damage, text, list | `None` | e.g. `"left_pectoral:length=0.5;caudal:missing"` |
-    | `engine` | str | `"pybullet"` | `"pybullet"` or `"numba"`: the same robot |
+    | `engine` | str | `"auto"` | `"pybullet"` (where it is installed) or `"numba"`: the same |
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
     | `fin_angles` | str or three numbers | `"zero"` | see Starting State |
     | `observe_fins` | bool | `False` | whether the observation holds the fins' angles |
@@ -148,7 +148,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self,
         morphology: object = None,
         damage: object = None,
-        engine: str = "pybullet",
+        engine: str = "auto",
         current: ArrayLike = (0.0, 0.0, 0.0),
         fin_angles: object = "zero",
         observe_fins: bool = False,

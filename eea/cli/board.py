@@ -44,8 +44,12 @@ class Board:
         self.failed: set[Replicate] = set()
         self._clock = clock
         self._began: dict[Replicate, float] = {}
-        self._start = clock()
+        self._start = 0.0
         self._done = 0.0  # work done in this sitting
+
+    def start(self) -> None:
+        """Note that the work begins."""
+        self._start = self._clock()
 
     def take(self, event: Event[Replicate]) -> None:
         """Note what happened."""
@@ -89,10 +93,11 @@ class Board:
     def line(self, job: Replicate, document: Mapping[str, Any]) -> str:
         """Return a sentence about a replicate that has just been finished."""
         score = "unknown" if self.scores[job] is None else f"{self.scores[job]:.3f}"
-        seconds = self._clock() - self._began.get(job, self._start)
+        began = self._began.get(job)  # a cluster does not tell
+        took = "" if began is None else f", {self._clock() - began:.1f} s"
         return (
-            f"{job.name}: OBJ_FIT {score} after {len(document['rounds'])} rounds, "
-            f"{seconds:.1f} s ({self.counts()})"
+            f"{job.name}: OBJ_FIT {score} after {len(document['rounds'])} rounds{took} "
+            f"({self.counts()})"
         )
 
     def __rich__(self) -> Table:
@@ -137,6 +142,7 @@ def shown(board: Board, console: Console) -> Iterator[Callable[[Event[Replicate]
     """Show the board while there is work to do; yield what is to be told of each event."""
     live = Live(board, console=console, auto_refresh=False) if console.is_terminal else None
     drawn = 0.0
+    board.start()
 
     def note(event: Event[Replicate]) -> None:
         nonlocal drawn

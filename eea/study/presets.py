@@ -65,7 +65,5 @@ def smoke(config: EEAConfig) -> EEAConfig:
             population=max(6, config.estimation.population // 10),
             generations=8,
         ),
-        out_of_band=replace(
-            config.out_of_band, period=3, inner_population=6, inner_generations=3
-        ),
+        out_of_band=replace(config.out_of_band, period=3, inner_population=6, inner_generations=3),
     )

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
-from platform import python_version_tuple
 
 import aquafish_gym
 import eea
@@ -15,14 +13,6 @@ from aquafish_gym.runs.stamps import code_stamp
 # commands and the reports only carry results.
 ROBOT = ("command.py", "damage.py", "imu.py", "morphology.py", "physics", "engines")
 ALGORITHM = ("core", "aquafish", "study/replicate.py")
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of what computes the results."""
-    return {
-        **{name: version(name) for name in ("aquafish-gym", "numba", "numpy")},
-        "python": ".".join(python_version_tuple()[:2]),
-    }
 
 
 @cache

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from eea.aquafish.fish import EngineTarget, Orientation, fish_eea
+from eea.aquafish import EngineTarget, Orientation, fish_eea
 from eea.core.algorithm import EEA, streams
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.study.plan import Place
+from eea.study.presets import smoke
 from eea.study.provenance import source_stamp
 
 Say = Callable[[str, float], None]
@@ -120,6 +121,21 @@ class Replicate:
             substeps=world.substeps,
             threads=1,
         )
+
+
+def rehearse(jobs: Sequence[Replicate]) -> None:
+    """Begin each job, and run one like the first in small, so that the engine is compiled.
+
+    Raises
+    ------
+    ConfigurationError, InvalidArgumentError, EngineUnavailableError
+        If a setting is wrong, or an engine is not to be had here.
+    """
+    for job in jobs:
+        job.begin()
+    config = jobs[0].config
+    small = EEAConfig(condition="ideal", steps=config.steps, rounds=2, behavior=config.behavior)
+    replicate(replace(jobs[0], config=smoke(small)), lambda _text, _share: None)
 
 
 def replicate(job: Replicate, say: Say) -> dict[str, Any]:

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
+from aquafish_gym.runs.stamps import versions
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import EEAConfig
 from eea.study.plan import Plan, written_plan
-from eea.study.provenance import source_stamp, versions
+from eea.study.provenance import source_stamp
 from eea.study.replicate import Replicate, World
 
 # An arm's name is a folder's name, a cell of a table, and part of options and pictures' names.

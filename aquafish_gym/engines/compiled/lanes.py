@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
+from aquafish_gym.engines.base import TIMESTEP, Settings, Trials, available_cores
 from aquafish_gym.engines.compiled.kernel import (
     GYRO,
     POSE,
@@ -125,7 +125,7 @@ class LaneBatch:
         self.current = current
         self.reactive = reactive
         self.substeps = substeps
-        self.threads = threads or len(os.sched_getaffinity(0))
+        self.threads = threads or available_cores()
         self.steps_done = 0
         self._parameters = pack_rows(robot_parameters(morphologies), dtype, self.width)
         self._states = pack_rows(rest_rows(fin_angles), dtype, self.width)

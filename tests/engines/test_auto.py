@@ -1,0 +1,61 @@
+"""The engine "auto": PyBullet where it is installed, else the compiled one with one notice."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from aquafish_gym.engines.base import check_engine, find_engine, resolve_engine
+from aquafish_gym.utils.validation import UnknownNameError
+
+# As if PyBullet were not installed.
+WITHOUT = "import sys; sys.modules['pybullet'] = None\n"
+NOTICE = 'PyBullet is not installed here: engine "auto" is "numba", the same robot compiled\n'
+
+
+def run(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+
+
+def test_pybullet_is_taken_where_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("pybullet")
+    assert resolve_engine("engine", "auto") == check_engine("auto") == "pybullet"
+    assert find_engine("auto") is find_engine("pybullet")
+    assert capsys.readouterr().err == ""
+
+
+def test_a_named_engine_is_itself_without_a_word() -> None:
+    ask = "from aquafish_gym.engines.base import resolve_engine as r\n"
+    done = run(WITHOUT + ask + "print(r('engine', 'numba'), r('engine', 'pybullet'))")
+    assert (done.stdout, done.stderr) == ("numba pybullet\n", "")
+
+
+def test_without_pybullet_the_compiled_one_is_named_once() -> None:
+    code = (
+        "import gymnasium as gym, aquafish_gym\n"
+        "from aquafish_gym.engines.base import check_engine, resolve_engine\n"
+        "env = gym.make('AquaFish-v0')\n"
+        "env.reset(seed=1), env.step(env.action_space.sample())\n"
+        "print(check_engine('auto'), resolve_engine('target_engine', 'auto'))"
+    )
+    done = run(WITHOUT + code)
+    assert done.stdout == "numba numba\n"
+    assert done.stderr.count(NOTICE) == 1
+
+
+def test_workers_do_not_repeat_the_notice() -> None:
+    code = (
+        "import multiprocessing\n"
+        "from aquafish_gym.engines.base import resolve_engine\n"
+        "with multiprocessing.get_context('fork').Pool(2) as pool:\n"
+        "    print(*pool.starmap(resolve_engine, [('engine', 'auto')] * 4))"
+    )
+    done = run(WITHOUT + code)
+    assert (done.stdout, done.stderr) == ("numba numba numba numba\n", "")
+
+
+def test_an_unknown_engine_gets_the_nearest_name() -> None:
+    with pytest.raises(UnknownNameError, match=r"target_engine must be one of auto, .*'pybullet'"):
+        resolve_engine("target_engine", "bullet")
