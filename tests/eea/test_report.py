@@ -11,7 +11,7 @@ import pytest
 
 from aquafish_gym.runs.storage import DamagedFileError
 from eea.core.checks import ConfigurationError
-from eea.core.fitness import chance_level, mid_range_level, nearest_level
+from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
 from eea.report import read_study, report, summarize_study
 from eea.report.arms import baseline_of, comparisons
 from eea.report.findings import COLUMNS, LAYOUT
@@ -130,7 +130,7 @@ def test_the_summary_by_hand(folder):
     assert arm["durations"]["128"]["rise"]["mean"] == pytest.approx(np.mean(rises))
     assert summary["chance"] == chance_level(TRUTH, LAYOUT)
     assert summary["mid_range"] == mid_range_level(TRUTH, LAYOUT)
-    assert summary["nearest"] == nearest_level(TRUTH, LAYOUT)
+    assert summary["nearest"] == quantisation_limit(TRUTH, LAYOUT)
     text = (folder / "summary.md").read_text()
     assert f"| Out-of-Band | **mean of 2 durations** | 5 | {fit['mean']:.3f} |" in text
     assert "(BCa at Student's level; none for fewer than five)" in text
@@ -202,7 +202,7 @@ def test_dimensions_are_held_against_guessing(folder):
     # A nominal length of 0.8 of the range lies between 50 and 51 of its 63 steps.
     assert found["nearest_error"]["right_pectoral.length"] == pytest.approx(0.8 - 50 / 63)
     least = 1 - np.mean(list(found["nearest_error"].values()))
-    assert least == pytest.approx(nearest_level(TRUTH, LAYOUT))
+    assert least == pytest.approx(quantisation_limit(TRUTH, LAYOUT))
     assert (
         "| dimension | random | middle | quantisation limit |"
         in (folder / "summary.md").read_text()

@@ -11,8 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from eea.core.algorithm import Result
 from eea.core.checks import ConfigurationError, choice
+from eea.core.result import Result
 from eea.report.figures.drawing import FORMATS, Floats, new_figure, save_figure
 
 # Blue and vermilion of Okabe and Ito's palette, told apart by all eyes.
