@@ -10,6 +10,7 @@ import tyro
 from rich.console import Console
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.engines.base import resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.stamps import versions
@@ -109,7 +110,7 @@ class Run:
             "target_damage": str(damage),
             "target_morphology": intact.to_dict(),
             "target_engine": target.engine,
-            "engine": self.engine,
+            "engine": resolve_engine("engine", self.engine),
             "dtype": self.dtype,
             "current": list(self.current),
             "substeps": self.substeps,
@@ -215,9 +216,7 @@ def damage_words(intact: Morphology, result: Result) -> list[str]:
         if len(changes) == 3 and not any(after for after, _, _ in changes):
             found = result.model.reshape(3, 3)[FINS.index(fin)]
             was = intact.to_array().reshape(3, 3)[FINS.index(fin)]
-            said.append(
-                f"{FIN_WORDS[fin]}: gone; found {_sizes(found)} where it was {_sizes(was)}"
-            )
+            said.append(f"{FIN_WORDS[fin]}: gone; found {_sizes(found)} where it was {_sizes(was)}")
         else:
             said += [f"{FIN_WORDS[fin]}: {what}, found {told}" for _, what, told in changes]
     return said or ["nothing was broken"]
