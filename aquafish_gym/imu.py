@@ -9,14 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.attitude import continue_attitude
+from aquafish_gym.utils.validation import integer
 
 if TYPE_CHECKING:
     pass
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 Floats = NDArray[np.floating]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ImuLog:
     """B robots' samples at T steps, taken after each step.
 
@@ -36,6 +40,15 @@ class ImuLog:
         no IMU knows; only with ``record="pose"``.
     diverged
         (B,) whether a robot left the finite numbers; its samples are then NaN from there on.
+
+    Examples
+    --------
+    >>> from aquafish_gym import simulate
+    >>> log = simulate(None, [(0.4, 0.4, 0.5), (0.1, 0.2, 0.3)], steps=64, record="pose")
+    >>> log
+    ImuLog(B=2, T=64: rpy, gyro, pose)
+    >>> len(log.plot(robot=1).axes)
+    2
     """
 
     rpy: Floats
@@ -47,6 +60,39 @@ class ImuLog:
 
     def __len__(self) -> int:
         return len(self.rpy)
+
+    def __repr__(self) -> str:
+        recorded = ["rpy", "gyro" if self.gyro is not None else "",
+                    "pose" if self.position is not None else ""]  # fmt: skip
+        lost = int(np.sum(self.diverged))
+        return (
+            f"ImuLog(B={len(self)}, T={self.rpy.shape[1]}: {', '.join(filter(None, recorded))}"
+            f"{f'; {lost} diverged' if lost else ''})"
+        )
+
+    def plot(self, robot: int = 0) -> Figure:
+        """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If there is no such robot.
+        """
+        # The object interface: no pyplot, no window system, no global state.
+        from matplotlib.figure import Figure
+
+        which = integer("robot", robot, 0, len(self) - 1)
+        parts = [("rad", self.rpy, ("roll", "pitch", "yaw"))]
+        if self.gyro is not None:
+            parts.append(("rad/s", self.gyro, ("spin about x", "y", "z")))
+        figure = Figure(figsize=(6, 2.2 * len(parts)), layout="constrained")
+        axes = np.ravel(figure.subplots(len(parts), sharex=True))
+        for ax, (unit, signals, names) in zip(axes, parts, strict=True):
+            ax.plot(0.01 * np.arange(1, signals.shape[1] + 1), signals[which], label=names)
+            ax.set_ylabel(unit)
+            ax.legend(loc="upper left", fontsize="small")
+        axes[-1].set_xlabel("s")
+        return figure
 
 
 def unwrap_rpy(rpy: NDArray[np.floating]) -> NDArray[np.float64]:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
-from aquafish_gym.engines.packages import check_engine, resolve_engine
+from aquafish_gym.engines.packages import check_engine as check_engine
+from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import (
@@ -22,27 +23,10 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 
-__all__ = [
-    "ENGINES",
-    "MAXIMUM_CURRENT",
-    "MAXIMUM_STEPS",
-    "MAXIMUM_SUBSTEPS",
-    "RECORDS",
-    "TIMESTEP",
-    "Engine",
-    "Settings",
-    "Trials",
-    "available_cores",
-    "check_engine",
-    "check_trials",
-    "find_engine",
-    "resolve_engine",
-    "simulate",
-]
-
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
 MAXIMUM_SUBSTEPS = 64
+MAXIMUM_THREADS = 1024
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
 # How many numbers a sample has.
 RECORDS: dict[str, int] = {"rpy": 3, "attitude": 6, "pose": 16}
@@ -210,7 +194,7 @@ def simulate(
         substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
         current=(float(water[0]), float(water[1]), float(water[2])),
         dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
-        threads=None if threads is None else integer("threads", threads, 1),
+        threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         record=one_of("record", record, RECORDS),
         reactive=flag("reactive", reactive),
     )

@@ -26,7 +26,7 @@ from aquafish_gym.envs.conditions import (
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import at_rest
-from aquafish_gym.rendering.render import (
+from aquafish_gym.rendering import (
     RENDER_MODES,
     Window,
     check_render_mode,
@@ -140,6 +140,14 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Version History
 
     * v0: initial version.
+
+    Examples
+    --------
+    >>> env = AquaFishEnv(damage="left_pectoral:length=0.5", engine="numba")
+    >>> observation, info = env.reset(seed=0)
+    >>> observation.shape, info["damage"]
+    ((9,), 'left_pectoral:length=0.5')
+    >>> env.close()
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012

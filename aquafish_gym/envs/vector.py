@@ -12,8 +12,18 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.base import ENGINES, TIMESTEP
+from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
+from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
+from aquafish_gym.envs.batching import (
+    Info,
+    Mask,
+    bodies,
+    check_mask,
+    check_seeds,
+    masked,
+    put_final,
+)
 from aquafish_gym.envs.conditions import (
     Conditions,
     action_space,
@@ -30,13 +40,11 @@ from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
-from aquafish_gym.rendering.render import check_render_mode, render_pose
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
+from aquafish_gym.rendering import check_render_mode, render_pose
+from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 Observations = NDArray[np.float32]
-Info = dict[str, Any]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
@@ -73,7 +81,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     morphology
         As the single environment's, for all; or (num_envs, 9) sizes, one body each.
     engine
-        ``"numba"``, the only batched one.
+        ``"numba"``, the only batched one, and so what ``"auto"`` is here.
     render_mode
         ``"rgb_array"`` or None; ``render`` returns a frame a robot.
     dtype
@@ -91,6 +99,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     ------
     InvalidArgumentError, UnknownNameError
         The message names the argument, what was expected and what came.
+
+    Examples
+    --------
+    >>> envs = AquaFishVectorEnv(num_envs=3, fin_angles="random")
+    >>> observations, infos = envs.reset(seed=0)
+    >>> observations, rewards, *_ = envs.step(np.zeros((3, 3), np.float32))
+    >>> observations.shape, rewards.shape
+    ((3, 9), (3,))
     """
 
     def __init__(
@@ -114,7 +130,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         from aquafish_gym.engines.compiled.lanes import LaneBatch
 
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
-        if one_of("engine", engine, ENGINES) != "numba":
+        if one_of("engine", engine, (AUTO, *ENGINES)) == "pybullet":
             raise InvalidArgumentError(
                 f'the batched environment runs on engine="numba" alone; for engine={engine!r} '
                 'use gym.make_vec(..., vectorization_mode="sync")'
@@ -146,7 +162,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         # Robots of one body share one start.
         starts = [
             _start(check_conditions(body, damage, current, fin_angles))
-            for body in _bodies(morphology, self.num_envs)
+            for body in bodies(morphology, self.num_envs)
         ]
         self._starts = starts if len(starts) > 1 else starts * self.num_envs
         # Of the present episodes.
@@ -157,7 +173,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             np.zeros((self.num_envs, 3)),
             starts[0].conditions.current,
             getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
-            threads=None if threads is None else integer("threads", threads, 1),
+            threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
             reactive=flag("reactive", reactive),
         )
         # The states (25, num_envs) that are now, or were before a robot diverged.
@@ -188,10 +204,10 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             ``fin_angles``, ``morphology`` and ``damage``, the same for all and for this episode
             alone, and ``reset_mask`` (num_envs,) of bool.
         """
-        seeds = _check_seeds(seed, self.num_envs)
+        seeds = check_seeds(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)
         if isinstance(options, Mapping) and "reset_mask" in options:
-            mask = _check_mask(options["reset_mask"], self.num_envs)
+            mask = check_mask(options["reset_mask"], self.num_envs)
         if not self._begun and not mask.all():
             raise ResetNeeded("the first reset must be of every robot")
         starts = self._chosen(mask, options)  # may refuse: nothing has changed until here
@@ -203,7 +219,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
         self._begin(mask, starts)
         self._begun = True
-        return self._observation(), _masked(self._info(self._now), mask)
+        return self._observation(), masked(self._info(self._now), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
@@ -241,14 +257,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._begin(over, self._chosen(over))
             before[:, over] = now[:, over]
         ended = self._steps_left == 0
-        info = _masked(
+        info = masked(
             {**self._info(before), "diverged": diverged}, np.ones(self.num_envs, np.bool_)
         )
-        info |= _masked(terms, ~over)
+        info |= masked(terms, ~over)
         if ended.any() and self._autoreset is AutoresetMode.SAME_STEP:
             last = self._observation()
             self._begin(ended, self._chosen(ended))
-            info = _put_final(info, _masked(self._info(now), ended), last, ended)
+            info = put_final(info, masked(self._info(now), ended), last, ended)
         return (
             self._observation(),
             np.asarray(sum(terms.values())),
@@ -313,73 +329,3 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 def _three(rows: Floats) -> Vector:
     x, y, z = rows
     return (x, y, z)
-
-
-def _bodies(morphology: object, count: int) -> list[Any]:
-    """Return one body for all robots, or one for each from (count, 9) sizes."""
-    several = isinstance(morphology, np.ndarray) and morphology.ndim == 2
-    if isinstance(morphology, list | tuple) and morphology:
-        several = not isinstance(morphology[0], int | float | np.number)
-    if not several:
-        return [morphology]
-    if len(morphology) != count:  # type: ignore[arg-type]
-        raise InvalidArgumentError(
-            f"morphology must be one body or num_envs = {count} of them; got {len(morphology)}"  # type: ignore[arg-type]
-        )
-    return list(morphology)  # type: ignore[call-overload,no-any-return]
-
-
-def _check_seeds(seed: object, count: int) -> list[int | None]:
-    """Return a seed for each robot, from one number, one each, or None."""
-    if seed is None:
-        return [None] * count
-    # Bytes are a sequence of whole numbers, and no seeds.
-    if not isinstance(seed, list | tuple | range) and not (
-        isinstance(seed, np.ndarray) and seed.ndim
-    ):
-        first = integer("seed", seed, 0)
-        return [first + i for i in range(count)]
-    if len(seed) != count:
-        raise InvalidArgumentError(f"seed must be one number or {count} of them; got {len(seed)}")
-    return [None if s is None else integer(f"seed[{i}]", s, 0) for i, s in enumerate(seed)]
-
-
-def _check_mask(mask: object, count: int) -> Mask:
-    try:
-        found = np.asarray(mask)
-    except (ValueError, RecursionError):  # ragged, or too deep
-        found = np.zeros(0)
-    if found.dtype.kind != "b" or found.shape != (count,) or not found.any():
-        raise InvalidArgumentError(
-            f'options["reset_mask"] must be ({count},) of bool with at least one True; '
-            f"got {brief(mask)}"
-        )
-    return found
-
-
-def _masked(info: Info, mask: Mask) -> Info:
-    """Add the mask that Gymnasium wants beside each key."""
-    return info | {f"_{name}": mask.copy() for name in info}
-
-
-def _put_final(info: Info, fresh: Info, last: Observations, ended: Mask) -> Info:
-    """Move the ended robots' information to ``final_info`` and put the new episodes' instead."""
-    final = {name: value.copy() for name, value in info.items()}
-    for name in list(final):
-        if name.startswith("_"):
-            final[name] &= ended
-    for name, value in fresh.items():
-        if not name.startswith("_"):
-            info[name] = value
-    for name in info:
-        if name.startswith("_") and name not in fresh:
-            info[name] &= ~ended
-    observations = np.full(len(ended), None, dtype=object)
-    for i in np.flatnonzero(ended):
-        observations[i] = last[i]
-    return info | {
-        "final_obs": observations,
-        "_final_obs": ended.copy(),
-        "final_info": final,
-        "_final_info": ended.copy(),
-    }

@@ -244,7 +244,7 @@ ABLATIONS: dict[str, Ablation] = {ablation.name: ablation for ablation in _TABLE
 ELSEWHERE = (
     Elsewhere(
         "attitude past the vertical",
-        "aquafish_gym.imu.continue_attitude",
+        "aquafish_gym.physics.attitude.continue_attitude",
         "Both triples are the same attitude; any rule but continuity puts jumps into the transform "
         "that depend on the axes' names and not on the body.",
     ),

@@ -117,19 +117,19 @@ def test_both_engines_are_the_same_environment() -> None:
 
 
 def test_reactive_water_is_another_water_and_the_same_in_every_environment() -> None:
-    wishes = np.random.default_rng(0).uniform(-1, 1, (20, 3)).astype(np.float32)
+    actions = np.random.default_rng(0).uniform(-1, 1, (20, 3)).astype(np.float32)
 
     def seen(**kwargs: Any) -> Any:
         env = make(**kwargs)
         env.reset(seed=0)
-        return np.array([env.step(wish)[0] for wish in wishes])
+        return np.array([env.step(action)[0] for action in actions])
 
     drag, water = seen(engine="numba"), seen(engine="numba", reactive=True)
     assert abs(water - drag).max() > 0.01
     np.testing.assert_allclose(seen(engine="pybullet", reactive=True), water, atol=1e-6)
     many = gym.make_vec("AquaFish-v0", num_envs=2, dtype="float64", reactive=True)
     many.reset(seed=0)
-    rows = np.array([many.step(np.stack([wish, wish]))[0][0] for wish in wishes])
+    rows = np.array([many.step(np.stack([action, action]))[0][0] for action in actions])
     np.testing.assert_array_equal(rows, water)
 
 
@@ -360,10 +360,10 @@ def test_the_compiled_loop_is_never_older_than_its_physics() -> None:
 )
 @settings(max_examples=100, deadline=None)
 def test_the_short_way_of_an_action_is_the_long_one(action: Any) -> None:
-    wish = check_single_action(action)
+    short = check_single_action(action)
     long = check_action(action, (3,))
-    assert list(wish) == long.tolist()
-    assert list(servo_speeds(wish)) == scale_action(long).tolist()
+    assert list(short) == long.tolist()
+    assert list(servo_speeds(short)) == scale_action(long).tolist()
 
 
 def test_a_pybullet_environment_stays_in_its_process() -> None:

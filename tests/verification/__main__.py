@@ -46,12 +46,12 @@ class Verification:
         """Run the studies, print the tables and write what was asked for."""
         integer("seed", self.seed, 0)
         names = [one_of("only", name, STUDIES) for name in self.only] or list(STUDIES)
-        if "agreement" in names:
-            check_engine("pybullet")
         if self.out is not None:
             ensure_writable_directory(self.out, "out")
         if self.page is not None and not self.page.is_file():
             raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
+        if "agreement" in names:
+            check_engine("pybullet")
         steps = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
         with Progress(*steps, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
             report = make_report(QUICK if self.quick else Effort(), self.seed, progress, names)
