@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import eea.cli.run
+from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.command_line import read_morphology
 from eea.__main__ import main
+from eea.aquafish import fish_models
+from eea.cli.run import damage_words
 from eea.core.config import EEAConfig
 from eea.core.result import Result
-from eea.cli.run import damage_words
-from eea.aquafish import fish_models
-from aquafish_gym.damage import Damage
 
 QUICK = [
     "run",
