@@ -10,7 +10,7 @@ import tyro
 from rich.console import Console
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import resolve_engine
+from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.stamps import versions

@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from aquafish_gym import Morphology
-from aquafish_gym.rendering.render import Camera, render_motion, render_pose, write_gif
+from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
 from aquafish_gym.runs.storage import write_bytes
 from eea.aquafish.fish import fish_models
 from eea.core.fitness import chance_level, mid_range_level
