@@ -131,10 +131,9 @@ def fish_eea(
         As ``EngineSimulator``, and if the truth is no body.
     """
     instance("config", config, EEAConfig)
-    record = "rpy" if config.behavior.signal == "attitude" else "attitude"
     return EEA(
         target,
-        EngineSimulator(config.steps, record=record, **simulator),
+        EngineSimulator(config.steps, **simulator),
         fish_problem(config.genetic.coding),
         config,
         seed,

@@ -298,7 +298,8 @@ def test_it_is_said_in_words_what_broke_and_what_was_found():
         "tail: 90% of its width, found 0.54 where it was 0.60",
     ]
     assert words_for("caudal:missing") == [
-        "tail: gone; found 0.00 x 0.00 x 0.00 where it was 0.40 x 1.40 x 0.60"
+        f"tail: nothing of its {size}, found 0.00 where it was {was}"
+        for size, was in (("thickness", "0.40"), ("length", "1.40"), ("width", "0.60"))
     ]
 
 
