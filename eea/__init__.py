@@ -10,71 +10,21 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from eea.core import (
-    CONDITIONS,
-    EEA,
-    ConfigurationError,
-    EEAConfig,
-    Performed,
-    Problem,
-    RecordedLog,
-    ReplayTarget,
-    Result,
-    RevealingTarget,
-    RoundRecord,
-    Simulator,
-    Target,
-    TargetError,
-    Trials,
-    recovery_config,
-)
+from eea import aquafish, core
+from eea.core import *  # noqa: F403
 
 if TYPE_CHECKING:
-    from eea.aquafish import (
-        EngineSimulator,
-        EngineTarget,
-        MorphologyEstimate,
-        estimate_from_logs,
-        estimate_morphology,
-        estimate_morphology_of,
-        load_session,
-        save_session,
-    )
+    from eea.aquafish import *  # noqa: F403
     from eea.study.presets import FIGURES, figure_config
 
-__all__ = [
-    "CONDITIONS",
-    "EEA",
-    "FIGURES",
-    "ConfigurationError",
-    "EEAConfig",
-    "EngineSimulator",
-    "EngineTarget",
-    "MorphologyEstimate",
-    "Performed",
-    "Problem",
-    "RecordedLog",
-    "ReplayTarget",
-    "Result",
-    "RevealingTarget",
-    "RoundRecord",
-    "Simulator",
-    "Target",
-    "TargetError",
-    "Trials",
-    "estimate_from_logs",
-    "estimate_morphology",
-    "estimate_morphology_of",
-    "figure_config",
-    "load_session",
-    "recovery_config",
-    "save_session",
-]
+__all__ = ["FIGURES", "figure_config"]
+__all__ += core.__all__
+__all__ += aquafish.__all__
 
 
 def __getattr__(name: str) -> Any:
     if name in ("FIGURES", "figure_config"):
         return getattr(import_module("eea.study.presets"), name)
-    if name in __all__:
-        return getattr(import_module("eea.aquafish"), name)
+    if name in aquafish.__all__:
+        return getattr(aquafish, name)
     raise AttributeError(f"module 'eea' has no attribute {name!r}")

@@ -75,7 +75,7 @@ class CompareSignals:
         config: BehaviorConfig,
     ) -> NDArray[np.float64]:
         """Return 1 - sim (B,) of bodies (B, 9) in the same trials."""
-        simulator = EngineSimulator(steps, record="attitude")
+        simulator = EngineSimulator(steps)
         one, other = (
             summarize(simulator.simulate(Trials(b, trials.commands, trials.angles)), config)
             for b in (some, others)

@@ -23,23 +23,6 @@ if TYPE_CHECKING:
     from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
     from eea.aquafish.target import EngineTarget, Orientation
 
-ROOMS = {
-    "EngineSimulator": "simulator",
-    "EngineTarget": "target",
-    "MorphologyEstimate": "estimate",
-    "Orientation": "target",
-    "SimulatorOptions": "simulator",
-    "estimate_from_logs": "estimate",
-    "estimate_morphology": "estimate",
-    "estimate_morphology_of": "estimate",
-    "fish_actions": "estimate",
-    "fish_eea": "estimate",
-    "fish_models": "estimate",
-    "fish_problem": "estimate",
-    "load_session": "session",
-    "save_session": "session",
-}
-
 __all__ = [
     "EngineSimulator",
     "EngineTarget",
@@ -59,6 +42,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name in ROOMS:
-        return getattr(import_module(f"eea.aquafish.{ROOMS[name]}"), name)
+    if name in __all__:
+        room = "session" if name.endswith("_session") else "estimate"
+        return getattr(import_module(f"eea.aquafish.{room}"), name)
     raise AttributeError(f"module 'eea.aquafish' has no attribute {name!r}")

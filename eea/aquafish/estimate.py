@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Unpack
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
@@ -132,10 +131,9 @@ def fish_eea(
         As ``EngineSimulator``, and if the truth is no body.
     """
     instance("config", config, EEAConfig)
-    record = "rpy" if config.behavior.signal == "attitude" else "attitude"
     return EEA(
         target,
-        EngineSimulator(config.steps, record=record, **simulator),
+        EngineSimulator(config.steps, **simulator),
         fish_problem(config.genetic.coding),
         config,
         seed,

@@ -8,7 +8,8 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.engines.base import resolve_engine, simulate
+from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from eea.core.behavior import BehaviorConfig
 from eea.core.experiment import Comparer, Simulator, Trials
@@ -35,8 +36,6 @@ class EngineSimulator(Simulator):
     engine, dtype, current, substeps, threads
         As ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest, and
         no result depends on the threads.
-    record
-        ``"attitude"`` to log the gyroscope with roll, pitch and yaw, or ``"rpy"`` for these alone.
 
     Raises
     ------
@@ -59,7 +58,6 @@ class EngineSimulator(Simulator):
     current: ArrayLike = (0.0, 0.0, 0.0)
     substeps: int = 1
     threads: int | None = None
-    record: str = "attitude"
 
     def __init_subclass__(cls, **_: Any) -> None:
         raise TypeError(
@@ -83,7 +81,6 @@ class EngineSimulator(Simulator):
             current=self.current,
             substeps=self.substeps,
             threads=self.threads,
-            record=self.record,
         )
 
     def comparer(self, behavior: BehaviorConfig, steps: int) -> Comparer | None:

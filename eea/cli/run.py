@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import resolve_engine
-from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from aquafish_gym.engines.packages import resolve_engine
+from aquafish_gym.morphology import DIMENSIONS, Morphology
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.stamps import versions
 from aquafish_gym.runs.storage import (
@@ -37,7 +37,7 @@ from eea.core.result import SCHEMA, Result, RoundRecord
 KIND = "a run of the algorithm"
 RESULT, MODEL, PICTURE = "result.json", "morphology.json", "rounds.png"
 FIN_WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
-SHARE_WORDS = {0.0: "none of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
+SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
 
 
 @dataclass(frozen=True)
@@ -198,32 +198,18 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
 def damage_words(intact: Morphology, result: Result) -> list[str]:
     """Return what broke, and what was found of it, a line for each size that the damage changed.
 
-    Examples of a line: ``left flipper: half its length, found 0.79 where it was 1.60``; and
-    ``tail: gone; found length 0.13 where it was 1.40``.
+    For example ``left flipper: half its length, found 0.79 where it was 1.60``.
     """
     assert result.truth is not None
     sizes = zip(DIMENSIONS, intact.to_array(), result.truth, result.model, strict=True)
-    lines: dict[str, list[tuple[float, str, str]]] = {fin: [] for fin in FINS}
-    for dimension, before, after, found in sizes:
-        if after == before:
-            continue
-        share = after / before if before else float("inf")
-        words = SHARE_WORDS.get(round(share, 6), f"{share:.0%} of")
-        told = f"{found:.2f} where it was {before:.2f}"
-        lines[dimension.fin].append((after, f"{words} its {dimension.size}", told))
     said = []
-    for fin, changes in lines.items():
-        if len(changes) == 3 and not any(after for after, _, _ in changes):
-            found = result.model.reshape(3, 3)[FINS.index(fin)]
-            was = intact.to_array().reshape(3, 3)[FINS.index(fin)]
-            said.append(f"{FIN_WORDS[fin]}: gone; found {_sizes(found)} where it was {_sizes(was)}")
-        else:
-            said += [f"{FIN_WORDS[fin]}: {what}, found {told}" for _, what, told in changes]
+    for dimension, before, after, found in sizes:
+        if after != before:
+            share = after / before if before else float("inf")
+            words = SHARE_WORDS.get(round(share, 6), f"{share:.0%} of")
+            what = f"{FIN_WORDS[dimension.fin]}: {words} its {dimension.size}"
+            said.append(f"{what}, found {found:.2f} where it was {before:.2f}")
     return said or ["nothing was broken"]
-
-
-def _sizes(fin: Any) -> str:
-    return " x ".join(f"{size:.2f}" for size in fin)
 
 
 def _table(result: Result) -> list[str]:

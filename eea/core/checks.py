@@ -1,4 +1,4 @@
-"""Refusing bad settings at the door, in sentences that name the setting.
+"""Refusing bad settings at the door, in sentences that name the setting: ConfigurationError.
 
 The EEA knows no robot and so cannot borrow ``aquafish_gym.utils.validation``; these few helpers are
 all it needs.
@@ -40,13 +40,7 @@ def brief(value: object) -> str:
 
 
 def choice(argument: str, value: object, choices: Iterable[str]) -> None:
-    """Refuse ``value`` unless it is one of ``choices``; the nearest one is offered.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not.
-    """
+    """Refuse ``value`` unless it is one of ``choices``; the nearest one is offered."""
     known = list(choices)
     if isinstance(value, str) and value in known:
         return
@@ -58,49 +52,25 @@ def choice(argument: str, value: object, choices: Iterable[str]) -> None:
 
 
 def flag(argument: str, value: object) -> None:
-    """Refuse ``value`` unless it is True or False.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not; ``"no"`` and 0 would else be taken by their truth.
-    """
+    """Refuse ``value`` unless it is True or False."""
     if not isinstance(value, bool):
         raise ConfigurationError(f"{argument} must be True or False; got {brief(value)}")
 
 
 def instance(argument: str, value: object, kind: type) -> None:
-    """Refuse ``value`` unless it is a ``kind``.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not.
-    """
+    """Refuse ``value`` unless it is a ``kind``."""
     if not isinstance(value, kind):
         raise ConfigurationError(f"{argument} must be of type {kind.__name__}; got {brief(value)}")
 
 
 def at_most(argument: str, value: float, bound: str, limit: float) -> None:
-    """Refuse a ``value`` above the ``limit`` that another setting, ``bound``, is for it.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is above; the message names both.
-    """
+    """Refuse a ``value`` above the ``limit`` that another setting, ``bound``, is for it."""
     if value > limit:
         raise ConfigurationError(f"{argument} must be at most {bound}, {limit}; got {brief(value)}")
 
 
 def whole(argument: str, value: object, low: int, high: int | None = None) -> None:
-    """Refuse ``value`` unless it is a whole number in [``low``, ``high``].
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not. Booleans are not numbers here.
-    """
+    """Refuse ``value`` unless it is a whole number in [``low``, ``high``]."""
     # numpy counts spans of time among its integers.
     number = isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
     if not number or value < low or (high is not None and value > high):  # type: ignore[operator]
@@ -111,13 +81,7 @@ def whole(argument: str, value: object, low: int, high: int | None = None) -> No
 
 
 def real(argument: str, value: object, low: float, high: float = math.inf) -> None:
-    """Refuse ``value`` unless it is a finite number in [``low``, ``high``].
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not. Booleans are not numbers here.
-    """
+    """Refuse ``value`` unless it is a finite number in [``low``, ``high``]."""
     kinds = int | float | np.integer | np.floating
     try:
         number = isinstance(value, kinds) and not isinstance(value, bool | np.timedelta64)
@@ -130,14 +94,7 @@ def real(argument: str, value: object, low: float, high: float = math.inf) -> No
 
 
 def finite(argument: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
-    """Return ``value`` as a finite float64 array of ``shape``; ``None`` is any length.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not real numbers (text that spells them is not, nor are booleans and masked
-        entries), not finite or of another shape.
-    """
+    """Return ``value`` as a finite float64 array of ``shape``; ``None`` is any length."""
     try:
         given = np.asarray(value)
         if given.dtype.kind not in "iuf" or np.ma.is_masked(value):

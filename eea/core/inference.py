@@ -26,6 +26,7 @@ class Inference(ABC):
     """What the estimation phase asks of a strategy."""
 
     experiments: Sequence[Experiment]
+    generations: int
 
     @property
     def newest(self) -> Experiment:
@@ -34,11 +35,11 @@ class Inference(ABC):
 
     def begin(self, experiments: Sequence[Experiment], generations: int) -> None:
         """Begin a round of so many generations; the newest experiment is the last."""
-        self.experiments = experiments
-        self.newest.context = self._first_context(self.newest, generations)
+        self.experiments, self.generations = experiments, generations
+        self.newest.context = self._first_context(self.newest)
 
     @abstractmethod
-    def _first_context(self, newest: Experiment, generations: int) -> Context:
+    def _first_context(self, newest: Experiment) -> Context:
         """Return what is believed of a new experiment's start."""
 
     def before_generation(  # noqa: B027 - most do nothing here
@@ -68,14 +69,14 @@ class Inference(ABC):
 class NoInference(Inference):
     """Every model begins at the zero state (Sec. 4.2): the floor."""
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+    def _first_context(self, newest: Experiment) -> Context:
         return Context.known(np.zeros(len(newest.context)))
 
 
 class Ideal(Inference):
     """The target's angles are given to the models (Sec. 4.1): the ceiling."""
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+    def _first_context(self, newest: Experiment) -> Context:
         if newest.true_angles is None:
             raise TargetError(
                 "the ideal condition needs a target that reveals its hidden angles after each "
@@ -145,10 +146,8 @@ class InBand(Inference):
 
     def __init__(self, config: InBandConfig) -> None:
         self._config = config
-        self._generations = 1
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
-        self._generations = generations
+    def _first_context(self, newest: Experiment) -> Context:
         return Context.unknown(len(newest.context), self._confidence(0))
 
     def after_generation(self, generation: int, angles: Floats, similarities: Floats) -> None:
@@ -170,7 +169,7 @@ class InBand(Inference):
         start = self._config.confidence
         if not self._config.dynamic_split:
             return start
-        return start + (1.0 - start) * min(1.0, 2.0 * generation / self._generations)
+        return start + (1.0 - start) * min(1.0, 2.0 * generation / self.generations)
 
 
 PoseFitness = Literal["mean", "best"]
@@ -255,7 +254,7 @@ class OutOfBand(Inference):
         self._genetic = genetic
         self._rng = rng
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+    def _first_context(self, newest: Experiment) -> Context:
         # Never simulated: generation 0 begins with an inference.
         return Context.unknown(len(newest.context), 1.0)
 

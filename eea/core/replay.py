@@ -60,6 +60,10 @@ class ReplayTarget:
 
     def __init__(self, commands: ArrayLike, logs: Sequence[Log]) -> None:
         self._commands = finite("commands", commands, (None, None))
+        if not isinstance(logs, Sequence):
+            raise ConfigurationError(
+                f"logs must be a sequence of logs, of one trial each; got a {type(logs).__name__}"
+            )
         self._logs = list(logs)
         if len(self._commands) != len(self._logs) or not self._logs:
             raise ConfigurationError(

@@ -11,7 +11,7 @@ from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.config import CONDITIONS, EEAConfig, recovery_config
 from eea.core.estimation import EstimationConfig
-from eea.core.experiment import Performed, Trials
+from eea.core.experiment import Trials
 from eea.core.exploration import ExplorationConfig
 from eea.core.fitness import mid_range_level, quantisation_limit
 from eea.core.genetic import GeneticConfig

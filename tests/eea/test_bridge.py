@@ -46,9 +46,6 @@ def test_every_genome_is_a_body_and_a_command_the_fish_accepts(coding):
     trials = Trials(bodies, commands, np.zeros((31, 3)))
     log = EngineSimulator(8).simulate(trials)
     assert log.rpy.shape == log.gyro.shape == (31, 8, 3)
-    alone = EngineSimulator(8, record="rpy").simulate(trials)
-    assert np.array_equal(alone.rpy, log.rpy)
-    assert alone.gyro is None
 
 
 def test_a_trial_is_the_same_to_the_bit_in_any_batch():

@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 
 import eea.cli.run
+from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.command_line import read_morphology
 from eea.__main__ import main
+from eea.aquafish import fish_models
+from eea.cli.run import damage_words
 from eea.core.config import EEAConfig
 from eea.core.result import Result
-from eea.cli.run import damage_words
-from eea.aquafish import fish_models
-from aquafish_gym.damage import Damage
 
 QUICK = [
     "run",
@@ -298,7 +298,8 @@ def test_it_is_said_in_words_what_broke_and_what_was_found():
         "tail: 90% of its width, found 0.54 where it was 0.60",
     ]
     assert words_for("caudal:missing") == [
-        "tail: gone; found 0.00 x 0.00 x 0.00 where it was 0.40 x 1.40 x 0.60"
+        f"tail: nothing of its {size}, found 0.00 where it was {was}"
+        for size, was in (("thickness", "0.40"), ("length", "1.40"), ("width", "0.60"))
     ]
 
 

@@ -14,8 +14,8 @@ from eea.core.fitness import (
     chance_level,
     mid_range_level,
     model_fitness,
-    quantisation_limit,
     objective_fitness,
+    quantisation_limit,
 )
 from fake_fish import MODELS, TRUTH
 

@@ -111,7 +111,7 @@ def test_a_simulator_of_ones_own_is_asked_and_not_bypassed(signal: Signal) -> No
 
 
 def test_what_compares_in_the_engine_is_not_inherited() -> None:
-    with pytest.raises(TypeError, match="inherit from eea.Simulator and hold an EngineSimulator"):
+    with pytest.raises(TypeError, match=r"inherit from eea\.Simulator and hold an EngineSimulator"):
 
         class Noisy(EngineSimulator):
             pass
