@@ -50,3 +50,15 @@ def test_every_arm_was_measured_with_ten_replicates_of_256_steps() -> None:
     assert EFFECTS.keys() == arms().keys()
     assert all(effect["replicates"] >= 10 for effect in EFFECTS.values())
     assert SUMMARY["durations"] == [256]
+
+
+def test_every_interval_that_the_results_quote_is_in_a_summary() -> None:
+    number = r"[−+]?\d\.\d+"
+    quoted = re.findall(
+        rf"({number}) \[({number}), ({number})\]", (DOCS / "results.md").read_text()
+    )
+    summary = (DOCS / "results" / "figs-5-to-10" / "summary.md").read_text().replace("+", "")
+    assert len(quoted) >= 10
+    for mean, low, high in quoted:
+        interval = rf"\[{low}, {high}\]"
+        assert re.search(rf"{mean} {interval}|\| {mean} \| [^|]*\| {interval}", summary), mean
