@@ -141,9 +141,7 @@ class EngineTarget:
         if self._orientation == "upright":
             return self._swim(body, command, angles, current=self._current)
         # From a hash of the angles: they stay the same whatever else is random.
-        start = random_orientation(
-            self._orientation, np.random.default_rng(angles.view(np.uint64))
-        )
+        start = random_orientation(self._orientation, np.random.default_rng(angles.view(np.uint64)))
         water = start.T @ self._current  # as seen from that start
         return turn_log(self._swim(body, command, angles, current=water), start)
 
