@@ -9,7 +9,7 @@ import re
 import pytest
 
 from eea.report.arms import arm_label
-from eea.report.tables import signed
+from eea.report.tables import MINUS, signed
 from eea.study.ablations import ABLATIONS
 from eea.study.arms import arms
 
@@ -53,7 +53,7 @@ def test_every_arm_was_measured_with_ten_replicates_of_256_steps() -> None:
 
 
 def test_every_interval_that_the_results_quote_is_in_a_summary() -> None:
-    number = r"[−+]?\d\.\d+"
+    number = rf"[{MINUS}+]?\d\.\d+"
     quoted = re.findall(
         rf"({number}) \[({number}), ({number})\]", (DOCS / "results.md").read_text()
     )
