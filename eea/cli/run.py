@@ -185,7 +185,7 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
     if not result.rounds:
         console.print("no round was completed")
     else:
-        from eea.report import save_fitness_figure
+        from eea.aquafish.run_figure import save_fitness_figure
 
         save_fitness_figure(result, folder / PICTURE)
         for line in [*_table(result), *damage_words(intact, result)]:

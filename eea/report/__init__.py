@@ -14,29 +14,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eea.report.figures import save_fitness_figure, save_study_figures
-    from eea.report.findings import Findings, read_study
+    from eea.report.findings import read_study
     from eea.report.summary import summarize_study
-    from eea.report.tables import markdown
 
-__all__ = [
-    "Findings",
-    "markdown",
-    "read_study",
-    "report",
-    "save_fitness_figure",
-    "save_study_figures",
-    "summarize_study",
-]
-
-_HOME = {
-    "Findings": "findings",
-    "markdown": "tables",
-    "read_study": "findings",
-    "save_fitness_figure": "figures",
-    "save_study_figures": "figures",
-    "summarize_study": "summary",
-}
+__all__ = ["read_study", "report", "summarize_study"]
+_HOME = {"read_study": "findings", "summarize_study": "summary"}
 
 
 def __getattr__(name: str) -> Any:
@@ -65,8 +47,10 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
 
     Raises
     ------
+    UnknownNameError
+        If there is no such format.
     ConfigurationError
-        If there is no such format, or the folder holds no study or no finished replicate.
+        If the folder holds no study or no finished replicate.
     DamagedFileError
         If a file is damaged; the message names it.
     """

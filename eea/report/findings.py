@@ -114,13 +114,6 @@ class Findings:
         """Return all columns of the last round, means over durations as in ``curves``."""
         return _mean_over(self.replicates.loc[arm], self.durations(arm))
 
-    def only(self, arms: Sequence[str]) -> Findings:
-        """Return the findings of some arms."""
-        table = self.table[self.table["arm"].isin(arms)]
-        return Findings(
-            table, self.rounds, self.truth, self.plan, self.labels, self.conditions, self.run
-        )
-
     def to_csv(self) -> str:
         """Return the table as ``results.csv`` holds it."""
         text: str = self.table.to_csv(index=False, float_format="%.5g", lineterminator="\n")

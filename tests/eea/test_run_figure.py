@@ -2,16 +2,16 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from aquafish_gym.utils.validation import UnknownNameError
+from eea.aquafish.run_figure import fitness_figure, save_fitness_figure
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
-from eea.report.figures import draw_fitness, fitness_figure, save_fitness_figure
-from fake_fish import STEPS, TRUTH, fake_eea
+from fake_fish import STEPS, fake_eea
 
 QUICK = EEAConfig(
     condition="none",
@@ -44,34 +44,6 @@ def test_without_the_truth_only_the_model_fitness_is_drawn():
     assert [label[:7] for label in lines] == ["MOD_FIT"]
 
 
-def test_replicates_are_drawn_with_their_mean_up_to_the_shortest():
-    results = [fake_eea(QUICK, 0).run(), fake_eea(replace(QUICK, rounds=2), 1).run()]
-    axes = Figure().add_subplot()
-    draw_fitness(axes, results)
-    mean = next(line for line in axes.lines if line.get_label().startswith("OBJ_FIT"))
-    first = [result.rounds[0].objective_fitness for result in results]
-    assert mean.get_ydata()[0] == pytest.approx(sum(first) / 2)
-    assert len(mean.get_ydata()) == 2
-    assert results[0].truth.tolist() == TRUTH.tolist()
-
-
-def test_a_band_reaches_a_standard_deviation_from_the_mean():
-    results = [fake_eea(QUICK, seed).run() for seed in range(3)]
-    axes = Figure().add_subplot()
-    draw_fitness(axes, results)
-    bands = {band.get_label(): band for band in axes.collections}
-    assert set(bands) == {"OBJ_FIT, mean ± SD", "MOD_FIT, mean ± SD"}
-    corners = bands["OBJ_FIT, mean ± SD"].get_paths()[0].vertices
-    for i in range(3):
-        values = [result.rounds[i].objective_fitness for result in results]
-        reach = corners[corners[:, 0] == i + 1, 1]
-        middle, deviation = np.mean(values), np.std(values, ddof=1)
-        assert (reach.min(), reach.max()) == pytest.approx((middle - deviation, middle + deviation))
-    alone = Figure().add_subplot()
-    draw_fitness(alone, results[:1])
-    assert not alone.collections
-
-
 def test_a_fitness_below_zero_is_said_to_be_cut():
     result = fake_eea(QUICK).run()
     result.rounds = [replace(record, model_fitness=0.1) for record in result.rounds]
@@ -96,7 +68,7 @@ def test_a_picture_appears_whole_or_not_at_all(tmp_path, monkeypatch):
         with pytest.raises(KeyboardInterrupt):
             save_fitness_figure(result, path)
     assert path.read_bytes() == b"old"
-    with pytest.raises(ConfigurationError, match=r"suffix must be one of .*; did you mean '.png'"):
+    with pytest.raises(UnknownNameError, match=r"suffix must be one of .*; did you mean '.png'"):
         save_fitness_figure(result, tmp_path / "a.pmg")
     save_fitness_figure(result, path)
     assert path.read_bytes().startswith(b"\x89PNG")

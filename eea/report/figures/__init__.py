@@ -1,20 +1,20 @@
-"""Pictures: of a study, each of the paper's figures and what the paper does not show; of a run.
+"""Pictures of a study: each of the paper's figures, and what the paper does not show.
 
-They are a function of the numbers: the same ones give the same bytes. No global state of
-matplotlib is left changed.
+They are a function of the study's numbers: the same ones give the same bytes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
-from eea.core.checks import choice
+from aquafish_gym.rendering.pictures import FORMATS, save_figure
+from aquafish_gym.utils.validation import one_of
 from eea.report.arms import BASELINE, FIGURES, shown_in_full
-from eea.report.figures.drawing import FORMATS, save_figure
 from eea.report.figures.outcomes import final_figure, forest_figure, spread_figure
 from eea.report.figures.rounds import (
     angles_figure,
@@ -22,23 +22,17 @@ from eea.report.figures.rounds import (
     dimensions_figure,
     rounds_figure,
 )
-from eea.report.figures.run import draw_fitness, fitness_figure, save_fitness_figure
 from eea.report.findings import Findings
 
 __all__ = [
-    "FORMATS",
     "angles_figure",
     "conditions_figure",
     "dimensions_figure",
-    "draw_fitness",
     "final_figure",
-    "fitness_figure",
     "forest_figure",
     "rounds_figure",
-    "save_fitness_figure",
     "save_study_figures",
     "spread_figure",
-    "study_figures",
 ]
 
 _MOST_LINES = 8  # that can be told apart in one picture
@@ -68,11 +62,11 @@ def save_study_figures(
 
     Raises
     ------
-    ConfigurationError
+    UnknownNameError
         If a format is none of these.
     """
     for form in formats:
-        choice("format", form, FORMATS)
+        one_of("format", form, FORMATS)
     directory.mkdir(exist_ok=True)
     paths = []
     for name, figure in study_figures(findings, summary).items():
@@ -108,7 +102,7 @@ def study_figures(findings: Findings, summary: Mapping[str, Any]) -> dict[str, F
         figures[f"final{suffix}"] = final_figure(findings, summary, group)
         if any(effect["rows"] for effect in against):
             figures[f"effects{suffix}"] = forest_figure(against, labels, findings.durations())
-    shown = findings.only(arms)
+    shown = replace(findings, table=findings.table[findings.table["arm"].isin(arms)])
     if len(arms) <= _MOST_LINES and any(arm in summary["dimensions"]["arms"] for arm in arms):
         figures["conditions"] = conditions_figure(shown, summary)
         figures["dimensions"] = dimensions_figure(shown, summary)

@@ -1,33 +1,20 @@
-"""What the pictures share: colours, axes, the levels beside OBJ_FIT, legends, and their files."""
+"""What a study's pictures share: colours, axes, the levels beside OBJ_FIT, and legends."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, Literal
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from aquafish_gym.runs.storage import write_bytes
 from eea.report.tables import MINUS
 
 Floats = NDArray[np.float64]
-
-FORMATS = ("png", "pdf", "svg")
-# Without versions and dates a file says nothing but the picture, and the same one each time.
-_UNSAID: dict[str, dict[str, None]] = {
-    "png": {"Software": None},
-    "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
-    "svg": {"Creator": None, "Date": None},
-}
 
 # Okabe and Ito's palette, told apart by all eyes.
 _COLOURS = {
@@ -43,25 +30,6 @@ _LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 GREY, SMALL = "0.35", 8
 _NAME = 0.08  # of the height of axes, for a name of two small lines
-
-
-def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
-    """Return an empty figure of a size in inches, apart from pyplot and its global state."""
-    figure = Figure(figsize=(width, height), layout="constrained", dpi=dpi)
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def save_figure(figure: Figure, path: Path) -> None:
-    """Write a picture in the format that its suffix names; the same picture gives the same bytes.
-
-    The file is replaced at once or not at all.
-    """
-    content, form = io.BytesIO(), path.suffix[1:]
-    # Names within an SVG are salted with chance else; journals ask for TrueType.
-    with mpl.rc_context({"svg.hashsalt": "eea", "pdf.fonttype": 42}):
-        figure.savefig(content, format=form, metadata=_UNSAID[form])
-    write_bytes(path, content.getvalue())
 
 
 def arm_style(index: int, arm: str) -> tuple[str, Any]:

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from aquafish_gym.rendering.pictures import new_figure
 from eea.report.arms import setting_label, shown_in_full
 from eea.report.figures.drawing import (
     GREY,
@@ -19,7 +20,6 @@ from eea.report.figures.drawing import (
     fins_and_sizes,
     grid,
     legend_below,
-    new_figure,
     signed_axis,
 )
 from eea.report.findings import Findings

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from aquafish_gym.morphology import FINS
+from aquafish_gym.rendering.pictures import new_figure
 from eea.report.arms import angle_label
 from eea.report.figures.drawing import (
     GREY,
@@ -21,7 +22,6 @@ from eea.report.figures.drawing import (
     fins_and_sizes,
     grid,
     legend_below,
-    new_figure,
     round_axis,
 )
 from eea.report.findings import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, Findings
