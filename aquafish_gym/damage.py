@@ -16,7 +16,14 @@ from dataclasses import asdict, dataclass, field, fields
 from itertools import chain
 from typing import Any, ClassVar, Self, final
 
-from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology, dimension_index
+from aquafish_gym.morphology import (
+    DIMENSIONS,
+    FINS,
+    SIZES,
+    Morphology,
+    change_in_words,
+    dimension_index,
+)
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -72,7 +79,7 @@ class FinScaled(Fault):
     factor: float
     kind: str = field(default="FinScaled", init=False, repr=False)
 
-    WORDS: ClassVar[tuple[str, ...]] = ("length", "width", "thickness")
+    WORDS: ClassVar[tuple[str, ...]] = SIZES
 
     def __post_init__(self) -> None:
         dimension_index(self.fin, self.size)
@@ -250,6 +257,16 @@ class Damage:
         for fault in self.faults:
             morphology = fault.apply(morphology)
         return morphology
+
+    def in_words(self, morphology: Morphology) -> str:
+        """Return what it does to a body, as :func:`change_in_words` says it.
+
+        Examples
+        --------
+        >>> Damage.parse("left_pectoral:length=0.5").in_words(Morphology.nominal())
+        'left flipper: half its length, 0.80 where it was 1.60'
+        """
+        return change_in_words(morphology, self.apply(morphology))
 
     def __iter__(self) -> Iterator[Fault]:
         return iter(self.faults)

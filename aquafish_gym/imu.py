@@ -1,37 +1,26 @@
-"""What the robot feels: roll, pitch and yaw, and its gyro (Sec. 3.1).
-
-Attitude is yaw about z, then pitch about x, then roll about y (the long axis). Two triples
-describe every attitude: (roll, pitch, yaw) and (roll + pi, pi - pitch, yaw + pi), each up to
-whole turns. A log that keeps pitch within +-90 degrees therefore jumps by pi in roll and yaw
-when the robot pitches past the vertical. Here, and only here, that is mended: each sample
-takes the triple, of all that describe it, nearest to the sample before
-(:func:`continue_attitude`), so that the logged signals are continuous, pitch may pass 90
-degrees, and the triple still describes the true attitude.
-"""
+"""What the robot feels: roll, pitch and yaw, and its gyro (Sec. 3.1)."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.arithmetic import (
-    TAU,
-    Matrix,
-    Number,
-    Vector,
-    arctangent2,
-    floor,
-    fma,
-    where_less,
-)
+from aquafish_gym.physics.attitude import continue_attitude
+from aquafish_gym.utils.validation import integer
+
+if TYPE_CHECKING:
+    pass
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Floats = NDArray[np.floating]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ImuLog:
     """B robots' samples at T steps, taken after each step.
 
@@ -51,6 +40,15 @@ class ImuLog:
         no IMU knows; only with ``record="pose"``.
     diverged
         (B,) whether a robot left the finite numbers; its samples are then NaN from there on.
+
+    Examples
+    --------
+    >>> from aquafish_gym import simulate
+    >>> log = simulate(None, [(0.4, 0.4, 0.5), (0.1, 0.2, 0.3)], steps=64, record="pose")
+    >>> log
+    ImuLog(B=2, T=64: rpy, gyro, pose)
+    >>> len(log.plot(robot=1).axes)
+    2
     """
 
     rpy: Floats
@@ -63,36 +61,38 @@ class ImuLog:
     def __len__(self) -> int:
         return len(self.rpy)
 
+    def __repr__(self) -> str:
+        recorded = ["rpy", "gyro" if self.gyro is not None else "",
+                    "pose" if self.position is not None else ""]  # fmt: skip
+        lost = int(np.sum(self.diverged))
+        return (
+            f"ImuLog(B={len(self)}, T={self.rpy.shape[1]}: {', '.join(filter(None, recorded))}"
+            f"{f'; {lost} diverged' if lost else ''})"
+        )
 
-def attitude(r: Matrix) -> Vector:
-    """Return (roll, pitch, yaw) of a rotation matrix from body to world, pitch in +-pi/2."""
-    pitch = arctangent2(r[2][1], math.sqrt(fma(r[2][0], r[2][0], r[2][2] * r[2][2])))
-    return (arctangent2(-r[2][0], r[2][2]), pitch, arctangent2(-r[0][1], r[1][1]))
+    def plot(self, robot: int = 0) -> Figure:
+        """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro.
 
+        Raises
+        ------
+        InvalidArgumentError
+            If there is no such robot.
+        """
+        # The object interface: no pyplot, no window system, no global state.
+        from matplotlib.figure import Figure
 
-def nearest_turn(angle: Number, reference: Number) -> Number:
-    """Return ``angle`` plus the whole turns that bring it nearest to ``reference``."""
-    return fma(-TAU, floor(fma(angle - reference, 1 / TAU, 0.5)), angle)
-
-
-def continue_attitude(before: Vector, now: Vector) -> Vector:
-    """Return the triple that describes the same attitude as ``now`` and lies nearest ``before``.
-
-    Straight-line code for any carrier. Near means the sum of absolute differences.
-    """
-    r1 = nearest_turn(now[0], before[0])
-    p1 = nearest_turn(now[1], before[1])
-    y1 = nearest_turn(now[2], before[2])
-    r2 = nearest_turn(now[0] + math.pi, before[0])
-    p2 = nearest_turn(math.pi - now[1], before[1])
-    y2 = nearest_turn(now[2] + math.pi, before[2])
-    d1 = abs(r1 - before[0]) + abs(p1 - before[1]) + abs(y1 - before[2])
-    d2 = abs(r2 - before[0]) + abs(p2 - before[1]) + abs(y2 - before[2])
-    return (
-        where_less(d2, d1, r2, r1),
-        where_less(d2, d1, p2, p1),
-        where_less(d2, d1, y2, y1),
-    )
+        which = integer("robot", robot, 0, len(self) - 1)
+        parts = [("rad", self.rpy, ("roll", "pitch", "yaw"))]
+        if self.gyro is not None:
+            parts.append(("rad/s", self.gyro, ("spin about x", "y", "z")))
+        figure = Figure(figsize=(6, 2.2 * len(parts)), layout="constrained")
+        axes = np.ravel(figure.subplots(len(parts), sharex=True))
+        for ax, (unit, signals, names) in zip(axes, parts, strict=True):
+            ax.plot(0.01 * np.arange(1, signals.shape[1] + 1), signals[which], label=names)
+            ax.set_ylabel(unit)
+            ax.legend(loc="upper left", fontsize="small")
+        axes[-1].set_xlabel("s")
+        return figure
 
 
 def unwrap_rpy(rpy: NDArray[np.floating]) -> NDArray[np.float64]:

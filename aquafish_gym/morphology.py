@@ -30,6 +30,11 @@ class Dimension(NamedTuple):
     what that axis means for this fin. The pectoral flippers lie flat, so x is their width and
     z their thickness; the caudal fin stands upright, so z is its width (its height) and x its
     thickness.
+
+    Examples
+    --------
+    >>> DIMENSIONS[1].name, DIMENSIONS[1].maximum, DIMENSIONS[1].nominal
+    ('left_pectoral.length', 2.0, 1.6)
     """
 
     fin: str
@@ -61,6 +66,8 @@ DIMENSIONS: tuple[Dimension, ...] = (
     Dimension("caudal", 2, "width", 1.0, 0.6, 5),
 )
 FINS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
+# In the order in which faults and words name them.
+SIZES: tuple[str, ...] = ("length", "width", "thickness")
 MAXIMA: NDArray[np.float64] = np.array([d.maximum for d in DIMENSIONS])
 MAXIMA.setflags(write=False)
 
@@ -76,7 +83,7 @@ def dimension_index(fin: str, size: str) -> int:
         If the fin or the size is unknown; the nearest valid name is offered.
     """
     one_of("fin", fin, FINS)
-    one_of("size", size, ("length", "width", "thickness"))
+    one_of("size", size, SIZES)
     return next(i for i, d in enumerate(DIMENSIONS) if (d.fin, d.size) == (fin, size))
 
 
@@ -167,3 +174,57 @@ class Morphology:
 
 # Whatever ``Morphology.coerce`` makes a body of.
 MorphologyLike = Morphology | Mapping[str, ArrayLike] | ArrayLike | None
+
+
+_FIN_WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
+_FRACTIONS = {
+    1 / 4: "a quarter of", 1 / 3: "a third of", 1 / 2: "half", 2 / 3: "two thirds of",
+    3 / 4: "three quarters of",
+}  # fmt: skip
+
+
+def change_in_words(before: Morphology, after: Morphology, tolerance: float = 0.0) -> str:
+    """Return in words how one body differs from another, an estimated one from the known, say.
+
+    Parameters
+    ----------
+    before, after
+        The bodies.
+    tolerance
+        What counts as a change: a size that differs by more than this share of its range in
+        ``DIMENSIONS``. 0 names every change.
+
+    Examples
+    --------
+    >>> whole = Morphology.nominal()
+    >>> change_in_words(whole, Morphology.coerce({"caudal": (0.0, 0.0, 0.0)}))
+    'tail: missing'
+    >>> change_in_words(whole, whole)
+    'nothing is broken'
+    """
+    was, now = before.to_array(), after.to_array()
+    parts = []
+    for fin in FINS:
+        rows = [i for i, d in enumerate(DIMENSIONS) if d.fin == fin]
+        if was[rows].all() and not now[rows].any():
+            parts.append(f"{_FIN_WORDS[fin]}: missing")
+            continue
+        changes = [
+            f"{_share(now[i], was[i])} its {DIMENSIONS[i].size}, "
+            f"{now[i]:.2f} where it was {was[i]:.2f}"
+            for i in sorted(rows, key=lambda i: SIZES.index(DIMENSIONS[i].size))
+            if abs(now[i] - was[i]) > tolerance * DIMENSIONS[i].maximum
+        ]
+        if changes:
+            parts.append(f"{_FIN_WORDS[fin]}: {', '.join(changes)}")
+    return "; ".join(parts) or "nothing is broken"
+
+
+def _share(now: float, was: float) -> str:
+    """Return one size as so much of another, in words where a plain fraction is within 2%."""
+    if was == 0 or now == 0:
+        return "none of" if now == 0 else "instead of none,"
+    for fraction, words in _FRACTIONS.items():
+        if abs(now / was - fraction) <= 0.02:
+            return words
+    return f"{now / was:.0%} of"

@@ -271,6 +271,6 @@ def _sample(step: int, state: State) -> tuple[float, ...]:
 @functools.cache
 def _register_network() -> None:
     """Let the lanes compile the network: the very functions that plain Python runs."""
-    from aquafish_gym.physics import simd
+    from aquafish_gym.physics import compiling
 
-    simd.register_module(network)
+    compiling.register_module(network)

@@ -19,7 +19,7 @@ import pytest
 from rich.console import Console
 
 from aquafish_gym.engines.base import simulate
-from aquafish_gym.engines.bullet.clients import load_pybullet
+from aquafish_gym.engines.packages import load_pybullet
 from tests.benchmarks import replicate, starting
 from tests.benchmarks.__main__ import Bench
 from tests.benchmarks.gait import NO_LEARNING

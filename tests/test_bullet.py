@@ -16,16 +16,16 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines import base
+from aquafish_gym.engines import packages
 from aquafish_gym.engines.base import Settings, Trials, check_engine, find_engine, simulate
-from aquafish_gym.engines.bullet.clients import load_pybullet
 from aquafish_gym.engines.bullet.push import push
 from aquafish_gym.engines.bullet.world import BulletWorld, simulate_bullet
-from aquafish_gym.imu import attitude, continue_attitude
+from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.physics.attitude import attitude, continue_attitude
 from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import State, at_rest, caudal_angle, drive, rotation
-from aquafish_gym.physics.robot import robot_from_column, robot_parameters
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 pytest.importorskip("pybullet")
@@ -317,7 +317,7 @@ def test_without_an_engines_package_it_is_not_found(monkeypatch: pytest.MonkeyPa
         raise EngineUnavailableError("no pybullet")
 
     assert callable(find_engine("pybullet"))
-    monkeypatch.setattr(base, "load_pybullet", missing)
+    monkeypatch.setattr(packages, "load_pybullet", missing)
     monkeypatch.setitem(sys.modules, "numba", None)
     for name, sentence in (("pybullet", "no pybullet"), ("numba", "pip install numba")):
         for use in (check_engine, find_engine):
@@ -325,12 +325,11 @@ def test_without_an_engines_package_it_is_not_found(monkeypatch: pytest.MonkeyPa
                 use(name)
 
 
-@pytest.mark.parametrize("program", ["agreement"])
-def test_programs_that_compare_need_pybullet_at_the_door(program: str) -> None:
+def test_the_verification_needs_pybullet_at_the_door() -> None:
     code = (
         "import runpy, sys; sys.modules['pybullet'] = None\n"
-        f"sys.argv = ['x']; name = 'aquafish_gym.{program}'\n"
-        "runpy.run_module(name, run_name='__main__', alter_sys=True)"
+        "sys.argv = ['x']\n"
+        "runpy.run_module('tests.verification', run_name='__main__', alter_sys=True)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert (done.returncode, done.stdout) == (2, "")

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aquafish_gym.damage import Damage, Fault, FinMissing, FinScaled
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import FINS, Morphology, change_in_words
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 
 faults = st.one_of(
@@ -142,3 +142,35 @@ def test_unknown_names_are_refused() -> None:
     with pytest.raises(InvalidArgumentError, match="must be a row of faults"):
         Damage(FinMissing("caudal"))  # type: ignore[arg-type]
     assert issubclass(FinMissing, Fault)
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        ("none", "nothing is broken"),
+        ("left_pectoral:length=0.5", "left flipper: half its length, 0.80 where it was 1.60"),
+        ("caudal:missing", "tail: missing"),
+        (
+            "right_pectoral:width=0.6;right_pectoral:length=0.25;caudal:length=0",
+            "right flipper: a quarter of its length, 0.40 where it was 1.60, 60% of its width, "
+            "0.24 where it was 0.40; tail: none of its length, 0.00 where it was 1.40",
+        ),
+        (
+            "left_pectoral:thickness=3",
+            "left flipper: 300% of its thickness, 0.30 where it was 0.10",
+        ),
+    ],
+)
+def test_damage_is_said_in_words(damage: str, words: str) -> None:
+    assert Damage.parse(damage).in_words(Morphology.nominal()) == words
+
+
+def test_an_estimate_within_the_tolerance_is_no_damage() -> None:
+    whole = Morphology.nominal()
+    near = Morphology.coerce({"left_pectoral": (0.4, 0.79, 0.1), "caudal": (0.4, 1.45, 0.6)})
+    assert change_in_words(whole, near, tolerance=0.05) == (
+        "left flipper: half its length, 0.79 where it was 1.60"
+    )
+    assert change_in_words(whole, near).endswith("tail: 104% of its length, 1.45 where it was 1.40")
+    grown = Morphology.coerce({"caudal": (0.0, 0.0, 0.0)})
+    assert change_in_words(grown, whole).count("instead of none") == 3

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from aquafish_gym.imu import attitude, continue_attitude, unwrap_rpy
+from aquafish_gym.imu import unwrap_rpy
+from aquafish_gym.physics.attitude import attitude, continue_attitude
 
 
 def rotation_matrix(roll: float, pitch: float, yaw: float) -> NDArray[np.float64]:

@@ -15,7 +15,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.rendering.render import (
+from aquafish_gym.rendering import (
     Camera,
     fin_poses,
     render_motion,

@@ -14,7 +14,7 @@ from PIL import Image, ImageDraw, ImageFont
 from aquafish.recovery.report import Outcomes, distances
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, path_from_dict
 from aquafish_gym import Morphology
-from aquafish_gym.rendering.render import Camera, render_motion, render_pose, write_gif
+from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
 from eea.aquafish import fish_models
 from eea.core.fitness import chance_level, mid_range_level
 from eea.report.figures.drawing import new_figure, save_figure

@@ -2,30 +2,43 @@
 
 from __future__ import annotations
 
-import functools
-import multiprocessing
 import os
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_commands
-from aquafish_gym.engines.bullet.clients import load_pybullet
+from aquafish_gym.engines.packages import check_engine, resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import (
-    EngineUnavailableError,
     InvalidArgumentError,
     finite_array,
     flag,
     integer,
     one_of,
 )
+
+__all__ = [
+    "ENGINES",
+    "MAXIMUM_CURRENT",
+    "MAXIMUM_STEPS",
+    "MAXIMUM_SUBSTEPS",
+    "RECORDS",
+    "TIMESTEP",
+    "Engine",
+    "Settings",
+    "Trials",
+    "available_cores",
+    "check_engine",
+    "check_trials",
+    "find_engine",
+    "resolve_engine",
+    "simulate",
+]
 
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
@@ -59,79 +72,26 @@ class Trials:
 
 @dataclass(frozen=True)
 class Settings:
-    """How to simulate; checked by :func:`simulate`."""
+    """How to simulate: the keywords of :func:`simulate`, which checks them."""
 
     steps: int
-    substeps: int
-    current: tuple[float, float, float]
-    dtype: type[np.floating]
-    threads: int | None
-    record: str
+    substeps: int = 1
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    dtype: type[np.floating] = np.float32
+    threads: int | None = None
+    record: str = "attitude"
     reactive: bool = False
 
 
-# Whatever turns trials into logs.
+# Whatever turns trials into logs. It trusts its caller; :func:`simulate` is the checked door.
 Engine = Callable[[Trials, Settings], ImuLog]
 
 # Engines are loaded when first asked for, so that importing the package stays quick and
-# works without them.
+# works without them; ``packages.py`` knows their names.
 ENGINES: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
     "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
 }
-# Whichever of them this machine has, PyBullet first; see ``resolve_engine``.
-AUTO = "auto"
-
-
-def resolve_engine(argument: str, name: object) -> str:
-    """Return ``"pybullet"`` or ``"numba"``, which ``"auto"`` decides by what is installed.
-
-    ``"auto"`` is PyBullet where it is installed, else the compiled engine, the same robot to
-    1e-9, with one line on stderr: once a process, and not in workers. ``argument`` is what a
-    message calls the engine. That a named engine can be used here is for :func:`check_engine`.
-
-    Raises
-    ------
-    UnknownNameError
-        With the nearest known name.
-    """
-    known = one_of(argument, name, (AUTO, *ENGINES))
-    if known != AUTO:
-        return known
-    if find_spec("pybullet") is not None:
-        return "pybullet"
-    _say_compiled()
-    return "numba"
-
-
-@functools.cache
-def _say_compiled() -> None:
-    if multiprocessing.parent_process() is None:
-        print(
-            'PyBullet is not installed here: engine "auto" is "numba", the same robot compiled',
-            file=sys.stderr,
-        )
-
-
-def check_engine(engine: object) -> str:
-    """Return the engine's name if it can be used here; see :func:`resolve_engine` for "auto".
-
-    Raises
-    ------
-    UnknownNameError
-        With the nearest known name.
-    EngineUnavailableError
-        If the package behind it is not installed.
-    """
-    name = resolve_engine("engine", engine)
-    if name == "pybullet":
-        load_pybullet()
-    elif find_spec(name) is None:
-        raise EngineUnavailableError(
-            f'the engine "{name}" needs the package {name}, which is not installed here: '
-            f"pip install {name}"
-        )
-    return name
 
 
 def find_engine(name: str) -> Engine:

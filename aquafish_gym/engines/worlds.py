@@ -6,6 +6,7 @@ by step.
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Protocol
 
 import numpy as np
@@ -49,15 +50,18 @@ class World(Protocol):
         """Free what the world holds; closing twice does no harm."""
 
 
+# Loaded when first asked for, as the engines are; they know this module, and it not them.
+WORLDS: dict[str, str] = {
+    "numba": "aquafish_gym.engines.compiled.single:CompiledWorld",
+    "pybullet": "aquafish_gym.engines.bullet.world:BulletWorld",
+}
+
+
 def make_world(engine: str, reactive: bool = False) -> World:
     """Return a world of an engine that ``check_engine`` allowed; reset it before its first step.
 
     ``reactive`` says whether the water has the terms of ``physics/reactive.py``.
     """
-    if engine == "pybullet":
-        from aquafish_gym.engines.bullet.world import BulletWorld
-
-        return BulletWorld(reactive=reactive)
-    from aquafish_gym.engines.compiled.single import CompiledWorld
-
-    return CompiledWorld(reactive)
+    module, name = WORLDS[engine].split(":")
+    found: World = getattr(import_module(module), name)(reactive=reactive)
+    return found

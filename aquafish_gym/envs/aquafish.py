@@ -26,7 +26,7 @@ from aquafish_gym.envs.conditions import (
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import at_rest
-from aquafish_gym.rendering.render import (
+from aquafish_gym.rendering import (
     RENDER_MODES,
     Window,
     check_render_mode,
@@ -140,6 +140,14 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Version History
 
     * v0: initial version.
+
+    Examples
+    --------
+    >>> env = AquaFishEnv(damage="left_pectoral:length=0.5", engine="numba")
+    >>> observation, info = env.reset(seed=0)
+    >>> observation.shape, info["damage"]
+    ((9,), 'left_pectoral:length=0.5')
+    >>> env.close()
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012
@@ -234,11 +242,11 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         ResetNeeded
             If the episode is over.
         """
-        wish = check_single_action(action)
+        checked = check_single_action(action)
         world = self._world
         if world is None or self._steps_left == 0:
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
-        world.advance(servo_speeds(wish), self.frame_skip)
+        world.advance(servo_speeds(checked), self.frame_skip)
         self._steps_left -= 1
         before = self._state.position
         diverged = world.diverged
@@ -247,7 +255,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
             terms = {"reward_forward": 0.0, "reward_ctrl": 0.0}
         else:
             self._state, self._fin_angles = world.state(), world.fin_angles
-            terms = self._task.reward_terms(before, self._state.position, wish, self.dt)
+            terms = self._task.reward_terms(before, self._state.position, checked, self.dt)
         info = self._info(before, self._state.position)
         info.update(terms)
         info["diverged"] = diverged

@@ -150,9 +150,9 @@ def check_action(action: object, shape: tuple[int, ...]) -> Floats:
         If it has another shape or is not finite.
     """
     if type(action) is np.ndarray and action.shape == shape and action.dtype.char in "efd":
-        wish = action.astype(np.float64, "F")  # whose columns batches work on
-        if np.isfinite(wish).all():
-            return np.minimum(np.maximum(wish, -1.0, out=wish), 1.0, out=wish)
+        checked = action.astype(np.float64, "F")  # whose columns batches work on
+        if np.isfinite(checked).all():
+            return np.minimum(np.maximum(checked, -1.0, out=checked), 1.0, out=checked)
     return finite_array("action", action, shape).clip(-1.0, 1.0)  # type: ignore[arg-type]
 
 
@@ -167,12 +167,12 @@ def check_single_action(action: object) -> Triple:
     return (left, right, caudal)
 
 
-def servo_speeds(wish: Vector) -> Vector:
-    """Return the command in rev/s, rev/s, Hz of three servos' wishes in [-1, 1].
+def servo_speeds(action: Vector) -> Vector:
+    """Return the command in rev/s, rev/s, Hz of three servos' actions in [-1, 1].
 
     It is ``scale_action`` for plain numbers, or for rows (B,), to the same bits.
     """
-    left, right, caudal = wish
+    left, right, caudal = action
     return (
         _LOW[0] + 0.5 * (left + 1.0) * _SPAN[0],
         _LOW[1] + 0.5 * (right + 1.0) * _SPAN[1],

@@ -29,7 +29,8 @@ from aquafish_gym.envs.conditions import (
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.rendering.render import check_render_mode, render_pose
+from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
 
 Floats = NDArray[np.float64]
@@ -41,7 +42,8 @@ MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 
 # Rows of a table of states.
-QUATERNION, POSITION, SPEEDS, GYRO = slice(0, 4), slice(4, 7), slice(7, 13), slice(10, 13)
+QUATERNION, POSITION, GYRO = FIELDS["orientation"], FIELDS["position"], FIELDS["spin"]
+SPEEDS = slice(FIELDS["velocity"].start, GYRO.stop)
 
 
 class _Start(NamedTuple):
@@ -88,6 +90,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     ------
     InvalidArgumentError, UnknownNameError
         The message names the argument, what was expected and what came.
+
+    Examples
+    --------
+    >>> envs = AquaFishVectorEnv(num_envs=3, fin_angles="random")
+    >>> observations, infos = envs.reset(seed=0)
+    >>> observations, rewards, *_ = envs.step(np.zeros((3, 3), np.float32))
+    >>> observations.shape, rewards.shape
+    ((3, 9), (3,))
     """
 
     def __init__(
@@ -212,11 +222,11 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         ResetNeeded
             Before the first reset, or after an episode's end with autoreset disabled.
         """
-        wish = check_action(actions, (self.num_envs, 3))
+        checked = check_action(actions, (self.num_envs, 3))
         over = self._steps_left == 0
         if not self._begun or (over.any() and self._autoreset is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        commands = np.array(servo_speeds(_three(wish.T))).T
+        commands = np.array(servo_speeds(_three(checked.T))).T
         lost = self._lanes.advance(commands, self.frame_skip).diverged
         before, now = self._now, self._lanes.rows()
         with np.errstate(over="ignore", invalid="ignore"):
@@ -230,7 +240,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._steps_left -= 1
         self._steps_left[diverged] = 0
         here, there = _three(before[POSITION]), _three(now[POSITION])
-        terms = self._task.reward_terms(here, there, _three(wish.T), self.dt)
+        terms = self._task.reward_terms(here, there, _three(checked.T), self.dt)
         bad = diverged | over
         if bad.any():
             terms = {name: np.where(bad, 0.0, value) for name, value in terms.items()}
@@ -280,7 +290,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     def _observation(self) -> Observations:
         now = self._now
-        fins = self._lanes.angles(now) if self._observe_fins else None
+        fins = angles_of_rows(now) if self._observe_fins else None
         return observe(now[QUATERNION], now[GYRO], fins)
 
     def _info(self, before: Floats) -> Info:
@@ -288,7 +298,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return {
             **motion_info(_three(before[POSITION]), _three(self._now[POSITION].copy()), self.dt),
             "diverged": np.zeros(self.num_envs, np.bool_),
-            "fin_angles": self._lanes.angles(self._now).T.copy(),
+            "fin_angles": angles_of_rows(self._now).T.copy(),
             "damage": self._damages.copy(),
             "morphology": self._sizes.copy(),
         }
@@ -298,7 +308,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if self.render_mode is None:
             return None
         position, quaternion = self._now[POSITION].T, self._now[QUATERNION].T
-        angles = self._lanes.angles(self._now).T
+        angles = angles_of_rows(self._now).T
         return tuple(
             render_pose(
                 Morphology.from_array(self._sizes[i]), (position[i], quaternion[i]), angles[i]

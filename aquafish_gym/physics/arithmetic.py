@@ -1,6 +1,6 @@
 """Arithmetic that the drag law and the dynamics need beyond ``+ - * /`` and ``sqrt``.
 
-The physics is written once and runs on three carriers: plain floats (the reference), numba's
+The physics is written once and runs on three scalar backends: plain floats (the reference), numba's
 float64 and float32, and SIMD lanes of either (``simd.py``). Everything here is straight-line:
 no branch depends on data, because the robots in one vector register share their instructions.
 The five primitives below have a second, vector body in ``simd.py``.
@@ -57,7 +57,7 @@ def floor(x: Number) -> Number:
 def fetch(array: Any, index: int, like: Number) -> Number:  # noqa: ARG001
     """Return entry ``index`` of a flat array; of ``width`` robots side by side, in lanes.
 
-    ``like`` tells the carrier: in lanes of width w, entries index * w to index * w + w - 1.
+    ``like`` tells the backend: in lanes of width w, entries index * w to index * w + w - 1.
     """
     return array[index]
 

@@ -2,14 +2,14 @@
 
 The servos *prescribe* the joints' motion, so the unknown is the body's motion alone. At the
 state (q_n, v_n) the joints' next speeds follow from their angles at t and t + h, the body's
-acceleration from Newton's and Euler's equations of the whole, and then
+acceleration from Newton's and Euler's equations of the whole robot, and then
 
     v_{n+1} = v_n + h v'_n        x_{n+1} = x_n + h v_{n+1}
 
 with the attitude by the exponential map: what Bullet does with ideal motors, to rounding.
 
 Frames: ``world`` is inertial; ``body`` turns with the capsule; each fin's ``hinge`` and
-``fin`` frames are those of ``robot.py``. Straight-line code for any carrier; see
+``fin`` frames are those of ``robot.py``. Straight-line code for any scalar backend; see
 ``arithmetic.py``.
 """
 
@@ -69,12 +69,12 @@ class Water(NamedTuple):
     body: Wrench
 
 
-class Share(NamedTuple):
-    """What one fin brings to the body's equations of motion, for a hinge in the middle plane.
+class FinInertia(NamedTuple):
+    """One fin's rigid-body inertia, for a hinge in the middle plane, and the force on it.
 
     In the hinge frame's axes and about the body's centre. ``moment`` is mass times position of
     its centre (length, normal) and ``inertia`` its own (aa, bb, cc, bc); ``force`` and
-    ``torque`` are the water's less what the joint's own motion takes.
+    ``torque`` are the water's less the bias force, which the joint's own motion takes.
     """
 
     mass: Number
@@ -84,11 +84,12 @@ class Share(NamedTuple):
     torque: Vector
 
 
-class Whole(NamedTuple):
-    """Body and fins as one, in body axes about the capsule's centre.
+class CompositeInertia(NamedTuple):
+    """The inertia of body and fins as one rigid body, and the force on it.
 
-    ``moment`` is mass times position of the centre of mass. ``force`` and ``torque`` are all
-    but what a rigid whole's rotation takes.
+    In body axes about the capsule's centre. ``moment`` is mass times position of the centre of
+    mass. ``force`` and ``torque`` are the water's less the fins' bias forces; what the rigid
+    body's own rotation takes is not yet subtracted.
     """
 
     mass: Number
@@ -159,7 +160,7 @@ def _sum(left: Wrench, right: Wrench, caudal: Wrench, body: Wrench) -> Wrench:
     )
 
 
-def _fin_share(
+def _fin_inertia(
     fin: Fin,
     y: float,
     joint: Pair,
@@ -167,8 +168,8 @@ def _fin_share(
     acceleration: Number,
     spin: Vector,
     water: Wrench,
-) -> Share:
-    """Return one fin's share, in the hinge frame's axes, for a hinge at (0, y)."""
+) -> FinInertia:
+    """Return one fin's inertia and force, in the hinge frame's axes, for a hinge at (0, y)."""
     c, s = joint
     half = 0.5 * fin.length
     m = fin.mass
@@ -187,8 +188,8 @@ def _fin_share(
         fma(s, lean, -(m_aft * up)),
     )
 
-    # What the joint's motion adds to the inertial forces of a rigid whole, in the fin frame
-    # and about the hinge: with arm r = (0, -half, 0), joint axis a = (1, 0, 0), its speed and
+    # The bias force, which the joint's motion adds to the inertial forces, in the fin frame and
+    # about the hinge: with arm r = (0, -half, 0), joint axis a = (1, 0, 0), its speed and
     # acceleration, the force m (2 w x (speed a x r) + acceleration a x r + speed^2 a x (a x r))
     # and the torque I (acceleration a + w x speed a) + speed a x I W + w x I speed a, where w
     # is the body's spin, W = w + speed a the fin's and I its inertia about the hinge.
@@ -206,7 +207,7 @@ def _fin_share(
         -rate * w1 * (about_a + about_c - ib),
     )
     force, torque = _to_centre(y, joint, (subtract(water[0], force), subtract(water[1], torque)))
-    return Share(m, (m_aft, m_up), inertia, force, torque)
+    return FinInertia(m, (m_aft, m_up), inertia, force, torque)
 
 
 def forces(robot: Robot, state: State, current: Vector) -> Water:
@@ -277,22 +278,22 @@ def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> S
 def move(robot: Robot, state: State, by: Drive, water: Water, h: Number) -> State:
     """Advance one robot by one step under given forces: Newton and Euler, then Bullet's scheme."""
     joints = next_joints(state, by, h)
-    whole = gather(robot, state, joint_accelerations(state, joints, h), water)
-    return advance(state, joints, accelerations(whole, state.spin), h)
+    composite = composite_inertia(robot, state, joint_accelerations(state, joints, h), water)
+    return advance(state, joints, accelerations(composite, state.spin), h)
 
 
-def gather(robot: Robot, state: State, push: Vector, water: Water) -> Whole:
-    """Sum body and fins; ``push`` is the joints' accelerations, rad/s^2."""
+def composite_inertia(robot: Robot, state: State, qdd: Vector, water: Water) -> CompositeInertia:
+    """Sum body and fins; ``qdd`` is the joints' accelerations, rad/s^2."""
     spin, now = state.spin, state.rates
-    a = _fin_share(robot.left, PECTORAL_Y, state.left, now[0], push[0], spin, water.left)
-    b = _fin_share(robot.right, PECTORAL_Y, state.right, now[1], push[1], spin, water.right)
+    a = _fin_inertia(robot.left, PECTORAL_Y, state.left, now[0], qdd[0], spin, water.left)
+    b = _fin_inertia(robot.right, PECTORAL_Y, state.right, now[1], qdd[1], spin, water.right)
     joint, tail_spin = caudal_joint(state.phase), _to_caudal(spin)
-    c = _fin_share(robot.caudal, CAUDAL_Y, joint, now[2], push[2], tail_spin, water.caudal)
+    c = _fin_inertia(robot.caudal, CAUDAL_Y, joint, now[2], qdd[2], tail_spin, water.caudal)
     force, torque = _sum((a.force, a.torque), (b.force, b.torque), (c.force, c.torque), water.body)
     # The caudal hinge's axes are the body's (z, y, -x).
     i, j, k = a.inertia, b.inertia, c.inertia
     outboard = PECTORAL_X * PECTORAL_X * (a.mass + b.mass)
-    return Whole(
+    return CompositeInertia(
         BODY_MASS + (a.mass + b.mass + c.mass),
         (
             fma(PECTORAL_X, b.mass - a.mass, -c.moment[1]),
@@ -312,7 +313,7 @@ def gather(robot: Robot, state: State, push: Vector, water: Water) -> Whole:
     )
 
 
-def accelerations(whole: Whole, spin: Vector) -> tuple[Vector, Vector]:
+def accelerations(composite: CompositeInertia, spin: Vector) -> tuple[Vector, Vector]:
     """Solve Newton's and Euler's equations for the capsule, in body axes.
 
     Returns
@@ -321,9 +322,9 @@ def accelerations(whole: Whole, spin: Vector) -> tuple[Vector, Vector]:
         Of the capsule's centre, units/s^2, and rad/s^2.
     """
     # About the centre of mass the two come apart: first the inertia there, ...
-    s, per_mass = whole.moment, 1.0 / whole.mass
+    s, per_mass = composite.moment, 1.0 / composite.mass
     centre = scale(per_mass, s)
-    xx, yy, zz, xy, xz, yz = whole.inertia
+    xx, yy, zz, xy, xz, yz = composite.inertia
     inertia = (
         fma(-s[1], centre[1], fma(-s[2], centre[2], xx)),
         fma(-s[0], centre[0], fma(-s[2], centre[2], yy)),
@@ -333,10 +334,10 @@ def accelerations(whole: Whole, spin: Vector) -> tuple[Vector, Vector]:
         fma(s[1], centre[2], yz),
     )
     # ... then Euler for the whole, and Newton for the capsule's centre.
-    torque = subtract(whole.torque, cross(centre, whole.force))
+    torque = subtract(composite.torque, cross(centre, composite.force))
     alpha = times(inverse(inertia), subtract(torque, cross(spin, times(inertia, spin))))
     turning = add(cross(alpha, centre), cross(spin, cross(spin, centre)))
-    return subtract(scale(per_mass, whole.force), turning), alpha
+    return subtract(scale(per_mass, composite.force), turning), alpha
 
 
 def advance(state: State, joints: Joints, accelerations: tuple[Vector, Vector], h: Number) -> State:

@@ -11,7 +11,7 @@ net impulse, however its speed varies within the turn.
 
 Each fin is three orthogonal plates through its middle, one two-sided plate for two opposite
 faces of the box, so at one quadrature point of a fin the law is anisotropic in the fin's own
-axes. Straight-line code for any carrier; see ``arithmetic.py``.
+axes. Straight-line code for any scalar backend; see ``arithmetic.py``.
 """
 
 from __future__ import annotations

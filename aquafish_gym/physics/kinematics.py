@@ -1,7 +1,7 @@
 """Where the robot is and how its parts move: state, attitude, servos.
 
 Frames: ``world`` is inertial; ``body`` turns with the capsule. Straight-line code for any
-carrier; see ``arithmetic.py``.
+scalar backend; see ``arithmetic.py``.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 ``Lanes(float32, 16)`` is sixteen float32 that compute together. It has ``+ - * /``, negation,
 ``abs``, ``math.sqrt`` and the primitives of ``arithmetic.py``; plain numbers promote to it. The
 physics is then ordinary Python, compiled once for lanes and once for scalars from the same
-function objects (:func:`register`).
+function objects (``compiling.py``).
 
 Instructions carry no fast-math flag, not even ``contract``: every operation is rounded as
 IEEE 754 says, and a multiply-add is fused where the source says ``fma`` and nowhere else. So a
@@ -14,15 +14,10 @@ Python's.
 
 from __future__ import annotations
 
-import ast
 import functools
-import hashlib
-import inspect
 import math
 import operator
-import sys
-from collections.abc import Callable, Iterator
-from types import ModuleType
+from collections.abc import Callable
 from typing import Any
 
 from llvmlite import binding, ir
@@ -39,8 +34,7 @@ from numba.extending import (
     register_model,
 )
 
-from aquafish_gym import imu
-from aquafish_gym.physics import arithmetic, dynamics, hydrodynamics, kinematics, reactive, robot
+from aquafish_gym.physics import arithmetic
 
 # A call would pass lanes through memory, and hide from the compiler what does not change from
 # step to step: each function becomes part of its caller.
@@ -328,74 +322,14 @@ def _put(array: Any, index: Any, value: Any) -> Any:
     return put
 
 
-_PRIMITIVES = (
+# What has a second body here and must not be registered with its plain one.
+PRIMITIVES = (
     arithmetic.fma,
     arithmetic.where_less,
     arithmetic.floor,
     arithmetic.fetch,
     arithmetic.put,
 )
-PHYSICS_MODULES = (arithmetic, kinematics, hydrodynamics, dynamics, reactive, imu, robot)
-
-
-def register_module(module: ModuleType) -> None:
-    """Let compiled code call every plain function that a module defines."""
-    for function in vars(module).values():
-        if (
-            inspect.isfunction(function)
-            and function.__module__ == module.__name__
-            and function not in _PRIMITIVES
-        ):
-            inlined(function)
-
-
-@functools.cache
-def register() -> None:
-    """Let compiled code call the physics: the very function objects that plain Python runs."""
-    for module in (arithmetic, kinematics, hydrodynamics, dynamics, reactive):
-        register_module(module)
-    for function in (imu.attitude, imu.nearest_turn, imu.continue_attitude):
-        inlined(function)
-
-
-def source_stamp(*functions: Any) -> str:
-    """Return a hash of the sources of the physics, of this file and of ``functions``.
-
-    With them go the sources of all that they import, directly or not, from this package and
-    from the packages of ``functions``: compiled code freezes the constants that it finds
-    there, as a network does the servos' bounds.
-
-    numba's cache watches only the file of the cached function itself. Kernels close over this
-    stamp, and closures are part of the cache's key, so a kernel is never older than its
-    physics.
-    """
-    modules = [*PHYSICS_MODULES, inspect.getmodule(source_stamp)]
-    modules += [inspect.getmodule(f) for f in functions]
-    todo = [m for m in modules if m is not None]
-    packages = {m.__name__.partition(".")[0] for m in todo}
-    sources: dict[str, bytes] = {}
-    while todo:
-        module = todo.pop()
-        if module.__file__ is None or module.__name__ in sources:
-            continue
-        with open(module.__file__, "rb") as file:  # noqa: PTH123
-            source = sources[module.__name__] = file.read()
-        found = {name for name in _imported(source) if name.partition(".")[0] in packages}
-        todo += [sys.modules[name] for name in found if name in sys.modules]
-    digest = hashlib.sha256()
-    for name in sorted(sources):
-        digest.update(sources[name])
-    return digest.hexdigest()
-
-
-def _imported(source: bytes) -> Iterator[str]:
-    """Yield the names of what a source imports, some of which may be no modules."""
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom) and node.module is not None:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
 @functools.cache

@@ -1,0 +1,27 @@
+"""Pictures and films of the robot; PyBullet, which draws, is loaded when it is first asked to."""
+
+from aquafish_gym.rendering.film import Frame, write_gif, write_mp4
+from aquafish_gym.rendering.render import (
+    RENDER_MODES,
+    Window,
+    check_render_mode,
+    render_motion,
+    render_pose,
+    usable_modes,
+)
+from aquafish_gym.rendering.robot_mesh import fin_poses
+from aquafish_gym.rendering.scenery import Camera
+
+__all__ = [
+    "RENDER_MODES",
+    "Camera",
+    "Frame",
+    "Window",
+    "check_render_mode",
+    "fin_poses",
+    "render_motion",
+    "render_pose",
+    "usable_modes",
+    "write_gif",
+    "write_mp4",
+]

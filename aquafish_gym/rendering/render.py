@@ -18,10 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.engines.bullet.clients import load_pybullet, take_client
+from aquafish_gym.engines.bullet import take_client
+from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.rendering.film import Frame, write_gif, write_mp4
-from aquafish_gym.rendering.robot_mesh import Figure, draw, fin_poses, find_window
+from aquafish_gym.rendering.film import Frame
+from aquafish_gym.rendering.robot_mesh import Figure, draw, find_window
 from aquafish_gym.rendering.scenery import Camera, Floats, water_and_floor
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
@@ -30,19 +31,6 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-
-__all__ = [
-    "RENDER_MODES",
-    "Camera",
-    "Window",
-    "check_render_mode",
-    "fin_poses",
-    "render_motion",
-    "render_pose",
-    "usable_modes",
-    "write_gif",
-    "write_mp4",
-]
 
 RENDER_MODES = ("human", "rgb_array")
 
@@ -189,7 +177,14 @@ def _check_pose(
 
 
 class Window:
-    """A window on the robot, for ``render_mode="human"``; it needs a display."""
+    """A window on the robot, for ``render_mode="human"``; it needs a display.
+
+    Examples
+    --------
+    >>> pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    >>> window = Window()  # doctest: +SKIP
+    >>> window.show(Morphology.nominal(), pose, (0.0, 0.0, 0.0))  # doctest: +SKIP
+    """
 
     def __init__(self) -> None:
         check_render_mode("human")

@@ -42,6 +42,11 @@ class Camera:
         A point to look at, or None to follow the robot.
     field_of_view
         Vertical, degrees.
+
+    Examples
+    --------
+    >>> Camera(distance=6.0, azimuth=90.0).field_of_view
+    40.0
     """
 
     distance: float = 10.5

@@ -20,9 +20,7 @@ from numpy.typing import ArrayLike
 SIGNALS = ("gyro", "rpy")
 
 
-def save_session(
-    path: str | os.PathLike[str], commands: ArrayLike, logs: Sequence[Log]
-) -> None:
+def save_session(path: str | os.PathLike[str], commands: ArrayLike, logs: Sequence[Log]) -> None:
     """Write what ``estimate_from_logs`` takes into an ``.npz`` file, at once or not at all.
 
     Parameters

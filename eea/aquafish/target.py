@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import resolve_engine, simulate
-from aquafish_gym.imu import ImuLog, attitude, unwrap_rpy
+from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.attitude import attitude
 from eea.core.checks import choice
 from eea.core.experiment import Floats
 
@@ -141,9 +142,7 @@ class EngineTarget:
         if self._orientation == "upright":
             return self._swim(body, command, angles, current=self._current)
         # From a hash of the angles: they stay the same whatever else is random.
-        start = random_orientation(
-            self._orientation, np.random.default_rng(angles.view(np.uint64))
-        )
+        start = random_orientation(self._orientation, np.random.default_rng(angles.view(np.uint64)))
         water = start.T @ self._current  # as seen from that start
         return turn_log(self._swim(body, command, angles, current=water), start)
 

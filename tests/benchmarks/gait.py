@@ -18,7 +18,7 @@ import numpy as np
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.base import TIMESTEP
-from aquafish_gym.engines.bullet.clients import load_pybullet
+from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
 from gait.baselines import BaselineConfig
 from gait.controller import Controller

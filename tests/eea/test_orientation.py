@@ -7,7 +7,7 @@ import pytest
 
 from aquafish_gym import Morphology
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.imu import attitude
+from aquafish_gym.physics.attitude import attitude
 from eea import ConfigurationError, EngineTarget
 from eea.aquafish.fish import random_orientation, rotations
 

@@ -33,7 +33,7 @@ from aquafish_gym.envs.conditions import (
     servo_speeds,
 )
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.physics import simd
+from aquafish_gym.physics import compiling
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -350,9 +350,9 @@ def test_one_robot_is_the_batchs_in_double_precision_to_the_last_bit() -> None:
 
 
 def test_the_compiled_loop_is_never_older_than_its_physics() -> None:
-    """numba's cache goes by what the loop closes over; see ``simd.source_stamp``."""
+    """numba's cache goes by what the loop closes over; see ``compiling.source_stamp``."""
     closed_over = [cell.cell_contents for cell in compile_single().py_func.__closure__]
-    assert simd.source_stamp(compile_single) in closed_over
+    assert compiling.source_stamp(compile_single) in closed_over
 
 
 @given(

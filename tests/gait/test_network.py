@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aquafish_gym.command import scale_action
-from aquafish_gym.imu import attitude
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.attitude import attitude
 from gait import network
 from gait.evolution import genome_to_controller
 from gait_fakes import random_genome

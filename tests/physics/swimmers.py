@@ -16,6 +16,7 @@ from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.compiled.single import STATE, CompiledWorld
 from aquafish_gym.physics.kinematics import State, rotation, to_world
+from aquafish_gym.physics.layout import LEFT, STATE_NUMBERS, angles_of_rows
 from tests.verification import harness
 
 Array = NDArray[np.float64]
@@ -72,23 +73,23 @@ class Swimmer:
         raise NotImplementedError
 
 
-class Carrier(Swimmer):
+class Backend(Swimmer):
     """The physics' own functions on one kind of number."""
 
-    def __init__(self, carrier: str, rounding: float = 2e-16, robots: int = 10) -> None:
-        super().__init__(f"carrier {carrier}")
-        self.carrier, self.rounding, self.robots = carrier, rounding, robots
+    def __init__(self, backend: str, rounding: float = 2e-16, robots: int = 10) -> None:
+        super().__init__(f"backend {backend}")
+        self.backend, self.rounding, self.robots = backend, rounding, robots
 
     def _march(self, bodies, states, commands, h, steps, current, push, wet):  # type: ignore[no-untyped-def]
         return harness.march(
-            self.carrier, bodies, states, commands, h, steps, current, push, wet
+            self.backend, bodies, states, commands, h, steps, current, push, wet
         )  # fmt: skip
 
     def _drag(self, fins, motion):  # type: ignore[no-untyped-def]
-        return harness.drag(self.carrier, fins, motion)
+        return harness.drag(self.backend, fins, motion)
 
 
-_NO_DRAG = "it computes the drag within its steps; the carriers show the law by itself"
+_NO_DRAG = "it computes the drag within its steps; the backends show the law by itself"
 _COMPILED: dict[str, str] = {
     "drag": _NO_DRAG,
     "push": "the loop is compiled with the water alone",
@@ -153,7 +154,7 @@ class Bullet(Swimmer):
         try:
             ends = []
             for body, row, command in zip(bodies, states.T, commands, strict=True):
-                angles = np.arctan2(row[14:20:2], row[13:19:2])
+                angles = angles_of_rows(row)
                 world.reset(body, tuple(angles.tolist()), current)
                 place(world, row)
                 world.advance(tuple(command.tolist()), steps)
@@ -191,7 +192,7 @@ def place(world: Any, row: Array) -> None:
     bullet.resetBaseVelocity(robot, velocity, world_spin, physicsClientId=client)
     world.position, world.orientation = position, quaternion
     world.velocity, world.world_spin = velocity, world_spin
-    world._joints[:] = row[13:22]
+    world._joints[:] = row[LEFT:STATE_NUMBERS]
 
 
 def flatten(state: State) -> Array:
@@ -200,10 +201,10 @@ def flatten(state: State) -> Array:
 
 
 SWIMMERS: tuple[Swimmer, ...] = (
-    Carrier("floats", robots=3),
-    Carrier("numba"),
-    Carrier("float64"),
-    Carrier("float32", rounding=1e-7),
+    Backend("floats", robots=3),
+    Backend("numba"),
+    Backend("float64"),
+    Backend("float32", rounding=1e-7),
     Lanes(np.float64, rounding=2e-16),
     Lanes(np.float32, rounding=1e-7),
     Single(),

@@ -15,11 +15,11 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aquafish_gym.engines.compiled import kernel
-from aquafish_gym.engines.compiled.lanes import rest_rows
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import dynamics
 from aquafish_gym.physics.hydrodynamics import AXIAL_DRAG, DENSITY, NORMAL_DRAG, SKIN_FRICTION
 from aquafish_gym.physics.kinematics import SWEEP
+from aquafish_gym.physics.layout import rest_rows
 from aquafish_gym.physics.robot import (
     BODY_MASS,
     MINIMUM_FIN_MASS,
@@ -30,7 +30,7 @@ from aquafish_gym.physics.robot import (
 from swimmers import SWIMMERS, CannotError, Swimmer
 from tests.verification import harness
 from tests.verification.harness import (
-    CARRIERS,
+    BACKENDS,
     POSITION,
     QUATERNION,
     RATES,
@@ -372,7 +372,7 @@ def test_every_swimmer_swims_the_same_from_any_state(swimmer: Swimmer) -> None:
 def test_float64_lanes_are_plain_python_to_the_last_bit() -> None:
     bodies, commands, angles = some_trials(5, seed=9)
     bodies[0], bodies[1] = 0, MAXIMA
-    ends = [march(c, bodies, rest_rows(angles), commands, steps=256) for c in CARRIERS[:3]]
+    ends = [march(c, bodies, rest_rows(angles), commands, steps=256) for c in BACKENDS[:3]]
     assert_array_equal(ends[1], ends[0])
     assert_array_equal(ends[2], ends[0])
 
@@ -406,7 +406,7 @@ def test_every_swimmer_answers_most_of_the_contract() -> None:
     for _, name, reason in LEFT_OUT:
         left_out[name] += 1
         assert reason
-    assert all(left_out[s.name] == 0 for s in SWIMMERS if s.name.startswith("carrier"))
+    assert all(left_out[s.name] == 0 for s in SWIMMERS if s.name.startswith("backend"))
     assert max(left_out.values()) <= 10
 
 

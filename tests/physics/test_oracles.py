@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from aquafish_gym.morphology import MAXIMA
-from aquafish_gym.physics.robot import BODY_MASS, robot_from_column, robot_parameters
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.robot import BODY_MASS
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 from tests.verification import mechanics
 from tests.verification.momentum import Momentum, inertia_and_swing

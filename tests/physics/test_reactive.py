@@ -15,7 +15,16 @@ from aquafish_gym import simulate
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import reactive
-from aquafish_gym.physics.dynamics import Water, advance, forces, gather, step
+from aquafish_gym.physics.added_mass import (
+    BODY_ADDED_INERTIA,
+    BODY_ADDED_MASS,
+    fin_added_mass,
+    finite_span,
+    plate_inertia,
+    plate_mass,
+    trailing_edge,
+)
+from aquafish_gym.physics.dynamics import Water, advance, composite_inertia, forces, step
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.kinematics import (
     State,
@@ -28,18 +37,8 @@ from aquafish_gym.physics.kinematics import (
     rotation,
     to_body,
 )
-from aquafish_gym.physics.reactive import (
-    BODY_ADDED_INERTIA,
-    BODY_ADDED_MASS,
-    accelerations_with,
-    added_water,
-    fin_added_mass,
-    finite_span,
-    plate_inertia,
-    plate_mass,
-    step_reactive,
-    trailing_edge,
-)
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.reactive import accelerations_with, added_water, step_reactive
 from aquafish_gym.physics.robot import (
     BODY_INERTIA,
     BODY_MASS,
@@ -47,21 +46,18 @@ from aquafish_gym.physics.robot import (
     MINIMUM_FIN_MASS,
     Fin,
     Robot,
-    robot_from_column,
-    robot_parameters,
 )
-from tests.verification import reactive as studies
+from tests.verification import propulsion, reactive_terms
 from tests.verification.lattice import ASPECTS, lattice_share
 from tests.verification.momentum import inertia_and_swing
-from tests.verification.reactive import (
-    ReactiveMomentum,
-    lighthill_thrust,
-    scheme_errors,
-    tail_body,
-    water_inertia_and_swing,
-)
+from tests.verification.propulsion import lighthill_thrust, tail_body
 from tests.verification.rk4 import rotation_matrix
 from tests.verification.trials import random_trials
+from tests.verification.water_momentum import (
+    ReactiveMomentum,
+    scheme_errors,
+    water_inertia_and_swing,
+)
 
 Vector = tuple[float, float, float]
 
@@ -91,7 +87,7 @@ def march(robot: Robot, state: State, command: Vector, h: float, steps: int, wet
         push = joint_accelerations(state, joints, h)
         water = forces(robot, state, ZERO) if wet else DRY
         added = added_water(robot, state, push, ZERO)
-        found = accelerations_with(gather(robot, state, push, water), added, state.spin)
+        found = accelerations_with(composite_inertia(robot, state, push, water), added, state.spin)
         state = advance(state, joints, found, h)
     return state
 
@@ -99,7 +95,7 @@ def march(robot: Robot, state: State, command: Vector, h: float, steps: int, wet
 def totals(robot: Robot, state: State) -> tuple[np.ndarray, float]:
     """Return impulse and angular impulse of robot and water (6,), and their energy if locked.
 
-    By the virtual work of ``verification/reactive.py``, which knows no accelerations.
+    By the virtual work of ``verification/water_momentum.py``, which knows no accelerations.
     """
     left, right, phase = joint_angles(state)
     angles = np.array([left, right, caudal_angle((math.cos(phase), math.sin(phase)))])
@@ -172,11 +168,11 @@ def test_with_joints_locked_in_still_water_the_whole_energy_never_rises() -> Non
 def mobility(robot: Robot, angles: Vector) -> np.ndarray:
     """Return what ``accelerations_with`` answers to unit forces and torques, (6, 6)."""
     state = at_rest(angles)
-    whole = gather(robot, state, ZERO, DRY)
+    composite = composite_inertia(robot, state, ZERO, DRY)
     added = added_water(robot, state, ZERO, ZERO)
     columns = []
     for unit in np.eye(6):
-        asked = whole._replace(force=tuple(unit[:3]), torque=tuple(unit[3:]))
+        asked = composite._replace(force=tuple(unit[:3]), torque=tuple(unit[3:]))
         columns.append(np.concatenate(accelerations_with(asked, added, ZERO)))
     return np.array(columns).T
 
@@ -300,10 +296,10 @@ def test_a_slender_tail_at_incidence_lifts_as_jones_says_at_its_leading_edge() -
     assert 0.9 < finite_span(width, length) < 1
 
 
-@pytest.mark.parametrize("tail", studies.TAILS)
+@pytest.mark.parametrize("tail", propulsion.TAILS)
 def test_a_held_tail_thrusts_by_shedding_alone(tail: str) -> None:
-    robot = robot_of(tail_body(studies.TAILS[tail], pectorals=False))
-    drag, thrust = studies.held_thrust(robot, 0.8)
+    robot = robot_of(tail_body(propulsion.TAILS[tail], pectorals=False))
+    drag, thrust = propulsion.held_thrust(robot, 0.8)
     assert abs(drag) < 1e-12
     assert_allclose(thrust, lighthill_thrust(robot.caudal, 0.8), rtol=1e-12)
     assert thrust > 0.5
@@ -514,8 +510,8 @@ def test_extreme_bodies_stay_finite_under_bang_bang_commands() -> None:
 
 
 def test_the_study_prints_every_table() -> None:
-    report = studies.study(quick=True)
-    for table in studies.make_tables(report).values():
+    report = reactive_terms.study(quick=True)
+    for table in reactive_terms.make_tables(report).values():
         assert table.rows
         assert all(len(row) == len(table.columns) for row in table.rows)
     swimming = {
@@ -523,7 +519,7 @@ def test_the_study_prints_every_table() -> None:
         for r in report["swimming"]
         if r["frequency"] == 1
     }
-    for tail in studies.TAILS:
+    for tail in propulsion.TAILS:
         assert swimming[tail, False, True] > swimming[tail, False, False]
 
 

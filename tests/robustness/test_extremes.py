@@ -26,6 +26,7 @@ from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.physics import layout
 from eea.aquafish.fish import EngineTarget, fish_actions, fish_eea
 from eea.core.behavior import BehaviorConfig, Signal
 from eea.core.checks import TargetError
@@ -154,7 +155,7 @@ BLOWS = {
 def state_rows(env: Any) -> NDArray[Any]:
     """View the compiled robots' own states, (22 or more, B), to be written to."""
     if isinstance(env, AquaFishVectorEnv):
-        return env._lanes._table(env._lanes._states, lanes.STATE_ROWS)
+        return env._lanes._table(env._lanes._states, layout.STATE_ROWS)
     return env._world._numbers[STATE, None]
 
 
@@ -210,7 +211,7 @@ def test_divergence_ends_the_episode(
 def spin_up(env: Any, spin: float) -> None:
     """Let a robot spin, about all three axes, at ``spin`` rad/s."""
     if isinstance(env, AquaFishVectorEnv) or isinstance(env._world, CompiledWorld):
-        state_rows(env)[10:13] = spin
+        state_rows(env)[layout.FIELDS["spin"]] = spin
         return
     world = env._world
     world.world_spin = (spin,) * 3
@@ -418,7 +419,7 @@ def sicken(monkeypatch: pytest.MonkeyPatch, robot: int) -> None:
     class SickBatch(lanes.LaneBatch):
         def run(self, *args: Any, **kwargs: Any) -> Any:
             if robot < self.batch:
-                self._table(self._states, lanes.STATE_ROWS)[10:13, robot] = NAN
+                self._table(self._states, layout.STATE_ROWS)[layout.FIELDS["spin"], robot] = NAN
             return super().run(*args, **kwargs)
 
     monkeypatch.setattr(lanes, "LaneBatch", SickBatch)

@@ -21,6 +21,7 @@ import numpy as np
 
 import aquafish_gym
 from aquafish_gym.engines.bullet import clients
+from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.morphology import MAXIMA
 
@@ -37,7 +38,7 @@ def resident():
 def connected():
     if engine != "pybullet":
         return 0
-    bullet = clients.load_pybullet()
+    bullet = load_pybullet()
     return sum(bullet.isConnected(client) for client in range(1024))
 
 

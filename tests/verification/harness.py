@@ -1,4 +1,4 @@
-"""Run the physics on each carrier through one door, from any state and at any step.
+"""Run the physics on each backend through one door, from any state and at any step.
 
 The engines start at rest and take steps of 0.01 s or parts of it. Here the same functions,
 ``dynamics.forces`` and ``dynamics.move``, run from whatever state a question needs: on plain
@@ -12,33 +12,36 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.compiled.kernel import (
-    STATE_ROWS,
-    fetch_fin,
-    fetch_state,
-    fetch_vector,
-    put_state,
-    put_vector,
-)
 from aquafish_gym.engines.compiled.lanes import lane_width, pack_rows
-from aquafish_gym.physics import simd
+from aquafish_gym.physics import compiling, simd
 from aquafish_gym.physics.arithmetic import Vector, add
 from aquafish_gym.physics.dynamics import Water, forces, move, wrench
 from aquafish_gym.physics.hydrodynamics import fin_drag
 from aquafish_gym.physics.kinematics import State, drive
-from aquafish_gym.physics.robot import PARAMETERS_PER_FIN, Robot, robot_parameters
+from aquafish_gym.physics.layout import (
+    FIELDS,
+    STATE_ROWS,
+    fetch_fin,
+    fetch_robot,
+    fetch_state,
+    fetch_vector,
+    put_state,
+    put_vector,
+    robot_parameters,
+)
+from aquafish_gym.physics.robot import Robot
 from aquafish_gym.utils.validation import one_of
 
 Array = NDArray[np.float64]
 
-CARRIERS = ("floats", "numba", "float64", "float32")
-# Rows of a table of states, as ``engines.lanes.rest_rows`` makes them.
-QUATERNION, POSITION, VELOCITY, SPIN = slice(0, 4), slice(4, 7), slice(7, 10), slice(10, 13)
-RATES = slice(19, 22)
+BACKENDS = ("floats", "numba", "float64", "float32")
+# Rows of a table of states, as ``layout.rest_rows`` makes them.
+QUATERNION, POSITION, VELOCITY, SPIN, RATES = (
+    FIELDS[name] for name in ("orientation", "position", "velocity", "spin", "rates")
+)
 
 
 def _march(
@@ -46,11 +49,7 @@ def _march(
     steps: int, wet: bool, group: int, groups: int, zero: Any,
 ) -> None:  # fmt: skip
     """Advance one group; runs as it stands on floats, and compiled."""
-    robot = Robot(
-        fetch_fin(parameters, 0, group, groups, zero),
-        fetch_fin(parameters, PARAMETERS_PER_FIN, group, groups, zero),
-        fetch_fin(parameters, 2 * PARAMETERS_PER_FIN, group, groups, zero),
-    )
+    robot = fetch_robot(parameters, 0, group, groups, zero)
     state = fetch_state(states, group, groups, zero)
     none = (zero, zero, zero)
     dry = Water((none, none), (none, none), (none, none), (none, none))
@@ -60,7 +59,7 @@ def _march(
         force, torque = water.body
         pushed = Water(water.left, water.right, water.caudal, (add(force, push), torque))
         state = move(robot, state, by, pushed, h)
-    put_state(states, group, groups, state, none)
+    put_state(states, group, groups, state)
 
 
 def _drag(fins: Any, motion: Any, out: Any, group: int, groups: int, zero: Any) -> None:
@@ -76,15 +75,15 @@ def _drag(fins: Any, motion: Any, out: Any, group: int, groups: int, zero: Any) 
 @functools.cache
 def _compile(function: Callable[..., None], width: int) -> Any:
     """Return the loop over all groups, compiled; a width of 0 stands for plain numbers."""
-    simd.register()
+    compiling.register()
     register_jitable(function)
-    stamp = simd.source_stamp(function)
+    stamp = compiling.source_stamp(function)
 
     def march(
         parameters: Any, states: Any, commands: Any, current: Vector, push: Vector, h: float,
         steps: int, wet: bool, groups: int,
     ) -> None:  # fmt: skip
-        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        stamp  # noqa: B018  # part of the cache's key; see compiling.source_stamp
         for group in range(groups):
             zero = simd.zero_lanes(parameters, width) if width else 0.0
             function(
@@ -97,31 +96,24 @@ def _compile(function: Callable[..., None], width: int) -> Any:
             zero = simd.zero_lanes(fins, width) if width else 0.0
             function(fins, motion, out, group, groups, zero)
 
-    loop = march if function is _march else drag
-    try:
-        return njit(cache=True)(loop)
-    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
-        return njit(loop)
+    return compiling.compiled(march if function is _march else drag)
 
 
 @functools.cache
 def compiled_wrench() -> Any:
     """Return ``dynamics.wrench`` compiled for one robot on plain floats."""
-    simd.register()
-    stamp = simd.source_stamp()
+    compiling.register()
+    stamp = compiling.source_stamp()
 
     def call(robot: Robot, state: State, current: Vector) -> Any:
-        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        stamp  # noqa: B018  # part of the cache's key; see compiling.source_stamp
         return wrench(robot, state, current)
 
-    try:
-        return njit(cache=True)(call)
-    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
-        return njit(call)
+    return compiling.compiled(call)
 
 
 def march(
-    carrier: str,
+    backend: str,
     morphologies: Array,
     states: Array,
     commands: Array,
@@ -135,12 +127,12 @@ def march(
 
     Parameters
     ----------
-    carrier
-        One of ``CARRIERS``.
+    backend
+        One of ``BACKENDS``.
     morphologies
         (B, 9) sizes.
     states
-        (25, B) as ``engines.lanes.rest_rows`` makes them; left as they are.
+        (25, B) as ``layout.rest_rows`` makes them; left as they are.
     commands
         (B, 3) rev/s, rev/s, Hz.
     h, steps
@@ -152,9 +144,9 @@ def march(
     wet
         False leaves the water out.
     """
-    one_of("carrier", carrier, CARRIERS)
+    one_of("backend", backend, BACKENDS)
     parameters, batch = robot_parameters(morphologies), len(morphologies)
-    if carrier == "floats":
+    if backend == "floats":
         rows = [[float(x) for x in column] for column in states.T]
         for b, row in enumerate(rows):
             _march(
@@ -162,7 +154,7 @@ def march(
                 current, push, h, steps, wet, 0, 1, 0.0,
             )  # fmt: skip
         return np.array(rows).T
-    dtype, width = _layout(carrier)
+    dtype, width = _layout(backend)
     flat = pack_rows(states, dtype, width or 1)
     groups = flat.size // (STATE_ROWS * (width or 1))
     _compile(_march, width)(
@@ -172,28 +164,28 @@ def march(
     return flat.reshape(STATE_ROWS, -1)[:, :batch].astype(np.float64)
 
 
-def drag(carrier: str, fins: Array, motion: Array) -> Array:
+def drag(backend: str, fins: Array, motion: Array) -> Array:
     """Return the drag on B fins (6, B): force and torque about the hinge, in the fin frame.
 
     Parameters
     ----------
-    carrier
-        One of ``CARRIERS``.
+    backend
+        One of ``BACKENDS``.
     fins
         (3, B) width, length, thickness.
     motion
         (6, B) the hinge's velocity and the fin's angular velocity, in the fin frame.
     """
-    one_of("carrier", carrier, CARRIERS)
+    one_of("backend", backend, BACKENDS)
     table = np.concatenate([fins, np.ones((4, fins.shape[1]))])
-    if carrier == "floats":
+    if backend == "floats":
         columns = []
         for sizes, moving in zip(table.T.tolist(), motion.T.tolist(), strict=True):
             out = [0.0] * 6
             _drag(sizes, moving, out, 0, 1, 0.0)
             columns.append(out)
         return np.array(columns).T
-    dtype, width = _layout(carrier)
+    dtype, width = _layout(backend)
     flat = pack_rows(np.zeros((6, fins.shape[1])), dtype, width or 1)
     _compile(_drag, width)(
         pack_rows(table, dtype, width or 1), pack_rows(motion, dtype, width or 1), flat,
@@ -202,9 +194,9 @@ def drag(carrier: str, fins: Array, motion: Array) -> Array:
     return flat.reshape(6, -1)[:, : fins.shape[1]].astype(np.float64)
 
 
-def _layout(carrier: str) -> tuple[type[np.floating], int]:
-    """Return a compiled carrier's type and how many numbers it holds, 0 for plain numbers."""
-    if carrier == "numba":
+def _layout(backend: str) -> tuple[type[np.floating], int]:
+    """Return a compiled backend's type and how many numbers it holds, 0 for plain numbers."""
+    if backend == "numba":
         return np.float64, 0
-    dtype = np.dtype(carrier).type
+    dtype = np.dtype(backend).type
     return dtype, lane_width(dtype)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from aquafish_gym.physics.reactive import plate_inertia, plate_mass
+from aquafish_gym.physics.added_mass import plate_inertia, plate_mass
 
 ASPECTS = (0.25, 0.5, 0.8, 1.0, 1.25, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 8.0)  # length / width
 PANELS = 8  # along half a side, of the coarsest of three lattices

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import Trials
-from aquafish_gym.engines.compiled.lanes import rest_rows
 from aquafish_gym.physics.kinematics import SWEEP
+from aquafish_gym.physics.layout import rest_rows
 from tests.verification.convergence import attitude_gap
 from tests.verification.harness import (
     POSITION,

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import SWEEP, State
+from aquafish_gym.physics.layout import FIELDS, robot_from_column, robot_parameters
 from aquafish_gym.physics.robot import (
     BODY_INERTIA,
     BODY_MASS,
@@ -25,8 +26,6 @@ from aquafish_gym.physics.robot import (
     PECTORAL_X,
     PECTORAL_Y,
     Robot,
-    robot_from_column,
-    robot_parameters,
 )
 from tests.verification.harness import compiled_wrench
 from tests.verification.rk4 import cross, integrate, quaternion_rate, rotation_matrix
@@ -209,7 +208,7 @@ def angular_momentum(morphology: Array, row: Array) -> Array:
     """Return the whole robot's angular momentum (3,) about the world's origin."""
     inertia, swing, v, r = _resolve(morphology, row)
     momenta = inertia @ v + swing
-    momentum: Array = r @ momenta[3:] + cross(row[4:7], r @ momenta[:3])
+    momentum: Array = r @ momenta[3:] + cross(row[FIELDS["position"]], r @ momenta[:3])
     return momentum
 
 
@@ -222,9 +221,9 @@ def kinetic_energy(morphology: Array, row: Array) -> float:
 def _resolve(morphology: Array, row: Array) -> tuple[Array, Array, Array, Array]:
     robot = robot_from_column(robot_parameters(np.asarray(morphology)[None])[:, 0])
     angles = np.array([math.atan2(row[14], row[13]), math.atan2(row[16], row[15]), SWEEP * row[18]])
-    inertia, swing = inertia_and_swing(robot, angles, row[19:22])
-    r = rotation_matrix(row[0:4])
-    return inertia, swing, np.concatenate([r.T @ row[7:10], row[10:13]]), r
+    inertia, swing = inertia_and_swing(robot, angles, row[FIELDS["rates"]])
+    r = rotation_matrix(row[FIELDS["orientation"]])
+    return inertia, swing, np.concatenate([r.T @ row[FIELDS["velocity"]], row[FIELDS["spin"]]]), r
 
 
 def _triple(v: Array) -> Vector:

@@ -15,15 +15,8 @@ from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.robot import (
-    BODY_INERTIA,
-    BODY_MASS,
-    CAUDAL_Y,
-    PECTORAL_X,
-    PECTORAL_Y,
-    robot_from_column,
-    robot_parameters,
-)
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 from tests.verification.rk4 import integrate, quaternion_rate
 

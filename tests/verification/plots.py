@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -198,13 +198,14 @@ def single_precision_figure(report: dict[str, Any]) -> Figure:
 
 
 def save_pictures(report: dict[str, Any], directory: Path) -> list[Path]:
-    """Write every picture of a whole report as a PNG and return their paths."""
-    figures = {
-        "strokes": strokes_figure(),
-        "convergence": convergence_figure(report["convergence"]),
-        "quadrature": quadrature_figure(report["quadrature"]),
-        "single_precision": single_precision_figure(report["single_precision"]),
+    """Write a picture as a PNG of each study in a report that has one; return their paths."""
+    draw: dict[str, Callable[[dict[str, Any]], Figure]] = {
+        "strokes": lambda _: strokes_figure(),
+        "convergence": convergence_figure,
+        "quadrature": quadrature_figure,
+        "single_precision": single_precision_figure,
     }
+    figures = {name: make(report[name]) for name, make in draw.items() if name in report}
     paths = []
     for name, figure in figures.items():
         picture = BytesIO()

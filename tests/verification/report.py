@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import functools
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.progress import Progress
 
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.base import TIMESTEP, Trials
 from aquafish_gym.utils.validation import EngineUnavailableError
 from tests.verification import (
     agreement,
     convergence,
     mechanics,
     quadrature,
-    reactive,
+    reactive_terms,
     strokes,
     tables,
 )
 from tests.verification.mujoco_robot import load_mujoco
+from tests.verification.tables import Report
 from tests.verification.trials import random_trials
 
 T = TypeVar("T")
@@ -54,8 +57,8 @@ QUICK = Effort(
 )
 
 
-def make_report(effort: Effort, seed: int, progress: Progress) -> dict[str, Any]:
-    """Run every study; ``mechanics`` is None where MuJoCo is missing.
+class Studies:
+    """The studies, a method each, which returns that part of the report.
 
     Parameters
     ----------
@@ -65,83 +68,122 @@ def make_report(effort: Effort, seed: int, progress: Progress) -> dict[str, Any]
         All that is random follows from it.
     progress
         Where to show how far it is.
+    """
+
+    def __init__(self, effort: Effort, seed: int, progress: Progress) -> None:
+        self.effort, self.seed, self.progress = effort, seed, progress
+
+    def _each(self, items: Iterable[T], total: int, what: str) -> list[T]:
+        return list(self.progress.track(items, total=total, description=what))
+
+    def _once(self, study: Callable[[], T], what: str) -> T:
+        (found,) = self._each((study() for _ in range(1)), 1, what)
+        return found
+
+    def agreement(self) -> Report:
+        """Compare the engines with each other."""
+        e = self.effort
+        rows = self._once(
+            lambda: agreement.engines(e.robots, e.lane_robots, e.agreement_steps, self.seed),
+            "engines",
+        )
+        return {"seconds": e.agreement_steps * TIMESTEP, "rows": rows}
+
+    def single_precision(self) -> Report:
+        """Compare float32 with float64 over ever longer times."""
+        e = self.effort
+        parts = self._each(
+            agreement.single_precision(e.lane_robots, e.durations, self.seed),
+            -(-e.lane_robots // agreement.AT_ONCE), "float32",
+        )  # fmt: skip
+        return {"robots": e.lane_robots, "rows": agreement.quantiles(parts, e.durations)}
+
+    @functools.cached_property
+    def _trials(self) -> Trials:
+        return random_trials(self.effort.robots, self.seed)
+
+    @functools.cached_property
+    def _truths(self) -> NDArray[np.float64]:
+        samples = round(self.effort.path_seconds / convergence.INTERVAL)
+        paths = convergence.references(self._trials, samples)
+        return np.array(self._each(paths, len(self._trials), "RK4"))
+
+    def convergence(self) -> Report:
+        """Compare the scheme with RK4."""
+        robots, truths = self.effort.robots, self._truths
+        return {
+            "robots": robots,
+            "seconds": self.effort.path_seconds,
+            "path": convergence.path_length(truths),
+            "reference": convergence.reference_error(self._trials, truths, min(3, robots)),
+            "rows": convergence.study(self._trials, truths),
+        }
+
+    def quadrature(self) -> Report:
+        """Compare the drag law's few points with the whole surface."""
+        e = self.effort
+        gaps = self._each(
+            convergence.surface_error(self._trials, self._truths, e.surface_robots),
+            e.surface_robots, "whole surface",
+        )  # fmt: skip
+        return {
+            "robots": e.surface_robots,
+            "seconds": e.path_seconds,
+            "paths": [
+                {"what": what, "unit": unit, "median": float(np.median([g[what] for g in gaps])),
+                 "maximum": max(g[what] for g in gaps)}
+                for what, unit in convergence.WHAT.items()
+            ],
+            "rows": self._once(
+                lambda: quadrature.study(e.quadrature_trials, self.seed, e.quadrature_points),
+                "quadrature",
+            ),
+        }  # fmt: skip
+
+    def mechanics(self) -> Report | None:
+        """Compare the mechanics with MuJoCo's; None where that is not installed."""
+        if not _has_mujoco():
+            return None
+        robots, seconds = self.effort.robots, self.effort.dry_seconds
+        found = self._each(mechanics.compare(robots, self.seed, seconds), robots, "MuJoCo")
+        return {"robots": robots, "seconds": seconds, "rows": mechanics.summary(found)}
+
+    def strokes(self) -> Report:
+        """Compare fins' strokes with what they must bring."""
+        return {"rows": strokes.study()}
+
+    def reactive(self) -> Report:
+        """Compare the reactive terms with potential flow."""
+        quick = self.effort == QUICK
+        return self._once(lambda: reactive_terms.study(self.seed, quick), "reactive terms")
+
+
+STUDIES = (
+    "agreement", "single_precision", "convergence", "quadrature", "mechanics", "strokes",
+    "reactive",
+)  # fmt: skip
+
+
+def make_report(
+    effort: Effort, seed: int, progress: Progress, only: Iterable[str] = STUDIES
+) -> Report:
+    """Run some of the ``STUDIES``; see :class:`Studies`.
 
     Raises
     ------
     EngineUnavailableError
-        If PyBullet is missing.
+        If PyBullet is missing and is to be compared.
     """
-
-    def each(items: Iterable[T], total: int, what: str) -> list[T]:
-        return list(progress.track(items, total=total, description=what))
-
-    report: dict[str, Any] = {"seed": seed}
-    (rows,) = each(
-        (agreement.engines(effort.robots, effort.lane_robots, effort.agreement_steps, seed)
-         for _ in range(1)), 1, "engines",
-    )  # fmt: skip
-    report["agreement"] = {"seconds": effort.agreement_steps * TIMESTEP, "rows": rows}
-
-    parts = each(
-        agreement.single_precision(effort.lane_robots, effort.durations, seed),
-        -(-effort.lane_robots // agreement.AT_ONCE), "float32",
-    )  # fmt: skip
-    report["single_precision"] = {
-        "robots": effort.lane_robots,
-        "rows": agreement.quantiles(parts, effort.durations),
-    }
-
-    trials = random_trials(effort.robots, seed)
-    samples = round(effort.path_seconds / convergence.INTERVAL)
-    truths = np.array(each(convergence.references(trials, samples), len(trials), "RK4"))
-    report["convergence"] = {
-        "robots": effort.robots,
-        "seconds": effort.path_seconds,
-        "path": convergence.path_length(truths),
-        "reference": convergence.reference_error(trials, truths, min(3, effort.robots)),
-        "rows": convergence.study(trials, truths),
-    }
-
-    gaps = each(
-        convergence.surface_error(trials, truths, effort.surface_robots),
-        effort.surface_robots, "whole surface",
-    )  # fmt: skip
-    (rows,) = each(
-        (quadrature.study(effort.quadrature_trials, seed, effort.quadrature_points)
-         for _ in range(1)), 1, "quadrature",
-    )  # fmt: skip
-    report["quadrature"] = {
-        "robots": effort.surface_robots,
-        "seconds": effort.path_seconds,
-        "paths": [
-            {"what": what, "unit": unit, "median": float(np.median([g[what] for g in gaps])),
-             "maximum": max(g[what] for g in gaps)}
-            for what, unit in convergence.WHAT.items()
-        ],
-        "rows": rows,
-    }  # fmt: skip
-
-    report["mechanics"] = None
-    if _has_mujoco():
-        found = each(
-            mechanics.compare(effort.robots, seed, effort.dry_seconds), effort.robots, "MuJoCo"
-        )
-        report["mechanics"] = {
-            "robots": effort.robots,
-            "seconds": effort.dry_seconds,
-            "rows": mechanics.summary(found),
-        }
-    report["strokes"] = {"rows": strokes.study()}
-    quick = effort == QUICK
-    (report["reactive"],) = each(
-        (reactive.study(seed, quick) for _ in range(1)), 1, "reactive terms"
-    )
-    return report
+    studies = Studies(effort, seed, progress)
+    return {"seed": seed} | {name: getattr(studies, name)() for name in only}
 
 
-def tables_of(report: dict[str, Any]) -> dict[str, tables.Table]:
+def tables_of(report: Report) -> dict[str, tables.Table]:
     """Return every table of a report, by the name that a page gives it."""
-    return tables.make_tables(report) | reactive.make_tables(report["reactive"])
+    found = tables.make_tables(report)
+    if "reactive" in report:
+        found |= reactive_terms.make_tables(report["reactive"])
+    return found
 
 
 def _has_mujoco() -> bool:

@@ -10,57 +10,37 @@ import functools
 from collections.abc import Callable
 from typing import Any
 
-from aquafish_gym.imu import attitude, continue_attitude
 from aquafish_gym.physics.arithmetic import Number, Vector
+from aquafish_gym.physics.attitude import attitude, continue_attitude
 from aquafish_gym.physics.dynamics import wrench
 from aquafish_gym.physics.kinematics import Drive, State, next_joints, rotation, to_body
+from aquafish_gym.physics.layout import fetch_joints, fetch_robot, put_joints
 from aquafish_gym.physics.reactive import reactive_wrench
-from aquafish_gym.physics.robot import PARAMETERS_PER_FIN, Fin, Robot
+from aquafish_gym.physics.robot import Robot
 
 Quaternion = tuple[Number, Number, Number, Number]
 
 
-def _fin(column: Any, first: int) -> Fin:
-    c = column
-    return Fin(
-        c[first],
-        c[first + 1],
-        c[first + 2],
-        c[first + 3],
-        (c[first + 4], c[first + 5], c[first + 6]),
-    )
-
-
-def _unpack(
+def _read(
     column: Any,
     joints: Any,
     orientation: Quaternion,
     velocity: Vector,
     world_spin: Vector,
 ) -> tuple[Robot, State]:
-    robot = Robot(
-        _fin(column, 0), _fin(column, PARAMETERS_PER_FIN), _fin(column, 2 * PARAMETERS_PER_FIN)
-    )
-    return robot, State(
-        orientation,
-        (0.0, 0.0, 0.0),
-        velocity,
-        to_body(rotation(orientation), world_spin),
-        (joints[0], joints[1]),
-        (joints[2], joints[3]),
-        (joints[4], joints[5]),
-        (joints[6], joints[7], joints[8]),
+    """Return robot and state, whose position is of no account."""
+    spin = to_body(rotation(orientation), world_spin)
+    left, right, phase, rates = fetch_joints(joints, 0, 0, 1, 0.0)
+    return fetch_robot(column, 0, 0, 1, 0.0), State(
+        orientation, (0.0, 0.0, 0.0), velocity, spin, left, right, phase, rates
     )
 
 
 def _turn_joints(joints: Any, state: State, by: Drive, h: Number) -> Number:
     """Move the joints one step on, and return the tail's speed over it."""
-    left, right, phase, rates = next_joints(state, by, h)
-    joints[0], joints[1] = left
-    joints[2], joints[3] = right
-    joints[4], joints[5] = phase
-    joints[6], joints[7], joints[8] = rates
-    return rates[2]
+    moved = next_joints(state, by, h)
+    put_joints(joints, 0, 0, 1, moved)
+    return moved[3][2]
 
 
 def push(
@@ -75,10 +55,10 @@ def push(
 ) -> tuple[Vector, Vector, Number]:
     """Return the water's wrench (world axes) now and the tail's speed over the next step.
 
-    ``column`` (21,) is the robot's of ``robot_parameters``; ``joints`` (9,) holds the (cos, sin)
-    of left, right and phase and the three rates, and is moved one step on.
+    ``column`` (21,) is the robot's of ``robot_parameters``; ``joints`` (9,) is of
+    ``fetch_joints``, and is moved one step on.
     """
-    robot, state = _unpack(column, joints, orientation, velocity, world_spin)
+    robot, state = _read(column, joints, orientation, velocity, world_spin)
     force, torque = wrench(robot, state, current)
     return force, torque, _turn_joints(joints, state, by, h)
 
@@ -94,7 +74,7 @@ def push_reactive(
     h: Number,
 ) -> tuple[Vector, Vector, Number]:
     """Do as :func:`push` does, for a law with reactive terms."""
-    robot, state = _unpack(column, joints, orientation, velocity, world_spin)
+    robot, state = _read(column, joints, orientation, velocity, world_spin)
     force, torque = reactive_wrench(robot, state, by, current, h)
     return force, torque, _turn_joints(joints, state, by, h)
 
@@ -117,21 +97,16 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     The results are the same.
     """
     try:
-        from numba import njit
-
-        from aquafish_gym.physics import simd
+        from aquafish_gym.physics import compiling, simd
     except ImportError:
         return function
-    simd.register()
-    for part in (_fin, _unpack, _turn_joints, function):
+    compiling.register()
+    for part in (_read, _turn_joints, function):
         simd.inlined(part)
-    stamp = simd.source_stamp(function)
+    stamp = compiling.source_stamp(function)
 
     def call(*args: Any) -> Any:
-        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        stamp  # noqa: B018  # part of the cache's key; see source_stamp
         return function(*args)
 
-    try:
-        return njit(cache=True)(call)  # type: ignore[no-any-return]
-    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
-        return njit(call)  # type: ignore[no-any-return]
+    return compiling.compiled(call, seconds=8)  # type: ignore[no-any-return]

@@ -20,13 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
-from aquafish_gym.engines.bullet.clients import load_pybullet, return_client, take_client
+from aquafish_gym.engines.bullet.clients import return_client, take_client
 from aquafish_gym.engines.bullet.push import compiled, follow, push, push_reactive
+from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
     Drive,
+    Joints,
     State,
     at_rest,
     caudal_angle,
@@ -34,14 +36,21 @@ from aquafish_gym.physics.kinematics import (
     rotation,
     to_body,
 )
+from aquafish_gym.physics.layout import (
+    LEFT,
+    ROBOT_ROWS,
+    STATE_NUMBERS,
+    fetch_joints,
+    put_joints,
+    robot_from_column,
+    robot_parameters,
+)
 from aquafish_gym.physics.robot import (
     BODY_INERTIA,
     BODY_MASS,
     CAUDAL_Y,
-    PARAMETERS_PER_FIN,
     PECTORAL_X,
     PECTORAL_Y,
-    robot_parameters,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -82,8 +91,8 @@ class BulletWorld:
         self._closing = weakref.finalize(self, return_client, self._client, self._process)
         self._push = compiled(push_reactive if reactive else push)
         self._robot = -1
-        self._column: NDArray[np.float64] = np.zeros(3 * PARAMETERS_PER_FIN)
-        self._joints: NDArray[np.float64] = np.zeros(9)
+        self._column: NDArray[np.float64] = np.zeros(ROBOT_ROWS)
+        self._joints: NDArray[np.float64] = np.zeros(STATE_NUMBERS - LEFT)
         self._current: Vector = (0.0, 0.0, 0.0)
         self._command: Vector | None = None
         self._drive: Drive = drive((0.0, 0.0, 0.0), self.timestep)
@@ -142,7 +151,7 @@ class BulletWorld:
             )
         rest = at_rest((float(fin_angles[0]), float(fin_angles[1]), float(fin_angles[2])))
         self._column = column
-        self._joints = np.array([*rest.left, *rest.right, *rest.phase, *rest.rates])
+        put_joints(self._joints, 0, 0, 1, (rest.left, rest.right, rest.phase, rest.rates))
         self._current = (float(current[0]), float(current[1]), float(current[2]))
         self._command = None
         self._set_resting()
@@ -163,19 +172,18 @@ class BulletWorld:
             solverResidualThreshold=0.0,
             physicsClientId=client,
         )
-        fins = self._column.reshape(3, PARAMETERS_PER_FIN)
-        length, mass, inertia = 1, 3, (4, 5, 6)  # the columns of Fin
+        fins = robot_from_column(self._column)
         turns = [(0.0, 0.0, 0.0, 1.0)] * 3
         self._robot = robot = p.createMultiBody(
             baseMass=BODY_MASS,
             baseCollisionShapeIndex=-1,
             baseVisualShapeIndex=-1,
-            linkMasses=[float(fin[mass]) for fin in fins],
+            linkMasses=[fin.mass for fin in fins],
             linkCollisionShapeIndices=[-1] * 3,
             linkVisualShapeIndices=[-1] * 3,
             linkPositions=HINGES,
             linkOrientations=turns,
-            linkInertialFramePositions=[(0.0, -0.5 * float(fin[length]), 0.0) for fin in fins],
+            linkInertialFramePositions=[(0.0, -0.5 * fin.length, 0.0) for fin in fins],
             linkInertialFrameOrientations=turns,
             linkParentIndices=[0] * 3,
             linkJointTypes=[p.JOINT_REVOLUTE] * 3,
@@ -187,11 +195,9 @@ class BulletWorld:
             raise RuntimeError("PyBullet could not build the robot")
         inertias = [BODY_INERTIA]
         for i, fin in enumerate(fins):
-            about = [float(fin[k]) for k in inertia]
+            about = fin.inertia
             # The caudal fin's width axis is the body's z, its normal the body's x.
-            inertias.append(
-                (about[0], about[1], about[2]) if i < 2 else (about[2], about[1], about[0])
-            )
+            inertias.append(about if i < 2 else (about[2], about[1], about[0]))
         # Each in a call of its own: some of these arguments, given together, silently move
         # the others to the base.
         for link in range(-1, 3):
@@ -271,23 +277,23 @@ class BulletWorld:
 
     def state(self) -> State:
         """Return the robot's state on plain floats."""
-        j = [float(v) for v in self._joints]
-        return State(
-            self.orientation,
-            self.position,
-            self.velocity,
-            to_body(rotation(self.orientation), self.world_spin),
-            (j[0], j[1]),
-            (j[2], j[3]),
-            (j[4], j[5]),
-            (j[6], j[7], j[8]),
-        )
+        spin = to_body(rotation(self.orientation), self.world_spin)
+        return State(self.orientation, self.position, self.velocity, spin, *self._now())
 
     @property
     def fin_angles(self) -> Vector:
         """Left and right pectoral angle and caudal phase in (-pi, pi], rad."""
-        j = self._joints
-        return (math.atan2(j[1], j[0]), math.atan2(j[3], j[2]), math.atan2(j[5], j[4]))
+        left, right, phase, _ = self._now()
+        return (
+            math.atan2(left[1], left[0]),
+            math.atan2(right[1], right[0]),
+            math.atan2(phase[1], phase[0]),
+        )
+
+    def _now(self) -> Joints:
+        """Return how the joints stand, on plain floats."""
+        found: Joints = fetch_joints(self._joints.tolist(), 0, 0, 1, 0.0)
+        return found
 
 
 def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:

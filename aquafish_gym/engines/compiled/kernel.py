@@ -7,8 +7,8 @@ shall do; :func:`compile_kernel` compiles it, and the physics, into one loop. It
 
 ``rpy`` (continuous roll, pitch, yaw, rad) and ``gyro`` (body axes, rad/s) are what the IMU
 says now, and the answer is a command in rev/s, rev/s and Hz. ``weights`` is a flat array of
-the carrier's numbers to be read with ``fetch(weights, i, like)``, ``layout`` an int64 array of
-the policy's own, ``scratch`` a flat array to ``put`` to and ``fetch`` from, and ``time`` a
+the scalar backend's numbers, read with ``fetch(weights, i, like)``, ``layout`` an int64 array
+of the policy's own, ``scratch`` a flat array to ``put`` to and ``fetch`` from, and ``time`` a
 plain float in seconds. Robots share the instructions of their vector register, so no branch
 may depend on lanes (branches on ``layout`` are fine). The robots of one register are group
 ``group`` of ``groups``; row r of a table of P rows is entry ``r * groups + group``. Functions
@@ -24,98 +24,36 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-from aquafish_gym import imu
 from aquafish_gym.engines.compiled.spectrum import write_spectrum
 from aquafish_gym.physics import simd
-from aquafish_gym.physics.arithmetic import Number, Vector, fetch, put
+from aquafish_gym.physics.arithmetic import Vector, put
+from aquafish_gym.physics.attitude import attitude, continue_attitude
+from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.physics.dynamics import step
-from aquafish_gym.physics.kinematics import State, drive, joint_angles, rotation
+from aquafish_gym.physics.kinematics import drive, joint_angles, rotation
+from aquafish_gym.physics.layout import (
+    ROBOT_ROWS,
+    fetch_robot,
+    fetch_state,
+    fetch_vector,
+    put_state,
+    put_vector,
+)
+from aquafish_gym.physics.layout import (
+    RPY as RPY_ROWS,
+)
 from aquafish_gym.physics.reactive import step_reactive
-from aquafish_gym.physics.robot import PARAMETERS_PER_FIN, Fin, Robot
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 Policy = Callable[..., Vector]
 
-STATE_ROWS = 25  # State's 22 numbers in order, then roll, pitch, yaw
 BLOCK = 16  # samples gathered before they are written out, in the fastest cache
 WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
 
 # What to record, as bits. SPECTRUM alone is that of roll, pitch and yaw; with GYRO it is that of
 # the rates, and the attitude in the state is left as it was.
 RPY, GYRO, POSE, SPECTRUM = 1, 2, 4, 8
-
-
-@simd.inlined
-def fetch_fin(parameters: Any, first: int, group: int, groups: int, like: Number) -> Fin:
-    """Read one fin's seven rows."""
-    i = first * groups + group
-    return Fin(
-        fetch(parameters, i, like),
-        fetch(parameters, i + groups, like),
-        fetch(parameters, i + 2 * groups, like),
-        fetch(parameters, i + 3 * groups, like),
-        (
-            fetch(parameters, i + 4 * groups, like),
-            fetch(parameters, i + 5 * groups, like),
-            fetch(parameters, i + 6 * groups, like),
-        ),
-    )
-
-
-@simd.inlined
-def fetch_vector(rows: Any, first: int, group: int, groups: int, like: Number) -> Vector:
-    """Read three rows."""
-    i = first * groups + group
-    return (fetch(rows, i, like), fetch(rows, i + groups, like), fetch(rows, i + 2 * groups, like))
-
-
-@simd.inlined
-def fetch_pair(rows: Any, first: int, group: int, groups: int, like: Number) -> Any:
-    """Read two rows."""
-    i = first * groups + group
-    return (fetch(rows, i, like), fetch(rows, i + groups, like))
-
-
-@simd.inlined
-def fetch_state(rows: Any, group: int, groups: int, like: Number) -> State:
-    """Read a group's state, rows 0 to 21."""
-    x, y, z = fetch_vector(rows, 0, group, groups, like)
-    return State(
-        (x, y, z, fetch(rows, 3 * groups + group, like)),
-        fetch_vector(rows, 4, group, groups, like),
-        fetch_vector(rows, 7, group, groups, like),
-        fetch_vector(rows, 10, group, groups, like),
-        fetch_pair(rows, 13, group, groups, like),
-        fetch_pair(rows, 15, group, groups, like),
-        fetch_pair(rows, 17, group, groups, like),
-        fetch_vector(rows, 19, group, groups, like),
-    )
-
-
-@simd.inlined
-def put_vector(rows: Any, first: int, group: int, groups: int, value: Any) -> None:
-    """Write three rows."""
-    i = first * groups + group
-    put(rows, i, value[0])
-    put(rows, i + groups, value[1])
-    put(rows, i + 2 * groups, value[2])
-
-
-@simd.inlined
-def put_state(rows: Any, group: int, groups: int, state: State, rpy: Vector) -> None:
-    """Write a group's state and attitude."""
-    q = state.orientation
-    put_vector(rows, 0, group, groups, (q[0], q[1], q[2]))
-    put(rows, 3 * groups + group, q[3])
-    put_vector(rows, 4, group, groups, state.position)
-    put_vector(rows, 7, group, groups, state.velocity)
-    put_vector(rows, 10, group, groups, state.spin)
-    put_vector(rows, 13, group, groups, (state.left[0], state.left[1], state.right[0]))
-    put_vector(rows, 16, group, groups, (state.right[1], state.phase[0], state.phase[1]))
-    put_vector(rows, 19, group, groups, state.rates)
-    put_vector(rows, 22, group, groups, rpy)
 
 
 @simd.inlined
@@ -166,9 +104,9 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
     """
     if width not in WIDTHS:
         raise InvalidArgumentError(f"width must be one of {WIDTHS} robots; got {width!r}")
-    simd.register()
+    register()
     simd.inlined(policy)
-    stamp = simd.source_stamp(compile_kernel, policy)
+    stamp = source_stamp(compile_kernel, policy)
     swim = step_reactive if reactive else step
 
     def kernel(
@@ -191,9 +129,9 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
         begin: int,
         end: int,
     ) -> None:
-        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        stamp  # noqa: B018  # part of the cache's key; see source_stamp
         zero = simd.zero_lanes(parameters, width)
-        groups = parameters.size // (3 * PARAMETERS_PER_FIN * width)
+        groups = parameters.size // (ROBOT_ROWS * width)
         scratch = np.empty(scratch_size * width, parameters.dtype)
         block_rpy = np.empty(3 * BLOCK * width, parameters.dtype)
         block_gyro = np.empty(3 * BLOCK * width, parameters.dtype)
@@ -202,13 +140,9 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
         series = np.empty(kept, parameters.dtype)
         rates_only = record == SPECTRUM | GYRO  # nothing then asks for the attitude
         for group in range(begin, end):
-            robot = Robot(
-                fetch_fin(parameters, 0, group, groups, zero),
-                fetch_fin(parameters, PARAMETERS_PER_FIN, group, groups, zero),
-                fetch_fin(parameters, 2 * PARAMETERS_PER_FIN, group, groups, zero),
-            )
+            robot = fetch_robot(parameters, 0, group, groups, zero)
             state = fetch_state(states, group, groups, zero)
-            rpy = fetch_vector(states, 22, group, groups, zero)
+            rpy = fetch_vector(states, RPY_ROWS, group, groups, zero)
             by = drive((zero, zero, zero), h)
             in_block = 0
             for t in range(steps):
@@ -219,7 +153,7 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
                 for _ in range(substeps):
                     state = swim(robot, state, by, current, h)
                 if not rates_only:
-                    rpy = imu.continue_attitude(rpy, imu.attitude(rotation(state.orientation)))
+                    rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
                 if record & SPECTRUM:
                     felt = state.spin if rates_only else rpy
                     put_vector(
@@ -248,9 +182,7 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
                         in_block = 0
             if record & SPECTRUM:
                 write_spectrum(series, roots, steps, spectra, group, zero)
-            put_state(states, group, groups, state, rpy)
+            put_state(states, group, groups, state)
+            put_vector(states, RPY_ROWS, group, groups, rpy)
 
-    try:
-        return njit(cache=True, nogil=True)(kernel)
-    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
-        return njit(nogil=True)(kernel)
+    return compiled(kernel, seconds=30, nogil=True)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import os
 import threading
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +18,20 @@ from aquafish_gym.engines.compiled.kernel import (
     POSE,
     RPY,
     SPECTRUM,
-    STATE_ROWS,
     Policy,
     compile_kernel,
     hold,
 )
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.physics.robot import PARAMETERS_PER_FIN, robot_parameters
+from aquafish_gym.physics.layout import (
+    FIELDS,
+    ROBOT_ROWS,
+    STATE_ROWS,
+    angles_of_rows,
+    rest_rows,
+    robot_parameters,
+)
 from aquafish_gym.physics.simd import register_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -50,18 +58,6 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
     return table.reshape(-1)
 
 
-def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the states (25, B) of robots at rest: upright, facing +y, fins at these angles.
-
-    ``fin_angles`` is (B, 3): left and right pectoral angle and caudal phase, rad.
-    """
-    rows = np.zeros((STATE_ROWS, len(fin_angles)))
-    rows[3] = 1.0
-    rows[13:19:2] = np.cos(fin_angles).T
-    rows[14:20:2] = np.sin(fin_angles).T
-    return rows
-
-
 _pools: dict[int, ThreadPoolExecutor] = {}
 _pools_lock = threading.Lock()
 
@@ -82,6 +78,16 @@ def _helpers(count: int) -> ThreadPoolExecutor:
             if smaller is not None:
                 smaller.shutdown(wait=False)
         return pool
+
+
+_ready: set[tuple[Any, str]] = set()
+
+
+def _compile_here(kernel: Any, dtype: str, part: Callable[[int, int], None]) -> None:
+    """Compile a kernel for a type in the caller's thread, by a call for no robot."""
+    if (kernel, dtype) not in _ready:
+        part(0, 0)
+        _ready.add((kernel, dtype))
 
 
 class LaneBatch:
@@ -120,6 +126,7 @@ class LaneBatch:
     ) -> None:
         self.batch = len(morphologies)
         self.dtype = dtype
+        self._dtype_name = np.dtype(dtype).name
         self.width = width or lane_width(dtype)
         self.groups = -(-self.batch // self.width)
         self.current = current
@@ -140,9 +147,7 @@ class LaneBatch:
 
         ``morphologies`` (n, 9) and ``fin_angles`` (n, 3) hold the n replaced robots only.
         """
-        self._table(self._parameters, 3 * PARAMETERS_PER_FIN)[:, mask] = robot_parameters(
-            morphologies
-        )
+        self._table(self._parameters, ROBOT_ROWS)[:, mask] = robot_parameters(morphologies)
         self._table(self._states, STATE_ROWS)[:, mask] = rest_rows(fin_angles)
 
     def advance(self, commands: NDArray[np.float64], steps: int, record: str = "nothing") -> ImuLog:
@@ -170,7 +175,8 @@ class LaneBatch:
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
             for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
         )
-        spectra, roots = np.empty((0, 2, 0), self.dtype), np.empty(0, self.dtype)
+        # Read-only, as those of a spectrum are: numba would compile the loop twice for them.
+        spectra, roots = np.empty((0, 2, 0), self.dtype), roots_of_unity(0, self._dtype_name)
         self._run(
             policy, weights, layout, scratch_size, steps, interval, logs, spectra, roots, 1.0, bits
         )
@@ -205,7 +211,7 @@ class LaneBatch:
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
         self._run(
             hold, self._pack_commands(commands), _NO_LAYOUT, 0, steps, steps,
-            logs, spectra, roots_of_unity(steps, np.dtype(self.dtype).name), scale,
+            logs, spectra, roots_of_unity(steps, self._dtype_name), scale,
             SPECTRUM | GYRO if rates else SPECTRUM,
         )  # fmt: skip
         return spectra[: self.batch]
@@ -262,6 +268,8 @@ class LaneBatch:
         if parts == 1:
             part(0, self.groups)
         else:
+            # In this thread first, if it is not compiled: the others could not be interrupted.
+            _compile_here(kernel, self._dtype_name, part)
             edges = [self.groups * i // parts for i in range(parts + 1)]
             others = [_helpers(parts - 1).submit(part, *ends) for ends in pairwise(edges[1:])]
             part(0, edges[1])
@@ -279,12 +287,6 @@ class LaneBatch:
         """Return a copy of the states (25, B): the numbers of ``State`` in order, then rpy."""
         return self._table(self._states, STATE_ROWS).astype(np.float64)
 
-    @staticmethod
-    def angles(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return fin angles (3, B) in rad of states (25, B), or (3,) of one robot's (22,)."""
-        found: NDArray[np.float64] = np.arctan2(rows[14:20:2], rows[13:19:2])
-        return found
-
     def state(self) -> dict[str, NDArray[np.float64]]:
         """Return copies of what the robots are now.
 
@@ -294,13 +296,13 @@ class LaneBatch:
         """
         rows = self.rows()
         return {
-            "quaternion": rows[0:4].T,
-            "position": rows[4:7].T,
-            "velocity": rows[7:10].T,
-            "gyro": rows[10:13].T,
-            "fin_angles": self.angles(rows).T,
-            "rates": rows[19:22].T,
-            "rpy": rows[22:25].T,
+            "quaternion": rows[FIELDS["orientation"]].T,
+            "position": rows[FIELDS["position"]].T,
+            "velocity": rows[FIELDS["velocity"]].T,
+            "gyro": rows[FIELDS["spin"]].T,
+            "fin_angles": angles_of_rows(rows).T,
+            "rates": rows[FIELDS["rates"]].T,
+            "rpy": rows[FIELDS["rpy"]].T,
         }
 
     def _table(self, flat: Floats, rows: int) -> Floats:

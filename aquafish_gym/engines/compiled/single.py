@@ -11,56 +11,37 @@ import functools
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP
-from aquafish_gym.engines.compiled.lanes import LaneBatch, rest_rows
 from aquafish_gym.engines.worlds import RUNAWAY, Triple
-from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import State, drive
+from aquafish_gym.physics.layout import (
+    LEFT,
+    ROBOT_ROWS,
+    STATE_NUMBERS,
+    VELOCITY,
+    angles_of_rows,
+    fetch_robot,
+    fetch_state,
+    fetch_vector,
+    put_state,
+    rest_rows,
+    robot_parameters,
+    state_from_numbers,
+)
 from aquafish_gym.physics.reactive import step_reactive
-from aquafish_gym.physics.robot import PARAMETERS_PER_FIN, Fin, Robot, robot_parameters
 
-# Where things stand in the array: State's numbers in order, the robot's, and the current.
-STATE = slice(0, 22)
-ROBOT = slice(22, 22 + 3 * PARAMETERS_PER_FIN)
+# Where things stand in the array: the state, the robot, and the current.
+STATE = slice(0, STATE_NUMBERS)
+ROBOT = slice(STATE.stop, STATE.stop + ROBOT_ROWS)
 CURRENT = slice(ROBOT.stop, ROBOT.stop + 3)
 SIZE = CURRENT.stop
 
-_FIRST_FIN, _FIRST_CURRENT = ROBOT.start, CURRENT.start
-
-
-def unpack_state(v: Any) -> State:
-    """Return the state that the first 22 numbers are: of an array, or of a list of floats."""
-    return State(
-        (v[0], v[1], v[2], v[3]),
-        (v[4], v[5], v[6]),
-        (v[7], v[8], v[9]),
-        (v[10], v[11], v[12]),
-        (v[13], v[14]),
-        (v[15], v[16]),
-        (v[17], v[18]),
-        (v[19], v[20], v[21]),
-    )
-
-
-def pack_state(v: Any, s: State) -> None:
-    """Write a state to the first 22 numbers."""
-    v[0], v[1], v[2], v[3] = s.orientation
-    v[4], v[5], v[6] = s.position
-    v[7], v[8], v[9] = s.velocity
-    v[10], v[11], v[12] = s.spin
-    v[13], v[14] = s.left
-    v[15], v[16] = s.right
-    v[17], v[18] = s.phase
-    v[19], v[20], v[21] = s.rates
-
-
-def _unpack_fin(v: Any, i: int) -> Fin:
-    return Fin(v[i], v[i + 1], v[i + 2], v[i + 3], (v[i + 4], v[i + 5], v[i + 6]))
+_FIRST_OF_ROBOT, _FIRST_OF_CURRENT = ROBOT.start, CURRENT.start
 
 
 @functools.cache
@@ -71,38 +52,28 @@ def compile_single(reactive: bool = False) -> Any:
     Its signature is ``(v, left, right, caudal, steps) -> well``: hold a command (rev/s, rev/s,
     Hz) for some steps of 0.01 s, and say whether the robot has not diverged.
     """
-    simd.register()
-    for function in (unpack_state, pack_state, _unpack_fin):
-        simd.inlined(function)
-    stamp = simd.source_stamp(compile_single)
+    register()
+    stamp = source_stamp(compile_single)
     swim = step_reactive if reactive else step
 
     def advance(v: Any, left: float, right: float, caudal: float, steps: int) -> bool:
-        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
-        robot = Robot(
-            _unpack_fin(v, _FIRST_FIN),
-            _unpack_fin(v, _FIRST_FIN + PARAMETERS_PER_FIN),
-            _unpack_fin(v, _FIRST_FIN + 2 * PARAMETERS_PER_FIN),
-        )
-        current = (v[_FIRST_CURRENT], v[_FIRST_CURRENT + 1], v[_FIRST_CURRENT + 2])
+        stamp  # noqa: B018  # part of the cache's key; see source_stamp
+        robot = fetch_robot(v, _FIRST_OF_ROBOT, 0, 1, 0.0)
+        current = fetch_vector(v, _FIRST_OF_CURRENT, 0, 1, 0.0)
         by = drive((left, right, caudal), TIMESTEP)
-        state = unpack_state(v)
+        state = fetch_state(v, 0, 1, 0.0)
         for _ in range(steps):
             state = swim(robot, state, by, current, TIMESTEP)
-        pack_state(v, state)
+        put_state(v, 0, 1, state)
         nothing, squares = 0.0, 0.0  # nothing stays 0 unless a number is infinite or NaN
-        for i in range(22):
+        for i in range(STATE_NUMBERS):
             nothing += v[i] * 0.0
-        for i in range(7, 13):
+        for i in range(VELOCITY, LEFT):
             squares += v[i] * v[i]
         return nothing == 0.0 and squares < RUNAWAY
 
     # Division by zero is infinity, as in the lanes, and no exception.
-    options = {"nogil": True, "error_model": "numpy"}
-    try:
-        return njit(cache=True, **options)(advance)
-    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
-        return njit(**options)(advance)
+    return compiled(advance, seconds=10, nogil=True, error_model="numpy")
 
 
 class CompiledWorld:
@@ -138,12 +109,12 @@ class CompiledWorld:
 
     def state(self) -> State:
         """See :class:`~aquafish_gym.engines.worlds.World`."""
-        return unpack_state(self._numbers.tolist())
+        return state_from_numbers(self._numbers.tolist())
 
     @property
     def fin_angles(self) -> Vector:
         """See :class:`~aquafish_gym.engines.worlds.World`."""
-        left, right, phase = LaneBatch.angles(self._numbers).tolist()
+        left, right, phase = angles_of_rows(self._numbers).tolist()
         return (left, right, phase)
 
     def close(self) -> None:

@@ -17,12 +17,12 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Number, fetch, fma, put
+from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 AXES = 3
@@ -203,11 +203,11 @@ def _distance(one: Any, i: int, other: Any, j: int, rows: int, sums: Any, zero: 
 @functools.cache
 def compile_distances() -> Any:
     """Return the compiled ``(spectra, observed, which, out)``: see :func:`distances`."""
-    simd.register()
-    stamp = simd.source_stamp(compile_distances)
+    register()
+    stamp = source_stamp(compile_distances)
 
     def to_observed(spectra: Any, observed: Any, which: Any, out: Any) -> None:
-        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        stamp  # noqa: B018  # part of the cache's key; see source_stamp
         sums = np.empty(PARTIAL, spectra.dtype)
         zero = simd.zero_lanes(sums, PARTIAL)
         rows = spectra.shape[2] // PARTIAL
@@ -215,17 +215,17 @@ def compile_distances() -> Any:
         for b in range(len(out)):
             out[b] = _distance(one, b, other, which[b], rows, sums, zero)
 
-    return _compile(to_observed)
+    return compiled(to_observed, nogil=True)
 
 
 @functools.cache
 def compile_disagreement() -> Any:
     """Return the compiled ``(spectra, models, out)``: see :func:`disagreements`."""
-    simd.register()
-    stamp = simd.source_stamp(compile_disagreement)
+    register()
+    stamp = source_stamp(compile_disagreement)
 
     def between_pairs(spectra: Any, models: int, out: Any) -> None:
-        stamp  # noqa: B018  # part of the cache's key; see simd.source_stamp
+        stamp  # noqa: B018  # part of the cache's key; see source_stamp
         sums = np.empty(PARTIAL, spectra.dtype)
         zero = simd.zero_lanes(sums, PARTIAL)
         rows = spectra.shape[2] // PARTIAL
@@ -237,14 +237,7 @@ def compile_disagreement() -> Any:
                     total += _distance(flat, i, flat, j, rows, sums, zero)
             out[action] = total
 
-    return _compile(between_pairs)
-
-
-def _compile(function: Any) -> Any:
-    try:
-        return njit(cache=True, nogil=True)(function)
-    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
-        return njit(nogil=True)(function)
+    return compiled(between_pairs, nogil=True)
 
 
 def distances(

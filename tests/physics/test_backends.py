@@ -12,7 +12,7 @@ from numba import njit
 from numpy.testing import assert_allclose
 
 from aquafish_gym.engines.compiled.lanes import lane_width, pack_rows
-from aquafish_gym.physics import simd
+from aquafish_gym.physics import compiling, simd
 from aquafish_gym.physics.arithmetic import (
     arctangent2,
     fetch,
@@ -22,7 +22,7 @@ from aquafish_gym.physics.arithmetic import (
     where_less,
 )
 
-simd.register()
+compiling.register()
 
 
 def in_lanes(function, dtype, *columns):  # type: ignore[no-untyped-def]

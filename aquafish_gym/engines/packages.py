@@ -1,0 +1,101 @@
+"""Which engines this machine has: their packages, and what "auto" means."""
+
+from __future__ import annotations
+
+import functools
+import multiprocessing
+import os
+import sys
+from importlib.util import find_spec
+from typing import Any
+
+from aquafish_gym.utils.validation import EngineUnavailableError, one_of
+
+NAMES = ("numba", "pybullet")
+# Whichever of them this machine has, PyBullet first; see ``resolve_engine``.
+AUTO = "auto"
+
+
+def resolve_engine(argument: str, name: object) -> str:
+    """Return ``"pybullet"`` or ``"numba"``, which ``"auto"`` decides by what is installed.
+
+    ``"auto"`` is PyBullet where it is installed, else the compiled engine, the same robot to
+    1e-9, with one line on stderr: once a process, and not in workers. ``argument`` is what a
+    message calls the engine. That a named engine can be used here is for :func:`check_engine`.
+
+    Raises
+    ------
+    UnknownNameError
+        With the nearest known name.
+    """
+    known = one_of(argument, name, (AUTO, *NAMES))
+    if known != AUTO:
+        return known
+    if find_spec("pybullet") is not None:
+        return "pybullet"
+    _say_compiled()
+    return "numba"
+
+
+@functools.cache
+def _say_compiled() -> None:
+    if sys.stderr is not None and multiprocessing.parent_process() is None:
+        print(
+            'PyBullet is not installed here: engine "auto" is "numba", the same robot compiled',
+            file=sys.stderr,
+        )
+
+
+def check_engine(engine: object) -> str:
+    """Return the engine's name if it can be used here; see :func:`resolve_engine` for "auto".
+
+    Raises
+    ------
+    UnknownNameError
+        With the nearest known name.
+    EngineUnavailableError
+        If the package behind it is not installed.
+    """
+    name = resolve_engine("engine", engine)
+    if name == "pybullet":
+        load_pybullet()
+    elif find_spec(name) is None:
+        raise EngineUnavailableError(
+            f'the engine "{name}" needs the package {name}, which is not installed here: '
+            f"pip install {name}"
+        )
+    return name
+
+
+@functools.cache
+def load_pybullet() -> Any:
+    """Return the module.
+
+    Raises
+    ------
+    EngineUnavailableError
+        If it is not installed.
+    """
+    try:
+        return _import_quietly()
+    except ImportError as error:
+        raise EngineUnavailableError(
+            'the engine "pybullet" needs the package pybullet, which is not installed here '
+            f"({error}): pip install pybullet==3.2.7 on Linux with Python 3.9 to 3.11, or use "
+            'engine="numba", the same robot compiled'
+        ) from None
+
+
+def _import_quietly() -> Any:
+    """Import pybullet without the line that its C code prints to stderr."""
+    try:
+        kept = os.dup(2)
+    except OSError:  # no stderr to keep clean
+        return __import__("pybullet")
+    try:
+        with open(os.devnull, "wb") as nowhere:  # noqa: PTH123
+            os.dup2(nowhere.fileno(), 2)
+        return __import__("pybullet")
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)

@@ -1,0 +1,190 @@
+"""The order of a robot's numbers in flat tables: stated here, and nowhere else.
+
+A table holds a row for each number and a column for each robot. In a flat one the robots of one
+vector register are ``group`` of ``groups``, and row r of it is entry ``r * groups + group``; one
+robot on plain floats is group 0 of 1. The functions of one group are straight-line code for any
+scalar backend (``arithmetic.py``).
+
+- A **state** has 25 rows: the numbers of ``State`` in its order, then roll, pitch and yaw.
+- A **robot** has 21 rows: left, right and caudal ``Fin``, the numbers of each in its order.
+"""
+
+from __future__ import annotations
+
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.physics.arithmetic import Number, Vector, fetch, put
+from aquafish_gym.physics.kinematics import Joints, Pair, State
+from aquafish_gym.physics.robot import MINIMUM_FIN_MASS, MINIMUM_GYRATION, Fin, Robot
+
+_SIZES = {
+    "orientation": 4,
+    "position": 3,
+    "velocity": 3,
+    "spin": 3,
+    "left": 2,
+    "right": 2,
+    "phase": 2,
+    "rates": 3,
+    "rpy": 3,
+}
+# The first row of each.
+ORIENTATION, POSITION, VELOCITY, SPIN, LEFT, RIGHT, PHASE, RATES, RPY, STATE_ROWS = accumulate(
+    _SIZES.values(), initial=0
+)
+STATE_NUMBERS = RPY  # those of ``State``, without roll, pitch and yaw
+# The rows of each, by name.
+FIELDS: dict[str, slice] = {
+    name: slice(end - size, end)
+    for (name, size), end in zip(_SIZES.items(), accumulate(_SIZES.values()), strict=True)
+}
+_STATE_FIELDS = [FIELDS[name] for name in State._fields]
+# (cos, sin) of left, right and phase follow each other.
+_COSINES, _SINES = slice(LEFT, RATES, 2), slice(LEFT + 1, RATES, 2)
+
+FIN_ROWS = 7
+ROBOT_ROWS = 3 * FIN_ROWS
+# Where (width, length, thickness) of each fin stand among the nine dimensions.
+_COLUMNS: NDArray[np.intp] = np.array([(0, 1, 2), (3, 4, 5), (8, 7, 6)])
+
+
+def fetch_pair(rows: Any, first: int, group: int, groups: int, like: Number) -> Pair:
+    """Read two rows."""
+    i = first * groups + group
+    return (fetch(rows, i, like), fetch(rows, i + groups, like))
+
+
+def fetch_vector(rows: Any, first: int, group: int, groups: int, like: Number) -> Vector:
+    """Read three rows."""
+    i = first * groups + group
+    return (fetch(rows, i, like), fetch(rows, i + groups, like), fetch(rows, i + 2 * groups, like))
+
+
+def put_vector(rows: Any, first: int, group: int, groups: int, value: Vector) -> None:
+    """Write three rows."""
+    i = first * groups + group
+    put(rows, i, value[0])
+    put(rows, i + groups, value[1])
+    put(rows, i + 2 * groups, value[2])
+
+
+def fetch_fin(rows: Any, first: int, group: int, groups: int, like: Number) -> Fin:
+    """Read one fin's seven rows."""
+    width, length, thickness = fetch_vector(rows, first, group, groups, like)
+    mass = fetch(rows, (first + 3) * groups + group, like)
+    return Fin(width, length, thickness, mass, fetch_vector(rows, first + 4, group, groups, like))
+
+
+def fetch_robot(rows: Any, first: int, group: int, groups: int, like: Number) -> Robot:
+    """Read a robot's 21 rows."""
+    return Robot(
+        fetch_fin(rows, first, group, groups, like),
+        fetch_fin(rows, first + FIN_ROWS, group, groups, like),
+        fetch_fin(rows, first + 2 * FIN_ROWS, group, groups, like),
+    )
+
+
+def fetch_joints(rows: Any, first: int, group: int, groups: int, like: Number) -> Joints:
+    """Read the nine rows of the joints, the first of which is ``first``: of a state, ``LEFT``."""
+    return (
+        fetch_pair(rows, first, group, groups, like),
+        fetch_pair(rows, first + (RIGHT - LEFT), group, groups, like),
+        fetch_pair(rows, first + (PHASE - LEFT), group, groups, like),
+        fetch_vector(rows, first + (RATES - LEFT), group, groups, like),
+    )
+
+
+def put_joints(rows: Any, first: int, group: int, groups: int, joints: Joints) -> None:
+    """Write what :func:`fetch_joints` reads."""
+    left, right, phase, rates = joints
+    put_vector(rows, first, group, groups, (left[0], left[1], right[0]))
+    put_vector(rows, first + 3, group, groups, (right[1], phase[0], phase[1]))
+    put_vector(rows, first + (RATES - LEFT), group, groups, rates)
+
+
+def fetch_state(rows: Any, group: int, groups: int, like: Number) -> State:
+    """Read a state, without its roll, pitch and yaw."""
+    x, y, z = fetch_vector(rows, ORIENTATION, group, groups, like)
+    left, right, phase, rates = fetch_joints(rows, LEFT, group, groups, like)
+    return State(
+        (x, y, z, fetch(rows, (ORIENTATION + 3) * groups + group, like)),
+        fetch_vector(rows, POSITION, group, groups, like),
+        fetch_vector(rows, VELOCITY, group, groups, like),
+        fetch_vector(rows, SPIN, group, groups, like),
+        left,
+        right,
+        phase,
+        rates,
+    )
+
+
+def put_state(rows: Any, group: int, groups: int, state: State) -> None:
+    """Write what :func:`fetch_state` reads."""
+    q = state.orientation
+    put_vector(rows, ORIENTATION, group, groups, (q[0], q[1], q[2]))
+    put(rows, (ORIENTATION + 3) * groups + group, q[3])
+    put_vector(rows, POSITION, group, groups, state.position)
+    put_vector(rows, VELOCITY, group, groups, state.velocity)
+    put_vector(rows, SPIN, group, groups, state.spin)
+    put_joints(rows, LEFT, group, groups, (state.left, state.right, state.phase, state.rates))
+
+
+def state_from_numbers(numbers: list[float]) -> State:
+    """Return one robot's state on plain floats: :func:`fetch_state`, but quicker there."""
+    fields: list[Any] = [tuple(numbers[rows]) for rows in _STATE_FIELDS]
+    return State(*fields)
+
+
+def robot_from_column(column: NDArray[np.float64]) -> Robot:
+    """Return one robot on plain floats from a column (21,) of :func:`robot_parameters`."""
+    found: Robot = fetch_robot(column.tolist(), 0, 0, 1, 0.0)
+    return found
+
+
+def robot_parameters(morphologies: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return what each body is to the equations of motion.
+
+    Parameters
+    ----------
+    morphologies
+        (B, 9) sizes in the order of ``DIMENSIONS``.
+
+    Returns
+    -------
+    ndarray
+        (21, B): for each fin width, length, thickness, mass and the three inertias, in the
+        order of ``Fin``.
+    """
+    sizes = morphologies.T[_COLUMNS]  # (fin, width or length or thickness, B)
+    squares = sizes**2 / 12
+    mass = np.maximum(sizes[:, 0] * sizes[:, 1] * sizes[:, 2], MINIMUM_FIN_MASS)
+    rows = np.empty((len(sizes), FIN_ROWS, sizes.shape[2]))
+    rows[:, 0:3] = sizes
+    rows[:, 3] = mass
+    rows[:, 4] = squares[:, 1] + squares[:, 2]
+    rows[:, 5] = squares[:, 0] + squares[:, 2]
+    rows[:, 6] = squares[:, 0] + squares[:, 1]
+    rows[:, 4:7] = mass[:, None] * np.maximum(rows[:, 4:7], MINIMUM_GYRATION**2)
+    return rows.reshape(ROBOT_ROWS, sizes.shape[2])
+
+
+def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the states (25, B) of robots at rest: upright, facing +y, fins at these angles.
+
+    ``fin_angles`` is (B, 3): left and right pectoral angle and caudal phase, rad.
+    """
+    rows = np.zeros((STATE_ROWS, len(fin_angles)))
+    rows[ORIENTATION + 3] = 1.0
+    rows[_COSINES] = np.cos(fin_angles).T
+    rows[_SINES] = np.sin(fin_angles).T
+    return rows
+
+
+def angles_of_rows(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return fin angles (3, B) in rad of states (25, B), or (3,) of one robot's (22,)."""
+    found: NDArray[np.float64] = np.arctan2(rows[_SINES], rows[_COSINES])
+    return found

@@ -1,0 +1,71 @@
+"""On a machine that has compiled nothing yet: it says so at once, and Ctrl-C ends it."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+NOTICE = "compiling the physics once, about 30 s ...\n"
+# Enough robots that the engine takes several threads.
+SWIM = """
+import numpy as np, aquafish_gym
+aquafish_gym.simulate(np.full((4000, 9), 0.3), (0.1, 0.1, 0.5), steps=512, threads=4)
+"""
+PREPARE = """
+import multiprocessing
+from aquafish_gym.engines.compiled import prepare_kernels
+from aquafish_gym.engines.compiled.kernel import compile_kernel, hold
+from aquafish_gym.engines.compiled.lanes import lane_width
+import numpy as np
+
+def misses(_):
+    prepare_kernels()
+    kernel = compile_kernel(hold, lane_width(np.float32), False)
+    return sum(kernel.stats.cache_misses.values())
+
+if __name__ == "__main__":
+    found = misses(0)
+    with multiprocessing.get_context("spawn").Pool(2) as pool:
+        print(found, *pool.map(misses, range(2)))
+"""
+
+
+@pytest.fixture
+def cold(tmp_path: pathlib.Path) -> dict[str, str]:
+    """Return the environment of a process that finds nothing compiled."""
+    return {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+
+
+def test_ctrl_c_ends_a_cold_compile_within_seconds(cold: dict[str, str]) -> None:
+    with subprocess.Popen(
+        [sys.executable, "-c", SWIM], env=cold, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert process.stderr is not None
+        assert process.stderr.readline() == NOTICE
+        time.sleep(2)
+        assert process.poll() is None, "it should still compile"
+        begun = time.monotonic()
+        process.send_signal(signal.SIGINT)
+        rest = process.stderr.read()
+        process.wait()
+    assert process.returncode == -signal.SIGINT
+    assert rest.rstrip().endswith("KeyboardInterrupt")
+    assert time.monotonic() - begun < 20  # 2 s on an idle machine; its pool took 40
+
+
+def test_what_one_process_prepared_its_workers_find(
+    cold: dict[str, str], tmp_path: pathlib.Path
+) -> None:
+    script = tmp_path / "prepare.py"
+    script.write_text(PREPARE)
+    done = subprocess.run(
+        [sys.executable, str(script)], env=cold, capture_output=True, text=True, check=True
+    )
+    assert done.stdout == "1 0 0\n"
+    assert done.stderr == NOTICE, "said once, and not by the workers"
