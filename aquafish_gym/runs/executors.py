@@ -14,7 +14,7 @@ from aquafish_gym.runs.processes import ProcessExecutor
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
 
 MOST_WORKERS = 1024
-_PATIENCE = 10.0  # s for a scheduler to answer
+_PATIENCE = 20.0  # s for a scheduler to answer
 
 
 class ClusterUnavailableError(EngineUnavailableError):
@@ -43,7 +43,7 @@ def workers(
     Raises
     ------
     InvalidArgumentError
-        If the count is none, or no scheduler answers at the address.
+        If the count is none, or no scheduler answers at the address or it has no workers.
     ClusterUnavailableError
         If dask is not installed.
     """
@@ -79,6 +79,10 @@ def _cluster(address: str) -> Iterator[Executor]:
             f"answers at {address!r} ({type(error).__name__})"
         ) from None
     try:
+        try:
+            client.wait_for_workers(1, timeout=_PATIENCE)
+        except TimeoutError:
+            raise InvalidArgumentError(f"scheduler: {address} has no workers") from None
         yield client.get_executor(pure=False)
     finally:
         with suppress(OSError, TimeoutError):

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from aquafish_gym.runs.storage import PART, read_document, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError, brief
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
 
 LOCK, SETTINGS = "lock", "settings.json"
 SCHEMA = "aquafish.folder/1"
@@ -230,7 +230,7 @@ def _is_at(handle: int, path: Path) -> bool:
 
 def _holder(file: Any) -> str:
     try:
-        held = json.loads(file.read(_MOST_BYTES))
+        held = parse_json("lock", file.read(_MOST_BYTES))
         return f"process {held['pid']} since {held['since']}"
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):  # it is empty as yet, or somebody else's
         return "which is just beginning"

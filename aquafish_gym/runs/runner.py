@@ -258,8 +258,8 @@ class _Run(Generic[Job]):
             raise OSError("the processes that did the jobs are gone") from None
         except OSError as error:
             raise OSError(f"no process can be begun: {error.strerror or error}") from error
-        except Exception as error:  # such as dask's KilledWorker
-            self._fail(job, f"{type(error).__name__}: {error}")
+        except Exception as error:  # such as dask's KilledWorker, which has advice to add
+            self._fail(job, f"{type(error).__name__}: {error}".partition(". ")[0])
         else:
             if kind == "failed":
                 self._fail(job, answer)

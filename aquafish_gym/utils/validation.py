@@ -140,7 +140,8 @@ def parse_json(argument: str, text: object) -> Any:
     try:
         value = json.loads(text, object_pairs_hook=_without_repeats)
     except ValueError as error:  # of too many digits, too
-        raise InvalidArgumentError(f"{argument} is not JSON: {error}") from None
+        reason = str(error).partition(";")[0]  # without Python's advice to itself
+        raise InvalidArgumentError(f"{argument} is not JSON: {reason}") from None
     except RecursionError:
         value = None
         deep = True

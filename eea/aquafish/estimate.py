@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Unpack
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
@@ -81,13 +80,12 @@ class MorphologyEstimate(Result):
     def __repr__(self) -> str:
         config, done = self.config, len(self.rounds)
         said = f"{config.condition}, {done} round{'' if done == 1 else 's'} of {config.steps} steps"
-        fits = []
+        said += f", seed {self.seed}"
         if self.rounds:
-            fits.append(f"MOD_FIT {self.rounds[-1].model_fitness:.3f}")
+            said += f"; MOD_FIT {self.rounds[-1].model_fitness:.3f}"
         if self.objective_fitness is not None:
-            fits.append(f"OBJ_FIT {self.objective_fitness:.3f}")
-        found = "; ".join([f"{said}, seed {self.seed}", ", ".join(fits)] if fits else [said])
-        return f"MorphologyEstimate({found})"
+            said += f", OBJ_FIT {self.objective_fitness:.3f}"
+        return f"MorphologyEstimate({said})"
 
     def _repr_html_(self) -> str:
         """Return the sizes found, beside the true ones where they are known, as a table."""

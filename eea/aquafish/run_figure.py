@@ -1,25 +1,18 @@
-"""Pictures of a run: OBJ_FIT and MOD_FIT against round, beside guesses and the nearest genome.
-
-matplotlib is loaded when a picture is drawn, and no global state of it is touched.
-"""
+"""Pictures of one run: OBJ_FIT and MOD_FIT against round, beside guesses and the limit."""
 
 from __future__ import annotations
 
-import io
-import os
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
-from aquafish_gym.runs.storage import write_bytes
+from eea.core.checks import ConfigurationError
+from eea.core.experiment import Floats
 from eea.core.result import Result
-from eea.core.checks import ConfigurationError, choice
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # Blue and vermilion of Okabe and Ito's palette, told apart by all eyes.
 _OBJECTIVE, _MODEL = "#0072B2", "#D55E00"
@@ -35,16 +28,14 @@ def draw_fitness(axes: Axes, results: Sequence[Result]) -> None:
     axes
         Of a matplotlib figure.
     results
-        At least one. OBJ_FIT and the levels of chance, of the mid-range body and of the nearest
-        genome are drawn if all their truths are known.
+        At least one. OBJ_FIT and the levels of chance, of the mid-range body and the
+        quantisation limit are drawn if all their truths are known.
 
     Raises
     ------
     ConfigurationError
         If there is no round to draw.
     """
-    from matplotlib.ticker import MaxNLocator
-
     rounds = min((len(result.rounds) for result in results), default=0)
     if not rounds:
         raise ConfigurationError("results must hold at least one round each to be drawn")
@@ -52,13 +43,15 @@ def draw_fitness(axes: Axes, results: Sequence[Result]) -> None:
     curves = [("MOD_FIT, fit to the target's behaviour", _MODEL, _series(results, "model_fitness"))]
     chances = [result.chance for result in results if result.chance is not None]
     middles = [result.mid_range for result in results if result.mid_range is not None]
-    spelled = [result.nearest for result in results if result.nearest is not None]
+    limits = [result.nearest for result in results if result.nearest is not None]
     if len(chances) == len(results):
         objective = _series(results, "objective_fitness")
         curves.append(("OBJ_FIT, likeness to the true body", _OBJECTIVE, objective))
         axes.axhline(float(np.mean(chances)), color="0.4", ls="--", lw=1, label="random bodies")
         axes.axhline(float(np.mean(middles)), color="0.4", ls=":", lw=1, label="mid-range body")
-        axes.axhline(float(np.mean(spelled)), color="0.4", ls="-", lw=0.8, label="nearest genome")
+        axes.axhline(
+            float(np.mean(limits)), color="0.4", ls="-", lw=0.8, label="quantisation limit"
+        )
     for label, color, values in curves:
         mean = values.mean(axis=0)
         if len(values) > 1:
@@ -84,9 +77,7 @@ def draw_fitness(axes: Axes, results: Sequence[Result]) -> None:
 
 def fitness_figure(result: Result) -> Figure:
     """Return a figure of one run."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+    # Apart from pyplot and its global state.
     figure = Figure(figsize=(6.4, 4.2), layout="constrained", dpi=150)
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -96,32 +87,8 @@ def fitness_figure(result: Result) -> Figure:
     return figure
 
 
-def save_fitness_figure(result: Result, path: str | os.PathLike[str]) -> None:
-    """Draw one run into a file whose suffix names the format, ``.png`` or ``.svg``.
-
-    The file is replaced at once or not at all.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no such format, or no round to draw.
-    """
-    figure = fitness_figure(result)
-    suffix = Path(path).suffix
-    choice(
-        "the picture's suffix", suffix, [f".{f}" for f in figure.canvas.get_supported_filetypes()]
-    )
-    content = io.BytesIO()
-    figure.savefig(content, format=suffix[1:])
-    write_bytes(path, content.getvalue())
-
-
-def _series(
-    results: Sequence[Result], name: str
-) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
+def _series(results: Sequence[Result], name: str) -> Floats:
     """Return one field of all records, (replicates, rounds), cut to the shortest run."""
     rounds = min(len(result.rounds) for result in results)
-    return np.array(
-        [[getattr(record, name) for record in result.rounds[:rounds]] for result in results],
-        dtype=np.float64,
-    )
+    records = [[getattr(record, name) for record in result.rounds[:rounds]] for result in results]
+    return np.array(records, dtype=np.float64)

@@ -6,6 +6,7 @@ import os
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from aquafish_gym.command import check_commands
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
@@ -14,8 +15,6 @@ from eea.core.behavior import Log
 from eea.core.checks import ConfigurationError
 from eea.core.experiment import Floats
 from eea.core.replay import RecordedLog, ReplayTarget
-
-from numpy.typing import ArrayLike
 
 SIGNALS = ("gyro", "rpy")
 

@@ -8,7 +8,8 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.engines.base import resolve_engine, simulate
+from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from eea.core.behavior import BehaviorConfig
 from eea.core.experiment import Comparer, Simulator, Trials

@@ -10,26 +10,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import resolve_engine, simulate
+from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.attitude import attitude
+from aquafish_gym.physics.attitude import attitude, rotations
 from eea.core.checks import choice
 from eea.core.experiment import Floats
 
 Orientation = Literal["upright", "heading", "attitude"]
-
-
-def rotations(rpy: Floats) -> Floats:
-    """Return the matrices (T, 3, 3) from body to world of roll, pitch and yaw (T, 3), rad."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
-    rows = [
-        [cy * cr - sy * sp * sr, -sy * cp, cy * sr + sy * sp * cr],
-        [sy * cr + cy * sp * sr, cy * cp, sy * sr - cy * sp * cr],
-        [-cp * sr, sp, cp * cr],
-    ]
-    matrices: Floats = np.moveaxis(np.array(rows), -1, 0)
-    return matrices
 
 
 def random_orientation(orientation: str, rng: np.random.Generator) -> Floats:

@@ -169,9 +169,7 @@ def signal_samples(
     try:
         samples = np.asarray(signal)
     except ValueError:
-        raise TargetError(
-            f"a log must hold {wanted}; {name} of {source} is ragged"
-        ) from None
+        raise TargetError(f"a log must hold {wanted}; {name} of {source} is ragged") from None
     if samples.dtype.kind not in "fiu":
         raise TargetError(f"a log must hold real numbers; {name} of {source} is {samples.dtype}")
     if samples.ndim == 2:

@@ -52,7 +52,9 @@ def choice(argument: str, value: object, choices: Iterable[str]) -> None:
         return
     close = difflib.get_close_matches(str(value)[:80], known, n=1, cutoff=0.4)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise ConfigurationError(f"{argument} must be one of {', '.join(known)}; got {brief(value)}{hint}")
+    raise ConfigurationError(
+        f"{argument} must be one of {', '.join(known)}; got {brief(value)}{hint}"
+    )
 
 
 def flag(argument: str, value: object) -> None:

@@ -147,7 +147,7 @@ class InBand(Inference):
         self._config = config
         self._generations = 1
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+    def _first_context(self, newest: Experiment, generations: int) -> Context:
         self._generations = generations
         return Context.unknown(len(newest.context), self._confidence(0))
 

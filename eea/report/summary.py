@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from aquafish_gym.morphology import FINS
-from eea.core.fitness import chance_level, mid_range_level, nearest_errors, nearest_level
+from eea.core.fitness import chance_level, mid_range_level, quantisation_errors, quantisation_limit
 from eea.report.arms import baseline_of, comparisons, is_baseline
 from eea.report.findings import (
     ANGLE_ERRORS,
@@ -38,7 +38,7 @@ def summarize_study(findings: Findings) -> dict[str, Any]:
         "missing": _missing(findings),
         "chance": chance_level(truth, LAYOUT),
         "mid_range": mid_range_level(truth, LAYOUT),
-        "nearest": nearest_level(truth, LAYOUT),
+        "nearest": quantisation_limit(truth, LAYOUT),
         "durations": findings.durations(),
         "labels": findings.labels,
         "conditions": findings.conditions,
@@ -172,7 +172,7 @@ def _summarize_dimensions(findings: Findings) -> dict[str, Any]:
     return {
         "chance_error": _by_name(chance),
         "mid_range_error": _by_name(middle),
-        "nearest_error": _by_name(nearest_errors(truth, LAYOUT)),
+        "nearest_error": _by_name(quantisation_errors(truth, LAYOUT)),
         "arms": arms,
     }
 

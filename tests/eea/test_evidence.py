@@ -8,7 +8,8 @@ import re
 
 import pytest
 
-from eea.report.summary import arm_label, signed
+from eea.report.arms import arm_label
+from eea.report.tables import signed
 from eea.study.ablations import ABLATIONS
 from eea.study.arms import arms
 

@@ -10,6 +10,30 @@ from pathlib import Path
 
 import numpy as np
 
+# A command as there will be many: it goes on with what is in its folder.
+COMMAND = """
+from pathlib import Path
+from run_jobs_here import Task, work
+from aquafish_gym.runs.executors import workers
+from aquafish_gym.runs.folder import held
+from aquafish_gym.runs.runner import run_jobs
+
+if __name__ == "__main__":
+    folder, action, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+    jobs = [Task(number, action) for number in range(count)]
+    try:
+        with held(folder), workers(2) as executor:
+            print("held", flush=True)
+            told = lambda event: print(event.kind, event.job.name, event.text, flush=True)
+            failures = run_jobs(jobs, work, folder, executor, told)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except (OSError, ValueError) as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+    sys.exit(len(failures))
+"""
+
 
 @dataclass(frozen=True)
 class Task:

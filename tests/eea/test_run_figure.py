@@ -10,7 +10,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
-from eea.report.run_figure import draw_fitness, fitness_figure, save_fitness_figure
+from eea.report.figures import draw_fitness, fitness_figure, save_fitness_figure
 from fake_fish import STEPS, TRUTH, fake_eea
 
 QUICK = EEAConfig(
@@ -36,7 +36,7 @@ def test_the_figure_shows_both_fitnesses_and_the_levels_beside_them():
     assert list(objective.get_xdata()) == [1, 2, 3]
     assert set(lines["random bodies"].get_ydata()) == {result.chance}
     assert set(lines["mid-range body"].get_ydata()) == {result.mid_range}
-    assert set(lines["nearest genome"].get_ydata()) == {result.nearest}
+    assert set(lines["quantisation limit"].get_ydata()) == {result.nearest}
 
 
 def test_without_the_truth_only_the_model_fitness_is_drawn():
@@ -112,7 +112,7 @@ def test_a_picture_is_written_without_touching_global_state(tmp_path):
     import matplotlib
 
     backend = matplotlib.rcParams["backend"]
-    for name in ("a.png", "a.svg"):
+    for name in ("a.png", "a.svg", "a.pdf"):
         save_fitness_figure(fake_eea(QUICK).run(), tmp_path / name)
         assert (tmp_path / name).stat().st_size > 1000
     assert matplotlib.rcParams["backend"] == backend

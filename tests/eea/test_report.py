@@ -2,21 +2,20 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 
+from aquafish_gym.runs.storage import DamagedFileError
 from eea.core.checks import ConfigurationError
-from eea.core.fitness import chance_level, mid_range_level, nearest_level
-from eea.report.analysis import (
-    baseline_of,
-    chance_errors,
-    comparisons,
-    read_study,
-    report,
-    results_table,
-    summarize_study,
-)
+from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
+from eea.report import read_study, report, summarize_study
+from eea.report.arms import baseline_of, comparisons
+from eea.report.findings import COLUMNS, LAYOUT
+from eea.report.summary import chance_errors
 from study_folder import TRUTH, make_records, write_records, write_study
 
 
@@ -27,8 +26,21 @@ def folder(tmp_path_factory):
     return folder
 
 
-def values(findings, arm, steps, field="objective_fitness"):
-    return {seed: records[-1][field] for seed, records in findings.replicates[arm][steps].items()}
+def values(findings, arm, steps, column="obj_fit"):
+    """Return seed to what the last round has in a column."""
+    rows = findings.table[(findings.table.arm == arm) & (findings.table.steps == steps)]
+    return {row["seed"]: row[column] for row in rows.to_dict("records")}  # later ones remain
+
+
+def change(folder, **settings):
+    """Write other words into a study.json, which then has no checksum."""
+    header = json.loads((folder / "study.json").read_text())
+    del header["checksum"]
+    (folder / "study.json").write_text(json.dumps(header | settings))
+
+
+def settings_of(folder):
+    return json.loads((folder / "study.json").read_text())["arms"]
 
 
 def test_everything_is_written(folder):
@@ -52,12 +64,9 @@ def test_everything_is_written(folder):
 def test_the_same_runs_give_the_same_bytes(folder, tmp_path):
     other = write_study(tmp_path / "s", ("ideal", "out-of-band", "none"))
     # Another order of arms, and files of the study's bookkeeping, change nothing.
-    header = json.loads((other / "study.json").read_text())
-    header["arms"] = dict(reversed(header["arms"].items()))
-    (other / "study.json").write_text(json.dumps(header))
-    (other / "runs/none/128/4.state").write_text("{}")
-    (other / "runs/none/128/.4.jsonl.tmp").write_text("half")
-    (other / "times.jsonl").write_text("any\n")
+    change(other, arms=dict(reversed(settings_of(other).items())))
+    (other / "runs/none/128/.4.json.part").write_text("half")
+    (other / "anything.jsonl").write_text("any\n")
     written = report(other)
     assert len(written) == 12
     for path in written:
@@ -73,7 +82,8 @@ def test_the_table_holds_every_round(folder):
         for r in rows
         if (r["arm"], r["steps"], r["seed"], r["round"]) == ("out-of-band", "256", "3", "4")
     )
-    record = findings.replicates["out-of-band"][256][3][3]
+    document = json.loads((folder / "runs/out-of-band/256/3.json").read_text())
+    record = document["rounds"][3]
     assert float(row["obj_fit"]) == pytest.approx(record["objective_fitness"], rel=1e-4)
     assert float(row["mod_fit"]) == pytest.approx(record["model_fitness"], rel=1e-4)
     assert float(row["act_fit"]) == pytest.approx(record["action_fitness"], rel=1e-4)
@@ -84,6 +94,17 @@ def test_the_table_holds_every_round(folder):
         assert found == pytest.approx(record[kind][7], rel=1e-4)
     assert {r["act_fit"] for r in rows if r["round"] == "1"} == {""}
     assert [r["arm"] for r in rows[::40]] == ["ideal", "none", "out-of-band"], "the paper's order"
+    assert list(findings.table.columns) == list(rows[0]) == COLUMNS
+    assert findings.to_csv() == (folder / "results.csv").read_text()
+
+
+def test_the_table_alone_gives_the_same_report(folder, tmp_path):
+    for name in ("study.json", "results.csv"):
+        shutil.copy(folder / name, tmp_path)
+    written = report(tmp_path)
+    assert len(written) == 12
+    for path in written:
+        assert path.read_bytes() == (folder / path.relative_to(tmp_path)).read_bytes(), path
 
 
 def test_the_summary_by_hand(folder):
@@ -104,15 +125,15 @@ def test_the_summary_by_hand(folder):
     sds = [arm["durations"][steps]["objective_fitness"]["sd"] for steps in ("128", "256")]
     assert arm["mean_of_sds"] == pytest.approx(np.mean(sds))
     assert summary["rise_since_round"] == 2
-    records = findings.replicates["out-of-band"][128]
-    rises = [r[3]["objective_fitness"] - r[1]["objective_fitness"] for r in records.values()]
+    curves = findings.curves("out-of-band", "obj_fit", [128])
+    rises = [curve[3] - curve[1] for curve in curves.to_numpy()]
     assert arm["durations"]["128"]["rise"]["mean"] == pytest.approx(np.mean(rises))
-    assert summary["chance"] == chance_level(TRUTH, findings.layout)
-    assert summary["mid_range"] == mid_range_level(TRUTH, findings.layout)
-    assert summary["nearest"] == nearest_level(TRUTH, findings.layout)
+    assert summary["chance"] == chance_level(TRUTH, LAYOUT)
+    assert summary["mid_range"] == mid_range_level(TRUTH, LAYOUT)
+    assert summary["nearest"] == quantisation_limit(TRUTH, LAYOUT)
     text = (folder / "summary.md").read_text()
     assert f"| Out-of-Band | **mean of 2 durations** | 5 | {fit['mean']:.3f} |" in text
-    assert "(BCa with Student's quantiles; none for fewer than five)" in text
+    assert "(BCa at Student's level; none for fewer than five)" in text
     angles = text.partition("## The inferred angles")[2]
     assert "| None (assumes zero) |" in angles
     assert "| Ideal |" not in angles
@@ -127,29 +148,29 @@ def test_the_summary_says_what_was_run(tmp_path):
         "",
         "The target's body is nominal and damaged (`left_pectoral:length=0.5`). Each replicate "
         "has 2 rounds; trials are of 128, 256 and 512 steps, and behaviours of an unknown signal. "
-        "All settings are in `study.json`.",
+        "All settings are in `study.json`; the code's stamp is `0123abcd`.",
     ]
     header = json.loads((folder / "study.json").read_text())
     for arm, signal in zip(arms, ("body_rates", "body_rates", "attitude"), strict=True):
         header["arms"][arm]["behavior"] = {"signal": signal}
     del header["replicates"]["in-band-200"]["256"]
-    header["target_damage"] = []
     header["target_morphology"]["caudal"] = [0.4, 1.0, 0.5]
-    header["source"] = ["0123abcd"]
-    (folder / "study.json").write_text(json.dumps(header))
+    names = ("arms", "replicates", "target_morphology")
+    changed = {name: header[name] for name in names}
+    change(folder, target_damage=[], source=["0123abcd", "4567"], **changed)
     report(folder)
     assert (folder / "summary.md").read_text().splitlines()[2] == (
         "The target's body is nominal but for caudal length 1 and caudal width 0.5 (in units of "
         "5 cm), and undamaged. Each replicate has 2 rounds; trials are of 128, 256 and 512 steps "
         "(In-Band, 200 models: 128 and 512 steps), and behaviours of the gyroscope "
-        "(In-Band, 200 models: the attitude). All settings are in `study.json`; the code's stamp "
-        "is `0123abcd`."
+        "(In-Band, 200 models: the attitude). All settings are in `study.json`; the code's "
+        "stamps are `0123abcd` and `4567`."
     )
 
 
 def test_arms_are_compared_within_the_seeds_that_both_finished(tmp_path):
     folder = write_study(tmp_path / "s", ("ideal", "out-of-band"), seeds=6)
-    (folder / "runs/ideal/256/2.jsonl").unlink()
+    (folder / "runs/ideal/256/2.json").unlink()
     findings = read_study(folder)
     (found,) = summarize_study(findings)["paired"]
     report(folder)
@@ -174,30 +195,32 @@ def test_arms_are_compared_within_the_seeds_that_both_finished(tmp_path):
 def test_dimensions_are_held_against_guessing(folder):
     findings = read_study(folder)
     found = json.loads((folder / "summary.json").read_text())["dimensions"]
-    chance = chance_errors(findings.truth, findings.layout)
-    assert 1 - chance.mean() == pytest.approx(chance_level(TRUTH, findings.layout))
+    chance = chance_errors(findings.truth)
+    assert 1 - chance.mean() == pytest.approx(chance_level(TRUTH, LAYOUT))
     assert list(found["chance_error"].values()) == pytest.approx(chance)
     assert found["mid_range_error"]["right_pectoral.length"] == pytest.approx(0.3)
     # A nominal length of 0.8 of the range lies between 50 and 51 of its 63 steps.
     assert found["nearest_error"]["right_pectoral.length"] == pytest.approx(0.8 - 50 / 63)
     least = 1 - np.mean(list(found["nearest_error"].values()))
-    assert least == pytest.approx(nearest_level(TRUTH, findings.layout))
+    assert least == pytest.approx(quantisation_limit(TRUTH, LAYOUT))
+    assert (
+        "| dimension | random | middle | quantisation limit |"
+        in (folder / "summary.md").read_text()
+    )
     row = f"| right pectoral length | {chance[4]:.3f} | 0.300 | 0.006 |"
     assert row in (folder / "summary.md").read_text()
     ideal, none = (found["arms"][arm]["dimensions"] for arm in ("ideal", "none"))
     name = "right_pectoral.length"
-    errors = [
-        np.mean([values(findings, "ideal", s, "dimension_error")[seed][4] for s in (128, 256)])
-        for seed in range(5)
-    ]
-    assert ideal[name]["error"]["mean"] == pytest.approx(np.mean(errors))
-    sizes = [
-        np.std(
-            [body[4] / 2.0 for body in values(findings, "ideal", s, "morphology").values()], ddof=1
-        )
-        for s in (128, 256)
-    ]
-    assert ideal[name]["between_replicates"] == pytest.approx(np.mean(sizes))
+    errors = np.array(
+        [
+            list(values(findings, "ideal", steps, f"dimension_error.{name}").values())
+            for steps in (128, 256)
+        ]
+    )
+    assert errors.shape == (2, 5)
+    assert ideal[name]["error"]["mean"] == pytest.approx(errors.mean())
+    assert ideal[name]["error"]["sd"] == pytest.approx(errors.mean(axis=0).std(ddof=1))
+    assert ideal[name]["mean_of_error_sds"] == pytest.approx(errors.std(axis=1, ddof=1).mean())
     assert ideal[name]["better_than_guessing"]
     assert not none["caudal.thickness"]["better_than_guessing"]
 
@@ -206,9 +229,8 @@ def test_ablations_are_held_against_the_baseline(tmp_path):
     arms = ("clamp", "baseline", "binary")
     folder = write_study(tmp_path / "s", arms, (256,))
     for seed in range(5):
-        (folder / f"runs/clamp/256/{seed}.jsonl").write_bytes(
-            (folder / f"runs/baseline/256/{seed}.jsonl").read_bytes()
-        )
+        same = json.loads((folder / f"runs/baseline/256/{seed}.json").read_text())["rounds"]
+        write_records(folder, "clamp", 256, seed, same)
     report(folder)
     summary = json.loads((folder / "summary.json").read_text())
     effects = {effect["first"]: effect for effect in summary["effects"]}
@@ -231,6 +253,7 @@ def test_figures_and_ablations_share_a_report(tmp_path):
     assert (folder / "figures/final.png").exists()
     (folder / "figures/mine.png").write_bytes(b"")
     (folder / "figures/rounds-gone.png").write_bytes(b"")
+    (folder / "figures/rounds-gone.svg").write_bytes(b"")
     arms = ("ideal", "out-of-band", "baseline-out-of-band", "clamp-out-of-band")
     both = write_study(tmp_path / "both", arms, (256,), rounds=2)
     (folder / "study.json").write_bytes((both / "study.json").read_bytes())
@@ -238,8 +261,8 @@ def test_figures_and_ablations_share_a_report(tmp_path):
         (both / "runs" / arm).rename(folder / "runs" / arm)
     written = report(folder)
     summary = (folder / "summary.md").read_text()
-    columns = "random | middle | nearest genome | Out-of-Band (baseline) | Ideal | Out-of-Band |"
-    assert f"| dimension | {columns}" in summary
+    columns = "quantisation limit | Out-of-Band (baseline) | Ideal | Out-of-Band |"
+    assert f"| dimension | random | middle | {columns}" in summary
     angles = summary.partition("## The inferred angles")[2].partition("## Figures")[0]
     assert "\n| Out-of-Band |" in angles
     assert "\n| Out-of-Band (baseline) |" in angles
@@ -252,15 +275,17 @@ def test_figures_and_ablations_share_a_report(tmp_path):
 def test_trials_are_compared_where_both_arms_are_finished(tmp_path):
     folder = write_study(tmp_path / "s", ("baseline", "clamp"), (128, 256), seeds=2, rounds=2)
     for seed in (0, 1):  # as dear as they are, they are not the baseline's to be compared with
-        path = folder / f"runs/clamp/256/{seed}.jsonl"
         records = make_records(np.random.default_rng(seed), 0.3, 0.1, 2)
-        write_records(path, [{**record, "trials": 10**9} for record in records])
-        (folder / f"runs/baseline/256/{seed}.jsonl").unlink()
-    (folder / "runs/clamp/128/1.jsonl").unlink()
-    findings = read_study(folder)
-    (effect,) = summarize_study(findings)["effects"]
+        dear = [{**record, "trials": 10**9} for record in records]
+        write_records(folder, "clamp", 256, seed, dear)
+        (folder / f"runs/baseline/256/{seed}.json").unlink()
+    (folder / "runs/clamp/128/1.json").unlink()
+    (effect,) = summarize_study(read_study(folder))["effects"]
     ours, theirs = (
-        sum(record["trials"] for record in findings.replicates[arm][128][0])
+        sum(
+            record["trials"]
+            for record in json.loads((folder / f"runs/{arm}/128/0.json").read_text())["rounds"]
+        )
         for arm in ("clamp", "baseline")
     )
     assert effect["trials_ratio"] == pytest.approx(ours / theirs)
@@ -268,9 +293,9 @@ def test_trials_are_compared_where_both_arms_are_finished(tmp_path):
 
 def test_an_arms_models_are_counted_in_its_settings(tmp_path):
     folder = write_study(tmp_path / "s", ("in-band-200", "ideal"), (128,), seeds=1, rounds=1)
-    header = json.loads((folder / "study.json").read_text())
-    header["arms"]["in-band-200"]["estimation"]["population"] = 7
-    (folder / "study.json").write_text(json.dumps(header))
+    arms = settings_of(folder)
+    arms["in-band-200"]["estimation"]["population"] = 7
+    change(folder, arms=arms)
     report(folder)
     text = (folder / "summary.md").read_text()
     assert "| In-Band, 7 models |" in text
@@ -330,111 +355,159 @@ def test_a_study_of_one_replicate_is_reported_without_intervals(tmp_path):
 def test_what_is_not_finished_is_left_out_and_counted(tmp_path):
     other = write_study(tmp_path / "s", ("ideal", "out-of-band", "none"))
     runs = other / "runs/none/128"
-    whole = (runs / "3.jsonl").read_text()
-    lines = whole.splitlines(keepends=True)
-    (runs / "3.jsonl").write_text("".join(lines[:2]))
-    (runs / "4.jsonl").write_text("".join(lines[:3]) + lines[3][:40])  # killed while it wrote
-    (runs / "0.jsonl").write_text("")
-    (runs / "1.jsonl").unlink()
-    findings = read_study(other)
-    assert list(findings.replicates["none"][128]) == [2]
-    assert findings.unfinished == {"none": {128: 3}}
+    for seed in (0, 1, 3, 4):
+        (runs / f"{seed}.json").unlink()
+    (runs / ".4.json.part").write_text('{"job": "runs/none/1')  # killed while it wrote
+    assert list(read_study(other).replicates.loc["none"].loc[128].index) == [2]
     report(other)
     summary = json.loads((other / "summary.json").read_text())
+    assert summary["missing"] == {"none": {"128": 4}}
     text = (other / "summary.md").read_text()
     assert "Not every condition has the same durations" not in text
-    (runs / "2.jsonl").unlink()
+    assert "26 of 30 replicates are finished.** Missing: None at 128 steps: 4." in text
+    assert summary["arms"]["none"]["mean_of_durations"]["objective_fitness"]["replicates"] == 1
+    (runs / "2.json").unlink()
     report(other)
     assert "Not every condition has the same durations" in (other / "summary.md").read_text()
-    assert "26 of 30 replicates are finished" in text
-    assert "None at 128 steps: 3" in text
-    assert summary["arms"]["none"]["mean_of_durations"]["objective_fitness"]["replicates"] == 1
 
 
 def test_a_replicate_that_stopped_at_an_accurate_model_keeps_its_last_values(tmp_path):
     folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=2, rounds=4)
-    header = json.loads((folder / "study.json").read_text())
-    header["arms"]["ideal"]["accurate"] = 0.5
-    (folder / "study.json").write_text(json.dumps(header))
     records = make_records(np.random.default_rng(0), 0.3, 0.1, 4)[:2]
     for record, fitness in zip(records, (0.4, 0.6), strict=True):
         record["model_fitness"] = fitness
-    write_records(folder / "runs/ideal/128/0.jsonl", records)
-    write_records(folder / "runs/ideal/128/1.jsonl", records[:1])
+    write_records(folder, "ideal", 128, 0, records)
+    arms = settings_of(folder)
+    with pytest.raises(DamagedFileError, match=r"128/0\.json is damaged.* 1 to 4; it holds 2"):
+        read_study(folder)
+    change(folder, arms={"ideal": arms["ideal"] | {"accurate": 0.5}})
     findings = read_study(folder)
-    assert findings.unfinished == {"ideal": {128: 1}}
-    assert findings.curves("ideal", 128, "model_fitness")[0].tolist() == [0.4, 0.6, 0.6, 0.6]
-    assert len(results_table(findings).splitlines()) == 1 + 2
+    assert list(findings.curves("ideal", "mod_fit").loc[0]) == [0.4, 0.6, 0.6, 0.6]
+    assert values(findings, "ideal", 128, "mod_fit")[0] == 0.6
+    assert len(findings.to_csv().splitlines()) == 1 + 2 + 4
 
 
-def break_line(path, line):
-    lines = path.read_text().splitlines(keepends=True)
-    lines[line - 1] = lines[line - 1].replace('"trials": 4', '"trials": 5')
-    path.write_text("".join(lines))
-
-
-@pytest.mark.parametrize("line", [1, 3, 4])
-def test_a_damaged_line_is_named(tmp_path, line):
+@pytest.mark.parametrize("byte", [0, 40, 400, -3])
+def test_a_changed_byte_is_found_and_its_file_named(tmp_path, byte):
     folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=2)
-    break_line(folder / "runs/ideal/128/1.jsonl", line)
-    with pytest.raises(ConfigurationError, match=rf"128/1\.jsonl, line {line}: .*checksum.*delete"):
+    path = folder / "runs/ideal/128/1.json"
+    content = bytearray(path.read_bytes())
+    content[byte] ^= 1
+    path.write_bytes(content)
+    with pytest.raises(DamagedFileError, match=r"128/1\.json.*delete this file"):
         report(folder)
     assert not (folder / "results.csv").exists()
 
 
-def test_rounds_that_are_repeated_or_too_many_are_named(tmp_path):
+def test_a_result_in_anothers_place_is_refused(tmp_path):
+    folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=2)
+    shutil.copy(folder / "runs/ideal/128/0.json", folder / "runs/ideal/128/1.json")
+    with pytest.raises(DamagedFileError, match=r"128/1\.json"):
+        report(folder)
+
+
+def test_rounds_that_are_repeated_or_too_many_or_none_are_named(tmp_path):
     folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=1)
-    path = folder / "runs/ideal/128/0.jsonl"
-    lines = path.read_text().splitlines(keepends=True)
-    path.write_text("".join([*lines[:2], lines[1], *lines[2:]]))
-    with pytest.raises(ConfigurationError, match=r"line 3: it must be round 3 of 4; it is round 2"):
-        read_study(folder)
-    write_records(path, make_records(np.random.default_rng(0), 0.3, 0.1, 5))
-    with pytest.raises(ConfigurationError, match=r"line 5: it must be round 5 of 4"):
-        read_study(folder)
+    records = make_records(np.random.default_rng(0), 0.3, 0.1, 5)
+    bare = [{"round": 1}]
+    short = [{**record, "spread": [0.1]} for record in records[:4]]
+    for wrong in (records, [*records[:2], records[1], records[2]], bare, short, {}, [5]):
+        write_records(folder, "ideal", 128, 0, wrong)
+        with pytest.raises(
+            (DamagedFileError, ConfigurationError), match=r"128/0\.json|no finished"
+        ):
+            read_study(folder)
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        lambda lines: lines[1:],  # no names
+        lambda lines: [lines[0]],
+        lambda _: [],
+        lambda lines: [*lines[:3], lines[3].replace(",", ";")],
+        lambda lines: [*lines[:3], lines[3].replace("0.", "x.")],
+        lambda lines: [*lines, lines[1]],
+        lambda lines: [*lines[:2], *lines[3:]],
+        lambda lines: [line.replace("ideal", "other") for line in lines],
+        lambda lines: [line.replace("ideal,128,0", "ideal,128,7") for line in lines],
+        lambda _: ["\0\xff" * 100],
+    ],
+)
+def test_a_damaged_table_is_refused_and_named(tmp_path, damage):
+    folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=1)
+    report(folder)
+    shutil.rmtree(folder / "runs")
+    lines = (folder / "results.csv").read_text().splitlines(keepends=True)
+    (folder / "results.csv").write_text("".join(damage(lines)))
+    with pytest.raises(DamagedFileError, match=r"results\.csv is damaged"):
+        report(folder)
 
 
 def test_a_folder_without_a_study_or_a_finished_replicate_is_refused(tmp_path):
     with pytest.raises(ConfigurationError, match=r"must hold a study.*it has no study\.json"):
         report(tmp_path)
     folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=1)
-    path = folder / "runs/ideal/128/0.jsonl"
-    write_records(path, make_records(np.random.default_rng(0), 0.3, 0.1, 3))
-    with pytest.raises(ConfigurationError, match=r"no finished replicate yet \(1 begun\)"):
+    (folder / "runs/ideal/128/0.json").unlink()
+    with pytest.raises(ConfigurationError, match="no finished replicate yet"):
         report(folder)
-    path.unlink()
-    with pytest.raises(ConfigurationError, match=r"no finished replicate yet \(0 begun\)"):
+    shutil.rmtree(folder / "runs")
+    with pytest.raises(ConfigurationError, match="no finished replicate yet"):
         report(folder)
 
 
 @pytest.mark.parametrize(
-    ("change", "says"),
+    ("changed", "says"),
     [
-        ({"schema": "eea.run/1"}, "must be of schema eea.study.study/1; it is of eea.run/1"),
-        ({"rounds": None}, "is damaged"),
-        ({"arms": []}, "is damaged"),
+        ({"schema": "eea.run/1"}, "must be of schema"),
+        ({"rounds": None}, "does not say the rounds"),
+        ({"arms": []}, "does not say the arms"),
         ({"rounds": 0}, "does not say the rounds"),
         ({"arms": {"ideal": 5}}, "does not say the arms"),
-        ({"arms": {"ideal": {"accurate": "x"}}}, "does not say the arms.ideal.accurate"),
         ({"replicates": {}}, "does not say the replicates"),
         ({"replicates": {"ideal": {}}}, "does not say the replicates.ideal"),
         ({"replicates": {"ideal": {"128": {}}}}, "does not say the replicates.ideal.128"),
-        ({"replicates": None, "steps": [128], "seeds": {}}, "does not say the seeds"),
-        ({"replicates": None, "seeds": {"first": 0, "count": 1}}, "does not say the steps"),
+        ({"replicates": None}, "does not say the replicates"),
         ({"target_morphology": {"tail": [1, 2, 3]}}, "does not say what the target is"),
         ({"target_damage": "none"}, "does not say what the target is"),
     ],
 )
-def test_a_damaged_study_is_refused(tmp_path, change, says):
+def test_a_damaged_study_is_refused(tmp_path, changed, says):
     folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=1)
-    header = json.loads((folder / "study.json").read_text())
-    (folder / "study.json").write_text(json.dumps(header | change))
-    with pytest.raises(ConfigurationError, match=says):
+    change(folder, **changed)
+    with pytest.raises(DamagedFileError, match=says):
         read_study(folder)
 
 
 def test_a_study_that_is_not_json_is_refused(tmp_path):
     folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=1)
     (folder / "study.json").write_text('{"schema": "eea.st')
-    with pytest.raises(ConfigurationError, match=r"study\.json is damaged"):
+    with pytest.raises(DamagedFileError, match=r"study\.json"):
         read_study(folder)
+
+
+def test_pictures_come_in_the_formats_asked_for_and_with_the_same_bytes(tmp_path):
+    folder = write_study(tmp_path / "s", ("ideal", "none"), (128,), seeds=2, rounds=2)
+    pictures = {path.name: path.read_bytes() for path in report(folder, ("svg", "pdf"))[3:]}
+    assert {name.partition(".")[2] for name in pictures} == {"svg", "pdf"}
+    assert pictures["fig5.pdf"].startswith(b"%PDF")
+    assert b"Date" not in pictures["fig5.pdf"]
+    assert b"<svg" in pictures["fig5.svg"]
+    assert "](figures/fig5.svg)" in (folder / "summary.md").read_text()
+    assert {path.name: path.read_bytes() for path in report(folder, ("svg", "pdf"))[3:]} == pictures
+    report(folder)
+    assert {path.suffix for path in (folder / "figures").iterdir()} == {".png"}
+    with pytest.raises(ConfigurationError, match="format must be one of png, pdf, svg; got 'pgn'"):
+        report(folder, ("pgn",))
+
+
+def test_what_the_report_needs_is_loaded_when_it_is_used():
+    code = (
+        "import sys, eea.report\n"
+        "assert not {'matplotlib', 'pandas', 'scipy'} & set(sys.modules)\n"
+        "from eea.report.statistics import interval\n"
+        "assert not {'matplotlib', 'pandas'} & set(sys.modules)\n"
+        "from eea.report import read_study\n"
+        "assert 'matplotlib' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)
