@@ -4,14 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import Any, NamedTuple
-
-from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
-from aquafish_gym.utils.validation import one_of
-from eea.core.checks import ConfigurationError, TargetError
-
-REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
 
 
 class Entry(NamedTuple):
@@ -45,6 +40,9 @@ class _Commands:
     """The commands, the nearest of which is offered for an unknown one."""
 
     def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        from aquafish_gym.utils.command_line import single_command
+        from aquafish_gym.utils.validation import one_of
+
         words = sys.argv[1:] if args is None else list(args)
         if not words or words[0] in ("-h", "--help"):
             print(usage())
@@ -52,7 +50,9 @@ class _Commands:
         name = one_of("the command", words[0], COMMANDS)
         entry = COMMANDS[name]
         command = getattr(import_module(entry.module), entry.name)
-        return single_command(command).cli(prog=f"{prog} {name}", args=words[1:])
+        made = single_command(command).cli(prog=f"{prog} {name}", args=words[1:])
+        # A study reads its settings again over those of each of its arms.
+        return replace(made, words=tuple(words)) if hasattr(made, "words") else made
 
 
 def usage() -> str:
@@ -66,4 +66,11 @@ def usage() -> str:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code, as ``run_command_line`` says."""
-    return run_command_line("aquafish", _Commands(), arguments, REFUSED)
+    try:  # imported here, so that Ctrl-C is answered from the start
+        from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line
+        from eea.core.checks import ConfigurationError, TargetError
+    except KeyboardInterrupt:
+        print("aquafish: interrupted", file=sys.stderr)
+        return 130
+    refused = (*BAD_INPUT, ConfigurationError, TargetError)
+    return run_command_line("aquafish", _Commands(), arguments, refused)

@@ -25,9 +25,7 @@ from __future__ import annotations
 
 import sys
 
-from aquafish.cli import REFUSED
-from aquafish.recovery.command import Recover
-from aquafish_gym.utils.command_line import run_command_line, single_command
+from aquafish.cli import main
 
 if __name__ == "__main__":
-    sys.exit(run_command_line("damage_recovery", single_command(Recover), refused=REFUSED))
+    sys.exit(main(["recover", *sys.argv[1:]]))

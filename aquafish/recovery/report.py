@@ -135,12 +135,8 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str]) -> str:
 def show(report: dict[str, Any], console: Console) -> None:
     """Print the report. On a narrow terminal numbers are folded, and no name is cut."""
     for part in _parts(report):
-        console.print(_table(part) if isinstance(part, list) else Markdown(part), "")
-
-
-def what_broke(damage: Damage, body: Morphology) -> str:
-    """Return in words what broke, as "left flipper: half its length, 0.80 where it was 1.60"."""
-    return str(damage)
+        shown = _table(part, console.width) if isinstance(part, list) else Markdown(part)
+        console.print(shown, "")
 
 
 def _parts(report: dict[str, Any]) -> list[str | Rows]:
@@ -150,7 +146,7 @@ def _parts(report: dict[str, Any]) -> list[str | Rows]:
     several = "s" if len(seeds) > 1 else ""
     parts: list[str | Rows] = [
         "# Damage recovery",
-        f"What broke: {what_broke(damage, body)} (`{damage}`). Each row believes in another "
+        f"What broke: {damage.in_words(body)} (`{damage}`). Each row believes in another "
         f"body, evolved a gait on it, and swam that gait for {swims['seconds']:g} s on the "
         f"damaged robot ({swims['target_engine']}). Distances forward are in units of 5 cm; the "
         "robot is 4 units long.",
@@ -234,10 +230,19 @@ def _pipes(rows: Rows) -> str:
     return "\n".join([head, "|" + "---|" * len(rows[0]), *body])
 
 
-def _table(rows: Rows) -> Table:
+def _table(rows: Rows, room: int) -> Table:
+    """Return a table at most ``room`` wide, with cells folded between words.
+
+    Columns get the width of their longest word, and what is left goes to the first of them.
+    """
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
-    for column, name in enumerate(rows[0]):
-        table.add_column(name, no_wrap=column == 0)
+    columns = list(zip(*rows, strict=True))
+    least = [max(len(word) for cell in column for word in cell.split()) for column in columns]
+    spare = max(0, room - sum(least) - len(least))
+    for column, width in zip(columns, least, strict=True):
+        more = min(spare, max(map(len, column)) - width)
+        table.add_column(column[0], width=width + more)
+        spare -= more
     for row in rows[1:]:
         table.add_row(*row)
     return table
