@@ -189,8 +189,10 @@ class Baseline:
         names = [f.name for f in fields(BaselineConfig)]
         config = BaselineConfig(**check_fields("baseline: config", spec["config"], names))
         baseline = cls(Morphology.from_json(json.dumps(spec["morphology"])), config)
-        shapes = {name: array.shape for name, array in baseline.parameters().items()}
-        arrays = read_arrays(directory / PARAMETERS_FILE, shapes, "baseline")
+        untrained = baseline.parameters()
+        shapes = {name: array.shape for name, array in untrained.items()}
+        most = 2**20 + 2 * sum(array.nbytes for array in untrained.values())
+        arrays = read_arrays(directory / PARAMETERS_FILE, shapes, "baseline", most)
         torch = _load("torch")
         state = {name: torch.as_tensor(array) for name, array in arrays.items()}
         baseline._model.policy.load_state_dict(state)

@@ -231,7 +231,9 @@ def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> 
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
                 raise InvalidArgumentError(f"{argument} must be a regular file; {path} is none")
-            content = file.read(most_bytes + 1) if status.st_size <= most_bytes else None
+            # read() first takes the memory that it is told, so it is not told most_bytes.
+            size = status.st_size
+            content = file.read(size + 1) if size <= most_bytes else None
     except (OSError, ValueError, TypeError) as error:
         if isinstance(error, InvalidArgumentError):
             raise

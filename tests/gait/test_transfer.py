@@ -127,7 +127,7 @@ def test_what_does_not_steer_is_refused(controller: Any, message: str) -> None:
 
 
 def test_a_controller_without_a_body_needs_one() -> None:
-    with pytest.raises(InvalidArgumentError, match="native, the body .* must be given"):
+    with pytest.raises(InvalidArgumentError, match=r"native, the body .* must be given"):
         transfer(constant(0.0, 0.0, 1.0), None, QUICK)
 
 
