@@ -250,7 +250,7 @@ ELSEWHERE = (
     ),
     Elsewhere(
         "what is randomised before an action",
-        "eea.aquafish.fish.EngineTarget",
+        "eea.aquafish.EngineTarget",
         "A setting of the target, `orientation`. Still water knows no direction, so the gyroscope "
         "feels the same; in a log of the world's attitude a heading adds a constant to yaw, which "
         "is one coefficient, and a full attitude changes all three signals.",
@@ -275,7 +275,7 @@ ELSEWHERE = (
     ),
     Elsewhere(
         "models' precision",
-        "eea.aquafish.fish.EngineSimulator",
+        "eea.aquafish.EngineSimulator",
         "A setting of the simulator, `dtype`; the paper names no precision.",
     ),
     Elsewhere(
