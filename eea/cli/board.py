@@ -81,7 +81,7 @@ class Board:
         )
         done = self._done + running
         if not left:
-            return 0.0
+            return 0.0 if done else None
         return (left - running) / done * (self._clock() - self._start) if done else None
 
     def counts(self) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from concurrent.futures import Executor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 import tyro
 from rich.console import Console
@@ -39,7 +39,7 @@ from eea.study.replicate import Replicate, World, rehearse, replicate
 from eea.study.study import Study
 
 Format = Literal["png", "pdf", "svg"]
-_PATIENCE = 3.0  # s of silence
+_PATIENCE = 5.0  # s of silence
 PAPERS_STEPS = (128, 256, 512, 1024)
 _SUFFIX = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
 
@@ -172,6 +172,7 @@ class StudyCommand:
         refuse_what_has_no_say(arms, self.settings)
         if self.steps is not None:
             refuse_empty("--steps", self.steps, "whole numbers")
+        refuse_empty("--format", self.format, f"of {', '.join(get_args(Format))}")
         usual_steps = (256,) if self.ablation is not None else PAPERS_STEPS
         return Study(
             arms=arms,

@@ -244,13 +244,13 @@ ABLATIONS: dict[str, Ablation] = {ablation.name: ablation for ablation in _TABLE
 ELSEWHERE = (
     Elsewhere(
         "attitude past the vertical",
-        "aquafish_gym.physics.attitude.continue_attitude",
+        "aquafish_gym.imu.continue_attitude",
         "Both triples are the same attitude; any rule but continuity puts jumps into the transform "
         "that depend on the axes' names and not on the body.",
     ),
     Elsewhere(
         "what is randomised before an action",
-        "eea.aquafish.target.EngineTarget",
+        "eea.aquafish.EngineTarget",
         "A setting of the target, `orientation`. Still water knows no direction, so the gyroscope "
         "feels the same; in a log of the world's attitude a heading adds a constant to yaw, which "
         "is one coefficient, and a full attitude changes all three signals.",
@@ -275,7 +275,7 @@ ELSEWHERE = (
     ),
     Elsewhere(
         "models' precision",
-        "eea.aquafish.simulator.EngineSimulator",
+        "eea.aquafish.EngineSimulator",
         "A setting of the simulator, `dtype`; the paper names no precision.",
     ),
     Elsewhere(

@@ -113,8 +113,9 @@ def merge(folder: Path, other: Path, other_code: bool = False) -> int:
     """
     theirs = read_description(other)
     document = _joined(folder, read_description(folder), theirs, other_code)
+    count = merge_results(folder, other, places(read_plan(theirs)))
     claim(folder, document)
-    return merge_results(folder, other, places(read_plan(theirs)))
+    return count
 
 
 def _joined(
