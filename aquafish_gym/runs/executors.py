@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -22,11 +23,7 @@ class ClusterUnavailableError(EngineUnavailableError):
 
 
 @contextmanager
-def workers(
-    count: int | None = None,
-    scheduler: str | None = None,
-    prepare: Callable[[], object] | None = None,
-) -> Iterator[Executor]:
+def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
     """Give an executor; when left by an error or Ctrl-C, its processes are stopped at once.
 
     Parameters
@@ -36,9 +33,6 @@ def workers(
     scheduler
         A dask scheduler's address, such as ``tcp://host:8786``; its workers, which need this
         package but no shared file system, are used in place of processes.
-    prepare
-        See :class:`~aquafish_gym.runs.processes.ProcessExecutor`; dask's workers prepare
-        themselves.
 
     Raises
     ------
@@ -53,7 +47,7 @@ def workers(
         return
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     number = integer("workers", count if count is not None else (cores or 1), 1, MOST_WORKERS)
-    executor = ProcessExecutor(number, prepare)
+    executor = ProcessExecutor(number)
     try:
         yield executor
         executor.shutdown()
@@ -70,6 +64,9 @@ def _cluster(address: str) -> Iterator[Executor]:
             f'a scheduler needs dask, which is not installed here ({error}): the extra "cluster" '
             "of this package brings it"
         ) from None
+    # Its own words on workers that die, whole stacks, are no news: the runner says what matters.
+    for name in ("distributed", "distributed.client", "distributed.batched", "distributed.comm"):
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         connect: Any = distributed.Client
         client = connect(address, timeout=_PATIENCE, set_as_default=False)

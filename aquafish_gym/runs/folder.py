@@ -11,7 +11,7 @@ import fcntl
 import json
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -105,10 +105,8 @@ def claim(
     settings: Mapping[str, Any],
     code: Mapping[str, str] | None = None,
     outputs: Iterable[str] = (),
-    join: Callable[[Settings, Settings], Settings] | None = None,
     other_code: bool = False,
-    spell: Callable[[str, Any], str] | None = None,
-) -> Settings:
+) -> None:
     """Note what a folder is to hold, or refuse one that holds something else.
 
     Parameters
@@ -124,18 +122,8 @@ def claim(
         ``stamps``). Results of other code are refused, unless ``other_code``.
     outputs
         Names that the command will write, which a folder without a description must not hold.
-    join
-        Takes the settings that the folder has and those that are asked for, and returns those that
-        it is to have from now on, or raises InvalidArgumentError; by default both must be equal.
     other_code
         Whether results of other code are gone on from; the description then names both.
-    spell
-        Takes a setting's dotted name and value and returns what people say.
-
-    Returns
-    -------
-    dict
-        The settings that the folder has now.
 
     Raises
     ------
@@ -155,21 +143,19 @@ def claim(
                 f"out must be a new directory or hold {kind}; {folder} holds {' and '.join(there)} "
                 f"but no {SETTINGS}, so what they are is not known"
             )
-        noted = asked
     else:
         if before["kind"] != kind:
             raise InvalidArgumentError(
                 f"out must be a new directory or hold {kind}; {folder} holds {before['kind']}"
             )
-        noted = (join or _same(folder, kind, spell))(before["settings"], asked)
+        _refuse_other_settings(folder, kind, before["settings"], asked)
         former = before.get("code") or []
         if not other_code:
             _refuse_other_code(folder, former, codes)
         codes = [*former, *(one for one in codes if one not in former)]
-    document = {"kind": kind, "settings": noted, "code": codes}
+    document = {"kind": kind, "settings": asked, "code": codes}
     if document != before:
         write_document(folder / SETTINGS, document, SCHEMA)
-    return noted
 
 
 def flat(settings: Mapping[str, Any], prefix: str = "") -> Settings:
@@ -191,21 +177,13 @@ def first_difference(held: Mapping[str, Any], asked: Mapping[str, Any]) -> str |
     return None
 
 
-def _same(
-    folder: Path, kind: str, spell: Callable[[str, Any], str] | None
-) -> Callable[[Settings, Settings], Settings]:
-    say = spell or (lambda _, value: brief(value))
-
-    def same(held: Settings, asked: Settings) -> Settings:
-        name = first_difference(held, asked)
-        if name is not None:
-            raise InvalidArgumentError(
-                f"out: {folder} holds {kind} with {name} {say(name, flat(held).get(name))}, not "
-                f"{say(name, flat(asked).get(name))}; choose another folder"
-            )
-        return held
-
-    return same
+def _refuse_other_settings(folder: Path, kind: str, held: Settings, asked: Settings) -> None:
+    name = first_difference(held, asked)
+    if name is not None:
+        raise InvalidArgumentError(
+            f"out: {folder} holds {kind} with {name} {brief(flat(held).get(name))}, not "
+            f"{brief(flat(asked).get(name))}; choose another folder"
+        )
 
 
 def _refuse_other_code(

@@ -60,19 +60,14 @@ class ProcessExecutor(Executor):
     Parameters
     ----------
     count
-        Processes at most; they begin as calls come.
-    prepare
-        Called in the first process before any other begins, such as to compile what all of them
-        then find compiled. Should it fail, the calls will say so.
+        Processes at most; they begin as calls come, so that a first call has one of them, and can
+        compile what all of them then find compiled.
     silence
         Looks, one a second, after which a process without a sign of life is killed.
     """
 
-    def __init__(
-        self, count: int, prepare: Callable[[], object] | None = None, silence: int = SILENCE
-    ) -> None:
+    def __init__(self, count: int, silence: int = SILENCE) -> None:
         self._count = count
-        self._prepare = prepare
         self._silence = silence
         self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
         self._hear: Hear | None = None
@@ -80,7 +75,6 @@ class ProcessExecutor(Executor):
         self._threads: list[threading.Thread] = []
         self._workers: list[_Worker] = []
         self._closed = self._killed = False
-        self._prepared = threading.Event()
         self._over = threading.Event()
 
     def hear(self, hear: Hear | None) -> None:
@@ -100,8 +94,7 @@ class ProcessExecutor(Executor):
             if len(self._threads) < self._count:
                 if not self._threads:
                     threading.Thread(target=self._look_after, daemon=True).start()
-                first = not self._threads
-                thread = threading.Thread(target=self._attend, args=(first,), daemon=True)
+                thread = threading.Thread(target=self._attend, daemon=True)
                 self._threads.append(thread)
                 thread.start()
         return future
@@ -142,16 +135,10 @@ class ProcessExecutor(Executor):
             if call is not None:
                 call.future.cancel()
 
-    def _attend(self, first: bool) -> None:
+    def _attend(self) -> None:
         """Have calls done in one process after another, in a thread of its own."""
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         worker: _Worker | None = None
-        if first and self._prepare is not None:
-            preparation = _Call(Future(), self._prepare, (), {})
-            worker = self._do(preparation, None)
-        if first:
-            self._prepared.set()
-        self._prepared.wait()
         while (call := self._calls.get()) is not None:
             if call.future.set_running_or_notify_cancel():
                 worker = self._do(call, worker)
@@ -192,8 +179,8 @@ class ProcessExecutor(Executor):
                 return None, content[0]
 
     def _tell(self, future: Future[Any], text: str, share: float) -> None:
-        if self._hear is not None:
-            self._hear(future, text, share)
+        if (hear := self._hear) is not None:
+            hear(future, text, share)
 
     def _begin(self) -> _Worker:
         ours, theirs = _CONTEXT.Pipe()

@@ -76,7 +76,7 @@ def work(task, say):
         return {"value": object()}
     if task.action == "sleep":
         time.sleep(600)
-    if task.action == "short sleep":
-        time.sleep(0.1)
+    if task.action in ("doze", "short sleep"):
+        time.sleep(2.0 if task.action == "doze" else 0.1)
     rng = np.random.default_rng(task.number)
     return {"number": task.number, "values": rng.random((3, 4)), "best": np.float64(rng.random())}

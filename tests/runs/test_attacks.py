@@ -10,6 +10,8 @@ import json
 import os
 import pickle
 import random
+import shutil
+import subprocess
 import zipfile
 import zlib
 
@@ -18,7 +20,7 @@ import pytest
 from run_jobs_here import COMMAND
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
-from aquafish_gym.runs.folder import claim, described
+from aquafish_gym.runs.folder import claim, described, held
 from aquafish_gym.runs.storage import (
     CannotWriteError,
     DamagedFileError,
@@ -340,6 +342,26 @@ def test_a_full_disk_stops_a_run_with_one_sentence_and_the_same_command_goes_on(
     command = start(COMMAND, tmp_path, "count", 3)
     assert command.communicate()[1] == ""
     assert command.returncode == 0
+
+
+def test_a_disk_that_is_full_indeed_is_one_sentence(tmp_path):
+    """Where the tests may mount one."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = shutil.which("mount")
+    command = [str(mount), "-t", "tmpfs", "-o", "size=32k", "none", str(disk)]
+    if mount is None or subprocess.run(command, capture_output=True).returncode:
+        pytest.skip("no disk can be mounted here")
+    try:
+        write_document(disk / "a.json", {"text": "short"})
+        with pytest.raises(CannotWriteError, match=r"a\.json: No space left on device$"):
+            write_document(disk / "a.json", {"text": "x" * 100_000})
+        assert read_document(disk / "a.json") == {"text": "short"}
+        assert [path.name for path in disk.iterdir()] == ["a.json"]
+        with held(disk):
+            pass
+    finally:
+        subprocess.run(["umount", str(disk)], check=True)
 
 
 @pytest.mark.parametrize("files", [9, 20])

@@ -61,33 +61,13 @@ def test_what_a_call_raises_is_raised_here():
         executor.submit(abs, 1)
 
 
-def test_one_process_prepares_before_others_begin(tmp_path):
-    memory = tmp_path / "prepared"
-    jobs = [Task(number) for number in range(4)]
-    with workers(2, prepare=_Prepare(memory)) as executor:
-        assert run_jobs(jobs, _needs_preparation(memory), tmp_path, executor) == []
-    assert len(memory.read_text().splitlines()) == 1
-
-
-class _Prepare:
-    """Note who prepares, slowly."""
-
-    def __init__(self, memory):
-        self.memory = memory
-
-    def __call__(self):
-        time.sleep(0.3)
-        with self.memory.open("a") as file:
-            file.write(f"{os.getpid()}\n")
-
-
-class _needs_preparation:  # noqa: N801 - it stands for a function
-    def __init__(self, memory):
-        self.memory = memory
-
-    def __call__(self, task, say):
-        assert self.memory.exists()
-        return work(task, say)
+def test_a_first_call_has_one_process():
+    """So one call, that is waited for, compiles once for all."""
+    with workers(8) as executor:
+        pids = {executor.submit(os.getpid).result()}
+        assert len(executor._workers) == 1
+        pids |= {f.result() for f in [executor.submit(os.getpid) for _ in range(3)]}
+        assert len(executor._workers) <= 4
 
 
 def test_a_stopped_process_is_killed_and_its_job_begun_elsewhere(tmp_path, undisturbed):

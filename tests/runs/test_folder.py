@@ -67,9 +67,9 @@ def test_what_a_kill_left_is_swept_and_nothing_else(tmp_path, monkeypatch):
 
 def test_a_folder_says_what_it_holds(tmp_path):
     assert described(tmp_path) is None
-    assert claim(tmp_path, "a study", SETTINGS, CODE, ["runs"]) == SETTINGS
+    claim(tmp_path, "a study", SETTINGS, CODE, ["runs"])
     before = (tmp_path / "settings.json").read_bytes()
-    assert claim(tmp_path, "a study", SETTINGS, CODE, ["settings.json"]) == SETTINGS
+    claim(tmp_path, "a study", SETTINGS, CODE, ["settings.json"])
     assert (tmp_path / "settings.json").read_bytes() == before
     assert described(tmp_path) == {"kind": "a study", "settings": SETTINGS, "code": [CODE]}
 
@@ -109,16 +109,6 @@ def test_other_code_is_noted_when_it_is_allowed(tmp_path):
     claim(tmp_path, "a study", SETTINGS, CODE)  # both are its own from now on
     claim(tmp_path, "a study", SETTINGS, newer)
     assert described(tmp_path)["code"] == [CODE, newer]
-
-
-def test_settings_may_grow_by_a_rule(tmp_path):
-    def more_seeds(before, asked):
-        return {"seeds": max(before["seeds"], asked["seeds"])}
-
-    claim(tmp_path, "a study", {"seeds": 4})
-    assert claim(tmp_path, "a study", {"seeds": 9}, join=more_seeds) == {"seeds": 9}
-    assert claim(tmp_path, "a study", {"seeds": 2}, join=more_seeds) == {"seeds": 9}
-    assert described(tmp_path)["settings"] == {"seeds": 9}
 
 
 def test_differences_have_dotted_names():

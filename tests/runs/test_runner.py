@@ -199,6 +199,42 @@ def test_a_second_command_is_refused(start, tmp_path):
     assert errors.count("\n") == 1
 
 
+def test_of_commands_that_race_for_a_folder_one_wins(start, tmp_path, undisturbed):
+    commands = [start(COMMAND, tmp_path, "count", 6) for _ in range(3)]
+    said = [command.communicate()[1] for command in commands]
+    codes = [command.returncode for command in commands]
+    assert 0 in codes
+    assert set(codes) <= {0, 2}
+    assert all(
+        ("is in use by another command" in words) == (code == 2)
+        for words, code in zip(said, codes, strict=True)
+    )
+    assert contents(tmp_path) == undisturbed
+
+
+def test_a_command_that_was_stopped_itself_takes_nobody_for_stopped(start, tmp_path):
+    """Ctrl-Z stops the parent and its workers for longer than their silence may last."""
+    code = COMMAND.replace(
+        "if __name__",
+        "from aquafish_gym.runs import executors, processes\n"
+        "executors.ProcessExecutor = lambda count: processes.ProcessExecutor(count, silence=2)\n"
+        "if __name__",
+    )
+    command = start(code, tmp_path, "doze", 2)
+    for _ in range(2):
+        while not command.stdout.readline().startswith("said"):
+            assert command.poll() is None
+    everyone = [command.pid, *children_of(command.pid)]
+    for process in everyone:
+        os.kill(process, signal.SIGSTOP)
+    time.sleep(3.5)
+    for process in everyone:
+        os.kill(process, signal.SIGCONT)
+    said, errors = command.communicate()
+    assert (command.returncode, errors) == (0, "")
+    assert "retried" not in said
+
+
 @pytest.mark.slow
 def test_kills_at_random_instants_change_no_byte(start, tmp_path):
     """Of the command and of its workers, until the jobs are done."""
