@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.base import AUTO, ENGINES, check_engine, resolve_engine
+from aquafish_gym.engines.base import ENGINES, check_engine, resolve_engine
+from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait.controller import MAXIMUM_SEED, Controller
