@@ -6,24 +6,33 @@ VENV := .venv
 PY := $(VENV)/bin/python
 PIP := $(PY) -m pip install -qq --disable-pip-version-check
 OUT ?= out/recovery
+# A worker a core, each of one thread; who has nothing left to do takes from the others.
+PARALLEL ?= --numprocesses auto --dist worksteal
 
-.PHONY: recover test test-slow lint docs clean
+.PHONY: recover test test-slow lint verify bench docs clean
 .DEFAULT_GOAL := recover
 
 recover: $(VENV)/.installed
 	$(PY) examples/damage_recovery.py --out $(OUT) $(ARGS)
 
 test: $(VENV)/.installed-test
-	$(PY) -m pytest -m "not slow" $(ARGS)
+	$(PY) -m pytest -m "not slow" $(PARALLEL) $(ARGS)
 
 test-slow: $(VENV)/.installed-test
-	$(PY) -m pytest -m slow $(ARGS)
+	$(PY) -m pytest -m slow $(PARALLEL) $(ARGS)
 
 lint: $(VENV)/.installed-test
 	$(PY) -m ruff format --check .
 	$(PY) -m ruff check .
 	$(PY) -m mypy
 	$(VENV)/bin/lint-imports
+
+# Is the physics right, and how fast is it? ARGS="--help" lists the parts of each.
+verify: $(VENV)/.installed-test
+	$(PY) -m tests.verification $(ARGS)
+
+bench: $(VENV)/.installed-test
+	$(PY) -m tests.benchmarks $(ARGS)
 
 docs: $(VENV)/.installed-docs
 	$(VENV)/bin/sphinx-build -q -W docs docs/_build

@@ -1,9 +1,112 @@
-"""Sphinx: ``make docs``."""
+"""Sphinx: ``make docs``. The reference is written from the docstrings of the installed packages."""
+
+import ast
+import pathlib
+import re
+
+from docutils import nodes
+from sphinx import addnodes
+from sphinx.application import Sphinx
+from sphinx.transforms.post_transforms import SphinxPostTransform
+from sphinx.util.nodes import make_refnode
+
+ROOT = pathlib.Path(__file__).parent.parent
+
+
+def docstring(path: str, name: str) -> str:
+    """Return a class's docstring without its first line, read from its source."""
+    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    found = (n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
+    return (ast.get_docstring(next(found)) or "").partition("\n")[2]
+
 
 project = "AquaFish"
-extensions = ["myst_parser", "sphinx.ext.mathjax"]
+html_title = "AquaFish"
+author = "The AquaFish authors"
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.mathjax",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+]
+exclude_patterns = ["_build", "_templates"]
+templates_path = ["_templates"]
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_theme = "furo"
-myst_enable_extensions = ["dollarmath"]
+myst_enable_extensions = ["colon_fence", "dollarmath", "substitution"]
 myst_heading_anchors = 3
-exclude_patterns = ["_build"]
-suppress_warnings = ["myst.xref_missing"]
+# Gymnasium's environments are described in Markdown, tables and all: those pages show it as it is.
+myst_substitutions = {
+    "aquafish_v0": docstring("aquafish_gym/envs/aquafish.py", "AquaFishEnv"),
+}
+autodoc_member_order = "bysource"
+autodoc_typehints_format = "short"
+default_role = "code"
+napoleon_attr_annotations = False  # an array's shape says more than its type
+napoleon_use_ivar = True
+# "nodes" under Returns is a name, not a reference, and several classes have some.
+suppress_warnings = ["ref.python"]
+
+BARS = re.compile(r"(?<![`\w])\|(?=[^|`\s][^|`]*\|)|(?<=[^|`\s])\|(?![`\w|])")
+
+ARRAY = re.compile(
+    r"~?(?:numpy\.)?ndarray\[~?tuple\[~?(?:typing\.)?Any, \.\.\.\], "
+    r"~?(?:numpy\.)?dtype\[~?(?:numpy\.)?([\w.]+)\]\]"
+)
+
+
+# A study's report does not know which study of the paper it is.
+STUDIES = {
+    "results/figs-5-to-10/summary": "Figs. 5 to 10, every table",
+    "results/ablations/summary": "Ablations, every table",
+    "results/orientation/summary": "Orientation, every table",
+}
+
+
+def name_study(_app: Sphinx, page: str, source: list[str]) -> None:
+    """Give a study's report its title."""
+    if page in STUDIES:
+        source[0] = source[0].replace("# Study", f"# {STUDIES[page]}", 1)
+
+
+def as_restructured_text(
+    _app: Sphinx, _what: str, _name: str, _object: object, _options: object, lines: list[str]
+) -> None:
+    """Make a docstring fit: |v| is a modulus here, and what is in Markdown has its own page."""
+    if any(line.startswith("## ") for line in lines):
+        lines[1:] = ["", "See :doc:`/environments/aquafish-v0`."]
+    lines[:] = [BARS.sub(r"\\|", line) for line in lines]
+
+
+def with_short_types(
+    _app: Sphinx, _what: str, _name: str, _object: object, _options: object, *signature: str | None
+) -> tuple[str | None, ...]:
+    """Write an array's type as the sources do."""
+    return tuple(part and ARRAY.sub(r"NDArray[\1]", part) for part in signature)
+
+
+class LinkedNames(SphinxPostTransform):
+    """Makes `eea.core.behavior.summarize` on a page a link to its place in the reference."""
+
+    default_priority = 5
+
+    def run(self, **_: object) -> None:
+        """Replace every literal that is the whole name of a thing in the reference."""
+        known = self.env.get_domain("py").objects
+        for literal in list(self.document.findall(nodes.literal)):
+            found = known.get(literal.astext())
+            if found and not isinstance(literal.parent, (nodes.reference, addnodes.pending_xref)):
+                here = self.env.current_document.docname
+                link = (self.app.builder, here, found.docname, found.node_id, literal.deepcopy())
+                literal.replace_self(make_refnode(*link))
+
+
+def setup(app: Sphinx) -> None:
+    """Tell Sphinx of the above."""
+    app.connect("source-read", name_study)
+    app.add_post_transform(LinkedNames)
+    app.connect("autodoc-process-docstring", as_restructured_text)
+    app.connect("autodoc-process-signature", with_short_types)

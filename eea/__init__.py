@@ -1,7 +1,8 @@
 """The Estimation-Exploration Algorithm for robots that do not know where their fins are.
 
-The algorithm knows no robot: it asks a ``Target`` and a ``Simulator``, and needs numpy only.
-``eea.aquafish.fish`` binds it to the fish of ``aquafish_gym`` and is loaded when first used.
+The algorithm, ``eea.core``, knows no robot: it asks a ``Target`` and a ``Simulator``, and needs
+numpy only. ``eea.aquafish`` binds it to the fish of ``aquafish_gym``, ``eea.study`` repeats it in
+numbers; both are loaded when first used.
 """
 
 from __future__ import annotations
@@ -9,45 +10,21 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from eea.core.algorithm import EEA, Result, RoundRecord
-from eea.core.checks import ConfigurationError, TargetError
-from eea.core.config import CONDITIONS, EEAConfig, recovery_config
-from eea.core.experiment import RevealingTarget, Simulator, Target, Trials
-from eea.study.presets import FIGURES, figure_config
+from eea import aquafish, core
+from eea.core import *  # noqa: F403
 
 if TYPE_CHECKING:
-    from eea.aquafish.fish import (
-        EngineSimulator,
-        EngineTarget,
-        MorphologyEstimate,
-        estimate_morphology,
-        estimate_morphology_of,
-    )
+    from eea.aquafish import *  # noqa: F403
+    from eea.study.presets import FIGURES, figure_config
 
-__all__ = [
-    "CONDITIONS",
-    "EEA",
-    "FIGURES",
-    "ConfigurationError",
-    "EEAConfig",
-    "EngineSimulator",
-    "EngineTarget",
-    "MorphologyEstimate",
-    "Result",
-    "RevealingTarget",
-    "RoundRecord",
-    "Simulator",
-    "Target",
-    "TargetError",
-    "Trials",
-    "estimate_morphology",
-    "estimate_morphology_of",
-    "figure_config",
-    "recovery_config",
-]
+__all__ = ["FIGURES", "figure_config"]
+__all__ += core.__all__
+__all__ += aquafish.__all__
 
 
 def __getattr__(name: str) -> Any:
-    if name in __all__:
-        return getattr(import_module("eea.aquafish.fish"), name)
+    if name in ("FIGURES", "figure_config"):
+        return getattr(import_module("eea.study.presets"), name)
+    if name in aquafish.__all__:
+        return getattr(aquafish, name)
     raise AttributeError(f"module 'eea' has no attribute {name!r}")

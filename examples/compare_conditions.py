@@ -42,8 +42,8 @@ class CompareConditions:
     """The first replicate's seed."""
     seeds: int = 5
     """Replicates, with seeds from `seed` upwards."""
-    engine: str = "pybullet"
-    """Where the damaged robot lives: pybullet or numba."""
+    target_engine: str = "auto"
+    """Where the damaged robot swims: pybullet, numba, or auto, the first that is installed."""
 
     def execute(self) -> None:
         """Run and print one table."""
@@ -60,10 +60,10 @@ class CompareConditions:
         seeds = range(self.seed, self.seed + self.seeds)
         for name, config in configs.items():
             found: list[MorphologyEstimate] = [
-                estimate_morphology(None, damage, config, seed, target_engine=self.engine)
+                estimate_morphology(None, damage, config, seed, target_engine=self.target_engine)
                 for seed in track(seeds, name, console=Console(stderr=True))
             ]
-            fits = np.array([estimate.rounds[-1].objective_fitness for estimate in found])
+            fits = np.array([estimate.objective_fitness for estimate in found])
             table.add_row(
                 name,
                 f"{fits.mean():.3f}",

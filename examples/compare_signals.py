@@ -22,7 +22,7 @@ from aquafish_gym import Morphology
 from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
 from aquafish_gym.utils.validation import integer
 from eea import ConfigurationError
-from eea.aquafish.fish import EngineSimulator, fish_models
+from eea.aquafish import EngineSimulator, fish_models
 from eea.core.behavior import BehaviorConfig, Signal, similarity, summarize
 from eea.core.experiment import Trials
 from tests.verification.trials import random_trials
@@ -61,7 +61,7 @@ class CompareSignals:
         for name, signal in SIGNALS.items():
             config = BehaviorConfig(signal=signal)
             for steps in DURATIONS:
-                at_random = self._apart(first, first.morphologies, others, steps, config)
+                at_random = self._apart(first, first.models, others, steps, config)
                 least = self._apart(first, same, spelled, steps, config)
                 table.add_row(name, f"{steps}", _quantiles(at_random), _quantiles(least))
         Console().print(table)
@@ -75,9 +75,9 @@ class CompareSignals:
         config: BehaviorConfig,
     ) -> NDArray[np.float64]:
         """Return 1 - sim (B,) of bodies (B, 9) in the same trials."""
-        simulator = EngineSimulator(steps, record="attitude")
+        simulator = EngineSimulator(steps)
         one, other = (
-            summarize(simulator.simulate(Trials(b, trials.commands, trials.fin_angles)), config)
+            summarize(simulator.simulate(Trials(b, trials.commands, trials.angles)), config)
             for b in (some, others)
         )
         return 1.0 - similarity(one, other, config)

@@ -4,14 +4,21 @@
 for comparison, and ``gait.plots`` draws.
 """
 
-from gait.controller import Controller, Policy
-from gait.evolve import EvolveConfig, Evolved, evolve_gait
-from gait.rollout import Swim, random_poses, swim, swim_all
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from gait.controller import Controller
+    from gait.evolve import EvolveConfig, Evolved, evolve_gait
+    from gait.policy import ControllerLike, HasPolicy, Policy
+    from gait.rollout import Swim, random_poses, swim, swim_all
 
 __all__ = [
     "Controller",
+    "ControllerLike",
     "EvolveConfig",
     "Evolved",
+    "HasPolicy",
     "Policy",
     "Swim",
     "evolve_gait",
@@ -19,3 +26,18 @@ __all__ = [
     "swim",
     "swim_all",
 ]
+
+# Each name is imported when it is first used, so that a command answers Ctrl-C from the start.
+_ROOMS = ("controller", "evolve", "policy", "rollout")
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        for room in map(import_module, (f"gait.{room}" for room in _ROOMS)):
+            if hasattr(room, name):
+                return getattr(room, name)
+    raise AttributeError(f"module 'gait' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *__all__])

@@ -7,27 +7,34 @@ pickles, which run whatever they contain when they are loaded; none is written o
 from __future__ import annotations
 
 import json
-import zipfile
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, fields
 from importlib import import_module
-from io import BytesIO
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_json
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, integer, one_of
-from gait.controller import read_json
+from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.runs.arrays import read_arrays, write_arrays
+from aquafish_gym.runs.storage import ensure_writable_directory, read_document, write_document
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    flag,
+    integer,
+    one_of,
+)
+from gait.controller import check_fields
+from gait.policy import Policy
+from gait.rollout import swim
 
 SPEC_FILE = "baseline.json"
 PARAMETERS_FILE = "parameters.npz"
-SCHEMA = 1
-KIND = "aquafish-baseline"
+SCHEMA = "gait.baseline/2"  # 1 had no checksum
+MOST_LAYERS, MOST_NODES = 8, 1024  # what a file may ask this machine's memory for
 ALGORITHMS = ("PPO", "SAC", "TD3")
 
 
@@ -37,7 +44,13 @@ class MissingExtraError(ImportError):
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineConfig:
-    """What to learn with."""
+    """What to learn with.
+
+    Examples
+    --------
+    >>> BaselineConfig(algorithm="SAC", hidden=(32, 32)).hidden
+    (32, 32)
+    """
 
     algorithm: str = "PPO"
     """What learns: PPO, SAC or TD3."""
@@ -54,12 +67,14 @@ class BaselineConfig:
 
     def __post_init__(self) -> None:
         one_of("algorithm", self.algorithm, ALGORITHMS)
-        integer("steps", self.steps, 1)
+        integer("steps", self.steps, 1, 10**10)
         integer("environments", self.environments, 1, 1024)
         integer("seed", self.seed, 0, 2**32 - 1)
-        if not isinstance(self.hidden, list | tuple):
-            raise InvalidArgumentError(f"hidden must be a row of widths; got {self.hidden!r}")
-        widths = tuple(integer("hidden", width, 1, 4096) for width in self.hidden)
+        if not isinstance(self.hidden, list | tuple) or len(self.hidden) > MOST_LAYERS:
+            raise InvalidArgumentError(
+                f"hidden must be at most {MOST_LAYERS} widths in a row; got {brief(self.hidden)}"
+            )
+        widths = tuple(integer("hidden", width, 1, MOST_NODES) for width in self.hidden)
         object.__setattr__(self, "hidden", widths)
         flag("random_poses", self.random_poses)
 
@@ -114,10 +129,22 @@ class Baseline:
         finally:
             torch.set_num_threads(threads)
 
+    def policy(self) -> Policy:
+        """Return the learned policy, ready to steer one robot: it always does what it likes best.
+
+        So a baseline swims wherever a controller does: in ``gait.swim`` and in transfers.
+        """
+
+        def act(observation: NDArray[np.float64], _time: float) -> NDArray[np.float32]:
+            action, _ = self._model.predict(observation.astype(np.float32), deterministic=True)
+            return np.asarray(action, np.float32)
+
+        return act
+
     def evaluate(
-        self, morphology: Morphology, fin_angles: NDArray[np.float64], engine: str = "numba"
+        self, morphology: MorphologyLike, fin_angles: ArrayLike, engine: str = "numba"
     ) -> NDArray[np.float64]:
-        """Return the distance (Q,) of an episode from each of the fin poses (Q, 3), in units.
+        """Return the distance (Q,) of a swim of 20 s from each of the fin poses (Q, 3), in units.
 
         Raises
         ------
@@ -125,20 +152,7 @@ class Baseline:
             If the poses are not (Q, 3).
         """
         poses = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
-        distances = np.zeros(len(poses))
-        env = gym.make("AquaFish-v0", morphology=morphology.to_dict(), engine=engine)
-        try:
-            for i, pose in enumerate(poses.tolist()):
-                observation, info = env.reset(options={"fin_angles": pose})
-                over = False
-                while not over:
-                    action, _ = self._model.predict(observation, deterministic=True)
-                    observation, _, terminated, truncated, info = env.step(action)
-                    over = terminated or truncated
-                distances[i] = info["y_position"]
-        finally:
-            env.close()
-        return distances
+        return np.array([swim(self, morphology, pose, engine).distance for pose in poses])
 
     def parameters(self) -> dict[str, NDArray[np.float32]]:
         """Return the policy's tensors by name."""
@@ -154,16 +168,9 @@ class Baseline:
             If it cannot be written.
         """
         directory = ensure_writable_directory(out)
-        buffer = BytesIO()
-        np.savez(buffer, **self.parameters())  # type: ignore[arg-type]
-        write_bytes(directory / PARAMETERS_FILE, buffer.getvalue())
-        spec = {
-            "kind": KIND,
-            "schema": SCHEMA,
-            "morphology": self.morphology.to_dict(),
-            "config": asdict(self.config),
-        }
-        write_json(directory / SPEC_FILE, spec)
+        write_arrays(directory / PARAMETERS_FILE, self.parameters())
+        spec = {"morphology": self.morphology.to_dict(), "config": asdict(self.config)}
+        write_document(directory / SPEC_FILE, spec, SCHEMA)
 
     @classmethod
     def load(cls, out: Path | str) -> Baseline:
@@ -177,46 +184,19 @@ class Baseline:
             If stable-baselines3 or torch is not installed.
         """
         directory = Path(out)
-        spec = read_json(directory / SPEC_FILE, "baseline")
-        if not isinstance(spec, dict) or (spec.get("kind"), spec.get("schema")) != (KIND, SCHEMA):
-            raise InvalidArgumentError(
-                f"baseline: {directory / SPEC_FILE} is not a baseline of schema {SCHEMA}"
-            )
-        settings = spec.get("config")
-        names = {f.name for f in fields(BaselineConfig)}
-        if not isinstance(settings, dict) or settings.keys() != names:
-            raise InvalidArgumentError(
-                f"baseline: config must have the fields {', '.join(sorted(names))}"
-            )
-        if not isinstance(spec.get("morphology"), dict):
-            raise InvalidArgumentError(
-                f"baseline: {directory / SPEC_FILE} does not say what body it was trained on"
-            )
-        body = Morphology.from_json(json.dumps(spec["morphology"]))
-        baseline = cls(body, BaselineConfig(**settings))
-        baseline._set_parameters(_read_arrays(directory / PARAMETERS_FILE))
-        return baseline
-
-    def _set_parameters(self, arrays: dict[str, NDArray[np.float32]]) -> None:
+        spec = read_document(directory / SPEC_FILE, SCHEMA, "baseline")
+        spec = check_fields("baseline", spec, ("morphology", "config"))
+        names = [f.name for f in fields(BaselineConfig)]
+        config = BaselineConfig(**check_fields("baseline: config", spec["config"], names))
+        baseline = cls(Morphology.from_json(json.dumps(spec["morphology"])), config)
+        untrained = baseline.parameters()
+        shapes = {name: array.shape for name, array in untrained.items()}
+        most = 2**20 + 2 * sum(array.nbytes for array in untrained.values())
+        arrays = read_arrays(directory / PARAMETERS_FILE, shapes, "baseline", most)
         torch = _load("torch")
-        wanted = {name: array.shape for name, array in self.parameters().items()}
-        if {name: array.shape for name, array in arrays.items()} != wanted:
-            raise InvalidArgumentError(
-                f"baseline: {PARAMETERS_FILE} does not fit the networks of {SPEC_FILE}"
-            )
-        self._model.policy.load_state_dict({n: torch.as_tensor(a) for n, a in arrays.items()})
-
-
-def _read_arrays(path: Path) -> dict[str, NDArray[np.float32]]:
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except OSError as error:
-        raise InvalidArgumentError(
-            f"baseline: cannot read {path}: {error.strerror or error}"
-        ) from None
-    except (ValueError, AttributeError, zipfile.BadZipFile):
-        raise InvalidArgumentError(f"baseline: {path} is not an archive of arrays") from None
+        state = {name: torch.as_tensor(array) for name, array in arrays.items()}
+        baseline._model.policy.load_state_dict(state)
+        return baseline
 
 
 def _load(module: str) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, parse_json
+from aquafish_gym.runs.storage import read_document, write_document
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer
 from gait.network import INPUTS, OUTPUTS, forward, listen
 
-SCHEMA = 1
-KIND = "aquafish-controller"
+SCHEMA = "gait.controller/2"  # 1 had no checksum
 # Nobody's network is this large; a file that says so is broken or meant to hurt.
 MAXIMUM_NODES = 1000
+MOST_BYTES = 64 * 2**20  # of such a network's file
+MAXIMUM_SEED = 2**64 - 1
 _HEARD = 9  # entries of an observation
+_FIELDS = ("inputs", "outputs", "clock", "seed", "morphology", "bias", "response", "weights")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +51,16 @@ class Controller:
     ------
     InvalidArgumentError
         If a shape does not fit, a number is not finite, a node hears a later one, or the seed
-        is not a whole number of at least 0.
+        is not a whole number from 0 to 2**64 - 1.
+
+    Examples
+    --------
+    >>> body = Morphology.nominal()
+    >>> silent = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, body, seed=0)
+    >>> silent
+    Controller(3 nodes, 0 connections, clock 0.7 Hz, seed 0)
+    >>> silent.policy()(np.zeros(9), 0.0).tolist()
+    [0.0, 0.0, 0.0]
     """
 
     weights: NDArray[np.float64]
@@ -80,7 +93,7 @@ class Controller:
             object.__setattr__(self, name, array)
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
         object.__setattr__(self, "clock", clock)
-        object.__setattr__(self, "seed", integer("controller.seed", self.seed, 0))
+        object.__setattr__(self, "seed", integer("controller.seed", self.seed, 0, MAXIMUM_SEED))
 
     @property
     def nodes(self) -> int:
@@ -113,15 +126,19 @@ class Controller:
         rows = [row[: 2 + inputs + n] for n, row in enumerate(table)]
         return np.concatenate([[self.clock], *rows])
 
-    def policy(self) -> Policy:
+    def __repr__(self) -> str:
+        return (
+            f"Controller({self.nodes} nodes, {self.connections} connections, "
+            f"clock {self.clock:g} Hz, seed {self.seed})"
+        )
+
+    def policy(self) -> NetworkPolicy:
         """Return this controller ready to steer one robot."""
-        return Policy(self)
+        return NetworkPolicy(self)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""
         return {
-            "kind": KIND,
-            "schema": SCHEMA,
             "inputs": list(INPUTS),
             "outputs": list(OUTPUTS),
             "clock": self.clock,
@@ -141,31 +158,22 @@ class Controller:
         InvalidArgumentError
             If a field is missing or unknown, or its value does not fit.
         """
-        wanted = {"kind", "schema", "inputs", "outputs", "clock", "seed", "morphology"}
-        wanted |= {"bias", "response", "weights"}
-        if not isinstance(data, dict) or data.get("kind") != KIND:
-            raise InvalidArgumentError(
-                f'a controller must be a JSON object with "kind": "{KIND}", '
-                "as `python -m gait evolve` writes it"
-            )
-        if data.get("schema") != SCHEMA:
-            raise InvalidArgumentError(
-                f"controller.schema must be {SCHEMA}; got {data.get('schema')!r}"
-            )
-        if data.keys() != wanted:
-            odd = ", ".join(sorted(map(str, data.keys() ^ wanted)))
-            raise InvalidArgumentError(f"controller has missing or unknown fields: {odd}")
+        fields = check_fields("controller", data, _FIELDS)
         for name, names in (("inputs", INPUTS), ("outputs", OUTPUTS)):
-            if data[name] != list(names):
+            if fields[name] != list(names):
                 raise InvalidArgumentError(f"controller.{name} must be {', '.join(names)}")
         return cls(
-            weights=data["weights"],
-            bias=data["bias"],
-            response=data["response"],
-            clock=data["clock"],
-            morphology=Morphology.from_json(json.dumps(data["morphology"])),
-            seed=data["seed"],
+            weights=fields["weights"],
+            bias=fields["bias"],
+            response=fields["response"],
+            clock=fields["clock"],
+            morphology=Morphology.from_json(json.dumps(fields["morphology"])),
+            seed=fields["seed"],
         )
+
+    def save(self, path: Path | str) -> None:
+        """Write a ``controller.json``, whole or not at all."""
+        write_document(path, self.to_dict(), SCHEMA)
 
     @classmethod
     def load(cls, path: Path | str) -> Controller:
@@ -174,12 +182,16 @@ class Controller:
         Raises
         ------
         InvalidArgumentError
-            If the file cannot be read, is not JSON or is not a controller.
+            If the file cannot be read or does not match its checksum, or is no controller.
         """
-        return cls.from_dict(read_json(Path(path), "controller"))
+        data = read_document(path, SCHEMA, "controller", MOST_BYTES)
+        try:
+            return cls.from_dict(data)
+        except InvalidArgumentError as error:
+            raise InvalidArgumentError(f"controller: {path}: {error}") from None
 
 
-class Policy:
+class NetworkPolicy:
     """A controller with its scratch space: what one robot carries on board."""
 
     def __init__(self, controller: Controller) -> None:
@@ -215,21 +227,17 @@ class Policy:
         return np.array(forward(self._genes, self._nodes, self._values, 0, 1, 0.0))
 
 
-def read_json(path: Path, argument: str) -> object:
-    """Return what a JSON file holds.
+def check_fields(argument: str, data: object, names: Collection[str]) -> dict[str, Any]:
+    """Return ``data`` if it is an object of just these fields.
 
     Raises
     ------
     InvalidArgumentError
-        If the file cannot be read or is not JSON; the message names ``argument``.
+        If it is not; the message names the odd fields.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InvalidArgumentError(
-            f"{argument}: cannot read {path}: {error.strerror or error}"
-        ) from None
-    except ValueError as error:
-        raise InvalidArgumentError(f"{argument}: {path} is not JSON: {error}") from None
-    data: object = parse_json(f"{argument}: {path}", text)
+    if not isinstance(data, dict):
+        raise InvalidArgumentError(f"{argument} must be a JSON object; got {brief(data)}")
+    odd = ", ".join(sorted(map(str, data.keys() ^ set(names))))
+    if odd:
+        raise InvalidArgumentError(f"{argument} has missing or unknown fields: {odd}")
     return data

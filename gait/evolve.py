@@ -2,28 +2,49 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from contextlib import nullcontext
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_json
+from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.storage import (
+    DamagedFileError,
+    ensure_writable_directory,
+    read_document,
+    write_document,
+)
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from gait.controller import Controller, read_json
+from gait.controller import MAXIMUM_SEED, Controller
 from gait.evolution import Evolution, genome_to_controller
 from gait.history import HISTORY_FILE, Generation, write_history
-from gait.rollout import SECONDS, ZERO_POSE, Scorer, random_poses, step_count, stream, swim_all
+from gait.rollout import (
+    MAXIMUM_THREADS,
+    SECONDS,
+    ZERO_POSE,
+    Scorer,
+    random_poses,
+    step_count,
+    stream,
+    swim_all,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 CONTROLLER_FILE = "controller.json"
 CHECKPOINT_FILE = "checkpoint.json"
-CHECKPOINT_SCHEMA = 2  # 1 drew from streams that were not this package's own
+# 1 drew from streams that were not this package's own, 2 had no schema of the storage's
+CHECKPOINT_SCHEMA = "gait.checkpoint/3"
+FILES = (CHECKPOINT_FILE, CONTROLLER_FILE, HISTORY_FILE)
+MOST_CHECKPOINT_BYTES = 512 * 2**20  # a generation of 10,000 networks
+MAXIMUM_GENERATIONS = 100_000
 
 # With random poses, fitness is noisy, and the best of many is the luckiest. So the leaders of
 # each generation swim once more, from poses that are the same throughout the run, and that
@@ -38,7 +59,13 @@ DIVERGED_SPEED = -5.0
 
 @dataclass(frozen=True, kw_only=True)
 class EvolveConfig:
-    """How to evolve a gait."""
+    """How to evolve a gait.
+
+    Examples
+    --------
+    >>> EvolveConfig(generations=200, seed=3).population
+    150
+    """
 
     seed: int = 0
     """The run follows from it alone."""
@@ -56,14 +83,14 @@ class EvolveConfig:
     """How many threads swim; every core if not given. No result depends on it."""
 
     def __post_init__(self) -> None:
-        integer("seed", self.seed, 0)
-        integer("generations", self.generations, 1)
+        integer("seed", self.seed, 0, MAXIMUM_SEED)
+        integer("generations", self.generations, 1, MAXIMUM_GENERATIONS)
         integer("population", self.population, 10, 10_000)
         integer("poses", self.poses, 0, 1000)
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         step_count(self.seconds)
         if self.threads is not None:
-            integer("threads", self.threads, 1)
+            integer("threads", self.threads, 1, MAXIMUM_THREADS)
 
 
 @dataclass(frozen=True)
@@ -78,11 +105,30 @@ class Evolved:
         Its mean distance over the zero pose and the run's fixed poses, in units.
     history
         One row a generation.
+
+    Examples
+    --------
+    >>> evolve_gait(config=EvolveConfig(generations=2, population=10, seconds=1)).history[1].nodes
+    3
     """
 
     controller: Controller
     fitness: float
     history: tuple[Generation, ...]
+
+    def __repr__(self) -> str:
+        return (
+            f"Evolved(fitness {self.fitness:.2f} after {len(self.history)} generations, "
+            f"{self.controller!r})"
+        )
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the history, on matplotlib's present figure or the axes given."""
+        from gait.plots import draw_history, present_axes
+
+        axes = present_axes(axes)
+        draw_history(axes, self.history)
+        return axes
 
 
 class GaitRun:
@@ -112,6 +158,13 @@ class GaitRun:
         self._final_poses = self._poses(FINAL_POSES if config.poses else 0, self._stream(1))
         self._best: Controller | None = None
         self._fitness = -np.inf
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that decides what each generation comes to."""
+        config = asdict(self.config)
+        del config["generations"], config["threads"]
+        return {"morphology": self.morphology.to_dict(), **config}
 
     @property
     def finished(self) -> bool:
@@ -170,8 +223,7 @@ class GaitRun:
     def checkpoint(self) -> dict[str, Any]:
         """Return everything that the rest of the run depends on, ready for JSON."""
         return {
-            "config": asdict(self.config),
-            "morphology": self.morphology.to_dict(),
+            "settings": self.settings,
             "history": [asdict(row) for row in self.history],
             "best": None if self._best is None else self._best.to_dict(),
             "fitness": None if self._best is None else self._fitness,
@@ -179,28 +231,20 @@ class GaitRun:
         }
 
     def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go on from what :meth:`checkpoint` returned for the same body and configuration.
+        """Go on from what :meth:`checkpoint` returned for the same settings.
 
         Raises
         ------
         InvalidArgumentError
-            If it is another run's: only ``threads`` may differ, and ``generations`` may grow.
+            If it is another run's, or holds more generations than are wanted.
         """
-        theirs, ours = dict(checkpoint["config"]), asdict(self.config)
-        for name in (f.name for f in fields(EvolveConfig)):
-            if name not in ("threads", "generations") and theirs[name] != ours[name]:
-                raise InvalidArgumentError(
-                    f"out holds a run with {name} {theirs[name]}, not {ours[name]}; "
-                    "choose another directory"
-                )
-        if checkpoint["morphology"] != self.morphology.to_dict():
+        if checkpoint["settings"] != self.settings:
+            raise InvalidArgumentError("out holds another run's checkpoint")
+        done = len(checkpoint["history"])
+        if done > self.config.generations:
             raise InvalidArgumentError(
-                "out holds a run for another morphology; choose another directory"
-            )
-        if len(checkpoint["history"]) > self.config.generations:
-            raise InvalidArgumentError(
-                f"generations must be at least the {len(checkpoint['history'])} that out already "
-                f"holds; got {self.config.generations}"
+                f"generations must be at least the {done} that out already holds; "
+                f"got {self.config.generations}"
             )
         self.history = [Generation(**row) for row in checkpoint["history"]]
         if self.history:
@@ -238,8 +282,8 @@ def evolve_gait(
     Raises
     ------
     InvalidArgumentError
-        If the body is none, or ``out`` cannot be written, holds another run, or its checkpoint
-        is damaged.
+        If the body is none, or ``out`` cannot be written, is in use by another command, or holds
+        another run or a damaged checkpoint.
 
     Examples
     --------
@@ -249,19 +293,22 @@ def evolve_gait(
     """
     run = GaitRun(Morphology.coerce(morphology), config or EvolveConfig(), scorer)
     directory = None if out is None else ensure_writable_directory(out)
-    if directory is not None and (directory / CHECKPOINT_FILE).exists():
-        _read_checkpoint(run, directory / CHECKPOINT_FILE)
-        _write_results(run, directory)
-    for row in run.history:
-        if on_generation is not None:
-            on_generation(row)
-    while not run.finished:
-        row = run.step()
+    with nullcontext() if directory is None else held(directory):
         if directory is not None:
-            _write_checkpoint(run, directory / CHECKPOINT_FILE)
-            _write_results(run, directory)
-        if on_generation is not None:
-            on_generation(row)
+            claim(directory, "a gait", run.settings, outputs=FILES)
+            if (directory / CHECKPOINT_FILE).exists():
+                _read_checkpoint(run, directory / CHECKPOINT_FILE)
+                _write_results(run, directory)
+        for row in run.history:
+            if on_generation is not None:
+                on_generation(row)
+        while not run.finished:
+            row = run.step()
+            if directory is not None:
+                write_document(directory / CHECKPOINT_FILE, run.checkpoint(), CHECKPOINT_SCHEMA)
+                _write_results(run, directory)
+            if on_generation is not None:
+                on_generation(row)
     return run.result
 
 
@@ -271,9 +318,9 @@ def finished_generations(out: Path | str) -> tuple[Generation, ...]:
     ``history.csv`` may be one behind, if the run broke off in between.
     """
     try:
-        data = json.loads((Path(out) / CHECKPOINT_FILE).read_bytes())
-        return tuple(Generation(**row) for row in data["run"]["history"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        data = _read_document(Path(out) / CHECKPOINT_FILE)
+        return tuple(Generation(**row) for row in data["history"])
+    except (InvalidArgumentError, KeyError, TypeError):
         return ()
 
 
@@ -291,34 +338,22 @@ def _swim_body(
 def _write_results(run: GaitRun, directory: Path) -> None:
     if not run.history:
         return
-    write_json(directory / CONTROLLER_FILE, run.result.controller.to_dict())
+    run.result.controller.save(directory / CONTROLLER_FILE)
     write_history(directory / HISTORY_FILE, run.history)
 
 
-def _write_checkpoint(run: GaitRun, path: Path) -> None:
-    text = json.dumps(run.checkpoint(), allow_nan=False)
-    head = f'{{"schema": {CHECKPOINT_SCHEMA}, "checksum": "{_checksum(text)}", "run": '
-    write_bytes(path, f"{head}{text}}}\n".encode())
+def _read_document(path: Path) -> dict[str, Any]:
+    return read_document(path, CHECKPOINT_SCHEMA, "out", MOST_CHECKPOINT_BYTES)
 
 
 def _read_checkpoint(run: GaitRun, path: Path) -> None:
-    data = read_json(path, "out")
-    if not isinstance(data, dict) or data.get("schema") != CHECKPOINT_SCHEMA:
-        raise InvalidArgumentError(
-            f"out: {path} is not a checkpoint of schema {CHECKPOINT_SCHEMA}; "
-            "choose another directory"
-        )
-    if data.get("checksum") != _checksum(json.dumps(data.get("run"))):
-        raise InvalidArgumentError(f"out: {path} is damaged; delete it to start again")
     try:
-        run.restore(data["run"])
+        run.restore(_read_document(path))
+    except DamagedFileError as error:
+        raise DamagedFileError(f"{error}; delete it to start again") from None
     except InvalidArgumentError:
         raise
     except (KeyError, IndexError, TypeError, ValueError, AttributeError):
         raise InvalidArgumentError(
             f"out: {path} lacks something that a run needs; choose another directory"
         ) from None
-
-
-def _checksum(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()

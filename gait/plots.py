@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aquafish_gym.runs.storage import write_bytes
 from gait.history import Generation
-from gait.rollout import Swim
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +23,28 @@ _PATHS = (("#000000", "-"), ("#cc79a7", "--"), ("#56b4e9", "-."), ("#b09500", ":
 _FINAL, _MEAN = "#0072b2", "#d55e00"
 
 
-def draw_trajectories(axes: Axes, swims: Mapping[str, Swim]) -> None:
+class Path2D(Protocol):
+    """What is drawn of a ``gait.Swim``."""
+
+    @property
+    def position(self) -> NDArray[np.float64]:
+        """Positions (T, 3) in units of 5 cm."""
+
+    @property
+    def distance(self) -> float:
+        """Progress along the world's +y."""
+
+
+def present_axes(axes: Axes | None) -> Axes:
+    """Return the axes given, or those of matplotlib's present figure, as its own functions do."""
+    if axes is not None:
+        return axes
+    from matplotlib import pyplot
+
+    return pyplot.gca()
+
+
+def draw_trajectories(axes: Axes, swims: Mapping[str, Path2D]) -> None:
     """Draw paths from above, x to the right and y (forward) upwards, in units of 5 cm.
 
     Parameters
@@ -60,7 +81,7 @@ def draw_history(axes: Axes, history: Sequence[Generation]) -> None:
     axes.legend(loc="best", frameon=False)
 
 
-def plot_trajectories(path: Path | str, swims: Mapping[str, Swim], title: str = "") -> None:
+def plot_trajectories(path: Path | str, swims: Mapping[str, Path2D], title: str = "") -> None:
     """Write :func:`draw_trajectories` to a PNG, PDF or SVG file."""
     figure = _figure(5.0, 5.0)
     axes = figure.add_subplot()

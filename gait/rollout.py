@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,13 +18,19 @@ from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.kinematics import State, rotation
 from aquafish_gym.utils.validation import finite_array, integer, one_of
 from gait import network
-from gait.controller import Controller
+from gait.controller import MAXIMUM_SEED, Controller
+from gait.policy import ControllerLike, new_policy
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
+MAXIMUM_POSES = 10_000
+MAXIMUM_THREADS = 1024
 INTERVAL = 5  # physics steps a command is held for, as in AquaFish-v0
 ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 
-# "gait" in ASCII. The environments' and the estimation's sources of chance follow from the bare
+# "gait" in ASCII. The environments' and the estimation's random streams follow from the bare
 # seed, and one seed often serves them all: without this, a run's random poses would be the very
 # angles that the target hides, or that a baseline was trained from.
 _GAIT = 0x67616974
@@ -53,6 +59,12 @@ class Swim:
         (T, 4) from body to world, (x, y, z, w).
     fin_angles
         (T, 3) left and right pectoral angle and caudal phase, in rad.
+
+    Examples
+    --------
+    >>> still = swim(lambda observation, time: (0.0, 0.0, 0.0), None, engine="numba", seconds=1)
+    >>> len(still.time)
+    21
     """
 
     time: NDArray[np.float64]
@@ -65,16 +77,27 @@ class Swim:
         """Progress forward, along the world's +y, in units; NaN if the robot diverged."""
         return float(self.position[-1, 1])
 
+    def __repr__(self) -> str:
+        return f"Swim(distance {self.distance:.2f} units in {self.time[-1]:g} s)"
+
+    def plot(self, axes: Axes | None = None, label: str = "swim") -> Axes:
+        """Draw the path from above, on matplotlib's present figure or the axes given."""
+        from gait.plots import draw_trajectories, present_axes
+
+        axes = present_axes(axes)
+        draw_trajectories(axes, {label: self})
+        return axes
+
 
 def stream(seed: int, *key: int) -> np.random.SeedSequence:
-    """Return the source of chance that goes by ``key`` in this package, for a seed.
+    """Return the random stream that goes by ``key`` in this package, for a seed.
 
     Raises
     ------
     InvalidArgumentError
-        If the seed is not a whole number of at least 0.
+        If the seed is not a whole number from 0 to 2**64 - 1.
     """
-    return np.random.SeedSequence([_GAIT, integer("seed", seed, 0)], spawn_key=key)
+    return np.random.SeedSequence([_GAIT, integer("seed", seed, 0, MAXIMUM_SEED)], spawn_key=key)
 
 
 def random_poses(count: int, seed: int | np.random.SeedSequence) -> NDArray[np.float64]:
@@ -83,10 +106,15 @@ def random_poses(count: int, seed: int | np.random.SeedSequence) -> NDArray[np.f
     Raises
     ------
     InvalidArgumentError
-        If ``count`` or ``seed`` is not a whole number of at least 0.
+        If ``count`` is not a whole number from 0 to 10,000, or ``seed`` not one from 0.
+
+    Examples
+    --------
+    >>> random_poses(16, seed=0).shape
+    (16, 3)
     """
     source = seed if isinstance(seed, np.random.SeedSequence) else stream(seed)
-    size = (integer("count", count, 0), 3)
+    size = (integer("count", count, 0, MAXIMUM_POSES), 3)
     return np.random.default_rng(source).uniform(-np.pi, np.pi, size)
 
 
@@ -132,7 +160,7 @@ def swim_all(
     _register_network()
     body = Morphology.coerce(morphology).to_array()
     if threads is not None:
-        integer("threads", threads, 1)
+        integer("threads", threads, 1, MAXIMUM_THREADS)
     poses = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
     steps = step_count(seconds)
     kind = np.float32 if one_of("dtype", dtype, ("float32", "float64")) == "float32" else np.float64
@@ -160,10 +188,10 @@ def swim_all(
 
 
 def swim(
-    controller: Controller,
+    controller: ControllerLike,
     morphology: MorphologyLike,
     fin_angles: ArrayLike = ZERO_POSE,
-    engine: str = "pybullet",
+    engine: str = "auto",
     seconds: float = SECONDS,
 ) -> Swim:
     """Swim one robot and return its path.
@@ -171,26 +199,33 @@ def swim(
     Parameters
     ----------
     controller
-        It may have been evolved on another body.
+        A function from observation and time to an action (see ``gait.Policy``), or whatever has
+        a method ``policy`` that returns one: an evolved network, a trained baseline, your own.
     morphology
         The body it steers here; whatever ``Morphology.coerce`` takes.
     fin_angles
         (3,) initial left and right pectoral angle and caudal phase, rad.
     engine
-        ``"pybullet"``, or ``"numba"`` for the same robot in the lanes, in float64.
+        ``"pybullet"``, ``"numba"`` for the same robot in the lanes, in float64, or ``"auto"``:
+        PyBullet where it is installed.
     seconds
         How long.
 
     Raises
     ------
     InvalidArgumentError, UnknownNameError
-        If an argument does not fit.
+        If an argument does not fit, or the controller answers with no action.
     EngineUnavailableError
         If the engine's package is missing.
+
+    Examples
+    --------
+    >>> swim(lambda observation, time: (0.0, 0.0, 1.0), None, engine="numba", seconds=2)
+    Swim(distance 0.00 units in 2 s)
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
-    steps, policy = step_count(seconds), controller.policy()
+    steps, policy = step_count(seconds), new_policy(controller)
     world = make_world(check_engine(engine))
     samples: list[tuple[float, ...]] = []
     try:
@@ -200,7 +235,8 @@ def swim(
             state = world.state()
             samples.append(_sample(t, state))
             turn = rotation(state.orientation)
-            action = policy((*turn[2], *turn[1], *state.spin), t * TIMESTEP)
+            felt = np.array([*turn[2], *turn[1], *state.spin])
+            action = finite_array("action", policy(felt, t * TIMESTEP), (3,))
             left, right, caudal = scale_action(action).tolist()
             world.advance((left, right, caudal), min(INTERVAL, steps - t))
             if world.diverged:

@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.base import ENGINES, check_engine
+from aquafish_gym.engines.base import ENGINES, check_engine, resolve_engine
+from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.utils.validation import finite_array, integer, one_of
-from gait.controller import Controller
-from gait.rollout import SECONDS, Swim, random_poses, step_count, swim, swim_all
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
+from gait.controller import MAXIMUM_SEED, Controller
+from gait.policy import ControllerLike
+from gait.rollout import MAXIMUM_POSES, SECONDS, Swim, random_poses, step_count, swim, swim_all
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, kw_only=True)
 class TransferConfig:
-    """How to compare two bodies under one controller."""
+    """How to compare two bodies under one controller.
+
+    Examples
+    --------
+    >>> TransferConfig(poses=4, target_engine="numba").target_engine
+    'numba'
+    """
 
     poses: int = 16
     """Random fin poses to swim from besides the zero pose."""
@@ -26,16 +37,17 @@ class TransferConfig:
     seconds: float = SECONDS
     """How long a swim lasts, in s."""
     native_engine: str = "numba"
-    """Where the controller's own body swims: numba or pybullet."""
-    target_engine: str = "pybullet"
-    """Where the target swims: numba or pybullet."""
+    """Where the controller's own body swims: numba, pybullet or auto."""
+    target_engine: str = "auto"
+    """Where the target swims: auto (PyBullet where it is installed, else numba), pybullet or
+    numba."""
 
     def __post_init__(self) -> None:
-        integer("poses", self.poses, 1, 10_000)
-        integer("seed", self.seed, 0)
+        integer("poses", self.poses, 1, MAXIMUM_POSES)
+        integer("seed", self.seed, 0, MAXIMUM_SEED)
         step_count(self.seconds)
-        one_of("native_engine", self.native_engine, ENGINES)
-        one_of("target_engine", self.target_engine, ENGINES)
+        for name in ("native_engine", "target_engine"):
+            one_of(name, getattr(self, name), (AUTO, *ENGINES))
 
 
 @dataclass(frozen=True)
@@ -63,6 +75,12 @@ class Scored:
         """The mean over the random poses."""
         return float(self.random_distances.mean())
 
+    def __repr__(self) -> str:
+        return (
+            f"Scored({self.distance:.2f} units from the zero pose, {self.random_distance:.2f} on "
+            f"average over {len(self.random_distances)} random poses)"
+        )
+
 
 @dataclass(frozen=True)
 class Transfer:
@@ -72,11 +90,51 @@ class Transfer:
     ----------
     poses
         (poses, 3) the random fin angles, the same for both bodies, in rad.
+
+    Examples
+    --------
+    >>> config = TransferConfig(poses=1, seconds=1, target_engine="numba")
+    >>> sweep = lambda observation, time: (0.0, 0.0, 1.0)
+    >>> both = transfer(sweep, {"caudal": (0, 0, 0)}, config, Morphology.nominal())
+    >>> both.target.random_distance
+    0.0
     """
 
     native: Scored
     target: Scored
     poses: NDArray[np.float64]
+
+    def rows(self) -> list[tuple[str, str, str]]:
+        """Return a table: what was measured, on the native body, on the target."""
+        return [
+            ("units of 5 cm", "native", "target"),
+            ("zero pose", f"{self.native.distance:.2f}", f"{self.target.distance:.2f}"),
+            (
+                f"{len(self.poses)} random poses",
+                f"{self.native.random_distance:.2f}",
+                f"{self.target.random_distance:.2f}",
+            ),
+        ]
+
+    def __repr__(self) -> str:
+        return f"Transfer(native={self.native!r}, target={self.target!r})"
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name:20s}{one:>9s}{other:>9s}" for name, one, other in self.rows())
+
+    def _repr_html_(self) -> str:
+        head, *body = self.rows()
+        lines = [f"<tr><th>{'</th><th>'.join(head)}</th></tr>"]
+        lines += [f"<tr><td>{'</td><td>'.join(row)}</td></tr>" for row in body]
+        return f"<table>{''.join(lines)}</table>"
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw both paths from the zero pose, on matplotlib's present figure or the axes given."""
+        from gait.plots import draw_trajectories, present_axes
+
+        axes = present_axes(axes)
+        draw_trajectories(axes, {"native": self.native.swim, "target": self.target.swim})
+        return axes
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, without the paths, ready for JSON; None where a robot diverged."""
@@ -95,39 +153,64 @@ class Transfer:
 
 
 def transfer(
-    controller: Controller, target: MorphologyLike, config: TransferConfig | None = None
+    controller: ControllerLike,
+    target: MorphologyLike,
+    config: TransferConfig | None = None,
+    native: MorphologyLike = None,
 ) -> Transfer:
-    """Swim a controller on the body it was evolved on, and on the target.
+    """Swim a controller on the body it was made for, and on the target.
 
-    ``target`` is whatever ``Morphology.coerce`` takes.
+    Parameters
+    ----------
+    controller
+        See :func:`gait.swim`.
+    target
+        Whatever ``Morphology.coerce`` takes.
+    config
+        How; None is ``TransferConfig()``.
+    native
+        The body it was made for; None is the controller's own ``morphology``, if it has one.
 
     Raises
     ------
     InvalidArgumentError
-        If the target is no body.
+        If a body is none, or the native one is not known.
     EngineUnavailableError
         If an engine's package is missing.
     """
     c = config or TransferConfig()
     body = Morphology.coerce(target)
-    check_engine(c.native_engine)
-    check_engine(c.target_engine)
+    home = _native_body(controller) if native is None else Morphology.coerce(native)
+    engines = [check_engine(name) for name in (c.native_engine, c.target_engine)]
     poses = random_poses(c.poses, c.seed)
     return Transfer(
-        native=score(controller, controller.morphology, poses, c.native_engine, c.seconds),
-        target=score(controller, body, poses, c.target_engine, c.seconds),
+        native=score(controller, home, poses, engines[0], c.seconds),
+        target=score(controller, body, poses, engines[1], c.seconds),
         poses=poses,
     )
 
 
+def _native_body(controller: ControllerLike) -> Morphology:
+    body = getattr(controller, "morphology", None)
+    if isinstance(body, Morphology):
+        return body
+    raise InvalidArgumentError(
+        "native, the body that the controller was made for, must be given: "
+        "the controller has no morphology"
+    )
+
+
 def score(
-    controller: Controller,
+    controller: ControllerLike,
     morphology: MorphologyLike,
     poses: ArrayLike,
-    engine: str = "pybullet",
+    engine: str = "auto",
     seconds: float = SECONDS,
 ) -> Scored:
     """Swim a controller on one body, from the zero pose and from each of ``poses`` (Q, 3).
+
+    Evolved networks swim side by side in the compiled engine; any other controller, and any in
+    PyBullet, one pose after the other.
 
     Raises
     ------
@@ -137,7 +220,7 @@ def score(
         If the engine's package is missing.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
-    if engine == "numba":
+    if isinstance(controller, Controller) and resolve_engine("engine", engine) == "numba":
         distances = swim_all([controller], morphology, angles, seconds, "float64")[0]
     else:
         swims = (swim(controller, morphology, pose, engine, seconds) for pose in angles)

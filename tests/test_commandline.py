@@ -1,21 +1,27 @@
-"""One line for a mistake, whatever the terminal; honest exit codes."""
+"""One line for a mistake; honest exit codes; files that are not worth opening."""
 
 from __future__ import annotations
 
-import io
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import pytest
 
 from aquafish_gym.morphology import DIMENSIONS, Morphology
-from aquafish_gym.utils.command_line import read_morphology, run_command_line, single_command
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.runs.storage import CannotWriteError
+from aquafish_gym.utils.command_line import (
+    read_morphology,
+    run_command_line,
+    single_command,
+    subcommands,
+)
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
 
 
 @dataclass(frozen=True)
@@ -40,7 +46,7 @@ def run(*arguments: str) -> int:
 
 def test_a_command_that_worked_is_0(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--far", "2") == 0
-    assert run("--help") == 0
+    assert run("--help-verbose") == 0
     assert "How far." in capsys.readouterr().out
 
 
@@ -54,91 +60,143 @@ def test_ctrl_c_is_130(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == "fish: interrupted\n"
 
 
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_tyro_explains_a_mistyped_option_in_its_own_box(capsys: pytest.CaptureFixture[str]) -> None:
+    for words, part in (("--fra 2", "--far FLOAT"), ("--far long", "Error parsing --far")):
+        assert run(*words.split()) == 2
+        said = capsys.readouterr()
+        assert part in said.err
+        assert said.out == ""
+
+
+@pytest.mark.parametrize("words", [("--far", ""), ("--far=",), ("--far", "1", "")])
+def test_an_empty_value_is_refused(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """``--out ""`` would be the current directory."""
+    assert run(*words) == 2
+    assert capsys.readouterr().err.endswith(" must not be empty\n")
+
+
+class Machine:
+    """Programs whose machine fails in some way."""
+
+    error: BaseException
+
+    def execute(self) -> None:
+        raise self.error
+
+
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("error", "said", "code"),
     [
-        (("--fra", "2"), "fish: Unrecognized options: --fra, 2; did you mean --far?\n"),
         (
-            ("--far", "long"),
-            "fish: --far must be a number; got 'long'\n",
+            OSError(28, "No space left on device", "run.json"),
+            "run.json: No space left on device",
+            1,
         ),
+        (CannotWriteError("cannot write a: No space left"), "cannot write a: No space left", 1),
+        (OSError(24, "Too many open files"), "Too many open files", 1),
+        (PermissionError(13, "Permission denied", "a"), "a: Permission denied", 1),
+        (MemoryError(), "there is not enough memory", 1),
+        (EngineUnavailableError("the engine needs\nwater"), "the engine needs water", 2),
+        (KeyboardInterrupt("interrupted; half is left"), "interrupted; half is left", 130),
     ],
 )
-def test_tyros_boxes_become_one_line_in_every_encoding(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    encoding: str,
-    arguments: tuple[str, ...],
-    said: str,
+def test_whatever_fails_is_one_line(
+    error: BaseException, said: str, code: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    # tyro frames its boxes if stdout can show the frames.
-    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO(), encoding=encoding))
-    assert run(*arguments) == 2
-    assert capsys.readouterr().err == said
-
-
-def test_a_switch_is_offered_without_its_comma(capsys: pytest.CaptureFixture[str]) -> None:
     @dataclass(frozen=True)
-    class Hurry:
-        """Hurry or not."""
+    class Failing(Machine):
+        """Fail."""
 
-        quick: bool = False
+    Failing.error = error
+    assert run_command_line("fish", single_command(Failing), ()) == code
+    assert capsys.readouterr().err == f"fish: {said}\n"
+
+
+def test_a_mistake_of_ours_is_not_hidden() -> None:
+    @dataclass(frozen=True)
+    class Failing(Machine):
+        """Fail."""
+
+    Failing.error = ZeroDivisionError("a bug")
+    with pytest.raises(ZeroDivisionError):
+        run_command_line("fish", single_command(Failing), ())
+
+
+def test_termination_is_an_interruption(capsys: pytest.CaptureFixture[str]) -> None:
+    @dataclass(frozen=True)
+    class Long:
+        """Take long."""
 
         def execute(self) -> None:
-            """Do nothing."""
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(60)
 
-    assert run_command_line("fish", single_command(Hurry), ("--quik",)) == 2
-    said = capsys.readouterr().err
-    assert said == "fish: Unrecognized options: --quik; did you mean --quick?\n"
+    before = signal.getsignal(signal.SIGTERM)
+    assert run_command_line("fish", single_command(Long), ()) == 130
+    assert capsys.readouterr().err == "fish: interrupted\n"
+    assert signal.getsignal(signal.SIGTERM) == before
 
 
 @dataclass(frozen=True)
 class School:
-    """Swim together."""
+    """Swim together.
+
+    In a ring or in lines.
+    """
 
     many: int = 1
-    order: Literal["two_lines", "ring"] = "ring"
-    leader: Literal["first"] | None = None
-    laps: tuple[int, ...] = ()
-    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    pause: float | None = None
-    quick: bool = False
-    name: str = ""
+    """How many."""
+
+    def __post_init__(self) -> None:
+        integer("many", self.many, 1, 10**6)
 
     def execute(self) -> None:
         """Do nothing."""
 
 
+SEVERAL = subcommands({"swim": Swim, "school": School})
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        ("--order twolines", "--order must be one of two_lines, ring; got 'twolines'; did you "
-         "mean 'two_lines'?"),
-        ("--order x", "--order must be one of two_lines, ring; got 'x'"),
-        ("--leader fist", "--leader must be first; got 'fist'; did you mean 'first'?"),
-        ("--many 1.5", "--many must be a whole number; got '1.5'"),
-        ("--laps 12O", "--laps must be whole numbers; got '12O'"),
-        ("--laps 1 12O", "--laps must be whole numbers; got '1', '12O'"),
-        ("--start 0 a 0", "--start must be 3 numbers; got '0', 'a', '0'"),
-        ("--pause long", "--pause must be a number or None; got 'long'"),
-        ("--quick yes", "--quick takes no value; got 'yes'; it is --quick or --no-quick"),
-        ("--no-quick yes", "--no-quick takes no value; got 'yes'; it is --quick or --no-quick"),
-        ("--name a b", "Unrecognized options: b"),
-        ("--name yes --quick yes", "Unrecognized options: yes"),
+        ("shcool", "the command must be one of swim, school; got 'shcool'; did you mean 'school'?"),
+        ("fly", "the command must be one of swim, school; got 'fly'"),
+        (
+            f"school --many {10**400}",
+            f"many must be a whole number of at least 1 and at most 1000000; got 1{'0' * 76}...",
+        ),
     ],
-)  # fmt: skip
-@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
-def test_a_mistyped_value_is_told_what_it_must_be(
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    encoding: str,
-    words: str,
-    said: str,
+)
+def test_a_wrong_command_or_value_is_one_line(
+    words: str, said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("sys.stdout", io.TextIOWrapper(io.BytesIO(), encoding=encoding))
-    assert run_command_line("fish", single_command(School), words.split()) == 2
+    assert run_command_line("fish", SEVERAL, words.split()) == 2
     assert capsys.readouterr().err == f"fish: {said}\n"
+
+
+def test_the_command_asked_for_is_done(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line("fish", SEVERAL, ["swim", "--far", "2"]) == 0
+    assert capsys.readouterr().out == "swam\n"
+
+
+def test_no_command_at_all_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line("fish", SEVERAL, []) == 2
+    assert "{swim, school}" in capsys.readouterr().err
+
+
+def test_help_is_short_and_a_longer_one_explains(capsys: pytest.CaptureFixture[str]) -> None:
+    said = []
+    for words in (["--help"], ["school", "--help"], ["school", "--help-verbose"]):
+        assert run_command_line("fish", SEVERAL, words) == 0
+        said.append(capsys.readouterr().out)
+    assert "Swim together." in said[0]
+    assert "In a ring" not in said[0]
+    assert "How many." not in said[1]
+    assert "--many INT" in said[1]
+    assert "How many." in said[2]
 
 
 def test_a_reader_that_leaves_is_no_error() -> None:
@@ -173,7 +231,7 @@ def test_a_morphology_comes_from_a_file_or_is_nominal(tmp_path: Path) -> None:
         path.write_text(json.dumps(document))
         assert read_morphology(path, "body") == body
     path.write_bytes(b"\xff\xfe")
-    with pytest.raises(InvalidArgumentError, match="body must be a JSON file"):
+    with pytest.raises(InvalidArgumentError, match=r"body: .*body\.json is not JSON"):
         read_morphology(path, "body")
 
 
@@ -181,7 +239,8 @@ def test_a_morphology_comes_from_a_file_or_is_nominal(tmp_path: Path) -> None:
     ("text", "message"),
     [
         ("{", r"body: .*fish\.json is not JSON"),
-        ("[1, 2]", r"body: .*fish\.json: it must hold an object with the keys left_pectoral"),
+        ("[1, 2]", r"body: .*fish\.json must hold a JSON object"),
+        ("{}", r"body: .*fish\.json: it must hold an object with the keys left_pectoral"),
         ('{"caudal": [0.1, 0.2, 0.3]}', r"fish\.json: it must hold an object"),
         ('{"morphology": {"caudal": [0.1, 0.2, 0.3]}}', r"fish\.json: it must hold an object"),
         ('{"morphology": null}', r"fish\.json: its morphology is null"),
@@ -197,13 +256,20 @@ def test_a_file_without_a_morphology_is_named(tmp_path: Path, text: str, message
         read_morphology(path, "body")
 
 
-def test_an_interrupted_command_may_say_more(capsys: pytest.CaptureFixture[str]) -> None:
-    @dataclass(frozen=True)
-    class Stopped:
-        """Stop."""
-
-        def execute(self) -> None:
-            raise KeyboardInterrupt("interrupted; half is left")
-
-    assert run_command_line("fish", single_command(Stopped), ()) == 130
-    assert capsys.readouterr().err == "fish: interrupted; half is left\n"
+def test_a_file_that_would_take_the_memory_is_refused(tmp_path: Path) -> None:
+    large = tmp_path / "large.json"
+    with large.open("wb") as file:
+        file.truncate(100 * 2**20)  # bytes of nothing, and no block of the disk
+    deep = tmp_path / "deep.json"
+    deep.write_text("[" * 10**6)
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for path, message in (
+        (Path("/dev/zero"), "body must be a regular file; /dev/zero is none"),
+        (pipe, "body must be a regular file"),
+        (large, "body must have at most .* bytes"),
+        (deep, "nested too deep"),
+    ):
+        with pytest.raises(InvalidArgumentError, match=message) as caught:
+            read_morphology(path, "body")
+        assert len(str(caught.value)) < 500

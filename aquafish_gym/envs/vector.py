@@ -90,8 +90,9 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         None takes every core; no result depends on it.
     autoreset_mode
         An ``AutoresetMode`` or its name: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
-    damage, current, fin_angles, observe_fins, frame_skip, forward_reward_weight, ctrl_cost_weight,
-    reactive
+    damage, current, fin_angles, observe_fins, frame_skip
+        As the single environment's, for all.
+    forward_reward_weight, ctrl_cost_weight, reactive
         As the single environment's, for all.
 
     Raises

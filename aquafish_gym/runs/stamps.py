@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import hashlib
 from collections.abc import Iterable
+from importlib.metadata import version
 from pathlib import Path
+from platform import python_version_tuple
 from typing import Any
 
 
@@ -24,6 +26,12 @@ def code_stamp(sources: Iterable[Path]) -> str:
         digest.update(f"{folder}/{name}".encode())
         digest.update(_meaning(content) if name.endswith(".py") else content)
     return digest.hexdigest()[:16]
+
+
+def versions(packages: Iterable[str] = ("aquafish-gym", "numba", "numpy")) -> dict[str, str]:
+    """Return the versions of installed packages that compute results, and of Python."""
+    python = ".".join(python_version_tuple()[:2])
+    return {**{name: version(name) for name in packages}, "python": python}
 
 
 def _meaning(code: bytes) -> bytes:

@@ -1,7 +1,8 @@
-"""Files that survive a crash: whole JSON documents, and logs that grow a line at a time.
+"""The one door for files: what is written appears whole or not at all, what is read is checked.
 
-A document appears under its name complete or not at all. A log is JSONL in which each line
-carries a checksum of its record, so that a torn or edited line is found and named.
+A document is a JSON object that carries its schema and a checksum of its content beside the
+content's own keys. Whoever reads one gets what was written, or an error that names the file.
+Arrays have the same door in ``arrays``.
 """
 
 from __future__ import annotations
@@ -10,35 +11,31 @@ import contextlib
 import hashlib
 import json
 import os
+import stat
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-from aquafish_gym.utils.validation import InvalidArgumentError, brief
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
 
+MOST_BYTES = 32 * 2**20  # of a document; parsed, JSON takes up to 20 times its length
+PART = ".part"  # ends the name of a file that is being written
 _CHECKSUM_DIGITS = 16
+_OWN_KEYS = ("schema", "checksum")
 
 
-class DamagedFileError(ValueError):
-    """A file is not what was written.
+class DamagedFileError(InvalidArgumentError):
+    """A file is not what was written, or not what was asked for; the message names it and why."""
 
-    Attributes
-    ----------
-    path
-        The file.
-    line
-        The first damaged line, from 1.
-    records
-        The sound records before it.
+
+class CannotWriteError(OSError):
+    """A file cannot be written, as on a full disk; the message names it and the reason.
+
+    A file of that name which was there before still is.
     """
-
-    def __init__(self, path: Path, line: int, reason: str, records: list[Any]) -> None:
-        super().__init__(f"{path}, line {line}: {reason}")
-        self.path = path
-        self.line = line
-        self.records = records
 
 
 def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out") -> Path:
@@ -47,45 +44,39 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
     Raises
     ------
     InvalidArgumentError
-        If it cannot be made or written; the message names ``argument`` and the reason.
+        If it is empty text, or cannot be made or written; the message names ``argument`` and the
+        reason.
     """
     try:
         directory = Path(path)
     except TypeError:
         raise InvalidArgumentError(f"{argument} must be a path; got {brief(path)}") from None
+    if not os.fspath(path):  # Path("") is the current directory, which nobody means by it
+        raise InvalidArgumentError(f"{argument} must be a directory; got ''")
     try:
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory):
             pass
     except (OSError, ValueError) as error:  # a null character is a ValueError
-        reason = getattr(error, "strerror", None) or str(error)
         raise InvalidArgumentError(
-            f"{argument} must be a directory that can be written; {directory} cannot: {reason}"
+            f"{argument} must be a directory that can be written; {brief(str(directory))} cannot: "
+            f"{_reason(error)}"
         ) from None
     return directory
 
 
-def write_json(path: str | os.PathLike[str], document: Any) -> None:
-    """Write a document as indented JSON, replacing the file at once or not at all.
-
-    Numpy numbers and arrays are written as numbers and lists.
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file, replacing an old one at once or not at all, also if the power fails.
 
     Raises
     ------
-    ValueError
-        If the document holds NaN or infinity, which JSON does not have.
-    TypeError
-        If it holds something that JSON cannot.
+    CannotWriteError
+        If it cannot; nothing of it is left then.
     """
-    text = json.dumps(document, indent=2, allow_nan=False, default=_plain) + "\n"
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file, replacing an old one at once or not at all, also if the power fails."""
     target = Path(path)
-    handle, name = tempfile.mkstemp(dir=target.parent, prefix=f".{target.name}.")
+    name = None
     try:
+        handle, name = tempfile.mkstemp(PART, f".{target.name}.", target.parent)
         with os.fdopen(handle, "wb") as file:
             file.write(content)
             file.flush()
@@ -95,75 +86,174 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
         os.umask(mask)
         os.chmod(name, 0o666 & ~mask)  # noqa: PTH101 - name is a str from mkstemp
         os.replace(name, target)  # noqa: PTH105
-    except BaseException:
-        with contextlib.suppress(FileNotFoundError):
-            os.unlink(name)  # noqa: PTH108
-        raise
-    _sync_directory(target.parent)
+        name = None
+        _sync_directory(target.parent)
+    except (OSError, ValueError) as error:
+        raise CannotWriteError(f"cannot write {target}: {_reason(error)}") from error
+    finally:
+        if name is not None:
+            with contextlib.suppress(OSError):
+                os.unlink(name)  # noqa: PTH108
 
 
-def append_record(path: str | os.PathLike[str], record: Any) -> None:
-    """Append a record to a log as one line with its checksum, and bring it to the disk.
+def write_json(path: str | os.PathLike[str], document: Any) -> None:
+    """Write anything as indented JSON for other programs: without schema and checksum.
 
-    If the last line is torn, the record begins a line of its own, and the torn one stays to be
-    found.
+    Numpy numbers and arrays are written as numbers and lists.
 
     Raises
     ------
-    ValueError, TypeError
+    ValueError
+        If it holds NaN or infinity, which JSON does not have.
+    TypeError
+        If it holds something that JSON cannot.
+    CannotWriteError
+        If the file cannot be written.
+    """
+    text = json.dumps(document, indent=2, allow_nan=False, default=_plain) + "\n"
+    write_bytes(path, text.encode())
+
+
+def write_document(
+    path: str | os.PathLike[str], content: Mapping[str, Any], schema: str | None = None
+) -> None:
+    """Write a document; see :func:`encode_document` for how it reads and :func:`write_json`.
+
+    Raises
+    ------
+    ValueError, TypeError, CannotWriteError
         As ``write_json``.
     """
-    text = json.dumps(record, allow_nan=False, default=_plain)
-    line = f'{{"checksum": "{_checksum(text)}", "record": {text}}}\n'
-    target = Path(path)
-    new = not target.exists()
-    with target.open("ab+") as file:
-        size = file.seek(0, os.SEEK_END)
-        if size:
-            file.seek(size - 1)
-            if file.read(1) != b"\n":
-                line = "\n" + line
-        file.write(line.encode())
-        file.flush()
-        os.fsync(file.fileno())
-    if new:
-        _sync_directory(target.parent)
+    write_bytes(path, encode_document(content, schema))
 
 
-def read_records(path: str | os.PathLike[str]) -> list[Any]:
-    """Return the records of a log, in order.
+def encode_document(content: Mapping[str, Any], schema: str | None = None) -> bytes:
+    """Return a document as it stands in a file: its schema, its checksum, then its content.
+
+    Raises
+    ------
+    ValueError
+        If the content has a key ``checksum`` or another schema, or is not finite.
+    TypeError
+        If it holds something that JSON cannot.
+    """
+    content = dict(content)
+    held = content.pop("schema", schema)
+    if "checksum" in content or (schema is not None and held != schema):
+        raise ValueError("a document's schema and checksum are written by the storage")
+    # Numbers as keys become text in JSON: the checksum is of what will be read.
+    text = json.dumps(content, allow_nan=False, default=_plain)
+    plain: dict[str, Any] = ({} if held is None else {"schema": held}) | json.loads(text)
+    first = {key: plain.pop(key) for key in ("schema",) if key in plain}
+    whole = {**first, "checksum": _checksum(first | plain), **plain}
+    return (json.dumps(whole, indent=1, allow_nan=False) + "\n").encode()
+
+
+def read_document(
+    path: str | os.PathLike[str],
+    schema: str | None = None,
+    argument: str = "file",
+    most_bytes: int = MOST_BYTES,
+    checksum: Literal["required", "optional"] = "required",
+) -> dict[str, Any]:
+    """Return the content of a document, without its schema and checksum.
+
+    Parameters
+    ----------
+    path
+        The file.
+    schema
+        What it must say it is; ``None`` for whatever it says.
+    argument
+        Which argument names the file, for messages.
+    most_bytes
+        Longer files are refused before they are read.
+    checksum
+        "optional" for what people write by hand: it is checked where it is there.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it cannot be read, or is no regular file.
+    DamagedFileError
+        If it is not what was written.
+    """
+    content = read_bytes(path, argument, most_bytes)
+    return decode_document(content, f"{argument}: {path}", schema, checksum)
+
+
+def decode_document(
+    content: bytes,
+    name: str,
+    schema: str | None = None,
+    checksum: Literal["required", "optional"] = "required",
+) -> dict[str, Any]:
+    """Return what :func:`encode_document` was given; ``name`` is for messages.
 
     Raises
     ------
     DamagedFileError
-        At the first line that is torn, changed or no record; it holds the sound ones before.
-    FileNotFoundError
-        If there is no such file.
+        If the bytes are not what it returned.
     """
-    source = Path(path)
-    records: list[Any] = []
-    lines = source.read_bytes().split(b"\n")
-    torn = lines.pop()
-    for number, line in enumerate(lines, start=1):
-        records.append(_read_line(source, number, line, records))
-    if torn:
-        raise DamagedFileError(source, len(lines) + 1, "the line is torn", records)
-    return records
-
-
-def _read_line(path: Path, number: int, line: bytes, before: list[Any]) -> Any:
     try:
-        entry = json.loads(line)
-        checksum, record = entry["checksum"], entry["record"]
-    except (ValueError, KeyError, TypeError):
-        raise DamagedFileError(path, number, "the line is not a record", before) from None
-    if checksum != _checksum(json.dumps(record)):
-        raise DamagedFileError(path, number, "the record does not match its checksum", before)
-    return record
+        whole = parse_json(name, content)
+    except InvalidArgumentError as error:
+        raise DamagedFileError(str(error)) from None
+    if not isinstance(whole, dict):
+        raise DamagedFileError(f"{name} must hold a JSON object; it holds {brief(whole)}")
+    found = whole.pop("checksum", None)
+    if found is None and checksum == "required":
+        raise DamagedFileError(f"{name} has no checksum, so it is not known to be whole")
+    try:
+        expected = _checksum(whole)
+    except ValueError:
+        raise DamagedFileError(f"{name} holds a number that is not finite") from None
+    if found is not None and found != expected:
+        raise DamagedFileError(f"{name} is damaged: its content does not match its checksum")
+    held = whole.pop("schema", None)
+    if schema is not None and held != schema and (held is not None or checksum == "required"):
+        raise DamagedFileError(f"{name} must be of schema {schema}; it says {brief(held)}")
+    return whole
 
 
-def _checksum(text: str) -> str:
+def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> bytes:
+    """Return what a regular file of at most so many bytes holds.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it cannot be read, or is a device, a pipe or a directory, or longer; before it is read.
+    """
+    try:
+        # Without O_NONBLOCK, opening a pipe waits for somebody to write.
+        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+        with os.fdopen(handle, "rb") as file:
+            status = os.fstat(file.fileno())
+            if not stat.S_ISREG(status.st_mode):
+                raise InvalidArgumentError(f"{argument} must be a regular file; {path} is none")
+            # read() first takes the memory that it is told, so it is not told most_bytes.
+            size = status.st_size
+            content = file.read(size + 1) if size <= most_bytes else None
+    except (OSError, ValueError, TypeError) as error:
+        if isinstance(error, InvalidArgumentError):
+            raise
+        raise InvalidArgumentError(
+            f"{argument} must be a file that can be read; {path}: {_reason(error)}"
+        ) from None
+    if content is None or len(content) > most_bytes:  # it may have grown meanwhile
+        raise InvalidArgumentError(
+            f"{argument} must have at most {most_bytes} bytes; {path} has more"
+        )
+    return content
+
+
+def _checksum(content: Any) -> str:
+    text = json.dumps(content, allow_nan=False, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:_CHECKSUM_DIGITS]
+
+
+def _reason(error: Exception) -> str:
+    return getattr(error, "strerror", None) or str(error)
 
 
 def _sync_directory(directory: Path) -> None:
@@ -180,3 +270,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise TypeError(f"a {type(value).__name__} cannot be written as JSON")
+
+
+# Until the last of those who read logs line by line has gone over to the runner.
+from aquafish_gym.runs.records import append_record, read_records  # noqa: E402, F401

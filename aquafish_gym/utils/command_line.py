@@ -1,26 +1,62 @@
-"""What the packages' command lines share: one line for a mistake, and honest exit codes."""
+"""What the packages' command lines share: the wording of options, honest exit codes, one line.
+
+tyro reads the options and explains a mistyped one in its own box. Whatever is wrong with a value,
+a file or the machine is said in one line.
+"""
 
 from __future__ import annotations
 
 import contextlib
-import difflib
+import inspect
 import io
 import os
-import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Annotated, Any, Literal, Protocol
 
 import tyro
+from tyro.conf import arg
+from tyro.extras import SubcommandApp
 
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
-from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, parse_json
+from aquafish_gym.runs.executors import interrupts
+from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, one_of
 
 BAD_INPUT: tuple[type[Exception], ...] = (InvalidArgumentError, EngineUnavailableError)
+FAILED = 1
 REFUSED = 2
 INTERRUPTED = 130
 UNREAD = 141  # as of a program that SIGPIPE ends
+RESUMES = "the same command resumes"  # what a command says that was interrupted
+
+# The options that several commands have: one name, one meaning, one wording.
+_DAMAGE = (
+    'FIN:SIZE=FACTOR or FIN:missing, joined by ";", or none. FIN is left_pectoral, '
+    "right_pectoral or caudal; SIZE is length, width or thickness."
+)
+_BODY = (
+    'an object from fin to [x, y, z], or one with a "morphology", as a result.json; '
+    "without it, the nominal body."
+)
+Out = Annotated[Path, arg(metavar="DIR", help="Directory for the results; made if need be.")]
+BodyFile = Annotated[Path | None, arg(metavar="FILE", help=f"JSON file of the body: {_BODY}")]
+BodyDamage = Annotated[str, arg(metavar="DAMAGE", help=f"What broke on the body: {_DAMAGE}")]
+TargetMorphology = Annotated[
+    Path | None, arg(metavar="FILE", help=f"JSON file of the target before its damage: {_BODY}")
+]
+TargetDamage = Annotated[str, arg(metavar="DAMAGE", help=f"What broke on the target: {_DAMAGE}")]
+TargetEngine = Annotated[
+    Literal["auto", "pybullet", "numba"],
+    arg(help="Where the target swims; auto is PyBullet where it is installed, else numba."),
+]
+ModelEngine = Annotated[
+    Literal["numba", "auto", "pybullet"], arg(help="Where the candidate models swim.")
+]
+Threads = Annotated[int | None, arg(help="Cores to use; None for all. No result depends on it.")]
 
 
 class Command(Protocol):
@@ -28,6 +64,51 @@ class Command(Protocol):
 
     def execute(self) -> None:
         """Do it."""
+
+
+class CommandLine(Protocol):
+    """Whatever makes a command of words; tyro's ``SubcommandApp`` is one."""
+
+    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        """Return the command, or leave with SystemExit."""
+
+
+@dataclass(frozen=True)
+class _Single:
+    command: type[Command]
+
+    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        # The short help has a line an option; --help-verbose explains each.
+        return tyro.cli(self.command, prog=prog, args=args, compact_help=True)
+
+
+@dataclass(frozen=True)
+class _Several:
+    commands: Mapping[str, type[Command]]
+
+    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        words = sys.argv[1:] if args is None else args
+        if not words or words[0].startswith("-"):
+            app = SubcommandApp()
+            for name, command in self.commands.items():
+                summary = (inspect.getdoc(command) or name).splitlines()[0]
+                app.command(name=name, help=summary)(command)
+            return app.cli(prog=prog, args=words)
+        name = one_of("the command", words[0], self.commands)
+        return _Single(self.commands[name]).cli(prog=f"{prog} {name}", args=words[1:])
+
+
+def single_command(command: type[Command]) -> CommandLine:
+    """Return the command line of a program that does one thing."""
+    return _Single(command)
+
+
+def subcommands(commands: Mapping[str, type[Command]]) -> CommandLine:
+    """Return the command line of a program that does several things, by name.
+
+    The nearest name is offered for an unknown one.
+    """
+    return _Several(commands)
 
 
 def run_command_line(
@@ -41,9 +122,9 @@ def run_command_line(
     Parameters
     ----------
     program
-        The package's name, as in ``python -m gait``.
+        The package's or the script's name.
     app
-        Its commands, each a :class:`Command`.
+        Its commands, each a :class:`Command`; see :func:`single_command`, :func:`subcommands`.
     arguments
         None takes the process's own.
     refused
@@ -52,62 +133,67 @@ def run_command_line(
     Returns
     -------
     int
-        0; 2 after one line on stderr for a command or setting that is wrong; 130 after Ctrl-C; 141
-        where nobody reads what is printed.
+        0; 1 where the machine fails (a full disk, no more memory); 2 for a command or setting
+        that is wrong; 130 after Ctrl-C or SIGTERM; 141 where nobody reads what is printed.
     """
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    prog = f"python -m {program}" if Path(sys.argv[0]).name == "__main__.py" else program
     try:
-        code = _run(program, app, arguments, refused)
-        sys.stdout.flush()
+        with interrupts():
+            _refuse_empty_values(words)
+            _make(app, prog, words, refused).execute()
+            sys.stdout.flush()
+    except SystemExit as leaving:  # tyro has said why
+        return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
+    except KeyboardInterrupt as stop:  # a command may say what is left to do
+        return _say(program, str(stop) or "interrupted", INTERRUPTED)
     except BrokenPipeError:
         # The reader has left, as head does; nor can what is left be written at the exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
-    return code
-
-
-def _run(
-    program: str,
-    app: CommandLine,
-    arguments: Sequence[str] | None,
-    refused: tuple[type[Exception], ...],
-) -> int:
-    said = io.StringIO()
-    try:
-        # tyro explains a bad command line in a box on stderr; one line of it is enough.
-        with contextlib.redirect_stderr(said):
-            command: Command = app.cli(prog=f"python -m {program}", args=arguments)
-    except SystemExit as stop:
-        if not stop.code:
-            return 0
-        words = sys.argv[1:] if arguments is None else arguments
-        return _refuse(program, _first_sentence(said.getvalue(), words))
     except refused as error:
-        return _refuse(program, str(error))
-    try:
-        command.execute()
-    except KeyboardInterrupt as stop:  # a command may say what is left to do
-        print(f"{program}: {str(stop) or 'interrupted'}", file=sys.stderr)
-        return INTERRUPTED
-    except refused as error:
-        return _refuse(program, str(error))
+        return _say(program, str(error), REFUSED)
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        return _say(program, f"{place}{error.strerror or error}", FAILED)
+    except MemoryError:
+        return _say(program, "there is not enough memory", FAILED)
     return 0
 
 
-class CommandLine(Protocol):
-    """Whatever makes a command of a command line; tyro's ``SubcommandApp`` is one."""
+def _make(
+    app: CommandLine, prog: str, words: Sequence[str], refused: tuple[type[Exception], ...]
+) -> Command:
+    """Return the command, or let tyro's box be seen, but for settings that we refuse ourselves."""
+    box = io.StringIO()
+    cause: BaseException | None = None
+    try:
+        with contextlib.redirect_stderr(box):
+            command: Command = app.cli(prog=prog, args=words)
+    except SystemExit as leaving:
+        cause = leaving
+        while cause is not None and not isinstance(cause, refused):
+            cause = cause.__context__
+        if cause is None:
+            raise
+        raise cause from None
+    finally:
+        if cause is None:
+            sys.stderr.write(box.getvalue())
+    return command
 
-    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-        """Return the command, or leave with SystemExit."""
+
+def _say(program: str, sentence: str, code: int) -> int:
+    print(f"{program}: {' '.join(sentence.split())}", file=sys.stderr)
+    return code
 
 
-def single_command(command: type[Command]) -> CommandLine:
-    """Return the command line of a program that does one thing."""
-
-    class Single:
-        def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-            return tyro.cli(command, prog=prog, args=args)
-
-    return Single()
+def _refuse_empty_values(words: Sequence[str]) -> None:
+    """Refuse ``--out ""``: an empty path would be the current directory, which nobody means."""
+    for before, word in pairwise(["", *words]):
+        if not word or (word.startswith("--") and word.endswith("=")):
+            name = (word or before).removesuffix("=") or "a word of the command"
+            raise InvalidArgumentError(f"{name} must not be empty")
 
 
 def read_morphology(path: Path | None, argument: str) -> Morphology:
@@ -124,28 +210,22 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
     """
     if path is None:
         return Morphology.nominal()
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InvalidArgumentError(
-            f"{argument} must be a file that can be read; {path}: {error.strerror}"
-        ) from None
-    except UnicodeDecodeError:
-        raise InvalidArgumentError(f"{argument} must be a JSON file; {path} is not text") from None
-    document: Any = parse_json(f"{argument}: {path}", text)
+    document = read_document(path, argument=argument, checksum="optional")
     try:
         return _find_morphology(document)
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
 
 
-def _find_morphology(document: Any) -> Morphology:
-    if isinstance(document, dict) and "morphology" in document:
+def _find_morphology(document: dict[str, Any]) -> Morphology:
+    if "morphology" in document:
         body = document["morphology"]
         if body is None:
             raise InvalidArgumentError("its morphology is null, so it has no body yet")
         if isinstance(body, list):
-            _check_dimensions(document)
+            names = [dimension.name for dimension in DIMENSIONS]
+            if document.get("dimensions", names) != names:
+                raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
             return Morphology.from_array(body)
         document = body
     if not isinstance(document, dict) or sorted(document) != sorted(FINS):
@@ -154,101 +234,3 @@ def _find_morphology(document: Any) -> Morphology:
             'or one with such an object or nine numbers under "morphology"'
         )
     return Morphology.coerce(document)
-
-
-def _check_dimensions(document: dict[str, Any]) -> None:
-    """Refuse numbers that say they are not the nine sizes in their order."""
-    names = [dimension.name for dimension in DIMENSIONS]
-    if document.get("dimensions", names) != names:
-        raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
-
-
-def _refuse(program: str, reason: str) -> int:
-    print(f"{program}: {' '.join(reason.split())}", file=sys.stderr)
-    return REFUSED
-
-
-def _first_sentence(box: str, arguments: Sequence[str]) -> str:
-    """Return what a box of tyro's says first, and the nearest of what it offers.
-
-    Its parts are divided by rules. Where the terminal has no UTF-8, there is no frame, and the
-    title is a part of its own.
-    """
-    framed = box.startswith("╭")
-    rows = [row.strip(" │") for row in box.splitlines() if not row.startswith(("╭", "╰"))]
-    parts: list[list[str]] = [[]]
-    for row in filter(None, rows):
-        if set(row) <= set("─-"):
-            parts.append([])
-        else:
-            parts[-1].append(row)
-    sentence = " ".join(parts[0] if framed else parts[min(1, len(parts) - 1)])
-    # tyro's own name for a group of settings, whose error names the setting itself.
-    sentence = re.sub(r"^Error parsing \S*__tyro\S*: ", "", sentence)
-    plain = _wrong_choice(sentence) or _no_number(sentence, rows) or _no_value(sentence, arguments)
-    if plain:
-        return plain
-    said = [word.strip(",:") for word in sentence.split()]
-    unknown = next((word for word in said if word.startswith("--")), "")
-    offered = [
-        row.split()[0].strip(",") for row in rows if row.startswith("--") and set(row) != {"-"}
-    ]
-    offered = [option for option in offered if option not in said]
-    close = difflib.get_close_matches(unknown, offered, n=1, cutoff=0.6)
-    return f"{sentence}; did you mean {close[0]}?" if close else sentence
-
-
-def _wrong_choice(sentence: str) -> str | None:
-    """Return what an option must be, if tyro's sentence lists its choices."""
-    found = re.match(
-        r"invalid choice '(.*)' for argument '(.*?)'\. Expected one of \((.*)\)", sentence
-    )
-    if found is None:
-        return None
-    got, option, listed = found.groups()
-    # None is how an option is left out, and nobody says so.
-    choices = [name for name in re.findall(r"'(.*?)'", listed) if name != "None"]
-    close = difflib.get_close_matches(got, choices, n=1, cutoff=0.4)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    one_of = "one of " if len(choices) > 1 else ""
-    return f"{option} must be {one_of}{', '.join(choices)}; got {got!r}{hint}"
-
-
-def _no_number(sentence: str, rows: Sequence[str]) -> str | None:
-    """Return what an option must be, if tyro's help on it, among the rows, is of numbers."""
-    found = re.match(r"Error parsing (--\S+): ", sentence)
-    if found is None:
-        return None
-    option = found.group(1)
-    form = next((row for row in rows if row.startswith(f"{option} ")), "")
-    kinds = re.findall(r"\b(INT|FLOAT)\b", form)
-    got = re.search(r"\[('.*?')\]", sentence) or re.search(r": ('.*')$", sentence)
-    if not kinds or len(set(kinds)) > 1 or got is None:
-        return None
-    number = "whole number" if kinds[0] == "INT" else "number"
-    if "..." in form:
-        wanted = f"{number}s"
-    elif len(kinds) > 1:
-        wanted = f"{len(kinds)} {number}s"
-    else:
-        wanted = f"a {number}" + (" or None" if "{None}" in form else "")
-    return f"{option} must be {wanted}; got {got.group(1)}"
-
-
-def _no_value(sentence: str, arguments: Sequence[str]) -> str | None:
-    """Return how to say a switch, if tyro cannot place the word right behind one."""
-    found = re.match(r"Unrecognized options: ([^-,\s][^,\s]*)$", sentence)
-    if found is None or list(arguments).count(found.group(1)) != 1:
-        return None
-    word = found.group(1)
-    at = list(arguments).index(word)
-    # An option that takes a value would have taken the word.
-    option = arguments[at - 1] if at else ""
-    if not option.startswith("--") or "=" in option:
-        return None
-    group, dot, name = option.removeprefix("--").rpartition(".")
-    name = name.removeprefix("no-")
-    return (
-        f"{option} takes no value; got {word!r}; it is --{group}{dot}{name} "
-        f"or --{group}{dot}no-{name}"
-    )

@@ -17,6 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+_DEEPEST = 64  # lists and objects within each other, of JSON
+
 
 class InvalidArgumentError(ValueError):
     """An argument has the wrong type, shape or range; the message names it."""
@@ -136,11 +138,31 @@ def parse_json(argument: str, text: object) -> Any:
     if not isinstance(text, str | bytes | bytearray):
         raise InvalidArgumentError(f"{argument} must be text in JSON; got {brief(text)}")
     try:
-        return json.loads(text, object_pairs_hook=_without_repeats)
+        value = json.loads(text, object_pairs_hook=_without_repeats)
     except ValueError as error:  # of too many digits, too
-        raise InvalidArgumentError(f"{argument} is not JSON: {error}") from None
+        reason = str(error).partition(";")[0]  # without Python's advice to itself
+        raise InvalidArgumentError(f"{argument} is not JSON: {reason}") from None
     except RecursionError:
-        raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep") from None
+        value = None
+        deep = True
+    else:
+        deep = _is_deeper(value, _DEEPEST)
+    if deep:
+        raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep")
+    return value
+
+
+def _is_deeper(value: Any, most: int) -> bool:
+    """Return whether lists and objects lie within each other more than ``most`` times."""
+    level = [value]
+    for _ in range(most + 1):
+        level = [
+            inner
+            for outer in level
+            if isinstance(outer, list | dict)
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+        ]
+    return bool(level)
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -182,6 +204,8 @@ def _is_disguised(value: object) -> bool:
 
 def brief(value: Any) -> str:
     """Return what came, for a message: its ``repr`` on one line, cut short."""
+    if isinstance(value, str | bytes | list | tuple) and len(value) > 100:
+        value = value[:100]  # not only to be cut after megabytes of it have been spelled
     try:
         text = re.sub(r"\n\s*", " ", repr(value))
     except (ValueError, RecursionError):  # too many digits, too deep

@@ -1,0 +1,48 @@
+"""The one bridge between the algorithm and the fish of ``aquafish_gym``.
+
+The names below are loaded with their rooms when they are first used.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from eea.aquafish.estimate import (
+        MorphologyEstimate,
+        estimate_from_logs,
+        estimate_morphology,
+        estimate_morphology_of,
+        fish_actions,
+        fish_eea,
+        fish_models,
+        fish_problem,
+    )
+    from eea.aquafish.session import load_session, save_session
+    from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
+    from eea.aquafish.target import EngineTarget, Orientation
+
+__all__ = [
+    "EngineSimulator",
+    "EngineTarget",
+    "MorphologyEstimate",
+    "Orientation",
+    "SimulatorOptions",
+    "estimate_from_logs",
+    "estimate_morphology",
+    "estimate_morphology_of",
+    "fish_actions",
+    "fish_eea",
+    "fish_models",
+    "fish_problem",
+    "load_session",
+    "save_session",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in __all__:
+        room = "session" if name.endswith("_session") else "estimate"
+        return getattr(import_module(f"eea.aquafish.{room}"), name)
+    raise AttributeError(f"module 'eea.aquafish' has no attribute {name!r}")

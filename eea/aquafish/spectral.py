@@ -8,10 +8,10 @@ result but for single precision's rounding (tests/eea/test_spectral.py).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import check_trials
 from aquafish_gym.engines.compiled.lanes import LaneBatch
@@ -24,6 +24,9 @@ from aquafish_gym.engines.compiled.spectrum import (
 from eea.core.behavior import BehaviorConfig, Coefficients
 from eea.core.experiment import Floats, Trials
 
+if TYPE_CHECKING:
+    from eea.aquafish.simulator import EngineSimulator
+
 SHORTEST = 4  # steps of a trial that the engine transforms
 
 
@@ -33,19 +36,9 @@ def can_compare(behavior: BehaviorConfig, steps: int) -> bool:
     return behavior.summary == "dft" and plain and steps >= SHORTEST
 
 
-class CompiledSimulator(Protocol):
-    """What of a simulator decides its trials; read anew for each batch."""
-
-    steps: int
-    current: ArrayLike
-    dtype: str
-    substeps: int
-    threads: int | None
-
-
 @dataclass(frozen=True)
 class SpectralComparer:
-    """An ``eea.core.laboratory.Comparer`` in the compiled engine.
+    """An ``eea.core.experiment.Comparer`` in the compiled engine.
 
     Attributes
     ----------
@@ -53,9 +46,17 @@ class SpectralComparer:
         Whose trials these are.
     behavior
         One for which :func:`can_compare`.
+
+    Examples
+    --------
+    >>> from eea.aquafish.simulator import EngineSimulator
+    >>> comparer = SpectralComparer(EngineSimulator(64), BehaviorConfig())
+    >>> trials = Trials(np.full((6, 9), 0.3), np.full((6, 3), 0.4), np.zeros((6, 3)))
+    >>> comparer.between_models(trials, 3)  # two commands, three models each, all alike
+    array([0., 0.])
     """
 
-    simulator: CompiledSimulator
+    simulator: EngineSimulator
     behavior: BehaviorConfig
 
     def to_observed(
@@ -72,7 +73,7 @@ class SpectralComparer:
 
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:
         s = self.simulator
-        checked = check_trials(trials.morphologies, trials.commands, trials.fin_angles)
+        checked = check_trials(trials.models, trials.commands, trials.angles)
         x, y, z = np.asarray(s.current, dtype=np.float64).tolist()
         lanes = LaneBatch(
             checked.morphologies, checked.fin_angles, (x, y, z), getattr(np, s.dtype), s.substeps,

@@ -2,102 +2,102 @@
 
 from __future__ import annotations
 
+import time
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from typing import Any
 
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from aquafish_gym.runs.workers import Event
-from eea.study.replicate import Progress, Replicate, Standing
-from eea.study.study import cost, cost_left
+from aquafish_gym.runs.runner import Event
+from eea.study.cost import cost
+from eea.study.replicate import Replicate
 
-Cell = tuple[str, int]  # an arm and the steps of its trials
+_REDRAW = 0.2  # s between two drawings of the table
 
 
-@dataclass
 class Board:
     """What is done, running and left.
 
-    Attributes
+    Parameters
     ----------
-    standings
-        How far the replicates were when the command began.
-    workers
-        Processes that share the work.
+    jobs
+        Every replicate of the study.
+    documents
+        The results of those that were complete when the command began.
+    clock
+        Returns seconds.
     """
 
-    standings: Mapping[Replicate, Standing]
-    workers: int
-    done: dict[Replicate, int] = field(init=False)
-    objective: dict[Replicate, float] = field(default_factory=dict)
-    running: dict[Replicate, int] = field(default_factory=dict)
-    seconds: dict[Replicate, float] = field(default_factory=dict)
-    failed: set[Replicate] = field(default_factory=set)
-    finished: set[Replicate] = field(init=False)
+    def __init__(
+        self,
+        jobs: Sequence[Replicate],
+        documents: Mapping[Replicate, Mapping[str, Any]],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.jobs = jobs
+        self.scores = {job: _score(document) for job, document in documents.items()}
+        self.running: dict[Replicate, tuple[str, float]] = {}  # what it said, and its share
+        self.failed: set[Replicate] = set()
+        self._clock = clock
+        self._began: dict[Replicate, float] = {}
+        self._start = 0.0
+        self._done = 0.0  # work done in this sitting
 
-    def __post_init__(self) -> None:
-        self.done = {job: len(standing.records) for job, standing in self.standings.items()}
-        self.finished = {job for job, standing in self.standings.items() if standing.ended}
-        for job, standing in self.standings.items():
-            if standing.records and standing.records[-1]["objective_fitness"] is not None:
-                self.objective[job] = standing.records[-1]["objective_fitness"]
-        # Work done in this sitting by cell, and the seconds it took.
-        self._work: dict[Cell, float] = defaultdict(float)
-        self._seconds: dict[Cell, float] = defaultdict(float)
+    def start(self) -> None:
+        """Note that the work begins."""
+        self._start = self._clock()
 
     def take(self, event: Event[Replicate]) -> None:
         """Note what happened."""
         job = event.job
         if event.kind == "began":
-            self.running[job] = self.done[job]
-        elif event.kind in ("died", "failed", "done"):
+            self._began[job] = self._clock()
+            self.running[job] = ("", 0.0)
+        elif event.kind == "said":
+            self.running[job] = (event.text, event.share)
+        else:
             self.running.pop(job, None)
-            if event.kind == "failed":
-                self.failed.add(job)
-            if event.kind == "done":
-                self.finished.add(job)
-        elif isinstance(event.content, Progress):
-            progress: Progress = event.content
-            self.done[job] = self.running[job] = progress.round
-            if progress.objective_fitness is not None:
-                self.objective[job] = progress.objective_fitness
-            if progress.wall:
-                self.seconds[job] = self.seconds.get(job, 0.0) + progress.wall
-                self._work[job.cell] += cost(job, progress.round)
-                self._seconds[job.cell] += progress.wall
+        if event.kind == "failed":
+            self.failed.add(job)
+        if event.kind == "done" and event.document is not None:
+            self.scores[job] = _score(event.document)
+            self._done += cost(job.config)
 
     @property
     def to_go(self) -> float | None:
-        """Seconds until all is done, if the measured speed holds; ``None`` before a round is."""
-        work = sum(self._work.values())
-        if not work:
-            return None
-        usual = sum(self._seconds.values()) / work
-        seconds = [
-            cost_left(job, self.done[job])
-            * (self._seconds[job.cell] / self._work[job.cell] if self._work[job.cell] else usual)
-            for job in self.standings
-            if job not in self.finished | self.failed
-        ]
-        return max([sum(seconds) / self.workers, *seconds], default=0.0)
+        """Seconds until all is done, if the speed of this sitting holds; None before any is known.
+
+        A replicate that runs counts by the share of its rounds, early ones being quicker.
+        """
+        running = sum(share * cost(job.config) for job, (_, share) in self.running.items())
+        left = sum(
+            cost(job.config)
+            for job in self.jobs
+            if job not in self.scores and job not in self.failed
+        )
+        done = self._done + running
+        if not left:
+            return 0.0 if done else None
+        return (left - running) / done * (self._clock() - self._start) if done else None
 
     def counts(self) -> str:
         """Return how many replicates are complete, and the time to go."""
         rest = self.to_go
         going = "" if rest is None else f", {duration(rest)} to go"
-        return f"{len(self.finished)} of {len(self.standings)} replicates{going}"
+        return f"{len(self.scores)} of {len(self.jobs)} replicates{going}"
 
-    def line(self, job: Replicate) -> str:
-        """Return a sentence about a finished replicate."""
-        objective = self.objective.get(job)
-        score = "unknown" if objective is None else f"{objective:.3f}"
+    def line(self, job: Replicate, document: Mapping[str, Any]) -> str:
+        """Return a sentence about a replicate that has just been finished."""
+        score = "unknown" if self.scores[job] is None else f"{self.scores[job]:.3f}"
+        began = self._began.get(job)  # a cluster does not tell
+        took = "" if began is None else f", {self._clock() - began:.1f} s"
         return (
-            f"{job.name}: OBJ_FIT {score} after {self.done[job]} rounds, "
-            f"{self.seconds.get(job, 0.0):.1f} s ({self.counts()})"
+            f"{job.name}: OBJ_FIT {score} after {len(document['rounds'])} rounds{took} "
+            f"({self.counts()})"
         )
 
     def __rich__(self) -> Table:
@@ -105,24 +105,27 @@ class Board:
         for name in ("arm", "steps", "done", "left", "mean OBJ_FIT"):
             table.add_column(name, justify="left" if name == "arm" else "right", no_wrap=True)
         table.add_column("running: seed and round", overflow="ellipsis", no_wrap=True)
-        cells: dict[Cell, list[Replicate]] = defaultdict(list)
-        for job in self.standings:
-            cells[job.cell].append(job)
+        cells: dict[tuple[str, int], list[Replicate]] = defaultdict(list)
+        for job in self.jobs:
+            cells[job.arm, job.config.steps].append(job)
         for (arm, steps), jobs in cells.items():
-            done = [job for job in jobs if job in self.finished]
-            running = [job for job in jobs if job in self.running]
-            scores = [self.objective[job] for job in done if job in self.objective]
+            done = [job for job in jobs if job in self.scores]
+            running = [f"{j.seed}: {self.running[j][0]}" for j in jobs if j in self.running]
+            scores = [score for job in done if (score := self.scores[job]) is not None]
             table.add_row(
                 arm,
                 str(steps),
                 str(len(done)),
                 str(len(jobs) - len(done) - len(running)),
                 f"{sum(scores) / len(scores):.3f}" if scores else "",
-                ", ".join(
-                    f"{job.seed}: {self.running[job]}/{job.config.rounds}" for job in running
-                ),
+                ", ".join(running),
             )
         return table
+
+
+def _score(document: Mapping[str, Any]) -> float | None:
+    score: float | None = document["rounds"][-1]["objective_fitness"]
+    return score
 
 
 def duration(seconds: float) -> str:
@@ -135,12 +138,27 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def shown(board: Board, console: Console) -> Iterator[Live | None]:
-    """Show the board while there is work to do, if the console is a terminal."""
-    if not console.is_terminal or len(board.finished) == len(board.standings):
-        yield None
+def shown(board: Board, console: Console) -> Iterator[Callable[[Event[Replicate]], None]]:
+    """Show the board while there is work to do; yield what is to be told of each event."""
+    live = Live(board, console=console, auto_refresh=False) if console.is_terminal else None
+    drawn = 0.0
+    board.start()
+
+    def note(event: Event[Replicate]) -> None:
+        nonlocal drawn
+        board.take(event)
+        if event.kind == "retried":
+            console.print(f"{event.job.name}: {event.text}; it is begun again")
+        if live is None:
+            if event.kind == "done" and event.document is not None:
+                console.print(board.line(event.job, event.document))
+        elif time.monotonic() - drawn > _REDRAW:  # by the thread that notes what happens
+            live.refresh()
+            drawn = time.monotonic()
+
+    if live is None:
+        yield note
         return
-    # Drawn when something has happened, by the thread that notes it.
-    with Live(board, console=console, auto_refresh=False) as live:
+    with live:
+        yield note
         live.refresh()
-        yield live

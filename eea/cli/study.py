@@ -1,13 +1,11 @@
-"""The commands ``python -m eea study`` and ``python -m eea plot``."""
+"""The commands ``python -m eea study``, ``plot`` and ``merge``."""
 
 from __future__ import annotations
 
-import os
 import re
-import time
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
-from itertools import pairwise
+from collections.abc import Sequence
+from concurrent.futures import Executor, wait
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
@@ -15,73 +13,35 @@ import tyro
 from rich.console import Console
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.runs.executors import MOST_WORKERS, workers
+from aquafish_gym.runs.folder import held
+from aquafish_gym.runs.processes import WorkerDiedError
+from aquafish_gym.runs.runner import read_result, run_jobs
 from aquafish_gym.runs.storage import ensure_writable_directory
-from aquafish_gym.runs.workers import Event
 from aquafish_gym.utils.command_line import read_morphology
-from eea.aquafish.fish import Orientation
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea.aquafish import Orientation
+from eea.cli.arms import (
+    ArmSettings,
+    Figure,
+    asked_arms,
+    given_settings,
+    refuse_empty,
+    refuse_what_has_no_say,
+)
 from eea.cli.board import Board, shown
-from eea.cli.folder import state_complaint
-from eea.core.behavior import BehaviorConfig
-from eea.core.checks import ConfigurationError, choice, whole
-from eea.core.config import Condition, EEAConfig
-from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig
-from eea.core.genetic import GeneticConfig
-from eea.core.inference import InBandConfig, OutOfBandConfig
-from eea.study.presets import FIGURE_ARMS, FIGURES
-from eea.study.replicate import Replicate, World, look
-from eea.study.study import Study, claim, extended, fill, only_here, refuse_others
+from eea.core.checks import ConfigurationError, whole
+from eea.core.config import Condition
+from eea.study.cost import cost
+from eea.study.folder import claim, extended, merge, read_description
+from eea.study.presets import smoke
+from eea.study.replicate import Replicate, World, rehearse, replicate
+from eea.study.study import Study
 
-Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
-Preset = Literal["smoke"]
+Format = Literal["png", "pdf", "svg"]
+_PATIENCE = 5.0  # s of silence
 PAPERS_STEPS = (128, 256, 512, 1024)
 _SUFFIX = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
-_REDRAW = 0.2  # s between two drawings of the table
-
-
-@dataclass(frozen=True)
-class ArmSettings:
-    """The settings that an arm has besides its condition and the lengths of trials.
-
-    Attributes
-    ----------
-    accurate
-        End a replicate once the best MOD_FIT reaches this; None for never.
-    exploration, estimation, genetic, behavior, in_band, out_of_band
-        Settings of the parts.
-    """
-
-    accurate: float | None = None
-    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
-    estimation: EstimationConfig = field(default_factory=EstimationConfig)
-    genetic: GeneticConfig = field(default_factory=GeneticConfig)
-    behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
-    in_band: InBandConfig = field(default_factory=InBandConfig)
-    out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
-
-    @classmethod
-    def of(cls, config: EEAConfig) -> ArmSettings:
-        """Return a configuration's."""
-        return cls(**{name: getattr(config, name) for name in cls.__dataclass_fields__})
-
-    def on(self, config: EEAConfig) -> EEAConfig:
-        """Return a configuration with these settings."""
-        return replace(config, **{name: getattr(self, name) for name in self.__dataclass_fields__})
-
-
-def smoke(config: EEAConfig) -> EEAConfig:
-    """Return an arm's settings made so small that all figures take seconds."""
-    inner = config.out_of_band
-    return replace(
-        config,
-        exploration=replace(config.exploration, population=6, generations=3),
-        estimation=replace(
-            config.estimation,
-            population=max(6, config.estimation.population // 10),
-            generations=8,
-        ),
-        out_of_band=replace(inner, period=3, inner_population=6, inner_generations=3),
-    )
 
 
 @dataclass(frozen=True)
@@ -89,9 +49,9 @@ class StudyCommand:
     """Make the paper's figures, or other comparisons: many replicates of several arms.
 
     Say what to run with --figure, --conditions or --ablation. Into --out go study.json (what is
-    run), runs/ARM/STEPS/SEED.jsonl (a line a finished round) and, at the end, results.csv,
-    summary.md and figures. Stopped in whatever way, the same command goes on where it was; a
-    command with more seeds, steps or arms extends the study.
+    run), runs/ARM/STEPS/SEED.json (a finished replicate each) and, at the end, results.csv,
+    summary.md and figures. Stopped in whatever way, the same command resumes; a command with more
+    seeds, steps or arms extends the study.
 
     Attributes
     ----------
@@ -111,14 +71,14 @@ class StudyCommand:
         or digit.
     steps
         Lengths of trials in steps of 0.01 s, each a power of two; every arm runs with each. The
-        paper's 128, 256, 512 and 1024 if not given, for ablations 256.
+        paper's 128, 256, 512 and 1024 if not given, for ablations 256, for smoke 128.
     replicates
-        How many seeds each arm has.
+        How many seeds each arm has; 25 if not given, for smoke 2.
     first_seed
         The first of them. The angles that the target hides follow from the seed alone, so the
         arms are paired.
     rounds
-        Commands that the target performs in each replicate.
+        Commands that the target performs in each replicate; 25 if not given, for smoke 3.
     settings
         Settings of the algorithm, for all arms.
     target_damage
@@ -144,23 +104,28 @@ class StudyCommand:
     workers
         Processes, each with one replicate at a time on one core; None for a process a core. No
         result depends on it.
+    scheduler
+        Address of a dask scheduler, as tcp://host:8786, whose workers are used in place of
+        processes (extra "cluster"). They need this package, and no shared file system.
     draw
         Write results.csv, summary.md and the figures at the end, as the command plot does.
+    format
+        Of the figures.
     other_code
         Go on although the code, or the version of numpy, numba or Python, has changed since the
         study began, which is else refused. Only for changes that alter no result.
     """
 
     out: Path
-    figure: tuple[Figure, ...] = ()
-    conditions: tuple[Condition, ...] = ()
+    figure: tuple[Figure, ...] | None = None
+    conditions: tuple[Condition, ...] | None = None
     ablation: str | None = None
-    preset: Preset | None = None
+    preset: Literal["smoke"] | None = None
     suffix: str = ""
-    steps: tuple[int, ...] = ()
-    replicates: int = 25
+    steps: tuple[int, ...] | None = None
+    replicates: int | None = None
     first_seed: int = 0
-    rounds: int = 25
+    rounds: int | None = None
     settings: Annotated[ArmSettings, tyro.conf.arg(name="")] = field(default_factory=ArmSettings)
     target_damage: str = "none"
     target_morphology: Path | None = None
@@ -171,7 +136,9 @@ class StudyCommand:
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     substeps: int = 1
     workers: int | None = None
+    scheduler: str | None = None
     draw: bool = True
+    format: tuple[Format, ...] = ("png",)
     other_code: bool = False
     words: tyro.conf.Suppress[tuple[str, ...]] = ()
 
@@ -181,45 +148,38 @@ class StudyCommand:
         Raises
         ------
         InvalidArgumentError, ConfigurationError
-            If an option is wrong or contradicts another.
+            If an option is wrong, or it is not said what to run.
         """
         if self.suffix and not _SUFFIX.fullmatch(self.suffix):
             raise ConfigurationError(
                 "suffix must be at most 60 letters, digits, '.', '_' and '-', the first a letter "
                 f"or digit; got {self.suffix!r}"
             )
-        _refuse_empty(self.words)
-        chosen = {
-            "--figure": bool(self.figure),
-            "--conditions": bool(self.conditions),
-            "--ablation": self.ablation is not None,
-        }
-        given = [name for name, is_given in chosen.items() if is_given]
-        if len(given) > 1:
-            raise ConfigurationError(
-                f"{' and '.join(given)} exclude each other; run them one after the other, into "
-                "one folder if you like"
-            )
-        if not given and self.preset is None:
-            raise ConfigurationError(f"one of {', '.join(chosen)} must say what to run")
-        asked = self
-        if self.preset is not None:
-            usual = {option.name: option.default for option in fields(self)}
-            tiny: dict[str, Any] = {"steps": (128,), "replicates": 2, "rounds": 3}
-            small = replace(
-                self,
-                **{name: tiny[name] for name in tiny if getattr(self, name) == usual[name]},
-            )
-            asked = self._parsed_over(small if given else replace(small, figure=("all",)))
         ending = f"-{self.suffix}" if self.suffix else ""
-        arms = {f"{name}{ending}": asked._set(base) for name, base in asked._arms().items()}
-        _refuse_what_has_no_say(arms, asked.settings)
+        small = self.preset == "smoke"
+        others = self.conditions is not None or self.ablation is not None
+        bases = asked_arms(
+            ("all",) if small and self.figure is None and not others else self.figure,
+            self.conditions,
+            self.ablation,
+        )
+        arms = {
+            f"{name}{ending}": given_settings(
+                smoke(base) if small else base, self.settings, self.words
+            )
+            for name, base in bases.items()
+        }
+        refuse_what_has_no_say(arms, self.settings)
+        if self.steps is not None:
+            refuse_empty("--steps", self.steps, "whole numbers")
+        refuse_empty("--format", self.format, f"of {', '.join(get_args(Format))}")
+        usual_steps = (256,) if self.ablation is not None else PAPERS_STEPS
         return Study(
             arms=arms,
-            steps=asked.steps or ((256,) if self.ablation is not None else PAPERS_STEPS),
-            rounds=asked.rounds,
-            first_seed=asked.first_seed,
-            replicates=asked.replicates,
+            steps=self.steps or ((128,) if small else usual_steps),
+            rounds=(3 if small else 25) if self.rounds is None else self.rounds,
+            first_seed=self.first_seed,
+            replicates=(2 if small else 25) if self.replicates is None else self.replicates,
             world=World(
                 read_morphology(self.target_morphology, "target_morphology"),
                 Damage.parse(self.target_damage),
@@ -242,69 +202,46 @@ class StudyCommand:
         SystemExit
             With code 1, if a replicate could not be completed. The others are.
         KeyboardInterrupt
-            On Ctrl-C; all finished rounds are on disk.
+            On Ctrl-C; all finished replicates are on disk.
         """
         study = self.study()
-        workers = len(os.sched_getaffinity(0)) if self.workers is None else self.workers
-        whole("workers", workers, 1)
-        jobs = study.jobs(self.out)
+        if self.workers is not None:
+            whole("workers", self.workers, 1, MOST_WORKERS)
         folder = ensure_writable_directory(self.out)
-        refuse_others(folder)
-        console = Console(highlight=False, soft_wrap=True, markup=False)
-        with only_here(folder):
+        console = _console()
+        with held(folder):
             document = extended(folder, study, self.other_code)
-            for job in {job.cell: job for job in jobs}.values():
-                job.begin()  # so that a wrong setting is refused before anything is written
-            claim(folder, document)
-            standings = {job: look(job) for job in jobs}
-            for job, standing in standings.items():
-                complaint = standing.complaint
-                if complaint is None and not standing.ended:
-                    complaint = state_complaint(job.state)
-                if complaint is not None:
-                    console.print(f"damaged: {complaint}; {job.name} is made anew")
-            board = Board(standings, min(workers, len(jobs)))
-            if len(board.finished) == len(jobs):
-                console.print(f"{board.counts()} are complete")
+            jobs = study.jobs()
+            board = Board(jobs, _finished(folder, jobs, console))
             try:
-                failures = _watch(board, folder, console)
+                failures = self._fill(folder, document, board, console)
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(
-                    f"stopped with {board.counts()}; every finished round is in {folder}, and the "
-                    "same command goes on from there"
+                    f"stopped with {board.counts()}; every finished replicate is in {folder}, and "
+                    "the same command resumes"
                 ) from None
             for failure in failures:
                 console.print(f"failed: {failure}")
-            if self.draw and board.finished:
-                _report(folder, console)
+            if self.draw and board.scores:
+                _report(folder, self.format, console)
             if failures:
                 raise SystemExit(1)
 
-    def _arms(self) -> dict[str, EEAConfig]:
-        """Return the arms asked for, before the settings of the command line."""
-        if self.ablation is not None:
-            arms = _ablation_arms(self.ablation)
-        elif self.conditions:
-            arms = {condition: EEAConfig(condition=condition) for condition in self.conditions}
-        else:
-            figures = FIGURE_ARMS if "all" in self.figure else self.figure
-            arms = {FIGURE_ARMS[figure]: FIGURES[f"fig{figure}"] for figure in figures}
-        if self.preset is not None:
-            arms = {name: smoke(config) for name, config in arms.items()}
-        return arms
-
-    def _set(self, base: EEAConfig) -> EEAConfig:
-        """Return an arm's settings with those that the command line gives."""
-        if not any(_is_a_setting(word) for word in self.words):
-            return base if self.settings == ArmSettings() else self.settings.on(base)
-        return self._parsed_over(replace(self, settings=ArmSettings.of(base))).settings.on(base)
-
-    def _parsed_over(self, default: StudyCommand) -> StudyCommand:
-        """Return the command line read again, with other defaults."""
-        if not self.words:
-            return default
-        parsed = tyro.cli(StudyCommand, default=default, args=self.words[1:])
-        return replace(parsed, words=self.words)
+    def _fill(
+        self, folder: Path, document: dict[str, Any], board: Board, console: Console
+    ) -> list[str]:
+        """Make what is missing, the longest first; return what could not be made."""
+        left = [job for job in board.jobs if job not in board.scores]
+        if not left:
+            claim(folder, document)
+            console.print(f"{board.counts()} are complete")
+            return []
+        left.sort(key=lambda job: -cost(job.config))
+        with workers(self.workers, self.scheduler) as executor:
+            _prepare(executor, left, console)
+            claim(folder, document)
+            with shown(board, console) as note:
+                return run_jobs(left, replicate, folder, executor, note)
 
 
 @dataclass(frozen=True)
@@ -315,81 +252,93 @@ class Plot:
     ----------
     folder
         The directory of a study.
+    format
+        Of the figures.
     """
 
     folder: tyro.conf.Positional[Path]
+    format: tuple[Format, ...] = ("png",)
 
     def execute(self) -> None:
         """Write the report.
 
         Raises
         ------
-        ConfigurationError
+        InvalidArgumentError, ConfigurationError
             If the folder holds no study with a finished replicate, or a file is damaged.
         """
-        _report(self.folder, Console(highlight=False, soft_wrap=True, markup=False))
+        _report(self.folder, self.format, _console())
 
 
-def _watch(board: Board, folder: Path, console: Console) -> list[str]:
-    """Make what is missing, and show how it goes."""
-    drawn = [0.0]
-    with shown(board, console) as live:
+@dataclass(frozen=True)
+class Merge:
+    """Add the results of one study that are in another folder, as from another machine.
 
-        def note(event: Event[Replicate]) -> None:
-            board.take(event)
-            if event.kind == "died":
-                console.print(f"{event.job.name}: {event.content}; it goes on in another")
-            if live is not None and time.monotonic() - drawn[0] > _REDRAW:
-                live.refresh()
-                drawn[0] = time.monotonic()
-            elif live is None and event.kind == "done":
-                console.print(board.line(event.job))
+    Attributes
+    ----------
+    folder
+        The directory of a study, which is extended.
+    other
+        Another part of it: other arms, lengths of trials or seeds of the same settings.
+    other_code
+        Merge although the two are of other code, or other versions of numpy, numba or Python.
+    """
 
-        return fill(board.standings, folder, board.workers, note)
+    folder: tyro.conf.Positional[Path]
+    other: tyro.conf.Positional[Path]
+    other_code: bool = False
 
+    def execute(self) -> None:
+        """Copy what is missing.
 
-def _report(folder: Path, console: Console) -> None:
-    from eea.report.analysis import report
-
-    report(folder)
-    console.print(f"results.csv, summary.md and figures are in {folder}")
-
-
-def _ablation_arms(name: str) -> dict[str, EEAConfig]:
-    from eea.study.ablations import ABLATIONS, ablation_arms
-
-    choice("ablation", name, [*ABLATIONS, "all"])
-    return ablation_arms(None if name == "all" else [name])
-
-
-def _is_a_setting(word: str) -> bool:
-    option = word.partition("=")[0]
-    return option.startswith("--") and ("." in option or option == "--accurate")
-
-
-def _refuse_empty(words: Sequence[str]) -> None:
-    """Refuse an option of the words that says none of the values it is for."""
-    wanted = {
-        "--figure": f"one or more of {', '.join(get_args(Figure))}",
-        "--conditions": f"one or more of {', '.join(get_args(Condition))}",
-        "--steps": "one or more whole numbers",
-    }
-    for word, after in pairwise((*words, "--")):
-        if word in wanted and after.startswith("--"):
-            raise ConfigurationError(f"{word} must be {wanted[word]}; got none")
-
-
-def _refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
-    for part, condition in (("in_band", "in-band"), ("out_of_band", "out-of-band")):
-        given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
-        changed = [name for name in given if given[name] != usual[name]]
-        if changed and all(config.condition != condition for config in arms.values()):
-            raise ConfigurationError(
-                f"{part}.{changed[0]} has no say: no arm is of the condition {condition}"
-            )
-    behaviors = [config.behavior for config in arms.values()]
-    used = any(b.signal == "attitude" and b.summary != "dft" for b in behaviors)
-    if settings.behavior.timestep != BehaviorConfig().timestep and not used:
-        raise ConfigurationError(
-            "behavior.timestep has no say: no arm takes the mean or rms rate of the attitude"
+        Raises
+        ------
+        InvalidArgumentError, ConfigurationError
+            If a folder holds no study, they are not of one study, or a file is damaged.
+        """
+        read_description(self.folder)
+        with held(self.folder):
+            count = merge(self.folder, self.other, self.other_code)
+        _console().print(
+            f"{count} replicates of {self.other} were added to {self.folder}; "
+            f"python -m eea plot {self.folder} draws them"
         )
+
+
+def _console() -> Console:
+    return Console(highlight=False, soft_wrap=True, markup=False)
+
+
+def _prepare(executor: Executor, jobs: Sequence[Replicate], console: Console) -> None:
+    """Have wrong settings refused before anything is written, and the engine compiled once."""
+    one_each = {(job.arm, job.config.steps): job for job in jobs}
+    rehearsal = executor.submit(rehearse, list(one_each.values()))
+    if not wait([rehearsal], _PATIENCE).done:
+        console.print("preparing: the engine is compiled, once on each machine, in about a minute")
+    try:
+        rehearsal.result()
+    except WorkerDiedError as error:
+        raise OSError(f"no replicate was begun: {error}") from None
+
+
+def _finished(
+    folder: Path, jobs: Sequence[Replicate], console: Console
+) -> dict[Replicate, dict[str, Any]]:
+    """Return the results that are there, and name what is damaged."""
+    found = {}
+    for job in jobs:
+        try:
+            document = read_result(folder, job)
+        except InvalidArgumentError as error:
+            console.print(f"damaged: {error}; {job.name} is made anew")
+        else:
+            if document is not None:
+                found[job] = document
+    return found
+
+
+def _report(folder: Path, formats: tuple[Format, ...], console: Console) -> None:
+    from eea.report import report
+
+    report(folder, formats)
+    console.print(f"results.csv, summary.md and figures are in {folder}")

@@ -1,8 +1,7 @@
 """Ranges of angles: the smallest that includes some poses, wider ones, samples of one (Sec. 3.3).
 
 A range is a pair ``min_angle <= max_angle`` in rad with ``min_angle`` in [-pi, pi); one that
-crosses pi has ``max_angle`` beyond it. All three of the robot's angles are circular, the caudal
-phase too.
+crosses pi has ``max_angle`` beyond it. All hidden angles are circular: phases of a cycle too.
 """
 
 from __future__ import annotations
@@ -32,12 +31,12 @@ def circular_distance(a: ArrayLike, b: ArrayLike) -> Floats:
 def smallest_inclusive(
     poses: ArrayLike, inclusion: Inclusion = "circular"
 ) -> tuple[Floats, Floats]:
-    """Return the smallest range that includes every pose, fin by fin.
+    """Return the smallest range that includes every pose, angle by angle.
 
     Parameters
     ----------
     poses
-        Angles in rad, shape (K, F): K poses of F fins.
+        Angles in rad, shape (K, H): K poses of H angles.
     inclusion
         ``"circular"``: the shortest arc, which may cross pi; ``"linear"``: from the least to the
         greatest of the angles brought into [-pi, pi).
@@ -45,7 +44,7 @@ def smallest_inclusive(
     Returns
     -------
     min_angle, max_angle
-        Shape (F,) each.
+        Shape (H,) each.
     """
     ordered = np.sort(wrap(poses), axis=0)
     if inclusion == "linear":
@@ -53,11 +52,11 @@ def smallest_inclusive(
     # The arc is the whole turn less the largest gap between neighbours; the last gap is the one
     # that crosses pi.
     gaps = np.concatenate([np.diff(ordered, axis=0), ordered[:1] + TURN - ordered[-1:]])
-    fins = np.arange(ordered.shape[1])
+    each = np.arange(ordered.shape[1])
     last = np.argmax(gaps[::-1], axis=0)
     before = len(ordered) - 1 - last
-    start = ordered[(before + 1) % len(ordered), fins]
-    end = ordered[before, fins]
+    start = ordered[(before + 1) % len(ordered), each]
+    end = ordered[before, each]
     return start, np.where(end < start, end + TURN, end)
 
 
@@ -72,5 +71,5 @@ def widen(min_angle: Floats, max_angle: Floats, fraction: float) -> tuple[Floats
 def sample_range(
     min_angle: Floats, max_angle: Floats, count: int, rng: np.random.Generator
 ) -> Floats:
-    """Return ``count`` poses uniform in a range of shape (F,), shape (count, F)."""
+    """Return ``count`` poses uniform in a range of shape (H,), shape (count, H)."""
     return min_angle + (max_angle - min_angle) * rng.random((count, len(min_angle)))

@@ -23,7 +23,7 @@ Difference = Literal["complex", "magnitude"]
 
 
 class Log(Protocol):
-    """What a robot's IMU recorded: (B, T, 3) for B trials, or (T, 3) for one.
+    """What a robot's IMU recorded: (B, T, axes) for B trials, or (T, axes) for one.
 
     Only the signal that the behaviour is of is looked at, by default the gyroscope.
     """
@@ -65,6 +65,11 @@ class BehaviorConfig:
         MAX of Eq. 2.
     timestep
         Seconds between samples, for the attitude's rates.
+
+    Examples
+    --------
+    >>> BehaviorConfig(clamp=True).summary
+    'dft'
     """
 
     summary: Summary = "dft"
@@ -88,12 +93,15 @@ class BehaviorConfig:
 
 
 def summarize(
-    log: Log, config: BehaviorConfig, steps: int | None = None, source: str = "a robot"
+    log: Log,
+    config: BehaviorConfig,
+    steps: int | None = None,
+    axes: int | None = None,
+    source: str = "a robot",
 ) -> Coefficients:
     """Return the behaviours of a log's trials, shape (B, coefficients).
 
-    The transform keeps T // 2 + 1 frequencies of each of the three axes; a rate is one number
-    an axis.
+    The transform keeps T // 2 + 1 frequencies of each axis; a rate is one number an axis.
 
     Parameters
     ----------
@@ -103,16 +111,18 @@ def summarize(
         What to make of it.
     steps
         The length T that the trials must have; ``None`` for any.
+    axes
+        How many axes the signal must have; ``None`` for any.
     source
         Whose log it is, for the message if it is no such log.
 
     Raises
     ------
     TargetError
-        If the log lacks the signal, or it is not of shape (B, T, 3) or (T, 3) with T of at
-        least 2, or of another length than ``steps``.
+        If the log lacks the signal, or it is not of shape (B, T, axes) or (T, axes) with T
+        of at least 2, or of another length than ``steps``.
     """
-    samples = _samples(log, config, source)
+    samples = signal_samples(log, config, axes, source)
     if steps is not None and samples.shape[1] != steps:
         # Transforms of T and T + 1 samples are equally long, and a rate does not tell T at all:
         # the comparison would not notice.
@@ -139,8 +149,12 @@ def summarize(
     return modulus(coefficients) if config.difference == "magnitude" else coefficients
 
 
-def _samples(log: Log, config: BehaviorConfig, source: str) -> NDArray[Any]:
-    """Return what the log holds of the signal, shape (B, T, 3)."""
+def signal_samples(
+    log: Log, config: BehaviorConfig, axes: int | None = None, source: str = "a robot"
+) -> NDArray[Any]:
+    """Return what the log holds of the signal, shape (B, T, axes)."""
+    last = "axes" if axes is None else str(axes)
+    wanted = f"samples of shape (B, T, {last}) or (T, {last})"
     name = "rpy" if config.signal == "attitude" else "gyro"
     try:
         signal = getattr(log, name)
@@ -155,17 +169,15 @@ def _samples(log: Log, config: BehaviorConfig, source: str) -> NDArray[Any]:
     try:
         samples = np.asarray(signal)
     except ValueError:
-        raise TargetError(
-            f"a log must hold samples of shape (B, T, 3) or (T, 3); {name} of {source} is ragged"
-        ) from None
+        raise TargetError(f"a log must hold {wanted}; {name} of {source} is ragged") from None
     if samples.dtype.kind not in "fiu":
         raise TargetError(f"a log must hold real numbers; {name} of {source} is {samples.dtype}")
     if samples.ndim == 2:
         samples = samples[None]
-    if samples.ndim != 3 or samples.shape[1] < 2 or samples.shape[2] != 3:
+    fits = samples.ndim == 3 and samples.shape[1] >= 2 and samples.shape[2] >= 1
+    if not fits or axes not in (None, samples.shape[2]):
         raise TargetError(
-            "a log must hold samples of shape (B, T, 3) or (T, 3) with at least 2 steps; "
-            f"got {samples.shape} from {source}"
+            f"a log must hold {wanted} with at least 2 steps; got {samples.shape} from {source}"
         )
     return samples
 

@@ -20,18 +20,24 @@ from eea.core.checks import choice, finite, flag, real, whole
 Coding = Literal["gray", "binary"]
 Genomes = NDArray[np.uint8]
 
-ACTION_BITS = 6  # for each servo: 18 bits an action
-POSE_BITS = 8  # for each fin: 24 bits a pose
+ACTION_BITS = 6  # for each servo
+POSE_BITS = 8  # for each hidden angle
+MAXIMUM_BITS = 24  # of a variable: its levels are listed where a level of chance is computed
 
 
 @dataclass(frozen=True)
 class Variable:
     """One encoded quantity: its name, number of bits and range.
 
+    Examples
+    --------
+    >>> Variable("length", 2, 0.0, 3.0).levels
+    array([0., 1., 2., 3.])
+
     Raises
     ------
     ConfigurationError
-        If the bits are fewer than 1, or the range is not finite or not increasing.
+        If the bits are fewer than 1 or more than 24, or the range is not finite or not increasing.
     """
 
     name: str
@@ -41,7 +47,7 @@ class Variable:
     periodic: bool = False
 
     def __post_init__(self) -> None:
-        whole(f"bits of {self.name}", self.bits, 1)
+        whole(f"bits of {self.name}", self.bits, 1, MAXIMUM_BITS)
         real(f"low of {self.name}", self.low, -np.inf)
         real(f"high of {self.name}", self.high, np.nextafter(self.low, np.inf))
         flag(f"periodic of {self.name}", self.periodic)
@@ -100,6 +106,11 @@ class BitLayout:
         return len(self.variables)
 
     @property
+    def span(self) -> NDArray[np.float64]:
+        """The widths of the variables' ranges, shape (variables,)."""
+        return self.high - self.low
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The variables' names."""
         return tuple(v.name for v in self.variables)
@@ -139,10 +150,7 @@ class BitLayout:
 
 
 def model_layout(table: Iterable[tuple[str, float, int]], coding: Coding = "gray") -> BitLayout:
-    """Return a layout for models from rows of (name, maximum, bits), each range [0, maximum].
-
-    For the robot of the paper the table is ``aquafish_gym.morphology.DIMENSIONS``: 45 bits.
-    """
+    """Return a layout for models from rows of (name, maximum, bits), each range [0, maximum]."""
     return BitLayout([Variable(name, bits, 0.0, high) for name, high, bits in table], coding)
 
 
@@ -154,5 +162,5 @@ def action_layout(
 
 
 def pose_layout(names: Iterable[str], coding: Coding = "gray", bits: int = POSE_BITS) -> BitLayout:
-    """Return a layout for the fins' angles, each over the whole turn [-pi, pi)."""
+    """Return a layout for hidden angles, each over the whole turn [-pi, pi)."""
     return BitLayout([Variable(name, bits, -np.pi, np.pi, periodic=True) for name in names], coding)

@@ -15,6 +15,7 @@ from eea.core.inference import InBandConfig, OutOfBandConfig
 Condition = Literal["ideal", "none", "in-band", "out-of-band"]
 CONDITIONS: tuple[Condition, ...] = ("ideal", "none", "in-band", "out-of-band")
 MAXIMUM_STEPS = 2**20  # the paper's longest trial has 1024
+MAXIMUM_ROUNDS = 10**4
 
 
 @dataclass(frozen=True)
@@ -24,12 +25,12 @@ class EEAConfig:
     Attributes
     ----------
     condition
-        What is known of the fins' angles: all in "ideal", nothing in "none", and what the two
+        What is known of the hidden angles: all in "ideal", nothing in "none", and what the two
         methods infer in "in-band" and "out-of-band".
     steps
-        Length of a trial in steps of 0.01 s; a power of two, 2^20 at most.
+        Length of a trial in samples; a power of two, 2^20 at most.
     rounds
-        Rounds at most, which is also the number of commands the target performs.
+        Rounds at most, which is also the number of commands the target performs; 10,000 at most.
     accurate
         Stop once the best MOD_FIT reaches this; None for never.
     time_limit
@@ -42,6 +43,11 @@ class EEAConfig:
     ConfigurationError
         If a setting is out of range or unknown, or contradicts another that has a say under this
         condition; the nearest valid name is offered.
+
+    Examples
+    --------
+    >>> EEAConfig(condition="ideal", rounds=5).steps
+    256
     """
 
     condition: Condition = "out-of-band"
@@ -61,7 +67,7 @@ class EEAConfig:
         whole("steps", self.steps, 2, MAXIMUM_STEPS)
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
-        whole("rounds", self.rounds, 1)
+        whole("rounds", self.rounds, 1, MAXIMUM_ROUNDS)
         if self.accurate is not None:
             real("accurate", self.accurate, float("-inf"), 1.0)
         if self.time_limit is not None:

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.bits import BitLayout, Genomes
 from eea.core.checks import choice, flag, whole
-from eea.core.experiment import Context, Experiment, Floats, perform_angles
+from eea.core.experiment import Experiment, Floats, Trials, perform_angles
 from eea.core.fitness import model_fitness
-from eea.core.genetic import GeneticConfig, next_generation
+from eea.core.genetic import (
+    MAXIMUM_GENERATIONS,
+    MAXIMUM_POPULATION,
+    GeneticConfig,
+    next_generation,
+)
 from eea.core.inference import Inference
 from eea.core.laboratory import Laboratory
 
@@ -36,6 +41,11 @@ class EstimationConfig:
     remember
         Keep the similarities of bodies seen before to experiments whose angles stand still.
         The results are the same to the bit without; it only takes longer.
+
+    Examples
+    --------
+    >>> EstimationConfig(population=50).generations
+    100
     """
 
     population: int = 25
@@ -44,8 +54,8 @@ class EstimationConfig:
     remember: bool = True
 
     def __post_init__(self) -> None:
-        whole("estimation.population", self.population, 2)
-        whole("estimation.generations", self.generations, 1)
+        whole("estimation.population", self.population, 2, MAXIMUM_POPULATION)
+        whole("estimation.generations", self.generations, 1, MAXIMUM_GENERATIONS)
         choice("estimation.carry_over", self.carry_over, ("continue", "reseed"))
         flag("estimation.remember", self.remember)
 
@@ -53,12 +63,18 @@ class EstimationConfig:
 class SimilarityTable:
     """Similarities already known: a row a genome, a column an experiment, NaN where unknown.
 
-    A column belongs to the pose it was made with, and is forgotten when that changes.
+    A column belongs to one experiment from one pose, and is forgotten when either changes.
+
+    Examples
+    --------
+    >>> table = SimilarityTable()
+    >>> table.rows(np.array([[0, 1], [1, 1], [0, 1]], np.uint8))
+    array([0, 1, 0])
     """
 
     def __init__(self) -> None:
         self._rows: dict[bytes, int] = {}
-        self._poses: list[bytes] = []
+        self._known: list[tuple[Experiment | None, bytes]] = []
         self._table: Floats = np.empty((0, 0))
 
     def rows(self, genomes: Genomes) -> NDArray[np.intp]:
@@ -72,41 +88,47 @@ class SimilarityTable:
             self._table = np.concatenate([self._table, extra])
         return rows
 
-    def columns(self, contexts: Sequence[Context]) -> Floats:
-        """Return the table with a valid column for each context."""
-        added = len(contexts) - self._table.shape[1]
+    def columns(self, experiments: Sequence[Experiment]) -> Floats:
+        """Return the table with a valid column for each experiment whose angles stand still."""
+        added = len(experiments) - self._table.shape[1]
         if added > 0:
             empty = np.full((len(self._table), added), np.nan)
             self._table = np.concatenate([self._table, empty], axis=1)
-            self._poses += [b""] * added
-        for e, context in enumerate(contexts):
-            pose = context.min_angle.tobytes()
-            if context.fixed and pose != self._poses[e]:
+            self._known += [(None, b"")] * added
+        for e, experiment in enumerate(experiments):
+            known, pose = self._known[e], experiment.context.min_angle.tobytes()
+            if experiment.context.fixed and (known[0] is not experiment or known[1] != pose):
                 self._table[:, e] = np.nan
-                self._poses[e] = pose
+                self._known[e] = (experiment, pose)
         return self._table
 
     def keep_only(self, genomes: Genomes) -> None:
         """Forget every genome but these, so that memory does not grow with the rounds."""
-        rows = self.rows(genomes)
+        rows = self.rows(genomes)  # which makes room for them
         kept = self._table[rows]
         self._rows = {}
         self._table = np.empty((0, kept.shape[1]))
         rows = self.rows(genomes)
         self._table[rows] = kept
 
-    def save(self, genomes: Genomes) -> dict[str, Any]:
-        """Return what is known of genomes (N, bits), for ``restore``."""
-        rows = self.rows(genomes)
-        return {"similarities": self._table[rows], "poses": [pose.hex() for pose in self._poses]}
 
-    def restore(self, genomes: Genomes, similarities: Floats, poses: Sequence[str]) -> None:
-        """Know what ``save`` returned of these genomes, and nothing else."""
-        self._rows = {}
-        self._poses = [bytes.fromhex(pose) for pose in poses]
-        self._table = np.empty((0, len(poses)))
-        rows = self.rows(genomes)  # which makes room for them
-        self._table[rows] = similarities
+@dataclass(frozen=True)
+class Population:
+    """N hypotheses.
+
+    Attributes
+    ----------
+    genomes
+        Shape (N, bits).
+    models
+        What they mean, shape (N, n).
+    fitness
+        Their MOD_FIT, shape (N,); NaN before the first round.
+    """
+
+    genomes: Genomes
+    models: Floats
+    fitness: Floats
 
 
 class Estimation:
@@ -121,14 +143,12 @@ class Estimation:
     config, genetic
         Settings.
     rng
-        Its own stream of chance.
+        Its own.
 
     Attributes
     ----------
-    models
-        The hypotheses, shape (N, n), as the last round left them; random at first.
-    fitness
-        Their MOD_FIT, shape (N,); NaN before the first round.
+    population
+        The hypotheses as the last complete round left them; random at first.
     """
 
     def __init__(
@@ -144,25 +164,17 @@ class Estimation:
         self._config = config
         self._genetic = genetic
         self._rng = rng
-        self._genomes = layout.random(config.population, rng)
-        self._table = SimilarityTable()
-        self.models: Floats = layout.decode(self._genomes)
-        self.fitness: Floats = np.full(config.population, np.nan)
+        genomes = layout.random(config.population, rng)
+        unknown = np.full(config.population, np.nan)
+        self.go_back(Population(genomes, layout.decode(genomes), unknown))
 
-    def save(self) -> dict[str, Any]:
-        """Return everything that the next round depends on, as arrays, for ``restore``."""
-        known = self._table.save(self._genomes)
-        return {"genomes": self._genomes, "fitness": self.fitness, **known}
-
-    def restore(self, saved: dict[str, Any]) -> None:
-        """Go back to what ``save`` returned between two rounds."""
-        self._genomes, self.fitness = saved["genomes"], saved["fitness"]
-        self.models = self._layout.decode(self._genomes)
+    def go_back(self, population: Population) -> None:
+        """Take up an earlier population, after a round that was broken off."""
+        self.population = population
         self._table = SimilarityTable()
-        self._table.restore(self._genomes, saved["similarities"], saved["poses"])
 
     def run(
-        self, experiments: Sequence[Experiment], inference: Inference, chance: np.random.Generator
+        self, experiments: Sequence[Experiment], inference: Inference, rng: np.random.Generator
     ) -> tuple[Floats, float]:
         """Evolve the models for one round.
 
@@ -172,7 +184,7 @@ class Estimation:
             All so far, the newest last.
         inference
             Sets the newest experiment's context, before and between generations.
-        chance
+        rng
             Draws the angles of contexts that leave a choice.
 
         Returns
@@ -183,28 +195,32 @@ class Estimation:
             Its MOD_FIT (Eq. 3).
         """
         config = self._config
-        genomes = self._genomes
+        genomes, fitness = self.population.genomes, self.population.fitness
         if config.carry_over == "reseed" and len(experiments) > 1:
             genomes = self._layout.random(config.population, self._rng)
         self._table.keep_only(genomes)
         inference.begin(experiments, config.generations)
         for generation in range(config.generations):
             if generation:
-                genomes = next_generation(genomes, self.fitness, self._genetic, self._rng)
-            self.models = self._layout.decode(genomes)
-            inference.pause(generation, self.models)
-            angles = perform_angles(experiments, config.population, chance)
-            similarities = self._similarities(genomes, experiments, angles)
-            self.fitness = model_fitness(similarities)
-            inference.observe(generation, angles, similarities)
+                genomes = next_generation(genomes, fitness, self._genetic, self._rng)
+            models = self._layout.decode(genomes)
+            inference.before_generation(generation, models)
+            angles = perform_angles(experiments, config.population, rng)
+            similarities = self._similarities(genomes, models, experiments, angles)
+            fitness = model_fitness(similarities)
+            inference.after_generation(generation, angles, similarities)
         inference.end()
-        self._genomes = genomes
         self._table.keep_only(genomes)
-        best = int(np.argmax(self.fitness))
-        return self.models[best], float(self.fitness[best])
+        self.population = Population(genomes, models, fitness)
+        best = int(np.argmax(fitness))
+        return models[best], float(fitness[best])
 
     def _similarities(
-        self, genomes: Genomes, experiments: Sequence[Experiment], angles: Floats
+        self,
+        genomes: Genomes,
+        models: Floats,
+        experiments: Sequence[Experiment],
+        angles: Floats,
     ) -> Floats:
         """Return sim (N, E) of every model to the target in every experiment.
 
@@ -216,7 +232,7 @@ class Estimation:
         result = np.empty(shape)
         if self._config.remember:
             rows = self._table.rows(genomes)
-            table = self._table.columns([experiment.context for experiment in experiments])
+            table = self._table.columns(experiments)
             first = np.zeros(len(genomes), dtype=bool)
             first[np.unique(rows, return_index=True)[1]] = True
             needed = ~fixed | (np.isnan(table[rows]) & first[:, None])
@@ -224,13 +240,8 @@ class Estimation:
         if len(model):
             commands = np.stack([e.command for e in experiments])
             observed = np.stack([e.behavior for e in experiments])
-            result[model, experiment] = self._laboratory.similarities(
-                self.models[model],
-                commands[experiment],
-                angles[model, experiment],
-                observed,
-                experiment,
-            )
+            trials = Trials(models[model], commands[experiment], angles[model, experiment])
+            result[model, experiment] = self._laboratory.similarities(trials, observed, experiment)
         if self._config.remember:
             model, experiment = np.nonzero(needed & fixed)
             table[rows[model], experiment] = result[model, experiment]

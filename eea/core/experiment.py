@@ -1,22 +1,23 @@
 """Experiments and their context, and the two things the EEA talks to (Sec. 3.2 and 3.3).
 
 A *target* is the robot itself: it can be told what to do, and tells what its IMU felt. It does
-not say where its fins were when it began. A *simulator* stands in for it during the search and is
+not say at which angles its joints began. A *simulator* stands in for it during the search and is
 told everything.
 """
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from inspect import getattr_static
-from typing import Any, Protocol, Self, TypeGuard
+from typing import Protocol, Self, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import sample_range
-from eea.core.behavior import Coefficients, Log
+from eea.core.behavior import BehaviorConfig, Coefficients, Log
 
 Floats = NDArray[np.float64]
 
@@ -27,79 +28,140 @@ class Trials:
 
     Attributes
     ----------
-    morphologies
+    models
         Shape (B, n): the bodies.
     commands
-        Shape (B, 3): the servos' speeds, held for the whole trial.
-    fin_angles
-        Shape (B, 3): where the fins begin, in rad.
+        Shape (B, c): what each is told to do.
+    angles
+        Shape (B, h): where the hidden angles begin, in rad.
+
+    Examples
+    --------
+    >>> len(Trials(np.ones((5, 2)), np.ones((5, 1)), np.zeros((5, 1))))
+    5
     """
 
-    morphologies: Floats
+    models: Floats
     commands: Floats
-    fin_angles: Floats
+    angles: Floats
 
     def __len__(self) -> int:
         return len(self.commands)
 
 
+@dataclass(frozen=True)
+class Performed:
+    """A target's answer where it says itself what it executed.
+
+    Attributes
+    ----------
+    log
+        Of one trial.
+    command
+        The command (c,) that was really executed; the log is credited to it, whatever was asked.
+
+    Examples
+    --------
+    A servo that saturates tells so:
+
+    >>> class Tank:
+    ...     def perform(self, command):
+    ...         executed = np.clip(command, -0.4, 0.4)
+    ...         return Performed(self.swim(executed), executed)
+    """
+
+    log: Log
+    command: Floats
+
+
 class Target(Protocol):
     """The robot to be modelled. A physical one needs to implement nothing but this."""
 
-    def perform(self, command: Floats) -> Log:
-        """Carry out a command (3,) from wherever the fins are; return the log of one trial.
+    def perform(self, command: Floats) -> Log | Performed:
+        """Carry out a command (c,) from wherever the joints are; return the log of one trial.
 
-        It must hold the signal that the behaviour is of: ``gyro``, or ``rpy`` for the attitude.
+        The log must hold the signal that the behaviour is of: ``gyro``, or ``rpy`` for the
+        attitude. A robot that executes another command than it was asked for answers
+        ``Performed(log, command)``.
         """
 
 
 class RevealingTarget(Target, Protocol):
-    """A target that can tell afterwards where its fins began: the Ideal condition needs it."""
+    """A target that can tell afterwards where it began: the Ideal condition needs it."""
 
     @property
-    def last_fin_angles(self) -> Floats:
-        """The angles (3,) in rad at the start of the last performed command."""
-
-
-class ResumableTarget(Target, Protocol):
-    """A target that can be put back: a simulated one. A robot in a tank is where it is."""
-
-    def save_state(self) -> dict[str, Any]:
-        """Return all that the next commands' logs depend on, ready for ``eea.core.state.pack``."""
-
-    def restore_state(self, saved: dict[str, Any]) -> None:
-        """Go back to what ``save_state`` returned."""
-
-
-def resumes(target: Target) -> TypeGuard[ResumableTarget]:
-    """Return whether a target can be put back to an earlier state."""
-    return all(
-        getattr_static(target, name, None) is not None for name in ("save_state", "restore_state")
-    )
+    def start_angles(self) -> Floats:
+        """The hidden angles (h,) in rad at the start of the last performed command."""
 
 
 def reveals(target: Target) -> TypeGuard[RevealingTarget]:
-    """Return whether a target has ``last_fin_angles``, without asking for them."""
-    return getattr_static(target, "last_fin_angles", None) is not None
+    """Return whether a target has ``start_angles``, without asking for them."""
+    return getattr_static(target, "start_angles", None) is not None
+
+
+class Comparer(Protocol):
+    """Simulates and compares in one go, where a simulator can do that faster than numpy.
+
+    What it answers is what ``behavior.py`` and ``fitness.py`` would, but for rounding. A robot
+    that left the finite numbers gives an answer that is not finite.
+    """
+
+    def to_observed(
+        self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
+    ) -> Floats:
+        """Return the mean difference (B,) of coefficients from ``observed[which]``.
+
+        ``observed`` has shape (E, F), ``which`` (B,).
+        """
+
+    def between_models(self, trials: Trials, models: int) -> Floats:
+        """Return, for each run of ``models`` trials, the sum over its pairs of that mean, (A,)."""
 
 
 class Simulator(Protocol):
-    """A model of the robot in which the body and the fins' angles can be chosen."""
+    """A model of the robot in which the body and the hidden angles can be chosen.
 
+    A class that inherits from this one needs ``simulate`` only: its logs are compared by numpy.
+
+    Examples
+    --------
+    >>> from eea.core.replay import RecordedLog
+    >>> class Swing(Simulator):
+    ...     def simulate(self, trials):
+    ...         time = 0.01 * np.arange(1, 65)
+    ...         rate = trials.models[:, :1] * np.sin(trials.commands[:, :1] * time + trials.angles)
+    ...         return RecordedLog(gyro=rate[:, :, None])
+    >>> Swing().simulate(Trials(np.ones((5, 2)), np.ones((5, 1)), np.zeros((5, 1)))).gyro.shape
+    (5, 64, 1)
+    """
+
+    @abstractmethod
     def simulate(self, trials: Trials) -> Log:
-        """Run B trials; return their logs, (B, T, 3). A trial must not depend on the others."""
+        """Run B trials; return their logs, (B, T, axes). No trial may depend on the others."""
+
+    def comparer(self, behavior: BehaviorConfig, steps: int) -> Comparer | None:  # noqa: ARG002
+        """Return what compares such behaviours of trials of so many steps faster than numpy.
+
+        None, the default, has the logs of ``simulate`` compared by numpy.
+        """
+        return None
 
 
 @dataclass(frozen=True)
 class Context:
-    """What is believed of the fins' angles when an experiment began.
+    """What is believed of the hidden angles when an experiment began.
 
     Attributes
     ----------
     min_angle, max_angle
-        The range of each fin's angle in rad, shape (3,) each, ``min_angle <= max_angle``.
+        The range of each angle in rad, shape (h,) each, ``min_angle <= max_angle``.
     confidence
         The probability, in [0, 1], that the true angles lie in that range.
+
+    Examples
+    --------
+    >>> Context.unknown(1, 0.5).fixed, Context.known(np.zeros(1)).fixed
+    (False, True)
     """
 
     min_angle: Floats
@@ -108,13 +170,16 @@ class Context:
 
     @classmethod
     def known(cls, pose: Floats) -> Self:
-        """Return the context of certainty about one pose (3,)."""
+        """Return the context of certainty about one pose (h,)."""
         return cls(pose, pose, 1.0)
 
     @classmethod
-    def unknown(cls, fins: int, confidence: float) -> Self:
-        """Return the context whose range is every fin's whole turn."""
-        return cls(np.full(fins, -np.pi), np.full(fins, np.pi), confidence)
+    def unknown(cls, angles: int, confidence: float) -> Self:
+        """Return the context whose range is the whole turn of every one of so many angles."""
+        return cls(np.full(angles, -np.pi), np.full(angles, np.pi), confidence)
+
+    def __len__(self) -> int:
+        return len(self.min_angle)
 
     @property
     def fixed(self) -> bool:
@@ -123,7 +188,7 @@ class Context:
 
     @property
     def middle(self) -> Floats:
-        """The middle of the range, shape (3,)."""
+        """The middle of the range, shape (h,)."""
         return 0.5 * (self.min_angle + self.max_angle)
 
 
@@ -134,14 +199,14 @@ class Experiment:
     Attributes
     ----------
     command
-        Shape (3,).
+        Shape (c,): what the target executed.
     behavior
         The target's coefficients, shape (F,).
     context
         Replaced by the inference as it learns.
     true_angles
-        Where the fins began, shape (3,), if the target revealed it. Only the Ideal condition
-        and the records look at it.
+        Where the hidden angles began, shape (h,), if the target revealed it. Only the Ideal
+        condition and the records look at it.
     """
 
     command: Floats
@@ -153,13 +218,13 @@ class Experiment:
 def perform_angles(
     experiments: Sequence[Experiment], count: int, rng: np.random.Generator
 ) -> Floats:
-    """Return the angles at which ``count`` models begin each experiment, shape (count, E, 3).
+    """Return the angles at which ``count`` models begin each experiment, shape (count, E, h).
 
-    This is PERFORM of Sec. 3.3: with the context's confidence the fins are set uniformly in its
+    This is PERFORM of Sec. 3.3: with the context's confidence the angles are uniform in its
     range, else anywhere. Contexts that leave no choice draw no random numbers.
     """
-    fins = len(experiments[0].context.min_angle)
-    angles = np.empty((count, len(experiments), fins))
+    width = len(experiments[0].context)
+    angles = np.empty((count, len(experiments), width))
     for e, experiment in enumerate(experiments):
         context = experiment.context
         if context.fixed:
@@ -167,6 +232,6 @@ def perform_angles(
             continue
         believed = rng.random(count) <= context.confidence  # rand() <= confidence
         inside = sample_range(context.min_angle, context.max_angle, count, rng)
-        anywhere = rng.uniform(-np.pi, np.pi, size=(count, fins))
+        anywhere = rng.uniform(-np.pi, np.pi, size=(count, width))
         angles[:, e] = np.where(believed[:, None], inside, anywhere)
     return angles

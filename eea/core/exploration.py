@@ -9,8 +9,8 @@ import numpy as np
 
 from eea.core.bits import BitLayout
 from eea.core.checks import choice, whole
-from eea.core.experiment import Floats
-from eea.core.genetic import GeneticConfig, evolve
+from eea.core.experiment import Floats, Trials
+from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
 from eea.core.laboratory import Laboratory
 
 ExplorationPose = Literal["zero", "common_random"]
@@ -27,10 +27,15 @@ class ExplorationConfig:
     generations
         For how many generations they evolve in a round.
     pose
-        Where all the models' fins begin: "zero", arms back, or "common_random", one random pose
-        a round. It is common to all, so that disagreement is the bodies'.
+        Where all the models begin: "zero", every hidden angle at zero, or "common_random", one
+        random pose a round. It is common to all, so that disagreement is the bodies'.
     best_models
         How many models, the fittest, enter Eq. 1; None for the whole population.
+
+    Examples
+    --------
+    >>> ExplorationConfig(best_models=5).population
+    25
     """
 
     population: int = 25
@@ -39,11 +44,11 @@ class ExplorationConfig:
     best_models: int | None = None
 
     def __post_init__(self) -> None:
-        whole("exploration.population", self.population, 2)
-        whole("exploration.generations", self.generations, 1)
+        whole("exploration.population", self.population, 2, MAXIMUM_POPULATION)
+        whole("exploration.generations", self.generations, 1, MAXIMUM_GENERATIONS)
         choice("exploration.pose", self.pose, ("zero", "common_random"))
         if self.best_models is not None:
-            whole("exploration.best_models", self.best_models, 2)
+            whole("exploration.best_models", self.best_models, 2, MAXIMUM_POPULATION)
 
 
 class Exploration:
@@ -53,30 +58,34 @@ class Exploration:
     ----------
     layout
         The actions' genome.
+    hidden
+        How many hidden angles a pose has.
     laboratory
         Where models are tried.
     config, genetic
         Settings.
     rng
-        Its own stream of chance.
+        Its own.
     """
 
     def __init__(
         self,
         layout: BitLayout,
+        hidden: int,
         laboratory: Laboratory,
         config: ExplorationConfig,
         genetic: GeneticConfig,
         rng: np.random.Generator,
     ) -> None:
         self._layout = layout
+        self._hidden = hidden
         self._laboratory = laboratory
         self._config = config
         self._genetic = genetic
         self._rng = rng
 
     def first(self) -> Floats:
-        """Return a random command (3,): before any experiment the models know nothing."""
+        """Return a random command (c,): before any experiment the models know nothing."""
         command: Floats = self._layout.decode(self._layout.random(1, self._rng))[0]
         return command
 
@@ -93,16 +102,16 @@ class Exploration:
         Returns
         -------
         command
-            The fittest of the final generation, shape (3,).
+            The fittest of the final generation, shape (c,).
         act_fit
             Its ACT_FIT (Eq. 1).
         """
         config = self._config
         if config.best_models is not None:
             models = models[np.argsort(-fitness, kind="stable")[: config.best_models]]
-        pose = np.zeros(3)
+        pose = np.zeros(self._hidden)
         if config.pose == "common_random":
-            pose = self._rng.uniform(-np.pi, np.pi, size=3)
+            pose = self._rng.uniform(-np.pi, np.pi, size=self._hidden)
         genome, act_fit = evolve(
             self._layout.random(config.population, self._rng),
             config.generations,
@@ -113,15 +122,15 @@ class Exploration:
         return self._layout.decode(genome[None])[0], act_fit
 
     def _disagreement(self, models: Floats, commands: Floats, pose: Floats) -> Floats:
-        """Return ACT_FIT (A,) of commands (A, 3) over models (M, n).
+        """Return ACT_FIT (A,) of commands (A, c) over models (M, n).
 
         A command that some model cannot be simulated under scores below all others.
         """
         actions, count = len(commands), len(models)
-        fitness = self._laboratory.disagreements(
+        trials = Trials(
             np.tile(models, (actions, 1)),
             np.repeat(commands, count, axis=0),
-            np.broadcast_to(pose, (actions * count, 3)),
-            count,
+            np.broadcast_to(pose, (actions * count, len(pose))),
         )
+        fitness = self._laboratory.disagreements(trials, count)
         return np.where(np.isfinite(fitness), fitness, -1.0)

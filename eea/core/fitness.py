@@ -1,4 +1,4 @@
-"""The paper's fitnesses (Eqs. 1, 3, 4), and what guessing and the nearest genome would score."""
+"""The paper's fitnesses (Eqs. 1, 3, 4), and what guessing and the nearest genome score."""
 
 from __future__ import annotations
 
@@ -83,8 +83,8 @@ def model_fitness(similarities: Floats) -> Floats:
     return mean
 
 
-def objective_fitness(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
-    """Return one less the mean dimensional error (Eq. 4): an oracle, never used in the search.
+def dimension_errors(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
+    """Return how far models are from the target in each dimension, as shares of the ranges.
 
     Parameters
     ----------
@@ -97,12 +97,25 @@ def objective_fitness(models: ArrayLike, target: ArrayLike, layout: BitLayout) -
 
     Returns
     -------
-    obj_fit
-        Shape (...), in [0, 1].
+    errors
+        Shape (..., n), in [0, 1].
+
+    Raises
+    ------
+    ConfigurationError
+        If the target is not finite or not of shape (n,).
     """
     truth = finite("target", target, (len(layout),))
-    error = np.abs(np.asarray(models, dtype=np.float64) - truth) / (layout.high - layout.low)
-    fitness: Floats = 1.0 - error.mean(axis=-1)  # Eq. 4
+    errors: Floats = np.abs(np.asarray(models, dtype=np.float64) - truth) / layout.span
+    return errors
+
+
+def objective_fitness(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
+    """Return one less the mean dimensional error (Eq. 4): an oracle, never used in the search.
+
+    Takes and raises what :func:`dimension_errors` does; returns shape (...), in [0, 1].
+    """
+    fitness: Floats = 1.0 - dimension_errors(models, target, layout).mean(axis=-1)  # Eq. 4
     return fitness
 
 
@@ -121,25 +134,15 @@ def mid_range_level(target: ArrayLike, layout: BitLayout) -> float:
     return float(objective_fitness(0.5 * (layout.low + layout.high), target, layout))
 
 
-def nearest_errors(target: ArrayLike, layout: BitLayout) -> Floats:
-    """Return the least errors that a genome allows, as shares of the ranges, for a target (n,).
+def quantisation_errors(target: ArrayLike, layout: BitLayout) -> Floats:
+    """Return the errors (n,) of the genome nearest to a target (n,), as shares of the ranges.
 
-    They are not zero where a size lies between two levels.
-
-    Raises
-    ------
-    ConfigurationError
-        If the target is not finite or not of shape (n,).
+    They are not zero where a size lies between two levels. Raises as :func:`dimension_errors`.
     """
     truth = finite("target", target, (len(layout),))
-    nearest = layout.decode(layout.encode(truth[None]))[0]
-    errors: Floats = np.abs(nearest - truth) / (layout.high - layout.low)
-    return errors
+    return dimension_errors(layout.decode(layout.encode(truth[None]))[0], truth, layout)
 
 
-def nearest_level(target: ArrayLike, layout: BitLayout) -> float:
-    """Return the OBJ_FIT of the body nearest to a target (n,) that a genome can spell.
-
-    No search can do better. Raises as ``nearest_errors``.
-    """
-    return float(1.0 - nearest_errors(target, layout).mean())
+def quantisation_limit(target: ArrayLike, layout: BitLayout) -> float:
+    """Return the OBJ_FIT of the genome nearest to a target (n,): no search can do better."""
+    return float(1.0 - quantisation_errors(target, layout).mean())

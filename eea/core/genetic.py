@@ -18,6 +18,9 @@ from eea.core.bits import Coding, Genomes
 from eea.core.checks import choice, real, whole
 
 Crossover = Literal["two_point", "uniform"]
+# Far beyond what any search here needs; a slip of the keyboard is refused at once.
+MAXIMUM_POPULATION = 10**6
+MAXIMUM_GENERATIONS = 10**6
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,11 @@ class GeneticConfig:
         How many of the best pass on unchanged.
     coding
         How bits encode numbers.
+
+    Examples
+    --------
+    >>> GeneticConfig(elites=2).elites
+    2
     """
 
     tournament_size: int = 2
@@ -49,11 +57,11 @@ class GeneticConfig:
     coding: Coding = "gray"
 
     def __post_init__(self) -> None:
-        whole("genetic.tournament_size", self.tournament_size, 1)
+        whole("genetic.tournament_size", self.tournament_size, 1, MAXIMUM_POPULATION)
         choice("genetic.crossover", self.crossover, ("two_point", "uniform"))
         real("genetic.crossover_rate", self.crossover_rate, 0.0, 1.0)
         real("genetic.mutations", self.mutations, 0.0)
-        whole("genetic.elites", self.elites, 0)
+        whole("genetic.elites", self.elites, 0, MAXIMUM_POPULATION)
         choice("genetic.coding", self.coding, ("gray", "binary"))
 
 

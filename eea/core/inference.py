@@ -1,7 +1,7 @@
-"""Four ways to deal with fins whose angles are unknown (Secs. 3.3, 3.4, 4.1 and 4.2).
+"""Four ways to deal with joints whose angles are unknown (Secs. 3.3, 3.4, 4.1 and 4.2).
 
-Each is a small strategy over the same rounds: ``begin`` with a new experiment, ``pause`` before a
-generation is evaluated, ``observe`` how it did, ``end`` the round. What a strategy has to say it
+Each is a small strategy over the same rounds: ``begin`` with a new experiment, act
+``before_generation`` and ``after_generation``, ``end`` the round. What a strategy has to say it
 says by replacing the newest experiment's context.
 """
 
@@ -17,17 +17,16 @@ import numpy as np
 from eea.core.angles import Inclusion, smallest_inclusive, widen
 from eea.core.bits import BitLayout
 from eea.core.checks import TargetError, choice, flag, real, whole
-from eea.core.experiment import Context, Experiment, Floats
-from eea.core.genetic import GeneticConfig, evolve
+from eea.core.experiment import Context, Experiment, Floats, Trials
+from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
 from eea.core.laboratory import Laboratory
-
-FINS = 3
 
 
 class Inference(ABC):
     """What the estimation phase asks of a strategy."""
 
     experiments: Sequence[Experiment]
+    generations: int
 
     @property
     def newest(self) -> Experiment:
@@ -36,17 +35,19 @@ class Inference(ABC):
 
     def begin(self, experiments: Sequence[Experiment], generations: int) -> None:
         """Begin a round of so many generations; the newest experiment is the last."""
-        self.experiments = experiments
-        self.newest.context = self._first_context(self.newest, generations)
+        self.experiments, self.generations = experiments, generations
+        self.newest.context = self._first_context(self.newest)
 
     @abstractmethod
-    def _first_context(self, newest: Experiment, generations: int) -> Context:
+    def _first_context(self, newest: Experiment) -> Context:
         """Return what is believed of a new experiment's start."""
 
-    def pause(self, generation: int, models: Floats) -> None:  # noqa: B027 - most need none
-        """Think, before a generation (from 0) of models (N, n) is evaluated."""
+    def before_generation(  # noqa: B027 - most do nothing here
+        self, generation: int, models: Floats
+    ) -> None:
+        """Infer, before a generation (from 0) of models (N, n) is evaluated."""
 
-    def observe(  # noqa: B027 - most learn nothing here
+    def after_generation(  # noqa: B027 - most learn nothing here
         self, generation: int, angles: Floats, similarities: Floats
     ) -> None:
         """Learn from an evaluated generation.
@@ -56,7 +57,7 @@ class Inference(ABC):
         generation
             From 0.
         angles
-            Where each model began each experiment, shape (N, E, 3), rad.
+            Where each model began each experiment, shape (N, E, h), rad.
         similarities
             How alike each model was to the target in each experiment, shape (N, E).
         """
@@ -66,20 +67,20 @@ class Inference(ABC):
 
 
 class NoInference(Inference):
-    """Every model begins at the zero state, arms back (Sec. 4.2): the floor."""
+    """Every model begins at the zero state (Sec. 4.2): the floor."""
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
-        return Context.known(np.zeros(FINS))
+    def _first_context(self, newest: Experiment) -> Context:
+        return Context.known(np.zeros(len(newest.context)))
 
 
 class Ideal(Inference):
     """The target's angles are given to the models (Sec. 4.1): the ceiling."""
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+    def _first_context(self, newest: Experiment) -> Context:
         if newest.true_angles is None:
             raise TargetError(
-                "the ideal condition needs a target that reveals its fins' angles after each "
-                "command as last_fin_angles; this one does not"
+                "the ideal condition needs a target that reveals its hidden angles after each "
+                "command as start_angles; this one does not"
             )
         return Context.known(newest.true_angles)
 
@@ -107,6 +108,11 @@ class InBandConfig:
     inclusion
         What range includes the best: "circular" is the shortest arc, "linear" reaches from
         their least to their greatest angle in [-pi, pi).
+
+    Examples
+    --------
+    >>> InBandConfig(dynamic_split=True).k
+    3
     """
 
     k: int = 3
@@ -117,7 +123,7 @@ class InBandConfig:
     inclusion: Inclusion = "circular"
 
     def __post_init__(self) -> None:
-        whole("in_band.k", self.k, 1)
+        whole("in_band.k", self.k, 1, MAXIMUM_POPULATION)
         choice("in_band.rank_by", self.rank_by, ("newest", "overall"))
         real("in_band.confidence", self.confidence, 0.0, 1.0)
         flag("in_band.dynamic_split", self.dynamic_split)
@@ -140,13 +146,11 @@ class InBand(Inference):
 
     def __init__(self, config: InBandConfig) -> None:
         self._config = config
-        self._generations = 1
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
-        self._generations = generations
-        return Context.unknown(FINS, self._confidence(0))
+    def _first_context(self, newest: Experiment) -> Context:
+        return Context.unknown(len(newest.context), self._confidence(0))
 
-    def observe(self, generation: int, angles: Floats, similarities: Floats) -> None:
+    def after_generation(self, generation: int, angles: Floats, similarities: Floats) -> None:
         """Set the newest experiment's range to that of the K best models of this generation."""
         newest_only = self._config.rank_by == "newest"
         scores = similarities[:, -1] if newest_only else similarities.mean(axis=1)
@@ -165,7 +169,7 @@ class InBand(Inference):
         start = self._config.confidence
         if not self._config.dynamic_split:
             return start
-        return start + (1.0 - start) * min(1.0, 2.0 * generation / self._generations)
+        return start + (1.0 - start) * min(1.0, 2.0 * generation / self.generations)
 
 
 PoseFitness = Literal["mean", "best"]
@@ -191,8 +195,13 @@ class OutOfBandConfig:
     warm_start
         Begin a round's later inferences with the pose inferred before among the candidates.
     revisit
-        At each pause, infer the angles of so many earlier experiments anew too, drawn at random
+        At each inference, infer the angles of so many earlier experiments anew too, drawn at random
         and begun with the pose they had. The paper locks them in: 0.
+
+    Examples
+    --------
+    >>> OutOfBandConfig(sampled_models=5, revisit=5).period
+    35
     """
 
     period: int = 35
@@ -204,18 +213,18 @@ class OutOfBandConfig:
     revisit: int = 0
 
     def __post_init__(self) -> None:
-        whole("out_of_band.period", self.period, 1)
-        whole("out_of_band.inner_population", self.inner_population, 2)
-        whole("out_of_band.inner_generations", self.inner_generations, 1)
+        whole("out_of_band.period", self.period, 1, MAXIMUM_GENERATIONS)
+        whole("out_of_band.inner_population", self.inner_population, 2, MAXIMUM_POPULATION)
+        whole("out_of_band.inner_generations", self.inner_generations, 1, MAXIMUM_GENERATIONS)
         if self.sampled_models is not None:
-            whole("out_of_band.sampled_models", self.sampled_models, 1)
+            whole("out_of_band.sampled_models", self.sampled_models, 1, MAXIMUM_POPULATION)
         choice("out_of_band.pose_fitness", self.pose_fitness, ("mean", "best"))
         flag("out_of_band.warm_start", self.warm_start)
-        whole("out_of_band.revisit", self.revisit, 0)
+        whole("out_of_band.revisit", self.revisit, 0, MAXIMUM_POPULATION)
 
 
 class OutOfBand(Inference):
-    """Pause the search for models and search for the angles (Sec. 3.4).
+    """Interrupt the search for models by one for the angles (Sec. 3.4).
 
     Parameters
     ----------
@@ -228,7 +237,7 @@ class OutOfBand(Inference):
     genetic
         The operators' settings, shared with the other phases.
     rng
-        Its own stream of chance.
+        Its own.
     """
 
     def __init__(
@@ -245,11 +254,11 @@ class OutOfBand(Inference):
         self._genetic = genetic
         self._rng = rng
 
-    def _first_context(self, newest: Experiment, generations: int) -> Context:  # noqa: ARG002
+    def _first_context(self, newest: Experiment) -> Context:
         # Never simulated: generation 0 begins with an inference.
-        return Context.unknown(FINS, 1.0)
+        return Context.unknown(len(newest.context), 1.0)
 
-    def pause(self, generation: int, models: Floats) -> None:
+    def before_generation(self, generation: int, models: Floats) -> None:
         """Every ``period`` generations, replace the newest experiment's angles."""
         if generation % self._config.period:
             return
@@ -274,12 +283,12 @@ class OutOfBand(Inference):
         experiment
             What is to be reproduced.
         start
-            A pose (3,) to put among the first candidates, if any.
+            A pose (h,) to put among the first candidates, if any.
 
         Returns
         -------
         pose
-            The fittest of the final generation, shape (3,), rad.
+            The fittest of the final generation, shape (h,), rad.
         """
         config = self._config
         if config.sampled_models is not None and config.sampled_models < len(models):
@@ -298,15 +307,17 @@ class OutOfBand(Inference):
         return pose
 
     def _pose_fitness(self, poses: Floats, models: Floats, experiment: Experiment) -> Floats:
-        """Return the fitness (P,) of poses (P, 3) judged by models (N, n)."""
-        trials = (len(poses), len(models))
+        """Return the fitness (P,) of poses (P, h) judged by models (N, n)."""
+        shape = (len(poses), len(models))
+        count = shape[0] * shape[1]
+        trials = Trials(
+            np.tile(models, (shape[0], 1)),
+            np.broadcast_to(experiment.command, (count, len(experiment.command))),
+            np.repeat(poses, shape[1], axis=0),
+        )
         similarities = self._laboratory.similarities(
-            np.tile(models, (trials[0], 1)),
-            np.broadcast_to(experiment.command, (trials[0] * trials[1], FINS)),
-            np.repeat(poses, trials[1], axis=0),
-            experiment.behavior[None],
-            np.zeros(trials[0] * trials[1], dtype=np.intp),
-        ).reshape(trials)
+            trials, experiment.behavior[None], np.zeros(count, dtype=np.intp)
+        ).reshape(shape)
         best = self._config.pose_fitness == "best"
         fitness: Floats = similarities.max(axis=1) if best else similarities.mean(axis=1)
         return fitness

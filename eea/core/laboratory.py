@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,61 +13,53 @@ from eea.core.fitness import action_fitness, disagreement
 DIVERGED = -1e6  # far below any real similarity, and still a number that means can hold
 
 
-class Comparer(Protocol):
-    """Simulates and compares in one go, where a simulator can do that faster than numpy.
-
-    What it answers is what ``behavior.py`` and ``fitness.py`` would, but for rounding. A robot
-    that left the finite numbers gives an answer that is not finite.
-    """
-
-    def to_observed(
-        self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
-    ) -> Floats:
-        """Return the mean difference (B,) of coefficients from ``observed[which]``.
-
-        ``observed`` has shape (E, F), ``which`` (B,).
-        """
-
-    def between_models(self, trials: Trials, models: int) -> Floats:
-        """Return, for each run of ``models`` trials, the sum over its pairs of that mean, (A,)."""
-
-
 class Laboratory:
     """Runs batches of models through the simulator and counts them.
 
     Parameters
     ----------
     simulator
-        Runs the trials. If it has a method ``comparer``, that is asked for a :class:`Comparer`
-        for the behaviour and the length of trials, or None.
+        Runs the trials, and may compare them itself.
     behavior
         How logs are summarised and compared.
-    steps
-        How long every log must be.
+    steps, axes
+        How long every log must be, and how many axes its signal must have.
+
+    Raises
+    ------
+    TargetError
+        If the simulator is none.
     """
 
-    def __init__(self, simulator: Simulator, behavior: BehaviorConfig, steps: int) -> None:
+    def __init__(
+        self, simulator: Simulator, behavior: BehaviorConfig, steps: int, axes: int
+    ) -> None:
+        for method in ("simulate", "comparer"):
+            if not callable(getattr(simulator, method, None)):
+                raise TargetError(
+                    f"the simulator must have {method}, as whatever inherits from eea.Simulator "
+                    f"and simulates has; {type(simulator).__name__} has none"
+                )
         self._simulator = simulator
+        self._comparer = simulator.comparer(behavior, steps)
         self.behavior: BehaviorConfig = behavior
         self.steps: int = steps
+        self.axes: int = axes
         self.trials: int = 0
-        find = getattr(simulator, "comparer", None)
-        self._comparer: Comparer | None = None if find is None else find(behavior, steps)
 
-    def behaviors(self, morphologies: Floats, commands: Floats, fin_angles: Floats) -> Coefficients:
-        """Return the behaviours (B, F) of bodies (B, n) under commands (B, 3) from angles (B, 3).
+    def behaviors(self, trials: Trials) -> Coefficients:
+        """Return the behaviours (B, F) of B trials.
 
         A robot that left the finite numbers has coefficients that are not finite.
 
         Raises
         ------
         TargetError
-            If the simulator returns another number of logs, or logs another number of steps.
+            If the simulator returns another number of logs, or logs of another length or width.
         """
-        trials = Trials(morphologies, commands, fin_angles)
         with np.errstate(invalid="ignore", over="ignore"):
             log = self._simulator.simulate(trials)
-            coefficients = summarize(log, self.behavior, self.steps, "the simulator")
+            coefficients = summarize(log, self.behavior, self.steps, self.axes, "the simulator")
         if len(coefficients) != len(trials):
             raise TargetError(
                 f"the simulator must return a log for each of {len(trials)} trials; "
@@ -79,32 +69,26 @@ class Laboratory:
         return coefficients
 
     def similarities(
-        self,
-        morphologies: Floats,
-        commands: Floats,
-        fin_angles: Floats,
-        observed: Coefficients,
-        which: NDArray[np.intp],
+        self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
     ) -> Floats:
-        """Return sim (B,) between those behaviours and the observed ones, ``observed[which]``.
+        """Return sim (B,) between the trials' behaviours and the observed ``observed[which]``.
 
         A robot that left the finite numbers is like nothing: its sim is ``DIVERGED``.
 
         Parameters
         ----------
-        morphologies, commands, fin_angles
-            Shape (B, n), (B, 3) and (B, 3).
+        trials
+            B of them.
         observed
             Behaviours of the target, shape (E, F).
         which
             The one that each is compared with, shape (B,).
         """
         if self._comparer is not None:
-            trials = Trials(morphologies, commands, fin_angles)
             sim = likeness(self._comparer.to_observed(trials, observed, which), self.behavior)
             self.trials += len(trials)
             return np.where(np.isfinite(sim), sim, DIVERGED)
-        simulated = self.behaviors(morphologies, commands, fin_angles)
+        simulated = self.behaviors(trials)
         with np.errstate(invalid="ignore", over="ignore"):
             sim = similarity(simulated, observed[which], self.behavior)
         finite = np.isfinite(sim)
@@ -112,26 +96,23 @@ class Laboratory:
             finite &= np.isfinite(simulated).all(axis=-1)
         return np.where(finite, sim, DIVERGED)
 
-    def disagreements(
-        self, morphologies: Floats, commands: Floats, fin_angles: Floats, models: int
-    ) -> Floats:
+    def disagreements(self, trials: Trials, models: int) -> Floats:
         """Return ACT_FIT (A,) of A commands, each tried on ``models`` bodies in a row (Eq. 1).
 
         That of a command under which a robot left the finite numbers is not finite.
 
         Parameters
         ----------
-        morphologies, commands, fin_angles
-            Shape (A * models, n), (A * models, 3) and (A * models, 3).
+        trials
+            A * models of them.
         models
             How many, at least two.
         """
         if self._comparer is not None:
-            trials = Trials(morphologies, commands, fin_angles)
             apart = self._comparer.between_models(trials, models)
             self.trials += len(trials)
             return disagreement(apart, models, self.behavior)
-        behaviors = self.behaviors(morphologies, commands, fin_angles)
+        behaviors = self.behaviors(trials)
         actions = len(behaviors) // models
         with np.errstate(invalid="ignore", over="ignore"):
             return action_fitness(behaviors.reshape(actions, models, -1), self.behavior)

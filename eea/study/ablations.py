@@ -11,13 +11,9 @@ table: the answer that equals a baseline makes no arm, for the baseline is its m
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
-
-from eea.core.checks import choice
-from eea.core.config import EEAConfig
-from eea.study.presets import figure_config
 
 Settings = Mapping[str, Mapping[str, Any]]  # part of EEAConfig -> field -> value
 
@@ -248,13 +244,13 @@ ABLATIONS: dict[str, Ablation] = {ablation.name: ablation for ablation in _TABLE
 ELSEWHERE = (
     Elsewhere(
         "attitude past the vertical",
-        "aquafish_gym.physics.attitude.continue_attitude",
+        "aquafish_gym.imu.continue_attitude",
         "Both triples are the same attitude; any rule but continuity puts jumps into the transform "
         "that depend on the axes' names and not on the body.",
     ),
     Elsewhere(
         "what is randomised before an action",
-        "eea.aquafish.fish.EngineTarget",
+        "eea.aquafish.EngineTarget",
         "A setting of the target, `orientation`. Still water knows no direction, so the gyroscope "
         "feels the same; in a log of the world's attitude a heading adds a constant to yaw, which "
         "is one coefficient, and a full attitude changes all three signals.",
@@ -279,7 +275,7 @@ ELSEWHERE = (
     ),
     Elsewhere(
         "models' precision",
-        "eea.aquafish.fish.EngineSimulator",
+        "eea.aquafish.EngineSimulator",
         "A setting of the simulator, `dtype`; the paper names no precision.",
     ),
     Elsewhere(
@@ -288,156 +284,3 @@ ELSEWHERE = (
         "The gait's, after the EEA has ended.",
     ),
 )
-
-
-@dataclass(frozen=True)
-class Arm:
-    """One answer to a question under one condition.
-
-    Attributes
-    ----------
-    ablation, answer, condition
-        The question, the key of its answer, and a key of ``BASELINES``.
-    baseline
-        The arm to subtract, seed by seed.
-    config
-        Every setting.
-    """
-
-    ablation: Ablation
-    answer: str
-    condition: str
-    baseline: str
-    config: EEAConfig
-
-
-def baseline_config(condition: str, steps: int = STEPS, rounds: int = 25) -> EEAConfig:
-    """Return the settings that a condition's arms differ from: the defaults.
-
-    Raises
-    ------
-    ConfigurationError
-        If the condition is not one of ``BASELINES``.
-    """
-    choice("condition", condition, BASELINES)
-    return figure_config(BASELINES[condition], steps, rounds)
-
-
-def with_settings(config: EEAConfig, settings: Settings) -> EEAConfig:
-    """Return a configuration with some fields of its parts replaced."""
-    parts = {part: replace(getattr(config, part), **dict(s)) for part, s in settings.items()}
-    return replace(config, **parts)
-
-
-def arms(
-    names: Iterable[str] | None = None, steps: int = STEPS, rounds: int = 25
-) -> dict[str, Arm]:
-    """Return the arms of some ablations, by names as ``"difference-magnitude-ideal"``.
-
-    Parameters
-    ----------
-    names
-        Keys of ``ABLATIONS``; None for all.
-    steps, rounds
-        Of every arm.
-
-    Raises
-    ------
-    ConfigurationError
-        If a name is unknown.
-    """
-    found: dict[str, Arm] = {}
-    for name in ABLATIONS if names is None else names:
-        choice("ablation", name, ABLATIONS)
-        ablation = ABLATIONS[name]
-        for condition in ablation.conditions:
-            baseline = baseline_config(condition, steps, rounds)
-            for answer, settings in ablation.answers.items():
-                config = with_settings(baseline, settings)
-                if config != baseline:
-                    found[f"{name}-{answer}-{condition}"] = Arm(
-                        ablation, answer, condition, f"baseline-{condition}", config
-                    )
-    return found
-
-
-def ablation_arms(
-    names: Iterable[str] | None = None, steps: int = STEPS, rounds: int = 25
-) -> dict[str, EEAConfig]:
-    """Return the settings of every arm to run, the baselines first and once each.
-
-    See ``arms`` for the parameters and ``ablation_baselines`` for what to compare with what.
-    """
-    wanted = arms(names, steps, rounds)
-    needed = {arm.condition for arm in wanted.values()}
-    configs = {
-        f"baseline-{condition}": baseline_config(condition, steps, rounds)
-        for condition in BASELINES
-        if condition in needed
-    }
-    return configs | {name: arm.config for name, arm in wanted.items()}
-
-
-def ablation_baselines(names: Iterable[str] | None = None) -> dict[str, str]:
-    """Return which arm each is to be compared with: arm -> baseline."""
-    return {name: arm.baseline for name, arm in arms(names).items()}
-
-
-@dataclass(frozen=True)
-class Trials:
-    """How many trials each part of a run simulates."""
-
-    exploration: float
-    estimation: float
-    inference: float
-
-    @property
-    def total(self) -> float:
-        """Of all three."""
-        return self.exploration + self.estimation + self.inference
-
-
-def asked_trials(config: EEAConfig) -> Trials:
-    """Return how many trials a run of all its rounds asks for, at most.
-
-    It is the exact number if no genome recurs and each round begins with new ones. What recurs
-    is not simulated again, so that runs need fewer: see ``expected_trials``.
-    """
-    rounds, models = config.rounds, config.estimation.population
-    exploration, out_of_band = config.exploration, config.out_of_band
-    searches = 0
-    if config.condition == "out-of-band":
-        pauses = -(-config.estimation.generations // out_of_band.period)
-        revisited = sum(min(out_of_band.revisit, earlier) for earlier in range(rounds))
-        searches = pauses * (rounds + revisited)
-    poses = out_of_band.inner_population * out_of_band.inner_generations
-    return Trials(
-        exploration=(rounds - 1)
-        * exploration.population
-        * exploration.generations
-        * (exploration.best_models or models),
-        estimation=models * config.estimation.generations * rounds * (rounds + 1) // 2,
-        inference=searches * poses * min(out_of_band.sampled_models or models, models),
-    )
-
-
-# Shares of the asked trials that were simulated with the default settings, 25 rounds of 256 steps
-# on the half-fin target: Ideal 0.75 and 0.72, Out-of-Band 0.76, 0.74 and 0.81 (seed 1000).
-NEW_ACTIONS = 0.76
-NEW_MODELS = 0.74
-NEW_POSES = 0.81
-
-
-def expected_trials(config: EEAConfig) -> Trials:
-    """Return about how many trials a run of all its rounds simulates, for planning.
-
-    It takes the default operators' rate of recurring genomes. Under In-Band Inference nothing is
-    known already: models begin anew from anywhere in the ranges.
-    """
-    asked = asked_trials(config)
-    known = config.estimation.remember and config.condition != "in-band"
-    return Trials(
-        asked.exploration * NEW_ACTIONS,
-        asked.estimation * (NEW_MODELS if known else 1.0),
-        asked.inference * NEW_POSES,
-    )

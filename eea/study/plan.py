@@ -3,36 +3,60 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 Plan = dict[str, dict[int, range]]  # arm, then steps, then seeds
+RUNS = "runs"
+
+
+class Place(NamedTuple):
+    """Which replicate: an arm, the steps of its trials and a seed."""
+
+    arm: str
+    steps: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.arm}, {self.steps} steps, seed {self.seed}"
+
+    @property
+    def file(self) -> str:
+        """Where its results are, relative to the study's folder."""
+        return f"{RUNS}/{self.arm}/{self.steps}/{self.seed}.json"
+
+
+def places(plan: Plan) -> list[Place]:
+    """Return every replicate of a plan, by arm, steps and seed."""
+    return [
+        Place(arm, steps, seed)
+        for arm, durations in plan.items()
+        for steps, seeds in durations.items()
+        for seed in seeds
+    ]
 
 
 def read_plan(document: Mapping[str, Any]) -> Plan:
-    """Return the plan in a study.json.
-
-    Each arm has its own steps, and each of these its own seeds, under ``replicates``. The first
-    studies gave the same ``steps`` and ``seeds`` to all arms.
+    """Return the plan in a study.json: under ``replicates`` each arm's steps, and their seeds.
 
     Raises
     ------
     ValueError
         If it is not said, or not in this form; the message names what is wrong.
     """
-    arms = document.get("arms")
+    arms, table = document.get("arms"), document.get("replicates")
     if not isinstance(arms, dict) or not all(isinstance(arm, dict) for arm in arms.values()):
         raise ValueError("arms")
-    table = document.get("replicates")
-    if table is None:
-        steps, seeds = document.get("steps"), _span(document.get("seeds"), "seeds")
-        if not isinstance(steps, list) or not all(type(number) is int for number in steps):
-            raise ValueError("steps")
-        return {arm: dict.fromkeys(steps, seeds) for arm in arms}
     if not isinstance(table, dict) or table.keys() != arms.keys():
         raise ValueError("replicates")
     plan: Plan = {}
     for arm, durations in table.items():
-        if not isinstance(durations, dict) or not all(map(str.isdecimal, durations)):
+        if (
+            not isinstance(durations, dict)
+            or not durations
+            or not all(map(str.isdecimal, durations))
+        ):
             raise ValueError(f"replicates.{arm}")
         plan[arm] = {
             int(steps): _span(seeds, f"replicates.{arm}.{steps}")
@@ -76,13 +100,12 @@ def joined(held: Plan, asked: Plan) -> Plan:
             old = own.get(steps, new)
             if max(old.start, new.start) > min(old.stop, new.stop):
                 raise ValueError(
-                    f"seeds {spoken_span(old)}; {spoken_span(new)} would leave a gap in those of "
+                    f"seeds {_spoken(old)}; {_spoken(new)} would leave a gap in those of "
                     f"{arm} at {steps} steps"
                 )
             own[steps] = range(min(old.start, new.start), max(old.stop, new.stop))
     return plan
 
 
-def spoken_span(seeds: range) -> str:
-    """Return ``2 to 5``."""
+def _spoken(seeds: range) -> str:
     return f"{seeds.start} to {seeds.stop - 1}"

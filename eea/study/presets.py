@@ -53,3 +53,17 @@ def figure_config(name: str, steps: int = 256, rounds: int = 25) -> EEAConfig:
     """
     choice("figure", name, FIGURES)
     return replace(FIGURES[name], steps=steps, rounds=rounds)
+
+
+def smoke(config: EEAConfig) -> EEAConfig:
+    """Return an arm's settings made so small that all figures take seconds."""
+    return replace(
+        config,
+        exploration=replace(config.exploration, population=6, generations=3),
+        estimation=replace(
+            config.estimation,
+            population=max(6, config.estimation.population // 10),
+            generations=8,
+        ),
+        out_of_band=replace(config.out_of_band, period=3, inner_population=6, inner_generations=3),
+    )

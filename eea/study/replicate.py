@@ -1,27 +1,22 @@
-"""One replicate of a study: its two files, and how it goes on after whatever stopped it.
-
-A line goes to the log as each round ends, and then the state is replaced at once or not at all.
-So the state is never ahead of the log: after a kill at any instant it is of the log's last round
-or of the one before, and from there the run repeats itself to the bit.
-"""
+"""One replicate of a study: a pure function of a small description that any process can have."""
 
 from __future__ import annotations
 
-import json
-import time
-from collections.abc import Iterator
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import DamagedFileError, append_record, read_records
-from eea.aquafish.fish import EngineTarget, Orientation, fish_eea
-from eea.cli.folder import keep_lines, read_state, write_state
-from eea.core.algorithm import EEA, RoundRecord, streams
+from eea.aquafish import EngineTarget, Orientation, fish_eea
+from eea.core.algorithm import EEA, streams
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
+from eea.study.plan import Place
+from eea.study.presets import smoke
+from eea.study.provenance import source_stamp
+
+Say = Callable[[str, float], None]
 
 
 @dataclass(frozen=True)
@@ -55,15 +50,10 @@ class World:
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     substeps: int = 1
 
-    @property
-    def target(self) -> Morphology:
-        """The damaged body."""
-        return self.damage.apply(self.morphology)
-
 
 @dataclass(frozen=True)
 class Replicate:
-    """One seed of one arm at one length of trial; enough to be sent to another process.
+    """One seed of one arm at one length of trial; enough to be sent to another machine.
 
     Attributes
     ----------
@@ -75,35 +65,31 @@ class Replicate:
         Of everything random.
     world
         The target and the simulator.
-    folder
-        The study's.
+    source
+        The ``source_stamp`` of the code that is to run it, which a machine of a cluster may not
+        have; empty for any.
     """
 
     arm: str
     config: EEAConfig
     seed: int
     world: World
-    folder: Path
+    source: str = ""
 
     @property
-    def cell(self) -> tuple[str, int]:
-        """The arm and the steps."""
-        return self.arm, self.config.steps
+    def place(self) -> Place:
+        """Where it is in the study."""
+        return Place(self.arm, self.config.steps, self.seed)
 
     @property
     def name(self) -> str:
         """For people."""
-        return f"{self.arm}, {self.config.steps} steps, seed {self.seed}"
+        return self.place.name
 
     @property
-    def log(self) -> Path:
-        """The file with a checksummed line a round."""
-        return self.folder / "runs" / self.arm / str(self.config.steps) / f"{self.seed}.jsonl"
-
-    @property
-    def state(self) -> Path:
-        """The file from which an unfinished replicate goes on."""
-        return self.log.with_suffix(".state")
+    def file(self) -> str:
+        """Its file relative to the study's folder."""
+        return self.place.file
 
     def begin(self) -> EEA:
         """Return the algorithm before its first round.
@@ -136,131 +122,50 @@ class Replicate:
             threads=1,
         )
 
-    def ends_with(self, record: dict[str, Any]) -> bool:
-        """Return whether this record is the last that the replicate will ever have."""
-        accurate = self.config.accurate
-        if accurate is not None and record["model_fitness"] >= accurate:
-            return True
-        return bool(record["round"] == self.config.rounds)
+
+def rehearse(jobs: Sequence[Replicate]) -> None:
+    """Begin each job, and run one like the first in small, so that the engine is compiled.
+
+    Raises
+    ------
+    ConfigurationError, InvalidArgumentError, EngineUnavailableError
+        If a setting is wrong, or an engine is not to be had here.
+    """
+    for job in jobs:
+        job.begin()
+    config = jobs[0].config
+    small = EEAConfig(condition="ideal", steps=config.steps, rounds=2, behavior=config.behavior)
+    replicate(replace(jobs[0], config=smoke(small)), lambda _text, _share: None)
 
 
-@dataclass(frozen=True)
-class Standing:
-    """How far a replicate's files say it is.
+def replicate(job: Replicate, say: Say) -> dict[str, Any]:
+    """Run a replicate to its end; return what it was, why it ended, and a record a round.
 
-    Attributes
+    The records are without their clock, so that the same job gives the same document anywhere.
+
+    Parameters
     ----------
-    records
-        The sound records, from the first round on.
-    ended
-        Whether it is complete.
-    complaint
-        What is damaged, by file and line; ``None`` if nothing is. A last line that was being
-        written when the process was killed is no damage.
+    job
+        What to run. Nothing else has a say in what comes out.
+    say
+        Told the round, and the share of all rounds that is done.
+
+    Raises
+    ------
+    ConfigurationError
+        If this machine has other code than ``job.source``.
+    InvalidArgumentError, EngineUnavailableError
+        As ``Replicate.begin``.
     """
-
-    records: list[dict[str, Any]]
-    ended: bool
-    complaint: str | None = None
-
-
-@dataclass(frozen=True)
-class Progress:
-    """What a worker says after each round.
-
-    Attributes
-    ----------
-    round
-        From 1; a replicate that goes on begins with a word about the round it is at.
-    objective_fitness
-        OBJ_FIT after it; ``None`` at a beginning.
-    cpu, wall
-        Seconds that the round took.
-    """
-
-    round: int
-    objective_fitness: float | None = None
-    cpu: float = 0.0
-    wall: float = 0.0
-
-
-def log_record(record: RoundRecord) -> dict[str, Any]:
-    """Return a record without its clock, as it comes back from a log."""
-    document: dict[str, Any] = json.loads(json.dumps(record.to_dict()))
-    del document["seconds"]
-    return document
-
-
-def look(replicate: Replicate) -> Standing:
-    """Read a replicate's log; change nothing."""
-    torn = False
-    try:
-        records, complaint = read_records(replicate.log), None
-    except FileNotFoundError:
-        return Standing([], ended=False)
-    except OSError as error:  # whoever goes on with it will fail for the same reason
-        return Standing([], ended=False, complaint=f"{replicate.log}: {error.strerror}")
-    except DamagedFileError as error:
-        records = error.records
-        lines = replicate.log.read_bytes().split(b"\n")
-        torn = error.line == len(lines)  # what follows the last end of a line
-        complaint = None if torn else str(error)
-    for number, record in enumerate(records, start=1):
-        if not isinstance(record, dict) or record.get("round") != number:
-            complaint = f"{replicate.log}, line {number}: the record is not of round {number}"
-            records = records[: number - 1]
-            break
-        if replicate.ends_with(record) and (number < len(records) or torn):
-            complaint = f"{replicate.log}, line {number + 1}: there is no round {number + 1}"
-            records = records[:number]
-            break
-    ended = complaint is None and bool(records) and replicate.ends_with(records[-1])
-    return Standing(records, ended, complaint)
-
-
-def run_replicate(replicate: Replicate) -> Iterator[Progress]:
-    """Run a replicate to its end from wherever its files are, and say so after each round.
-
-    Files that do not agree with each other, or are damaged, are not gone on from: the replicate
-    starts again.
-    """
-    replicate.log.parent.mkdir(parents=True, exist_ok=True)
-    # What a kill left of a file that was about to replace one of this replicate's.
-    for stale in replicate.log.parent.glob(f".{replicate.log.stem}.*"):
-        stale.unlink()
-    standing = look(replicate)
-    if not standing.ended:
-        eea = _resume(replicate, standing)
-        yield Progress(len(eea.result.rounds))
-        cpu, wall = time.process_time(), time.monotonic()
-        for record in eea:
-            line = log_record(record)
-            append_record(replicate.log, line)
-            if not replicate.ends_with(line):
-                write_state(replicate.state, eea.save())
-            before = cpu, wall
-            cpu, wall = time.process_time(), time.monotonic()
-            yield Progress(
-                record.round, record.objective_fitness, cpu - before[0], wall - before[1]
-            )
-    replicate.state.unlink(missing_ok=True)
-
-
-def _resume(replicate: Replicate, standing: Standing) -> EEA:
-    """Return the algorithm as the files left it, and the log cut to just its rounds."""
-    eea = replicate.begin()
-    saved = read_state(replicate.state)
-    if saved is not None:
-        try:
-            eea.restore(saved)
-        except ConfigurationError:
-            eea = replicate.begin()
-    done = [log_record(record) for record in eea.result.rounds]
-    if done != standing.records[: len(done)]:
-        eea, done = replicate.begin(), []
-    if not done:
-        replicate.state.unlink(missing_ok=True)
-        replicate.log.unlink(missing_ok=True)
-    else:
-        keep_lines(replicate.log, len(done))
-    return eea
+    if job.source and job.source != source_stamp():
+        raise ConfigurationError(
+            f"this worker has other code (source {source_stamp()}, not {job.source}); install the "
+            "same version on every machine"
+        )
+    eea, rounds = job.begin(), job.config.rounds
+    for record in eea:
+        say(f"{record.round}/{rounds}", record.round / rounds)
+    timeless = [record.to_dict() for record in eea.result.rounds]
+    for line in timeless:
+        del line["seconds"]
+    return {**job.place._asdict(), "stopped": eea.result.stopped, "rounds": timeless}

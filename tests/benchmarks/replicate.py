@@ -16,7 +16,7 @@ import eea.aquafish.spectral
 import eea.core.estimation
 import eea.core.genetic
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from eea.aquafish.fish import estimate_morphology
+from eea.aquafish.estimate import estimate_morphology
 from eea.core.bits import BitLayout
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig

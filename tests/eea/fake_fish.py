@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from eea.core.algorithm import EEA
 from eea.core.bits import action_layout, model_layout
 from eea.core.config import EEAConfig
-from eea.core.experiment import Trials
+from eea.core.experiment import Simulator, Trials
+from eea.core.problem import Problem
 
 STEPS = 64
 TABLE = [
@@ -26,6 +27,7 @@ TABLE = [
 ]
 MODELS = model_layout(TABLE)
 ACTIONS = action_layout([("left", -0.5, 0.5), ("right", -0.5, 0.5), ("tail", 0.0, 1.0)])
+PROBLEM = Problem(MODELS, ACTIONS, ("left", "right", "tail"), axes=3)
 TRUTH = np.array([0.4, 0.8, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, 0.6])
 
 
@@ -35,7 +37,7 @@ class FakeLog:
     gyro: NDArray[np.float64]
 
 
-class FakeSimulator:
+class FakeSimulator(Simulator):
     """Each fin makes one axis's rate swing, by its sizes and from its angle."""
 
     def __init__(self, steps: int = STEPS) -> None:
@@ -46,9 +48,9 @@ class FakeSimulator:
     def simulate(self, trials: Trials) -> FakeLog:
         self.calls += 1
         self.sizes.append(len(trials))
-        sizes = trials.morphologies.reshape(-1, 3, 3, 1) / np.array([1.0, 2.0, 1.0])[:, None]
+        sizes = trials.models.reshape(-1, 3, 3, 1) / np.array([1.0, 2.0, 1.0])[:, None]
         time = 0.01 * np.arange(1, self.steps + 1)
-        phase = 2 * np.pi * 3.0 * trials.commands[..., None] * time + trials.fin_angles[..., None]
+        phase = 2 * np.pi * 3.0 * trials.commands[..., None] * time + trials.angles[..., None]
         swing = sizes[:, :, 0] * np.sin(phase) + sizes[:, :, 1] * (1 - np.cos(phase))
         swing = swing + sizes[:, :, 2] * np.sin(2 * phase)
         gyro = np.ascontiguousarray(swing.transpose(0, 2, 1))
@@ -72,7 +74,7 @@ class FakeTarget:
 
 class FakeRevealingTarget(FakeTarget):
     @property
-    def last_fin_angles(self) -> NDArray[np.float64]:
+    def start_angles(self) -> NDArray[np.float64]:
         return self._last
 
 
@@ -81,8 +83,7 @@ def fake_eea(config: EEAConfig, seed: int = 0, truth: bool = True) -> EEA:
     return EEA(
         FakeRevealingTarget(seed, config.steps),
         FakeSimulator(config.steps),
-        MODELS,
-        ACTIONS,
+        PROBLEM,
         config,
         seed,
         TRUTH if truth else None,

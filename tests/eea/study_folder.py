@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from pathlib import Path
 
 import numpy as np
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA, Morphology
-from aquafish_gym.runs.storage import write_json
+from aquafish_gym.runs.runner import SCHEMA
+from aquafish_gym.runs.storage import encode_document, write_document
+from eea.study import folder as study_folder
+from eea.study.plan import Place
 
 DAMAGE = "left_pectoral:length=0.5"
 TRUTH = Damage.parse(DAMAGE).apply(Morphology.nominal()).to_array()
@@ -29,10 +30,9 @@ LEVELS = {
 def write_study(folder: Path, arms=("ideal", "none"), steps=(128, 256), seeds=5, rounds=4):
     """Write a study.json and finished runs whose arms differ as the paper's do."""
     (folder / "runs").mkdir(parents=True)
-    write_json(
+    write_document(
         folder / "study.json",
         {
-            "schema": "eea.study/1",
             "target_morphology": Morphology.nominal().to_dict(),
             "target_damage": Damage.parse(DAMAGE).to_list(),
             "target_engine": "numba",
@@ -42,7 +42,10 @@ def write_study(folder: Path, arms=("ideal", "none"), steps=(128, 256), seeds=5,
                 for arm in arms
             },
             "arms": {arm: _settings(arm) for arm in arms},
+            "versions": [{"numpy": "2.4"}],
+            "source": ["0123abcd"],
         },
+        study_folder.SCHEMA,
     )
     for i, arm in enumerate(arms):
         for duration in steps:
@@ -53,7 +56,7 @@ def write_study(folder: Path, arms=("ideal", "none"), steps=(128, 256), seeds=5,
                 for record in records:
                     error = rng.normal(0.0, angle + 1e-9, 3)
                     record["angle_error"] = np.minimum(np.abs(error), np.pi).tolist()
-                write_records(folder / "runs" / arm / str(duration) / f"{seed}.jsonl", records)
+                write_records(folder, arm, duration, seed, records)
     return folder
 
 
@@ -99,12 +102,11 @@ def make_records(rng, start, end, rounds):
     return records
 
 
-def write_records(path: Path, records) -> None:
-    """Write records as ``storage.append_record`` does, without a visit to the disk for each."""
+def write_records(folder: Path, arm, steps, seed, records) -> Path:
+    """Write a finished replicate as the runner does, and return its file."""
+    place = Place(arm, steps, seed)
+    path = folder / place.file
     path.parent.mkdir(parents=True, exist_ok=True)
-    lines = []
-    for record in records:
-        text = json.dumps(record)
-        checksum = hashlib.sha256(text.encode()).hexdigest()[:16]
-        lines.append(f'{{"checksum": "{checksum}", "record": {text}}}\n')
-    path.write_text("".join(lines))
+    content = {"job": place.file, **place._asdict(), "stopped": "rounds", "rounds": records}
+    path.write_bytes(encode_document(content, SCHEMA))
+    return path

@@ -14,18 +14,9 @@ from eea import ConfigurationError, EEAConfig, estimate_morphology
 from eea.core.algorithm import EEA, Result
 from eea.core.bits import BitLayout
 from eea.core.config import PARTS
-from eea.study.ablations import (
-    ABLATIONS,
-    BASELINES,
-    ELSEWHERE,
-    ablation_arms,
-    ablation_baselines,
-    arms,
-    asked_trials,
-    baseline_config,
-    expected_trials,
-    with_settings,
-)
+from eea.study.ablations import ABLATIONS, BASELINES, ELSEWHERE
+from eea.study.arms import ablation_arms, arms, baseline_config, with_settings
+from eea.study.cost import asked_trials, expected_trials
 from fake_fish import ACTIONS, MODELS, TRUTH, FakeRevealingTarget, FakeSimulator
 
 # What the paper says outright, and what changes no result.
@@ -115,7 +106,7 @@ def test_answers_set_the_same_fields_and_the_default_is_among_them(name):
 
 def test_arms_are_named_once_for_folders_and_share_their_baselines():
     configs = ablation_arms()
-    baselines = ablation_baselines()
+    baselines = {name: arm.baseline for name, arm in arms().items()}
     assert list(configs)[: len(BASELINES) - 1] == [
         f"baseline-{c}" for c in BASELINES if c != "none"
     ]

@@ -6,21 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eea.core.algorithm import EEA, STREAMS, RoundRecord, streams
+from eea.core.algorithm import EEA, STREAMS, streams
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.config import CONDITIONS, EEAConfig, recovery_config
 from eea.core.estimation import EstimationConfig
 from eea.core.experiment import Trials
 from eea.core.exploration import ExplorationConfig
-from eea.core.fitness import mid_range_level, nearest_level
+from eea.core.fitness import mid_range_level, quantisation_limit
 from eea.core.genetic import GeneticConfig
 from eea.core.inference import InBandConfig, OutOfBandConfig
-from eea.core.state import pack, unpack
 from eea.study.presets import FIGURES, figure_config
 from fake_fish import (
-    ACTIONS,
     MODELS,
+    PROBLEM,
     STEPS,
     TRUTH,
     FakeLog,
@@ -84,7 +83,7 @@ def test_inferring_the_angles_lies_between():
 
 def test_a_record_tells_what_happened():
     target = FakeRevealingTarget()
-    eea = EEA(target, FakeSimulator(), MODELS, ACTIONS, QUICK, 0, TRUTH)
+    eea = EEA(target, FakeSimulator(), PROBLEM, QUICK, 0, TRUTH)
     seen = []
     result = eea.run(seen.append)
     assert seen == result.rounds
@@ -99,7 +98,7 @@ def test_a_record_tells_what_happened():
 
 
 def test_the_truth_may_be_unknown():
-    eea = EEA(FakeTarget(), FakeSimulator(), MODELS, ACTIONS, QUICK, 0)
+    eea = EEA(FakeTarget(), FakeSimulator(), PROBLEM, QUICK, 0)
     result = eea.run()
     assert all(r.objective_fitness is None and r.angle_error is None for r in result.rounds)
     assert result.chance is None
@@ -110,14 +109,14 @@ def test_the_truth_may_be_unknown():
 
 def test_a_revealing_target_changes_nothing_but_the_records():
     known = fake_eea(QUICK).run()
-    hidden = EEA(FakeTarget(0), FakeSimulator(), MODELS, ACTIONS, QUICK, 0).run()
+    hidden = EEA(FakeTarget(0), FakeSimulator(), PROBLEM, QUICK, 0).run()
     assert [r.morphology for r in known.rounds] == [r.morphology for r in hidden.rounds]
 
 
 def test_ideal_is_refused_before_anything_is_performed():
     target = FakeTarget()
     with pytest.raises(TargetError, match="FakeTarget has none"):
-        EEA(target, FakeSimulator(), MODELS, ACTIONS, replace(QUICK, condition="ideal"))
+        EEA(target, FakeSimulator(), PROBLEM, replace(QUICK, condition="ideal"))
     assert not target.commands
 
 
@@ -132,7 +131,7 @@ def test_json_holds_everything():
     assert document["rounds"][0]["command"] == list(result.rounds[0].command)
     assert document["chance"] == pytest.approx(result.chance)
     assert document["mid_range"] == mid_range_level(TRUTH, MODELS)
-    assert document["nearest"] == nearest_level(TRUTH, MODELS)
+    assert document["nearest"] == quantisation_limit(TRUTH, MODELS)
     assert document["dimensions"] == list(MODELS.names)
 
 
@@ -195,10 +194,10 @@ def test_going_on_after_an_interrupt_ends_as_if_there_had_been_none(condition):
     inference = OutOfBandConfig(period=5, inner_population=6, inner_generations=3, revisit=1)
     config = replace(QUICK, condition=condition, out_of_band=inference)
     simulator = FakeSimulator()
-    whole = EEA(Steady(), simulator, MODELS, ACTIONS, config, 0, TRUTH).run()
+    whole = EEA(Steady(), simulator, PROBLEM, config, 0, TRUTH).run()
     expected = [replace(r, trials=0) for r in without_clock(whole.rounds)]
     for call in (2, simulator.calls // 2, simulator.calls // 2 + 8, simulator.calls - 1):
-        eea = EEA(Steady(), Interrupted(call), MODELS, ACTIONS, config, 0, TRUTH)
+        eea = EEA(Steady(), Interrupted(call), PROBLEM, config, 0, TRUTH)
         with pytest.raises(KeyboardInterrupt):
             eea.run()
         kept = len(eea.result.rounds)
@@ -220,133 +219,11 @@ def test_a_target_that_fails_once_may_be_asked_again():
                 raise OSError("the tank is empty")
             return super().perform(command)
 
-    expected = EEA(Steady(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()
-    eea = EEA(Flaky(), FakeSimulator(), MODELS, ACTIONS, QUICK)
+    expected = EEA(Steady(), FakeSimulator(), PROBLEM, QUICK).run()
+    eea = EEA(Flaky(), FakeSimulator(), PROBLEM, QUICK)
     with pytest.raises(OSError, match="the tank is empty"):
         eea.run()
     assert [r.morphology for r in eea.run().rounds] == [r.morphology for r in expected.rounds]
-
-
-class Resumable(FakeRevealingTarget):
-    """A simulated target: it can be put back to where its hidden angles were."""
-
-    def save_state(self):
-        return {"stream": dict(self._rng.bit_generator.state)}
-
-    def restore_state(self, saved):
-        self._rng.bit_generator.state = saved["stream"]
-
-
-def resumable(config, seed=0):
-    return EEA(Resumable(seed), FakeSimulator(), MODELS, ACTIONS, config, seed, TRUTH)
-
-
-VARIANTS = {
-    **{condition: {"condition": condition} for condition in CONDITIONS},
-    "in-band, one best": {"condition": "in-band", "in_band": InBandConfig(k=1)},
-    "reseed": {"estimation": EstimationConfig(8, 6, carry_over="reseed")},
-    "forgetful": {"estimation": EstimationConfig(8, 6, remember=False)},
-    "revisiting": {"out_of_band": OutOfBandConfig(2, 4, 3, revisit=2, sampled_models=3)},
-    "other summaries": {"behavior": BehaviorConfig(summary="mean_rate", difference="magnitude")},
-    "random pose": {"exploration": ExplorationConfig(4, 3, "common_random", 5)},
-}
-
-
-@pytest.mark.parametrize("variant", VARIANTS)
-def test_restoring_after_any_round_changes_no_bit_of_what_follows(variant):
-    inference = OutOfBandConfig(period=2, inner_population=4, inner_generations=3)
-    small = replace(QUICK, rounds=4, out_of_band=inference, estimation=EstimationConfig(8, 6))
-    config = replace(small, **VARIANTS[variant])
-    undisturbed = resumable(config, seed=5)
-    expected = without_clock(undisturbed.run().rounds)
-    # A process a round: each takes over what the one before left as text.
-    text = json.dumps(resumable(config, seed=5).save())
-    for number in range(1, 5):
-        eea = resumable(config, seed=5)
-        eea.restore(json.loads(text))
-        assert next(iter(eea)).round == number
-        text = json.dumps(eea.save())
-    assert without_clock(eea.result.rounds) == expected  # the numbers of trials among them
-    last = json.loads(text)
-    whole = undisturbed.save()
-    assert {**last, "rounds": None} == {**json.loads(json.dumps(whole)), "rounds": None}
-    assert list(eea) == []
-    assert eea.result.stopped == "rounds"
-
-
-def test_a_saved_state_stands_still_while_the_run_goes_on():
-    eea = resumable(QUICK)
-    rounds = iter(eea)
-    next(rounds)
-    saved = eea.save()
-    text = json.dumps(saved)
-    next(rounds)
-    assert json.dumps(saved) == text
-    assert json.dumps(eea.save()) != text
-    eea.restore(saved)
-    assert json.dumps(eea.save()) == text
-
-
-def test_a_round_that_is_broken_off_is_repeated_with_the_same_hidden_angles():
-    expected = without_clock(resumable(QUICK).run().rounds)
-    for call in (2, 30):
-        eea = EEA(Resumable(0), Interrupted(call), MODELS, ACTIONS, QUICK, 0, TRUTH)
-        with pytest.raises(KeyboardInterrupt):
-            eea.run()
-        assert without_clock(eea.run().rounds) == expected
-
-
-def test_a_physical_target_goes_on_from_where_it_is():
-    eea = fake_eea(QUICK)  # its target cannot be put back
-    next(iter(eea))
-    saved = eea.save()
-    assert saved["target"] is None
-    other = fake_eea(QUICK)
-    other.restore(saved)
-    undisturbed = fake_eea(QUICK).run().rounds
-    rounds = other.run().rounds
-    assert rounds[0].morphology == undisturbed[0].morphology
-    assert rounds[1].command == undisturbed[1].command
-    assert rounds[1].true_angles == undisturbed[0].true_angles  # its own first ones
-
-
-@pytest.mark.parametrize(
-    ("spoil", "message"),
-    [
-        (lambda _: None, "must be a state of schema eea.core.state/1"),
-        (lambda saved: {**saved, "schema": "eea.result/1"}, "must be a state of schema"),
-        (lambda saved: {**saved, "seed": 1}, "state of this run; its seed differs"),
-        (
-            lambda saved: {**saved, "config": {**saved["config"], "rounds": 4}},
-            "state of this run; its config differs",
-        ),
-        (lambda saved: {k: v for k, v in saved.items() if k != "trials"}, "whole.*trials"),
-        (lambda saved: {**saved, "streams": saved["streams"][:3]}, "must be a whole state"),
-        (lambda saved: {**saved, "target": None}, "must be a whole state"),
-        (lambda saved: {**saved, "rounds": [{"round": 1}]}, "must be a whole state"),
-        (
-            lambda saved: {
-                **saved,
-                "experiments": [
-                    {
-                        **saved["experiments"][0],
-                        "behavior": {"array": "", "dtype": "O", "shape": []},
-                    }
-                ],
-            },
-            "must hold numbers",
-        ),
-    ],
-)
-def test_a_state_of_something_else_is_refused_and_changes_nothing(spoil, message):
-    eea = resumable(QUICK)
-    next(iter(eea))
-    saved = json.loads(json.dumps(eea.save()))
-    other = resumable(QUICK)
-    before = json.dumps(other.save())
-    with pytest.raises(ConfigurationError, match=message):
-        other.restore(spoil(saved))
-    assert json.dumps(other.save()) == before
 
 
 def test_a_record_tells_the_error_and_the_spread_of_each_dimension():
@@ -356,10 +233,13 @@ def test_a_record_tells_the_error_and_the_spread_of_each_dimension():
         assert np.allclose(record.dimension_error, error)
         assert record.objective_fitness == pytest.approx(1 - np.mean(record.dimension_error))
         # Of nine sizes each: twice as far apart is twice the spread, whatever the range.
-        models = MODELS.decode(unpack(eea.save())["estimation"]["genomes"])
+        models = eea._estimation.population.models
         assert np.allclose(record.spread, np.std(models / MODELS.high, axis=0))
         assert max(record.spread) > 0.0
-        assert RoundRecord.from_dict(json.loads(json.dumps(record.to_dict()))) == record
+        document = json.loads(json.dumps(record.to_dict()))
+        assert {k: tuple(v) if isinstance(v, list) else v for k, v in document.items()} == vars(
+            record
+        )
     unknown = fake_eea(QUICK, truth=False).run().rounds[-1]
     assert unknown.dimension_error is None
     assert unknown.spread == record.spread
@@ -376,7 +256,7 @@ def test_a_run_that_ended_stays_ended():
 @pytest.mark.parametrize("summary", ["dft", "mean_rate"])
 def test_a_target_that_logs_another_number_of_steps_is_refused(steps, summary):
     config = replace(QUICK, behavior=BehaviorConfig(summary=summary))
-    eea = EEA(FakeTarget(steps=steps), FakeSimulator(), MODELS, ACTIONS, config)
+    eea = EEA(FakeTarget(steps=steps), FakeSimulator(), PROBLEM, config)
     with pytest.raises(TargetError, match=f"target must log trials of 64 .*; it logged {steps}"):
         eea.run()
 
@@ -390,18 +270,18 @@ def test_a_target_that_returns_no_log_is_named(signal, name):
     config = replace(QUICK, behavior=BehaviorConfig(signal=signal))
     message = f"the target must return a log with {name}; it returned None"
     with pytest.raises(TargetError, match=message):
-        EEA(Mute(), FakeSimulator(), MODELS, ACTIONS, config).run()
+        EEA(Mute(), FakeSimulator(), PROBLEM, config).run()
 
 
 @pytest.mark.parametrize("angles", [None, [1.0, 2.0], [0.0, np.nan, 0.0], "left"])
 def test_revealed_angles_must_be_three_numbers(angles):
     class Confused(FakeTarget):
         @property
-        def last_fin_angles(self):
+        def start_angles(self):
             return angles
 
-    with pytest.raises(TargetError, match="the target's last_fin_angles must"):
-        EEA(Confused(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()
+    with pytest.raises(TargetError, match="the target's start_angles must"):
+        EEA(Confused(), FakeSimulator(), PROBLEM, QUICK).run()
 
 
 @pytest.mark.parametrize(
@@ -419,7 +299,7 @@ def test_bad_arguments_are_refused_before_anything_is_performed(changed, message
     target = FakeTarget()
     arguments = {"config": QUICK, "seed": 0, "truth": TRUTH, **changed}
     with pytest.raises(ConfigurationError, match=message):
-        EEA(target, FakeSimulator(), MODELS, ACTIONS, **arguments)
+        EEA(target, FakeSimulator(), PROBLEM, **arguments)
     assert not target.commands
 
 
@@ -438,7 +318,7 @@ def test_a_target_that_answers_wrongly_is_named(samples, message):
             return FakeLog(samples, samples)
 
     with pytest.raises(TargetError, match=message):
-        EEA(Broken(), FakeSimulator(), MODELS, ACTIONS, QUICK).run()
+        EEA(Broken(), FakeSimulator(), PROBLEM, QUICK).run()
 
 
 def test_the_figures_are_the_papers_settings():
@@ -535,20 +415,7 @@ def test_settings_that_have_no_say_are_not_refused():
     EEAConfig(steps=2**20, genetic=GeneticConfig(elites=24))
 
 
-@pytest.mark.parametrize("seed", [-1, 1.5, None])
+@pytest.mark.parametrize("seed", [-1, 1.5, None, 2**64, 10**400])
 def test_bad_seeds_are_refused(seed):
     with pytest.raises(ConfigurationError, match="seed must be a whole number"):
         streams(seed)
-
-
-@pytest.mark.parametrize("dtype", ["f4", "f8", "c8", "c16", "u1", "i8", "?"])
-def test_arrays_come_back_from_json_to_the_bit(dtype):
-    rng = np.random.default_rng(0)
-    for shape in ((), (0,), (3,), (2, 0, 4), (2, 3, 4)):
-        content = rng.bytes(np.dtype(dtype).itemsize * int(np.prod(shape)))
-        array = np.frombuffer(content, dtype).reshape(shape)  # NaN of all kinds among them
-        back = unpack(json.loads(json.dumps(pack({"deep": [array, 1.5, None]}))))["deep"]
-        assert back[0].tobytes() == content
-        assert (back[0].dtype, back[0].shape) == (array.dtype, shape)
-        assert back[1:] == [1.5, None]
-        assert back[0].flags.writeable

@@ -147,7 +147,7 @@ def test_a_log_of_the_wrong_form_is_refused(samples, message, config):
     name = "rpy" if config.signal == "attitude" else "gyro"
     log = replace(LOG, **{name: samples})
     with pytest.raises(TargetError, match=message.format(name=name, signal=config.signal)):
-        summarize(log, config)
+        summarize(log, config, axes=3)
 
 
 @both_signals
@@ -173,7 +173,7 @@ def test_a_log_of_another_length_is_refused(summary, signal):
     for steps in (15, 17, 32):
         message = f"the fish must log trials of {steps} steps, .*; it logged 16"
         with pytest.raises(TargetError, match=message):
-            summarize(LOG, config, steps, "the fish")
+            summarize(LOG, config, steps, source="the fish")
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ import eea
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from eea import EEAConfig, EngineSimulator, EngineTarget, Trials, estimate_morphology
-from eea.aquafish.fish import estimate_morphology_of, fish_actions, fish_eea, fish_models
+from eea.aquafish import estimate_morphology_of, fish_actions, fish_eea, fish_models
 from eea.core.behavior import BehaviorConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
@@ -46,9 +46,6 @@ def test_every_genome_is_a_body_and_a_command_the_fish_accepts(coding):
     trials = Trials(bodies, commands, np.zeros((31, 3)))
     log = EngineSimulator(8).simulate(trials)
     assert log.rpy.shape == log.gyro.shape == (31, 8, 3)
-    alone = EngineSimulator(8, record="rpy").simulate(trials)
-    assert np.array_equal(alone.rpy, log.rpy)
-    assert alone.gyro is None
 
 
 def test_a_trial_is_the_same_to_the_bit_in_any_batch():
@@ -75,7 +72,7 @@ def test_the_target_hides_new_angles_before_every_command(engine):
         log = target.perform(np.array([0.3, -0.2, 0.5]))
         assert np.shape(log.rpy) == (1, 32, 3)
         assert np.shape(log.gyro) == (1, 32, 3)
-        hidden.append(target.last_fin_angles)
+        hidden.append(target.start_angles)
     again = np.random.default_rng(5).uniform(-np.pi, np.pi, (3, 3))
     assert np.array_equal(hidden, again)
 
@@ -84,7 +81,7 @@ def test_what_the_target_does_is_what_its_body_does_from_those_angles():
     target = EngineTarget(None, DAMAGE, np.random.default_rng(5), 64, "numba")
     command = np.array([0.3, -0.2, 0.5])
     seen = target.perform(command)
-    trials = Trials(target.morphology.to_array()[None], command[None], target.last_fin_angles[None])
+    trials = Trials(target.morphology.to_array()[None], command[None], target.start_angles[None])
     modelled = EngineSimulator(64, dtype="float64").simulate(trials)
     assert np.allclose(seen.rpy, modelled.rpy, atol=1e-9)
     assert np.allclose(seen.gyro, modelled.gyro, atol=1e-9)
@@ -177,6 +174,33 @@ def test_a_config_of_another_kind_is_refused():
             estimate_morphology(config=config)
         with pytest.raises(eea.ConfigurationError, match="config must be of type EEAConfig"):
             estimate_morphology_of(None, config)
+
+
+def test_an_estimate_is_shown_in_a_line_a_table_and_a_picture():
+    estimate = estimate_morphology(None, DAMAGE, QUICK, 1, target_engine="numba")
+    assert estimate.objective_fitness == estimate.rounds[-1].objective_fitness
+    fits = (estimate.rounds[-1].model_fitness, estimate.objective_fitness)
+    assert repr(estimate) == (
+        "MorphologyEstimate(none, 2 rounds of 32 steps, seed 1; "
+        "MOD_FIT {:.3f}, OBJ_FIT {:.3f})".format(*fits)
+    )
+    table = estimate._repr_html_()
+    assert table.count("<tr>") == 1 + len(DIMENSIONS)
+    length = estimate.model[1]
+    assert f"<tr><td>left_pectoral.length</td><td>{length:.3f}</td><td>0.800</td></tr>" in table
+    lines = {line.get_label() for line in estimate.plot().axes[0].lines}
+    assert any(label.startswith("OBJ_FIT") for label in lines)
+    unknown = estimate_morphology_of(
+        EngineTarget(None, DAMAGE, np.random.default_rng(0), 32, "numba"), QUICK
+    )
+    assert "OBJ_FIT" not in repr(unknown)
+    assert "<th>true</th>" not in unknown._repr_html_()
+    empty = eea.MorphologyEstimate(QUICK, 0, fish_models())
+    assert repr(empty) == "MorphologyEstimate(none, 0 rounds of 32 steps, seed 0)"
+    assert "<th>found</th>" not in empty._repr_html_()
+    assert empty.objective_fitness is None
+    with pytest.raises(eea.ConfigurationError, match="at least one round"):
+        empty.plot()
 
 
 def test_an_unknown_keyword_is_refused():

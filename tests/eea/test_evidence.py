@@ -8,8 +8,10 @@ import re
 
 import pytest
 
-from eea.report.summary import arm_label, signed
-from eea.study.ablations import ABLATIONS, arms
+from eea.report.arms import arm_label
+from eea.report.tables import MINUS, signed
+from eea.study.ablations import ABLATIONS
+from eea.study.arms import arms
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 SUMMARY = json.loads((DOCS / "results" / "ablations" / "summary.json").read_text())
@@ -48,3 +50,15 @@ def test_every_arm_was_measured_with_ten_replicates_of_256_steps() -> None:
     assert EFFECTS.keys() == arms().keys()
     assert all(effect["replicates"] >= 10 for effect in EFFECTS.values())
     assert SUMMARY["durations"] == [256]
+
+
+def test_every_interval_that_the_results_quote_is_in_a_summary() -> None:
+    number = rf"[{MINUS}+]?\d\.\d+"
+    quoted = re.findall(
+        rf"({number}) \[({number}), ({number})\]", (DOCS / "results.md").read_text()
+    )
+    summary = (DOCS / "results" / "figs-5-to-10" / "summary.md").read_text().replace("+", "")
+    assert len(quoted) >= 10
+    for mean, low, high in quoted:
+        interval = rf"\[{low}, {high}\]"
+        assert re.search(rf"{mean} {interval}|\| {mean} \| [^|]*\| {interval}", summary), mean

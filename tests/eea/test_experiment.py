@@ -52,7 +52,7 @@ def test_only_certainty_about_one_pose_is_fixed():
 def test_revealing_is_seen_without_asking():
     class Shy(FakeTarget):
         @property
-        def last_fin_angles(self):
+        def start_angles(self):
             raise RuntimeError("nothing was performed yet")
 
     assert reveals(FakeRevealingTarget())

@@ -7,8 +7,7 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
-from eea.report import figures
-from eea.report.analysis import read_study, summarize_study
+from eea.report import figures, read_study, summarize_study
 from study_folder import LEVELS, write_study
 
 
@@ -48,7 +47,7 @@ def texts_drawn(figure, monkeypatch):
 DRAWN = {
     "rounds": lambda f, s: figures.rounds_figure(f, s, "none"),
     "conditions": figures.conditions_figure,
-    "final": lambda f, s: figures.final_figure(f, s, list(f.replicates)),
+    "final": lambda f, s: figures.final_figure(f, s, f.arms),
     "paired": lambda _, s: figures.forest_figure(s["paired"], s["labels"], s["durations"]),
     "dimensions": figures.dimensions_figure,
     "spread": lambda _, s: figures.spread_figure(s),
@@ -76,7 +75,7 @@ def test_nor_where_there_are_three_arms(tmp_path, monkeypatch, name):
 def test_a_duration_has_its_colour_in_every_picture(tmp_path):
     folder = write_study(tmp_path / "s", ("ideal", "none"), (128, 256, 512), 2, 2)
     for seed in (0, 1):
-        (folder / f"runs/ideal/512/{seed}.jsonl").unlink()
+        (folder / f"runs/ideal/512/{seed}.json").unlink()
     findings = read_study(folder)
     summary = summarize_study(findings)
     drawn = [
@@ -86,7 +85,7 @@ def test_a_duration_has_its_colour_in_every_picture(tmp_path):
         figures.forest_figure(
             [{"first": "ideal", "second": "none", "rows": ROWS}],
             summary["labels"],
-            findings.durations,
+            findings.durations(),
         ),
     ]
     colours = {
@@ -110,11 +109,11 @@ ROWS = [
 def test_nor_where_there_are_many_arms_with_long_names(ablation, monkeypatch, name):
     findings, summary = ablation
     if name == "final":
-        arms = list(findings.replicates)
+        arms = findings.arms
         check_texts(figures.final_figure(findings, summary, arms), monkeypatch)
     else:
         check_texts(
-            figures.forest_figure(summary["effects"], summary["labels"], findings.durations),
+            figures.forest_figure(summary["effects"], summary["labels"], findings.durations()),
             monkeypatch,
         )
 
@@ -137,7 +136,7 @@ def test_a_figure_of_the_paper_shows_mean_and_sd_against_round(study):
     axes, below = figures.rounds_figure(findings, summary, "in-band").axes
     lines = {line.get_label(): line for line in axes.lines}
     for steps in (128, 256, 512, 1024):
-        curves = np.array(list(findings.curves("in-band", steps, "objective_fitness").values()))
+        curves = findings.curves("in-band", "obj_fit", [steps]).to_numpy()
         assert lines[f"{steps} steps"].get_ydata() == pytest.approx(curves.mean(axis=0))
     levels = sorted({line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2})
     assert levels == sorted(summary[level] for level in ("chance", "mid_range", "nearest"))
@@ -154,13 +153,9 @@ def test_a_figure_of_the_paper_shows_mean_and_sd_against_round(study):
 
 def with_last_rounds(findings, values):
     """Return a study of one arm and duration whose replicates have these OBJ_FIT throughout."""
-    runs = {
-        seed: [{**record, "objective_fitness": value} for record in records]
-        for (seed, records), value in zip(
-            findings.replicates["ideal"][128].items(), values, strict=True
-        )
-    }
-    return replace(findings, replicates={"ideal": {128: runs}})
+    table = findings.table[(findings.table.arm == "ideal") & (findings.table.steps == 128)]
+    fitness = table["seed"].map(dict(enumerate(values)))
+    return replace(findings, table=table.assign(obj_fit=fitness))
 
 
 def test_a_band_ends_where_no_fitness_can_be(study):
@@ -202,7 +197,7 @@ def test_nor_where_levels_are_close(study, monkeypatch, name, levels):
 def test_nor_where_they_are_close_beside_long_names(ablation, monkeypatch, levels):
     findings, summary = ablation
     close = summary | dict(zip(("chance", "mid_range", "nearest"), levels, strict=True))
-    arms = list(findings.replicates)
+    arms = findings.arms
     check_texts(figures.final_figure(findings, close, arms), monkeypatch)
 
 
@@ -213,7 +208,9 @@ def test_names_of_levels_stand_beside_them_in_their_order(study):
         axes = figures.conditions_figure(findings, summary | levels).axes[0]
         bottom, top = axes.get_ylim()
         found = {text.get_text(): text.xy[1] * (top - bottom) + bottom for text in axes.texts}
-        return [found[name] for name in ("random\nbodies", "mid-range\nbody", "nearest\ngenome")]
+        return [
+            found[name] for name in ("random\nbodies", "mid-range\nbody", "quantisation\nlimit")
+        ]
 
     assert places(chance=0.65, mid_range=0.8, nearest=0.95) == pytest.approx([0.65, 0.8, 0.95])
     low, high, _ = places(chance=0.7, mid_range=0.71, nearest=0.95)
@@ -234,10 +231,10 @@ def test_one_scale_for_all_conditions(study):
 
 def test_every_replicate_is_a_point_beside_its_own_kind(study):
     findings, summary = study
-    axes = figures.final_figure(findings, summary, list(findings.replicates)).axes[0]
+    axes = figures.final_figure(findings, summary, findings.arms).axes[0]
     points = [c.get_offsets() for c in axes.collections if len(c.get_offsets()) == 5]
     assert len(points) == 6 * 4
-    last = [curve[-1] for curve in findings.curves("ideal", 128, "objective_fitness").values()]
+    last = [curve[-1] for curve in findings.curves("ideal", "obj_fit", [128]).to_numpy()]
     assert sorted(points[0][:, 1]) == pytest.approx(sorted(last))
     for i, cloud in enumerate(points):
         assert np.all(np.abs(cloud[:, 0] - i // 4) < 0.5)
@@ -274,10 +271,10 @@ def test_each_dimension_has_its_own_panel_with_its_own_levels(study):
     assert titles[0] == "left pectoral width"
     axes = figure.axes[titles.index("caudal length")]
     lines = {line.get_label(): line.get_ydata() for line in axes.lines}
-    curves = list(findings.mean_curves("out-of-band", "dimension_error").values())
-    assert lines["Out-of-Band"] == pytest.approx(np.mean(curves, axis=0)[:, 7])
+    curves = findings.curves("out-of-band", "dimension_error.caudal.length")
+    assert lines["Out-of-Band"] == pytest.approx(curves.to_numpy().mean(axis=0))
     assert lines["random bodies"][0] == summary["dimensions"]["chance_error"]["caudal.length"]
-    assert lines["nearest genome"][0] == summary["dimensions"]["nearest_error"]["caudal.length"]
+    assert lines["quantisation limit"][0] == summary["dimensions"]["nearest_error"]["caudal.length"]
 
 
 def test_angles_are_in_degrees_and_leave_out_what_is_known(study):
@@ -285,9 +282,9 @@ def test_angles_are_in_degrees_and_leave_out_what_is_known(study):
     axes = figures.angles_figure(findings).axes[1]
     lines = {line.get_label(): line.get_ydata() for line in axes.lines}
     assert "Ideal" not in lines
-    curves = list(findings.mean_curves("none", "angle_error").values())
+    curves = findings.curves("none", "angle_error.right_pectoral").to_numpy()
     named = lines["None (assumes zero)"]
-    assert named == pytest.approx(np.degrees(np.mean(curves, axis=0)[:, 1]))
+    assert named == pytest.approx(np.degrees(curves.mean(axis=0)))
 
 
 def test_intervals_are_named_only_where_they_are_shown(tmp_path):
@@ -297,7 +294,7 @@ def test_intervals_are_named_only_where_they_are_shown(tmp_path):
         "mean over replicates"
     )
     label = (
-        figures.forest_figure(summary["paired"], summary["labels"], findings.durations)
+        figures.forest_figure(summary["paired"], summary["labels"], findings.durations())
         .axes[0]
         .get_xlabel()
     )

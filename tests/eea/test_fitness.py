@@ -14,8 +14,8 @@ from eea.core.fitness import (
     chance_level,
     mid_range_level,
     model_fitness,
-    nearest_level,
     objective_fitness,
+    quantisation_limit,
 )
 from fake_fish import MODELS, TRUTH
 
@@ -93,17 +93,17 @@ def test_guessing_scores_between_a_half_and_three_quarters():
 def test_a_target_of_the_wrong_form_is_refused(target):
     with pytest.raises(ConfigurationError, match="target must"):
         objective_fitness(TRUTH, target, MODELS)
-    for level in (chance_level, mid_range_level, nearest_level):
+    for level in (chance_level, mid_range_level, quantisation_limit):
         with pytest.raises(ConfigurationError, match="target must"):
             level(target, MODELS)
 
 
 def test_the_nearest_genome_is_the_most_that_can_be_found():
     levels = MODELS.decode(MODELS.random(1, np.random.default_rng(0)))[0]
-    assert nearest_level(levels, MODELS) == pytest.approx(1.0)
+    assert quantisation_limit(levels, MODELS) == pytest.approx(1.0)
     quantum = np.array([variable.quantum for variable in MODELS.variables])
     between = np.where(levels > MODELS.high / 2, levels - quantum / 3, levels + quantum / 3)
     share = quantum / (MODELS.high - MODELS.low)
-    assert nearest_level(between, MODELS) == pytest.approx(1.0 - share.mean() / 3)
+    assert quantisation_limit(between, MODELS) == pytest.approx(1.0 - share.mean() / 3)
     others = MODELS.decode(MODELS.random(2000, np.random.default_rng(1)))
-    assert objective_fitness(others, between, MODELS).max() <= nearest_level(between, MODELS)
+    assert objective_fitness(others, between, MODELS).max() <= quantisation_limit(between, MODELS)

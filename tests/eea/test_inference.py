@@ -47,7 +47,7 @@ def test_ideal_knows_the_truth():
 def test_ideal_needs_to_be_told():
     newest = experiment()
     newest.true_angles = None
-    with pytest.raises(TargetError, match="last_fin_angles"):
+    with pytest.raises(TargetError, match="start_angles"):
         Ideal().begin([newest], 100)
 
 
@@ -71,7 +71,7 @@ def test_in_band_begins_with_no_range():
 
 def test_in_band_takes_the_range_of_the_three_that_fit_the_newest_best():
     strategy, newest = in_band(InBandConfig())
-    strategy.observe(0, ANGLES, SIMILARITIES)
+    strategy.after_generation(0, ANGLES, SIMILARITIES)
     assert newest.context.min_angle == pytest.approx([3.0] * 3)
     assert newest.context.max_angle == pytest.approx([2 * np.pi - 3.0] * 3)
     assert newest.context.confidence == 0.5
@@ -82,21 +82,21 @@ def test_in_band_takes_the_range_of_the_three_that_fit_the_newest_best():
 
 def test_in_band_options_change_the_range():
     strategy, newest = in_band(InBandConfig(rank_by="overall"))
-    strategy.observe(0, ANGLES, SIMILARITIES)  # models 1, 4 and 0
+    strategy.after_generation(0, ANGLES, SIMILARITIES)  # models 1, 4 and 0
     assert newest.context.min_angle == pytest.approx([0.0] * 3)
     assert newest.context.max_angle == pytest.approx([3.0] * 3)
 
     strategy, newest = in_band(InBandConfig(inclusion="linear"))
-    strategy.observe(0, ANGLES, SIMILARITIES)
+    strategy.after_generation(0, ANGLES, SIMILARITIES)
     assert newest.context.min_angle == pytest.approx([-3.0] * 3)
     assert newest.context.max_angle == pytest.approx([3.1] * 3)
 
     strategy, newest = in_band(InBandConfig(k=1))
-    strategy.observe(0, ANGLES, SIMILARITIES)
+    strategy.after_generation(0, ANGLES, SIMILARITIES)
     assert np.array_equal(newest.context.min_angle, newest.context.max_angle)
 
     strategy, newest = in_band(InBandConfig(extension=0.2))
-    strategy.observe(0, ANGLES, SIMILARITIES)
+    strategy.after_generation(0, ANGLES, SIMILARITIES)
     width = 2 * np.pi - 6.0
     assert newest.context.min_angle == pytest.approx([3.0 - 0.2 * width] * 3)
     assert newest.context.max_angle == pytest.approx([3.0 + 1.2 * width] * 3)
@@ -106,7 +106,7 @@ def test_the_dynamic_split_reaches_certainty_by_the_middle_of_the_round():
     strategy, newest = in_band(InBandConfig(dynamic_split=True), generations=100)
     confidences = [newest.context.confidence]
     for generation in range(100):
-        strategy.observe(generation, ANGLES, SIMILARITIES)
+        strategy.after_generation(generation, ANGLES, SIMILARITIES)
         confidences.append(newest.context.confidence)
     assert confidences[0] == 0.5
     assert confidences[25] == pytest.approx(0.75)
@@ -117,7 +117,7 @@ def out_of_band(
     config: OutOfBandConfig | None = None, seed: int = 0
 ) -> tuple[OutOfBand, FakeSimulator]:
     simulator = FakeSimulator()
-    laboratory = Laboratory(simulator, BehaviorConfig(), STEPS)
+    laboratory = Laboratory(simulator, BehaviorConfig(), STEPS, 3)
     rng = np.random.default_rng(seed)
     poses = pose_layout(ACTIONS.names)
     return OutOfBand(
@@ -139,7 +139,7 @@ def test_inference_happens_at_generations_0_35_and_70():
     paused = []
     for generation in range(100):
         before = simulator.calls
-        strategy.pause(generation, models)
+        strategy.before_generation(generation, models)
         assert newest.context.fixed
         if simulator.calls > before:
             paused.append(generation)
@@ -178,7 +178,7 @@ def test_a_warm_start_never_loses_what_it_began_with():
         strategy, _ = out_of_band(OutOfBandConfig(2, 2, 1, warm_start=warm))
         strategy.begin([newest], 10)
         newest.context = Context.known(POSE)
-        strategy.pause(2, models)
+        strategy.before_generation(2, models)
         assert (circular_distance(newest.context.min_angle, POSE).max() < 0.02) == warm
 
 
@@ -188,7 +188,7 @@ def test_revisiting_mends_a_pose_that_was_locked_in_wrongly():
         old, newest = experiment(), experiment(-POSE)
         old.context = Context.known(POSE + 1.0)
         strategy.begin([old, newest], 100)
-        strategy.pause(0, TRUTH[None])
+        strategy.before_generation(0, TRUTH[None])
         error = circular_distance(old.context.min_angle, POSE).max()
         assert (error < 0.15) == bool(revisit)
         assert circular_distance(newest.context.min_angle, -POSE).max() < 0.15

@@ -7,9 +7,9 @@ import pytest
 
 from aquafish_gym import Morphology
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.attitude import attitude
+from aquafish_gym.physics.attitude import attitude, rotations
 from eea import ConfigurationError, EngineTarget
-from eea.aquafish.fish import random_orientation, rotations
+from eea.aquafish.target import random_orientation
 
 COMMAND = np.array([0.4, -0.3, 0.8])
 CURRENT = (0.7, -0.4, 0.2)
@@ -40,7 +40,7 @@ def quaternion(r: np.ndarray) -> np.ndarray:
 def test_the_turned_log_is_that_of_a_fish_that_began_turned(orientation, seed):
     fish = target(orientation, seed)
     log = fish.perform(COMMAND)
-    angles = fish.last_fin_angles
+    angles = fish.start_angles
     start = random_orientation(orientation, np.random.default_rng(angles.view(np.uint64)))
     batch = LaneBatch(fish.morphology.to_array()[None], angles[None], CURRENT, np.float64)
     # The engine itself, begun in that orientation, which its callers cannot ask for.
@@ -57,7 +57,7 @@ def test_in_still_water_a_heading_is_added_to_yaw_and_nothing_else_changes():
     turned = target("heading", current=(0.0, 0.0, 0.0))
     for _ in range(3):
         a, b = upright.perform(COMMAND), turned.perform(COMMAND)
-        assert np.array_equal(upright.last_fin_angles, turned.last_fin_angles)
+        assert np.array_equal(upright.start_angles, turned.start_angles)
         apart = b.rpy[0] - a.rpy[0]
         assert np.abs(apart - apart[0]).max() < 1e-9
         assert np.abs(apart[0, :2]).max() < 1e-9
@@ -71,7 +71,7 @@ def test_relative_to_its_start_the_log_is_that_of_the_upright_fish():
     for _ in range(3):
         a, b = upright.perform(COMMAND), turned.perform(COMMAND)
         start = random_orientation(
-            "attitude", np.random.default_rng(turned.last_fin_angles.view(np.uint64))
+            "attitude", np.random.default_rng(turned.start_angles.view(np.uint64))
         )
         assert np.abs(start.T @ rotations(b.rpy[0]) - rotations(a.rpy[0])).max() < 1e-9
         assert np.abs(np.diff(b.rpy[0], axis=0)).max() < 1.0  # continuous, as a log is

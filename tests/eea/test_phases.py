@@ -33,8 +33,8 @@ BEHAVIOR = BehaviorConfig()
 def explore(
     config: ExplorationConfig, simulator: FakeSimulator | None = None, seed: int = 0
 ) -> Exploration:
-    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR, STEPS)
-    return Exploration(ACTIONS, laboratory, config, GeneticConfig(), np.random.default_rng(seed))
+    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR, STEPS, 3)
+    return Exploration(ACTIONS, 3, laboratory, config, GeneticConfig(), np.random.default_rng(seed))
 
 
 def bodies(count: int, seed: int = 0) -> np.ndarray:
@@ -77,7 +77,7 @@ def test_only_the_best_models_have_a_say_if_so_configured():
 def test_models_explore_from_the_zero_pose_or_a_common_random_one():
     class Watch(FakeSimulator):
         def simulate(self, trials):
-            self.poses = np.unique(trials.fin_angles, axis=0)
+            self.poses = np.unique(trials.angles, axis=0)
             return super().simulate(trials)
 
     for pose, moved in (("zero", False), ("common_random", True)):
@@ -104,21 +104,21 @@ def experiments(count: int) -> list[Experiment]:
     for _ in range(count):
         command = rng.uniform(ACTIONS.low, ACTIONS.high)
         behavior = summarize(target.perform(command), BEHAVIOR)[0]
-        made.append(Experiment(command, behavior, Context.unknown(3, 0), target.last_fin_angles))
+        made.append(Experiment(command, behavior, Context.unknown(3, 0), target.start_angles))
     for old in made[:-1]:
         old.context = Context.known(old.true_angles)
     return made
 
 
 def estimate(config: EstimationConfig, simulator: FakeSimulator | None = None) -> Estimation:
-    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR, STEPS)
+    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR, STEPS, 3)
     return Estimation(MODELS, laboratory, config, GeneticConfig(), np.random.default_rng(0))
 
 
 def test_estimation_finds_a_body_that_explains_the_experiments():
     estimation = estimate(EstimationConfig())
     morphology, mod_fit = estimation.run(experiments(3), Ideal(), np.random.default_rng(0))
-    assert mod_fit == estimation.fitness.max() > 0.95
+    assert mod_fit == estimation.population.fitness.max() > 0.95
     assert np.abs(morphology - TRUTH).mean() < 0.1
 
 
@@ -159,12 +159,12 @@ def test_memory_changes_no_bit_of_any_result(condition):
 def test_the_population_lives_on_unless_it_is_reseeded():
     for carry_over, same in (("continue", True), ("reseed", False)):
         estimation = estimate(EstimationConfig(generations=1, carry_over=carry_over))
-        first = estimation.models
+        first = estimation.population.models
         made = experiments(2)
         estimation.run(made[:1], Ideal(), np.random.default_rng(0))
-        assert np.array_equal(estimation.models, first)
+        assert np.array_equal(estimation.population.models, first)
         estimation.run(made, Ideal(), np.random.default_rng(0))
-        assert np.array_equal(estimation.models, first) == same
+        assert np.array_equal(estimation.population.models, first) == same
 
 
 def test_what_was_learnt_of_an_undone_experiment_is_forgotten():
@@ -173,14 +173,14 @@ def test_what_was_learnt_of_an_undone_experiment_is_forgotten():
     found = []
     for interrupted in (True, False):
         rng = np.random.default_rng(0)
-        laboratory = Laboratory(FakeSimulator(), BEHAVIOR, STEPS)
+        laboratory = Laboratory(FakeSimulator(), BEHAVIOR, STEPS, 3)
         config = EstimationConfig(generations=8)
         estimation = Estimation(MODELS, laboratory, config, GeneticConfig(), rng)
         estimation.run([first], NoInference(), rng)
-        saved, drawn = estimation.save(), rng.bit_generator.state
+        saved, drawn = estimation.population, rng.bit_generator.state
         if interrupted:
             estimation.run([first, undone], NoInference(), rng)
-            estimation.restore(saved)
+            estimation.go_back(saved)
             rng.bit_generator.state = drawn
         found.append(estimation.run([first, second], NoInference(), rng))
     assert found[0][1] == found[1][1]
@@ -191,7 +191,7 @@ def test_a_body_that_cannot_be_simulated_loses():
     class Fragile(FakeSimulator):
         def simulate(self, trials):
             log = super().simulate(trials)
-            log.gyro[trials.morphologies[:, 0] > 0.3] = np.inf  # the truth's too
+            log.gyro[trials.models[:, 0] > 0.3] = np.inf  # the truth's too
             return log
 
     estimation = estimate(EstimationConfig(generations=5), Fragile())

@@ -8,25 +8,43 @@ from typing import Any
 import numpy as np
 import pytest
 
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.aquafish.fish import EngineSimulator
+from eea.aquafish.simulator import EngineSimulator
 from eea.aquafish.spectral import SpectralComparer, can_compare
 from eea.core.behavior import BehaviorConfig, Signal
 from eea.core.checks import TargetError
+from eea.core.experiment import Simulator, Trials
 from eea.core.laboratory import DIVERGED, Laboratory
 from tests.verification.trials import random_trials
 
 STEPS, MODELS = 128, 6
 T = random_trials(30, 1)
-BODIES, COMMANDS, ANGLES = T.morphologies, T.commands, T.fin_angles
+TRIALS = Trials(T.morphologies, T.commands, T.fin_angles)
+
+
+class ByNumpy(Simulator):
+    """A simulator of one's own around the engine's: nothing of that one's is inherited."""
+
+    def __init__(self, steps: int = STEPS) -> None:
+        self._engine = EngineSimulator(steps)
+        self.asked = 0
+
+    def simulate(self, trials: Trials) -> ImuLog:
+        self.asked += 1
+        return self._engine.simulate(trials)
+
+
+def some(count: int) -> Trials:
+    return Trials(TRIALS.models[:count], TRIALS.commands[:count], TRIALS.angles[:count])
+
+
 both_signals = pytest.mark.parametrize("signal", ["attitude", "body_rates"])
 
 
 def laboratory(behavior: BehaviorConfig, compiled: bool) -> Laboratory:
-    simulator = EngineSimulator(STEPS)
-    if not compiled:
-        simulator.comparer = lambda *_: None  # type: ignore[method-assign]
-    return Laboratory(simulator, behavior, STEPS)
+    simulator = EngineSimulator(STEPS) if compiled else ByNumpy()
+    return Laboratory(simulator, behavior, STEPS, 3)
 
 
 @both_signals
@@ -37,12 +55,12 @@ def test_the_engine_compares_as_numpy_does(settings: dict[str, Any], signal: Sig
     behavior = BehaviorConfig(signal=signal, **settings)
     ours, theirs = (laboratory(behavior, compiled) for compiled in (True, False))
     assert isinstance(ours._comparer, SpectralComparer)
-    observed = theirs.behaviors(BODIES[:4], COMMANDS[:4], ANGLES[:4]).astype(np.complex128)
+    observed = theirs.behaviors(some(4)).astype(np.complex128)
     which = np.arange(30) % 4
-    sims = [one.similarities(BODIES, COMMANDS, ANGLES, observed, which) for one in (ours, theirs)]
+    sims = [one.similarities(TRIALS, observed, which) for one in (ours, theirs)]
     assert sims[1].min() < 0.995
     np.testing.assert_allclose(1 - sims[0], 1 - sims[1], rtol=1e-5, atol=1e-6)
-    fits = [one.disagreements(BODIES, COMMANDS, ANGLES, MODELS) for one in (ours, theirs)]
+    fits = [one.disagreements(TRIALS, MODELS) for one in (ours, theirs)]
     assert fits[0].shape == (5,)
     np.testing.assert_allclose(fits[0], fits[1], rtol=1e-5)
     assert ours.trials == 60
@@ -76,44 +94,57 @@ def test_a_robot_that_diverged_is_like_nothing(
 
     monkeypatch.setattr(SpectralComparer, "_spectra", sick)
     observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
-    sim = lab.similarities(BODIES, COMMANDS, ANGLES, observed, which)
+    sim = lab.similarities(TRIALS, observed, which)
     assert sim[2] == DIVERGED
     assert (sim[np.arange(30) != 2] > DIVERGED).all()
-    assert not np.isfinite(lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS)[0])
+    assert not np.isfinite(lab.disagreements(TRIALS, MODELS)[0])
 
 
 @both_signals
 def test_a_simulator_of_ones_own_is_asked_and_not_bypassed(signal: Signal) -> None:
-    class Noisy(EngineSimulator):
-        asked = 0
+    noisy = ByNumpy()
+    lab = Laboratory(noisy, BehaviorConfig(signal=signal), STEPS, 3)
+    observed = lab.behaviors(some(1))
+    lab.similarities(TRIALS, observed, np.zeros(30, np.intp))
+    lab.disagreements(TRIALS, MODELS)
+    assert noisy.asked == 3
 
-        def simulate(self, trials):  # type: ignore[no-untyped-def]
-            Noisy.asked += 1
-            return super().simulate(trials)
 
-    lab = Laboratory(Noisy(STEPS), BehaviorConfig(signal=signal), STEPS)
-    before = Noisy.asked
-    observed = lab.behaviors(BODIES[:1], COMMANDS[:1], ANGLES[:1])
-    lab.similarities(BODIES, COMMANDS, ANGLES, observed, np.zeros(30, np.intp))
-    assert Noisy.asked == before + 2
+def test_what_compares_in_the_engine_is_not_inherited() -> None:
+    with pytest.raises(TypeError, match=r"inherit from eea\.Simulator and hold an EngineSimulator"):
+
+        class Noisy(EngineSimulator):
+            pass
+
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        EngineSimulator(STEPS).current = (1.0, 0.0, 0.5)  # type: ignore[misc]
+
+
+def test_a_simulator_without_the_protocols_methods_is_named() -> None:
+    class Old:
+        def simulate(self, trials: Trials) -> None: ...
+
+    with pytest.raises(TargetError, match=r"must have comparer, as whatever inherits .* Old has"):
+        Laboratory(Old(), BehaviorConfig(), STEPS, 3)  # type: ignore[arg-type]
 
 
 def test_it_checks_what_the_long_way_checks() -> None:
     lab = laboratory(BehaviorConfig(), compiled=True)
     observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
     with pytest.raises(InvalidArgumentError, match="morphologies"):
-        lab.similarities(-BODIES, COMMANDS, ANGLES, observed, which)
+        lab.similarities(Trials(-TRIALS.models, TRIALS.commands, TRIALS.angles), observed, which)
     with pytest.raises(InvalidArgumentError, match=r"which must lie in \[0, 0\]; got 0 to 7"):
-        lab.similarities(BODIES, COMMANDS, ANGLES, observed, which + 7 * (np.arange(30) == 3))
-    other = Laboratory(EngineSimulator(64), BehaviorConfig(), STEPS)
+        lab.similarities(TRIALS, observed, which + 7 * (np.arange(30) == 3))
+    other = Laboratory(EngineSimulator(64), BehaviorConfig(), STEPS, 3)
     with pytest.raises(TargetError, match="128 steps"):
-        other.similarities(BODIES, COMMANDS, ANGLES, observed, which)
+        other.similarities(TRIALS, observed, which)
 
 
 @both_signals
-def test_it_swims_in_the_simulators_present_water(signal: Signal) -> None:
-    simulator = EngineSimulator(STEPS)
-    lab = Laboratory(simulator, BehaviorConfig(signal=signal), STEPS)
-    still = lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS)
-    simulator.current = (1.0, 0.0, 0.5)
-    assert (lab.disagreements(BODIES, COMMANDS, ANGLES, MODELS) != still).all()
+def test_it_swims_in_the_simulators_water(signal: Signal) -> None:
+    behavior = BehaviorConfig(signal=signal)
+    still, moving = (
+        Laboratory(EngineSimulator(STEPS, current=current), behavior, STEPS, 3)
+        for current in ((0.0, 0.0, 0.0), (1.0, 0.0, 0.5))
+    )
+    assert (moving.disagreements(TRIALS, MODELS) != still.disagreements(TRIALS, MODELS)).all()

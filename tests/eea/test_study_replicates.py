@@ -1,29 +1,25 @@
-"""A replicate's files, and that whatever happens to them the same ones come out."""
+"""A replicate is a pure function of its description."""
 
 from __future__ import annotations
 
 import json
+import pickle
 from dataclasses import replace
 
 import pytest
 
-import eea.study.replicate
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import append_record, read_records
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea.core.checks import ConfigurationError
 from eea.core.config import CONDITIONS, EEAConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
+from eea.core.genetic import GeneticConfig
 from eea.core.inference import OutOfBandConfig
-from eea.study.replicate import (
-    Progress,
-    Replicate,
-    World,
-    look,
-    read_state,
-    run_replicate,
-    write_state,
-)
+from eea.study.plan import Place, joined, places, read_plan, written_plan
+from eea.study.provenance import source_stamp
+from eea.study.replicate import Replicate, World, rehearse, replicate
 
 CONFIG = EEAConfig(
     condition="none",
@@ -36,227 +32,120 @@ CONFIG = EEAConfig(
 WORLD = World(Morphology.nominal(), Damage.parse("left_pectoral:length=0.5"))
 
 
-def make(folder, seed=0, **changes):
-    return Replicate("arm", replace(CONFIG, **changes), seed, WORLD, folder)
+def make(seed=0, **changes):
+    return Replicate("arm", replace(CONFIG, **changes), seed, WORLD, source_stamp())
 
 
-def run(replicate):
-    return list(run_replicate(replicate))
+def run(job):
+    """Return a replicate's document as JSON, and what it said."""
+    said = []
+    document = replicate(job, lambda text, share: said.append((text, share)))
+    return json.dumps(document, allow_nan=False), said
 
 
 @pytest.fixture(scope="module")
-def undisturbed(tmp_path_factory):
-    """The bytes of every condition's log."""
-    folder = tmp_path_factory.mktemp("undisturbed")
-    logs = {}
-    for condition in CONDITIONS:
-        replicate = make(folder / condition, condition=condition)
-        run(replicate)
-        logs[condition] = replicate.log.read_bytes()
-    return logs
+def documents():
+    """Every condition's."""
+    return {condition: run(make(condition=condition))[0] for condition in CONDITIONS}
 
 
-def test_a_finished_replicate_is_its_log_alone(tmp_path, undisturbed):
-    replicate = make(tmp_path)
-    assert look(replicate).records == []
-    said = run(replicate)
-    assert [p.round for p in said] == [0, 1, 2, 3]
-    assert said[0] == Progress(0)
-    assert all(p.wall > 0.0 and p.cpu >= 0.0 for p in said[1:])
-    assert replicate.log == tmp_path / "runs" / "arm" / "16" / "0.jsonl"
-    assert list(replicate.log.parent.iterdir()) == [replicate.log]
-    records = read_records(replicate.log)
-    assert replicate.log.read_bytes() == undisturbed["none"]
-    assert "seconds" not in records[0]
-    assert [r["round"] for r in records] == [1, 2, 3]
-    assert said[-1].objective_fitness == records[-1]["objective_fitness"]
-    standing = look(replicate)
-    assert (standing.ended, standing.complaint, standing.records) == (True, None, records)
-    assert run(replicate) == []
+def test_the_same_description_gives_the_same_document(documents):
+    job = make()
+    copy = pickle.loads(pickle.dumps(job))
+    assert (copy, hash(copy)) == (job, hash(job))
+    text, said = run(copy)
+    assert text == documents["none"]
+    assert said == [("1/3", 1 / 3), ("2/3", 2 / 3), ("3/3", 1.0)]
 
 
-def test_the_seeds_and_the_conditions_differ_and_the_hidden_angles_are_paired(
-    tmp_path, undisturbed
-):
-    other = make(tmp_path, seed=1)
-    run(other)
-    assert other.log.read_bytes() != undisturbed["none"]
-    assert len(set(undisturbed.values())) == len(CONDITIONS)
+def test_a_document_says_what_it_is_and_has_a_record_a_round_without_a_clock(documents):
+    document = json.loads(documents["none"])
+    assert list(document) == ["arm", "steps", "seed", "stopped", "rounds"]
+    assert (document["arm"], document["steps"], document["seed"]) == ("arm", 16, 0)
+    assert document["stopped"] == "rounds"
+    assert [record["round"] for record in document["rounds"]] == [1, 2, 3]
+    assert not any("seconds" in record for record in document["rounds"])
+    assert all(0.0 < record["objective_fitness"] < 1.0 for record in document["rounds"])
+
+
+def test_the_seeds_and_the_conditions_differ_and_the_hidden_angles_are_paired(documents):
+    assert run(make(seed=1))[0] != documents["none"]
+    assert len(set(documents.values())) == len(CONDITIONS)
     angles = [
-        [json.loads(line)["record"]["true_angles"] for line in log.splitlines()]
-        for log in undisturbed.values()
+        [record["true_angles"] for record in json.loads(text)["rounds"]]
+        for text in documents.values()
     ]
     assert all(a == angles[0] for a in angles)
 
 
-class Killed(BaseException):
-    """No handler of errors is for this."""
+def test_a_replicate_may_end_at_an_accurate_model(documents):
+    document = json.loads(run(make(accurate=-1e9))[0])
+    assert (document["stopped"], len(document["rounds"])) == ("accurate", 1)
+    assert document["rounds"] == json.loads(documents["none"])["rounds"][:1]
 
 
-@pytest.mark.parametrize("condition", CONDITIONS)
-@pytest.mark.parametrize("before", [True, False], ids=["before", "after"])
-def test_a_kill_between_any_two_writes_changes_nothing(
-    tmp_path, monkeypatch, undisturbed, condition, before
-):
-    for kill_at in range(1, 100):
-        replicate = make(tmp_path / str(kill_at), condition=condition)
-        count = 0
-
-        def fatal(function, kill_at=kill_at):
-            def wrapped(*arguments):
-                nonlocal count
-                count += 1
-                if before and count == kill_at:
-                    raise Killed
-                function(*arguments)
-                if count == kill_at:
-                    raise Killed
-
-            return wrapped
-
-        with monkeypatch.context() as patch:
-            for name in ("append_record", "write_state"):
-                patch.setattr(eea.study.replicate, name, fatal(getattr(eea.study.replicate, name)))
-            try:
-                run(replicate)
-            except Killed:
-                killed = True
-            else:
-                killed = False
-        said = run(replicate)
-        assert replicate.log.read_bytes() == undisturbed[condition]
-        assert not replicate.state.exists()
-        if not killed:
-            break
-        if said:  # a line and then a state a round: it goes on after the last state
-            assert said[0].round == (kill_at - before) // 2
-    assert kill_at == 6  # no state after the last round
+def test_a_machine_with_other_code_refuses():
+    other = replace(make(), source="0123456789abcdef")
+    with pytest.raises(ConfigurationError, match="this worker has other code") as refusal:
+        replicate(other, lambda text, share: None)
+    assert f"source {source_stamp()}, not 0123456789abcdef" in str(refusal.value)
 
 
-def test_a_torn_last_line_is_no_damage_and_is_made_again(tmp_path, undisturbed):
-    whole = undisturbed["none"]
-    lines = whole.splitlines(keepends=True)
-    for cut in (1, len(lines[2]) // 2, len(lines[2]) - 1):
-        replicate = make(tmp_path / str(cut))
-        _stop_after(replicate, 2)
-        replicate.log.write_bytes(b"".join(lines[:2]) + lines[2][:cut])
-        assert look(replicate).complaint is None
-        assert not look(replicate).ended
-        assert [p.round for p in run(replicate)] == [2, 3]
-        assert replicate.log.read_bytes() == whole
+def test_a_rehearsal_refuses_what_no_replicate_could_run():
+    assert rehearse([make(), make(condition="in-band")]) is None
+    with pytest.raises(ConfigurationError, match="genetic.mutations must be at most"):
+        rehearse([make(), make(genetic=GeneticConfig(mutations=19.0))])
+    nowhere = replace(make(), world=replace(WORLD, current=(0.0, 0.0, float("nan"))))
+    with pytest.raises(InvalidArgumentError, match="current must be finite"):
+        rehearse([nowhere])
 
 
-def _stop_after(replicate, rounds):
-    steps = run_replicate(replicate)
-    while next(steps).round < rounds:
-        pass
-    steps.close()
-    assert replicate.state.exists()
+def test_a_replicate_has_a_place_and_a_name():
+    job = make(seed=7)
+    assert job.place == Place("arm", 16, 7)
+    assert job.file == "runs/arm/16/7.json"
+    assert job.name == "arm, 16 steps, seed 7"
 
 
-DAMAGE = {
-    "a changed digit": (2, lambda lines: [lines[0], lines[1].replace(b"0.", b"1.", 1), *lines[2:]]),
-    "nonsense": (1, lambda lines: [b"nonsense\n", *lines[1:]]),
-    "an empty line": (2, lambda lines: [lines[0], b"\n", *lines[1:]]),
-    "a missing line": (2, lambda lines: [lines[0], *lines[2:]]),
-    "a line too many": (4, lambda lines: [*lines, lines[-1]]),
-    "torn beyond the end": (4, lambda lines: [*lines, b'{"checksum']),
-    "a cut in the middle": (2, lambda lines: [lines[0], lines[1][:50] + b"\n", *lines[2:]]),
-}
+PLAN = {"a": {16: range(2, 4), 32: range(1)}, "b": {16: range(1)}}
 
 
-@pytest.mark.parametrize("stopped", [2, None], ids=["going on", "complete"])
-@pytest.mark.parametrize("damage", DAMAGE)
-def test_damage_is_named_and_the_replicate_is_made_again(tmp_path, undisturbed, damage, stopped):
-    number, spoil = DAMAGE[damage]
-    replicate = make(tmp_path)
-    if stopped is None:
-        run(replicate)
-    else:
-        _stop_after(replicate, stopped)
-    lines = undisturbed["none"].splitlines(keepends=True)
-    replicate.log.write_bytes(b"".join(spoil(lines)))
-    standing = look(replicate)
-    assert not standing.ended
-    assert f"{replicate.log}, line {number}: " in standing.complaint
-    assert len(standing.records) == number - 1
-    run(replicate)
-    assert replicate.log.read_bytes() == undisturbed["none"]
-    assert look(replicate).complaint is None
+def test_a_plan_is_read_as_it_was_written():
+    written = written_plan(PLAN)
+    assert written["a"] == {"16": {"first": 2, "count": 2}, "32": {"first": 0, "count": 1}}
+    assert read_plan({"arms": {"a": {}, "b": {}}, "replicates": written}) == PLAN
+    assert places(PLAN) == [
+        Place("a", 16, 2),
+        Place("a", 16, 3),
+        Place("a", 32, 0),
+        Place("b", 16, 0),
+    ]
 
 
-def test_the_lines_before_the_damage_are_gone_on_from_if_the_state_is_theirs(tmp_path, undisturbed):
-    replicate = make(tmp_path)
-    _stop_after(replicate, 2)
-    replicate.log.write_bytes(undisturbed["none"][:-10] + b"\n")
-    assert "line 3: " in look(replicate).complaint
-    assert [p.round for p in run(replicate)] == [2, 3]
-    assert replicate.log.read_bytes() == undisturbed["none"]
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"arms": []}, "arms"),
+        ({"arms": {"a": 1}}, "arms"),
+        ({"replicates": None}, "replicates"),
+        ({"replicates": {"b": {}}}, "replicates"),
+        ({"replicates": {"a": {"16 ": {"first": 0, "count": 1}}}}, "replicates.a"),
+        ({"replicates": {"a": {"16": {"first": -1, "count": 1}}}}, "replicates.a.16"),
+        ({"replicates": {"a": {"16": {"first": 0, "count": 0}}}}, "replicates.a.16"),
+        ({"replicates": {"a": {"16": {"first": 0, "count": True}}}}, "replicates.a.16"),
+        ({"replicates": {"a": {"16": [0, 1]}}}, "replicates.a.16"),
+    ],
+)
+def test_what_is_no_plan_is_named(change, named):
+    document = {"arms": {"a": {}}, "replicates": {"a": {"16": {"first": 0, "count": 1}}}}
+    assert read_plan(document) == {"a": {16: range(1)}}
+    with pytest.raises(ValueError, match=f"^{named}$"):
+        read_plan(document | change)
 
 
-def test_a_state_that_is_not_the_logs_is_not_gone_on_from(tmp_path, undisturbed):
-    def other_seed(replicate):
-        other = make(tmp_path / "other", seed=1)
-        _stop_after(other, 2)
-        replicate.state.write_bytes(other.state.read_bytes())
-
-    def ahead(replicate):
-        replicate.log.write_bytes(undisturbed["none"].splitlines(keepends=True)[0])
-
-    def no_log(replicate):
-        replicate.log.unlink()
-
-    def cut(replicate):
-        replicate.state.write_bytes(replicate.state.read_bytes()[:-100])
-
-    def changed(replicate):
-        replicate.state.write_bytes(replicate.state.read_bytes().replace(b"0.", b"1.", 1))
-
-    def of_the_future(replicate):
-        write_state(replicate.state, {**read_state(replicate.state), "schema": "eea.core.state/2"})
-
-    def no_dict(replicate):
-        write_state(replicate.state, [])
-
-    def other_rounds(replicate):
-        saved = read_state(replicate.state)
-        saved["rounds"][0]["trials"] += 1
-        write_state(replicate.state, saved)
-
-    for spoil in (other_seed, ahead, no_log, cut, changed, of_the_future, no_dict, other_rounds):
-        replicate = make(tmp_path / spoil.__name__)
-        _stop_after(replicate, 2)
-        spoil(replicate)
-        assert [p.round for p in run(replicate)] == [0, 1, 2, 3], spoil.__name__
-        assert replicate.log.read_bytes() == undisturbed["none"], spoil.__name__
-
-
-def test_a_stale_state_of_a_complete_replicate_is_removed(tmp_path, undisturbed):
-    replicate = make(tmp_path)
-    _stop_after(replicate, 2)
-    replicate.log.write_bytes(undisturbed["none"])
-    assert look(replicate).ended
-    assert run(replicate) == []
-    assert not replicate.state.exists()
-    assert replicate.log.read_bytes() == undisturbed["none"]
-
-
-def test_what_a_kill_left_of_an_unfinished_file_is_cleared_away(tmp_path):
-    replicate = make(tmp_path)
-    directory = replicate.log.parent
-    directory.mkdir(parents=True)
-    mine, other = directory / ".0.state.bfy4m4rr", directory / ".10.state.bfy4m4rr"
-    for left in (mine, other):
-        left.touch()
-    run(replicate)
-    assert not mine.exists()
-    assert other.exists()
-
-
-def test_a_replicate_may_end_at_an_accurate_model(tmp_path):
-    replicate = make(tmp_path, accurate=-1e9)
-    assert [p.round for p in run(replicate)] == [0, 1]
-    assert look(replicate).ended
-    assert not replicate.state.exists()
-    append_record(replicate.log, {**look(replicate).records[0], "round": 2})
-    assert "line 2: there is no round 2" in look(replicate).complaint
+def test_plans_join_where_no_seed_is_left_out():
+    assert joined({"a": {16: range(2, 4)}}, {"a": {16: range(4, 6), 32: range(1)}}) == {
+        "a": {16: range(2, 6), 32: range(1)}
+    }
+    with pytest.raises(ValueError, match="seeds 2 to 3; 5 to 5 would leave a gap in those of a at"):
+        joined({"a": {16: range(2, 4)}}, {"a": {16: range(5, 6)}})

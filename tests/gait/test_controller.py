@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.storage import DamagedFileError, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controller import Controller
 from gait.network import INPUT_COUNT
@@ -89,15 +90,17 @@ def without(name: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ([], '"kind": "aquafish-controller"'),
-        ({"kind": "other"}, '"kind": "aquafish-controller"'),
-        (change(schema=2), r"controller\.schema must be 1; got 2"),
+        ([], r"controller must be a JSON object; got \[\]"),
         (without("bias"), "missing or unknown fields: bias"),
         (change(extra=1), "missing or unknown fields: extra"),
         (change(inputs=["roll"]), r"controller\.inputs must be up_x, up_y"),
-        (change(seed="1"), r"controller\.seed must be a whole number of at least 0; got '1'"),
+        (
+            change(seed="1"),
+            r"controller\.seed must be a whole number of at least 0 and .*; got '1'",
+        ),
         (change(seed=True), r"controller\.seed must be a whole number"),
-        (change(seed=-5), r"controller\.seed must be a whole number of at least 0; got -5"),
+        (change(seed=-5), r"controller\.seed must be a whole number of at least 0 and .*; got -5"),
+        (change(seed=10**400), r"controller\.seed must be a whole number"),
         (change(clock=-1.0), r"controller\.clock must lie in \[0, 50\] Hz"),
         (change(clock=None), r"controller\.clock must be (numbers|finite)"),
         (change(bias=[0.0, 1.0]), r"controller\.bias must have 3 to 1000 entries; got 2"),
@@ -125,13 +128,51 @@ def test_nan_is_refused() -> None:
         replace(controller, bias=bias)
 
 
+def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
+    controller, path = make_controller(), tmp_path / "controller.json"
+    controller.save(path)
+    assert Controller.load(path).to_dict() == controller.to_dict()
+
+
+def test_every_flipped_bit_in_a_file_is_found(tmp_path: Path) -> None:
+    path = tmp_path / "controller.json"
+    make_controller().save(path)
+    sound = path.read_bytes()
+    meaning = json.loads(sound)
+    rng = np.random.default_rng(0)
+    for at, bit in zip(rng.integers(len(sound), size=300), rng.integers(8, size=300), strict=True):
+        damaged = bytearray(sound)
+        damaged[at] ^= 1 << bit
+        path.write_bytes(damaged)
+        try:
+            same = json.loads(damaged) == meaning  # a space that became another
+        except ValueError:
+            same = False
+        if not same:
+            with pytest.raises(InvalidArgumentError, match=r"controller: .*controller\.json"):
+                Controller.load(path)
+
+
 def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
-    missing = tmp_path / "none.json"
-    with pytest.raises(InvalidArgumentError, match=r"controller: cannot read .*none\.json"):
-        Controller.load(missing)
-    (tmp_path / "text.json").write_text("{")
-    with pytest.raises(InvalidArgumentError, match=r"text\.json is not JSON"):
-        Controller.load(tmp_path / "text.json")
-    (tmp_path / "deep.json").write_text("[" * 100_000)
-    with pytest.raises(InvalidArgumentError, match=r"deep\.json is not JSON: it is nested too"):
-        Controller.load(tmp_path / "deep.json")
+    path = tmp_path / "fish.json"
+    for content, message in (
+        ("{", r"fish\.json is not JSON"),
+        ("[" * 10**6, r"fish\.json is not JSON: it is nested too deep"),
+        (json.dumps(make_controller().to_dict()), r"fish\.json has no checksum"),
+    ):
+        path.write_text(content)
+        with pytest.raises(DamagedFileError, match=message):
+            Controller.load(path)
+    write_document(path, {"a": 1}, "gait.transfer/2")
+    with pytest.raises(DamagedFileError, match=r"fish\.json must be of schema gait\.controller/2"):
+        Controller.load(path)
+    write_document(path, {"a": 1}, "gait.controller/2")
+    with pytest.raises(InvalidArgumentError, match=r"fish\.json: controller has missing"):
+        Controller.load(path)
+    with pytest.raises(InvalidArgumentError, match=r"controller must be a file .*none\.json"):
+        Controller.load(tmp_path / "none.json")
+
+
+def test_it_is_spelled_in_a_line() -> None:
+    assert repr(make_controller()).startswith("Controller(")
+    assert len(repr(make_controller(5, 40))) < 80

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.folder import SETTINGS
+from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controller import Controller
 from gait.evolve import (
     CHECKPOINT_FILE,
+    CHECKPOINT_SCHEMA,
     CONTROLLER_FILE,
     DIVERGED_SPEED,
+    FILES,
     SECONDS,
     EvolveConfig,
     evolve_gait,
@@ -34,7 +38,7 @@ def test_files_say_what_the_result_says(tmp_path: Path) -> None:
     result = evolve_gait(
         None, CONFIG, out=tmp_path, scorer=WeightScorer(), on_generation=seen.append
     )
-    assert set(contents(tmp_path)) == {CONTROLLER_FILE, HISTORY_FILE, CHECKPOINT_FILE}
+    assert set(contents(tmp_path)) == {*FILES, SETTINGS}
     assert read_history(tmp_path / HISTORY_FILE) == result.history == tuple(seen)
     assert Controller.load(tmp_path / CONTROLLER_FILE).to_dict() == result.controller.to_dict()
     assert result.controller.morphology == Morphology.nominal()
@@ -131,7 +135,7 @@ def test_another_run_in_the_directory_is_refused(tmp_path: Path) -> None:
     for body, config, message in (
         (None, EvolveConfig(seed=1001, generations=6, population=20, poses=2), "with seed 1000"),
         (None, EvolveConfig(seed=1000, generations=6, population=21, poses=2), "population 20"),
-        (half, CONFIG, "another morphology"),
+        (half, CONFIG, "with morphology.left_pectoral"),
         (None, EvolveConfig(seed=1000, generations=5, population=20, poses=2), "at least the 6"),
     ):
         with pytest.raises(InvalidArgumentError, match=message):
@@ -143,32 +147,66 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
     evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
     path = tmp_path / CHECKPOINT_FILE
     sound = json.loads(path.read_text())
-    changed = json.loads(path.read_text())
-    changed["run"]["fitness"] = 99.0
     for text, message in (
         ("{", "is not JSON"),
-        ("[]", "not a checkpoint of schema 2"),
-        (json.dumps({**sound, "schema": 9}), "not a checkpoint of schema 2"),
-        (json.dumps(changed), "is damaged"),
+        ("[" * 10**6, "nested too deep"),
+        ("[]", "must hold a JSON object"),
+        (json.dumps({**sound, "schema": 9}), "is damaged"),
+        (json.dumps({**sound, "fitness": 99.0}), "is damaged"),
+        (json.dumps({k: v for k, v in sound.items() if k != "checksum"}), "has no checksum"),
     ):
         path.write_text(text)
-        with pytest.raises(InvalidArgumentError, match=message):
+        with pytest.raises(DamagedFileError, match=f"{message}.*delete it to start again"):
             evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
 
 
-@pytest.mark.parametrize("lost", ["config", "morphology", "history", "best", "evolution", "seed"])
+@pytest.mark.parametrize("lost", ["settings", "history", "best", "evolution"])
 def test_a_checkpoint_that_lacks_something_is_refused(tmp_path: Path, lost: str) -> None:
     evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
     path = tmp_path / CHECKPOINT_FILE
-    data = json.loads(path.read_text())
-    del (data["run"]["config"] if lost == "seed" else data["run"])[lost]
-    data["checksum"] = hashlib.sha256(json.dumps(data["run"]).encode()).hexdigest()
-    path.write_text(json.dumps(data))
-    with pytest.raises(InvalidArgumentError, match=r"out: .* lacks something|another morphology"):
+    data = read_document(path)
+    del data[lost]
+    write_document(path, data, CHECKPOINT_SCHEMA)
+    with pytest.raises(InvalidArgumentError, match=r"out: .* lacks something"):
         evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
 
 
-def test_chance_is_no_other_packages() -> None:
+def test_a_checkpoint_from_elsewhere_is_refused(tmp_path: Path) -> None:
+    for name, seed in (("a", 1), ("b", 2)):
+        config = EvolveConfig(seed=seed, generations=2, population=20)
+        evolve_gait(None, config, out=tmp_path / name, scorer=WeightScorer())
+    (tmp_path / "a" / CHECKPOINT_FILE).replace(tmp_path / "b" / CHECKPOINT_FILE)
+    with pytest.raises(InvalidArgumentError, match="another run's checkpoint"):
+        evolve_gait(None, config, out=tmp_path / "b", scorer=WeightScorer())
+
+
+def test_a_directory_is_held_while_a_run_fills_it(tmp_path: Path) -> None:
+    class Meanwhile(WeightScorer):
+        """Begins the run again while it is running."""
+
+        def __call__(
+            self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
+        ) -> NDArray[np.float64]:
+            with pytest.raises(InvalidArgumentError, match="in use by another command"):
+                evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+            return super().__call__(controllers, fin_angles)
+
+    evolve_gait(None, CONFIG, out=tmp_path, scorer=Meanwhile())
+    assert set(contents(tmp_path)) == {*FILES, SETTINGS}
+
+
+def test_what_came_of_it_is_spelled_in_a_line_and_drawn() -> None:
+    from matplotlib.figure import Figure
+
+    evolved = evolve_gait(None, CONFIG, scorer=WeightScorer())
+    assert repr(evolved).startswith(f"Evolved(fitness {evolved.fitness:.2f} after 6 generations")
+    assert len(repr(evolved)) < 130
+    axes = Figure().add_subplot()
+    assert evolved.plot(axes) is axes
+    assert len(axes.lines) == 3
+
+
+def test_random_streams_are_no_other_packages() -> None:
     """One seed often serves the estimation, which spawns its streams of it, and the gait."""
     found = [
         np.random.default_rng(source).random(100).tobytes()
@@ -213,12 +251,18 @@ def test_an_unwritable_directory_is_refused_before_anything_swims(tmp_path: Path
         ("clock", 51.0),
         ("seconds", 0.0),
         ("threads", 0),
+        ("threads", 10**8),
+        ("generations", 10**8),
+        ("population", 10**12),
+        ("poses", 10**400),
+        ("seed", 10**400),
+        ("seed", np.arange(3)),
         ("seed", 1.5),
     ],
 )
-def test_a_bad_setting_is_refused_by_name(name: str, value: float) -> None:
+def test_a_bad_setting_is_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(InvalidArgumentError, match=f"^{name} must"):
-        EvolveConfig(**{name: value})  # type: ignore[arg-type]
+        EvolveConfig(**{name: value})
 
 
 def test_a_foreign_history_is_refused(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+import resource
 import signal
 import subprocess
 import sys
@@ -15,8 +16,10 @@ from rich.console import Console
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import write_json
-from gait.__main__ import _progress, _progress_line, main
+from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.storage import CannotWriteError
+from gait import baselines, cli, evolve
+from gait.cli import _bar, _line, main
 from gait.controller import Controller
 from gait.evolve import finished_generations
 from gait.history import Generation, read_history
@@ -28,7 +31,7 @@ QUICK = ["--generations", "3", "--population", "12", "--seconds", "1", "--seed",
 @pytest.fixture
 def controller_file(tmp_path: Path) -> str:
     path = tmp_path / "controller.json"
-    write_json(path, make_controller().to_dict())
+    make_controller().save(path)
     return str(path)
 
 
@@ -48,6 +51,7 @@ def test_evolve_writes_a_controller_for_the_body(
         "history.csv",
         "history.png",
         "checkpoint.json",
+        "settings.json",
     }
     evolved = Controller.load(out / "controller.json")
     assert evolved.morphology == Damage.parse(damage).apply(Morphology.nominal())
@@ -56,7 +60,11 @@ def test_evolve_writes_a_controller_for_the_body(
     final = max(row.final for row in read_history(out / "history.csv"))
     closing = f"swims {final:.2f} units in 1 s on the mean over the zero pose and 32 random ones ("
     assert said.out.startswith(closing)
-    assert [line.split()[0] for line in said.err.splitlines()] == ["3/3"]  # no terminal
+    assert [line.split()[0] for line in said.err.splitlines()] == [
+        "1/3",
+        "2/3",
+        "3/3",
+    ]  # no terminal
 
 
 def test_transfer_prints_and_writes_the_same_numbers(
@@ -68,9 +76,12 @@ def test_transfer_prints_and_writes_the_same_numbers(
     assert code == 0
     table = capsys.readouterr().out.splitlines()
     report = json.loads((out / "transfer.json").read_text())
-    for line, name in zip(table[1:], ("native", "target"), strict=True):
-        numbers = [report[name]["distance"], report[name]["random_distance"]]
-        assert line.split() == [name, *(f"{n:.2f}" for n in numbers)]
+    assert max(map(len, table)) <= 60
+    assert table[0].split() == ["units", "of", "5", "cm", "native", "target"]
+    for line, name in zip(table[1:], ("distance", "random_distance"), strict=True):
+        numbers = [f"{report[body][name]:.2f}" for body in ("native", "target")]
+        assert line.split()[-2:] == numbers
+    assert [line.split()[0] for line in table[1:]] == ["zero", "2"]
     assert report["target_morphology"]["left_pectoral"] == [0.4, 0.8, 0.1]
     assert (out / "trajectories.png").exists()
 
@@ -84,12 +95,18 @@ def test_transfer_prints_and_writes_the_same_numbers(
         (["evolve", "--out", "{dir}", "--morphology", "{dir}/no.json"], "No such file"),
         (["evolve", "--out", "{dir}", "--morphology", "{file}"], "file is not JSON"),
         (["evolve", "--out", "{dir}", "--generations", "0"], "generations must be"),
-        (["evolve", "--out", "{dir}", "--generatons", "5"], "did you mean --generations"),
-        (["evolve", "--out", "{dir}", "--seed", "x"], "--seed"),
-        (["evolve"], "--out"),
-        (["evolv"], "evolv"),
-        ([], "evolve"),
-        (["transfer", "--controller", "{dir}/no.json"], "controller: cannot read"),
+        (["evolve", "--out", ""], "--out must not be empty"),
+        (["evolv"], "did you mean 'evolve'"),
+        (["evolve", "--out", "{dir}", "--seed", "1" + 400 * "0"], "seed must be a whole number"),
+        (["evolve", "--out", "{dir}", "--population", "1" + 12 * "0"], "population must be"),
+        (["evolve", "--out", "{dir}", "--generations", "1" + 8 * "0"], "generations must be"),
+        (["evolve", "--out", "{dir}", "--threads", "1" + 8 * "0"], "threads must be"),
+        (["evolve", "--out", "{dir}", "--morphology", "/dev/zero"], "must be a regular file"),
+        (["transfer", "--controller", "{dir}/no.json"], "controller must be a file that can be"),
+        (["transfer", "--controller", "/dev/zero"], "controller must be a regular file"),
+        (["transfer", "--controller", "{good}", "--poses", "1" + 9 * "0"], "poses must be"),
+        (["baseline", "--out", "{dir}", "--steps", "1" + 400 * "0"], "steps must be"),
+        (["baseline", "--out", "{dir}", "--hidden", *["1024"] * 30], "hidden must be at most 8"),
         (["transfer", "--controller", "{file}"], "is not JSON"),
         (["transfer", "--controller", "{good}", "--target-engine", "bullet"], "'pybullet'"),
         (["transfer", "--controller", "{good}", "--target-damage", "caudal:lost"], "damage must"),
@@ -130,7 +147,7 @@ def test_ctrl_c_leaves_readable_files_and_the_run_goes_on(tmp_path: Path) -> Non
     assert "Traceback" not in said
     done = len(finished_generations(out))
     assert 0 < done < 400
-    last = f"gait: interrupted; the same command goes on from generation {done}"
+    last = f"gait: interrupted; the same command resumes from generation {done}"
     assert said.splitlines()[-1] == last
     assert (out / "history.png").exists()
     assert len(read_history(out / "history.csv")) in (done - 1, done)
@@ -140,28 +157,117 @@ def test_ctrl_c_leaves_readable_files_and_the_run_goes_on(tmp_path: Path) -> Non
     assert len(read_history(out / "history.csv")) == done + 2
 
 
-@pytest.mark.parametrize(
-    "names", [("run.json",), ("rounds.jsonl",), ("config.json", "seed-000"), ("outcome.json",)]
-)
+@pytest.mark.parametrize("command", ["evolve", "baseline"])
 def test_a_directory_with_other_results_is_refused(
-    tmp_path: Path, names: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in names:
-        (tmp_path / name).touch()
-    for command in ("evolve", "baseline"):
-        assert main([command, "--out", str(tmp_path)]) == 2
-        said = capsys.readouterr().err
-        assert said.startswith("gait: out holds an estimation or a case study (")
-        assert said.count("\n") == 1
-    assert set(contents(tmp_path)) == set(names)
+    if command == "baseline":
+        pytest.importorskip("stable_baselines3")
+    with held(tmp_path):
+        claim(tmp_path, "a study", {"seed": 1})
+    before = contents(tmp_path)
+    assert main([command, "--out", str(tmp_path)]) == 2
+    said = capsys.readouterr().err
+    assert f"{tmp_path} holds a study" in said
+    assert said.count("\n") == 1
+    assert contents(tmp_path) == before
+
+
+def test_of_two_commands_in_one_directory_the_second_is_refused(tmp_path: Path) -> None:
+    """Both exited 0 once, and one was lost."""
+    settings = ["--generations", "400", "--population", "12", "--seconds", "0.5", "--seed"]
+    commands = [
+        [sys.executable, "-m", "gait", "evolve", "--out", str(tmp_path), *settings, seed]
+        for seed in ("1", "2")
+    ]
+    processes = [subprocess.Popen(c, stderr=subprocess.PIPE, text=True) for c in commands]
+    deadline = time.monotonic() + 120
+    while all(p.poll() is None for p in processes) and time.monotonic() < deadline:
+        time.sleep(0.02)
+    loser, winner = sorted(processes, key=lambda p: p.poll() is None)
+    while not (tmp_path / "checkpoint.json").exists() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    winner.send_signal(signal.SIGTERM)
+    said = [process.communicate(timeout=60)[1] for process in (loser, winner)]
+    assert (loser.returncode, winner.returncode) == (2, 130)
+    assert f"{tmp_path} is in use by another command" in said[0]
+    assert "the same command resumes from generation" in said[1]
+
+
+def test_a_failed_baseline_leaves_no_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def absent(module: str) -> object:
+        raise ModuleNotFoundError(f"No module named {module!r}")
+
+    class Stopped:
+        def __init__(self, *_: object) -> None: ...
+
+        def train(self, *_: object) -> None:
+            raise KeyboardInterrupt
+
+    out = tmp_path / "a" / "b"
+    with monkeypatch.context() as patch:
+        patch.setattr(baselines, "import_module", absent)
+        assert main(["baseline", "--out", str(out)]) == 2
+    assert "[rl]" in capsys.readouterr().err
+    monkeypatch.setattr(cli, "Baseline", Stopped)
+    assert main(["baseline", "--out", str(out)]) == 130
+    assert capsys.readouterr().err == "gait: interrupted; the same command starts again\n"
+    assert not out.exists()
+
+
+def test_ctrl_c_while_importing_is_one_line() -> None:
+    """The import is held up, and interrupted there."""
+    code = (
+        "import os, runpy, signal, sys\n"
+        "class Held:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name == 'numpy':\n"
+        "            os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Held())\n"
+        "runpy.run_module('gait', run_name='__main__', alter_sys=True)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (130, "gait: interrupted\n")
+
+
+def test_few_open_files_are_no_traceback(tmp_path: Path) -> None:
+    """As under ``ulimit -n 20``, whatever it was enough for."""
+    command = [sys.executable, "-m", "gait", "evolve", "--out", str(tmp_path / "out"), *QUICK]
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (20, 20))
+
+    done = subprocess.run(command, capture_output=True, text=True, preexec_fn=limit)
+    assert done.returncode in (0, 1, 2)
+    assert "Traceback" not in done.stderr
+
+
+def test_a_full_disk_is_one_line_and_nothing_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    words = ["evolve", "--out", str(out), *QUICK]
+
+    def full(path: Path, *_: object) -> None:
+        raise CannotWriteError(f"cannot write {path}: No space left on device")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(evolve, "write_history", full)
+        assert main(words) == 1
+    said = capsys.readouterr().err.splitlines()
+    assert said == [f"gait: cannot write {out / 'history.csv'}: No space left on device"]
+    assert main(words) == 0
+    assert len(read_history(out / "history.csv")) == 3
 
 
 def test_progress_fits_80_columns() -> None:
     console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
-    progress = _progress()
+    progress = _bar()
     task = progress.add_task("evolving", total=1000, completed=999)
     row = Generation(998, -100.0, -100.0, 12, -100.0, 0.0, 12, 99)
-    progress.update(task, description=_progress_line(row))
+    progress.update(task, description=_line(row))
     console.print(progress.get_renderable())
     assert isinstance(console.file, io.StringIO)
     shown = console.file.getvalue()
@@ -172,7 +278,7 @@ def test_progress_fits_80_columns() -> None:
 
 @pytest.mark.parametrize("command", ["evolve", "transfer", "baseline"])
 def test_every_option_has_a_help(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([command, "--help"]) == 0
+    assert main([command, "--help-verbose"]) == 0
     said = " ".join(capsys.readouterr().out.replace("│", " ").split())
     for empty in ("INT (default", "STR (default", "PATH (default", "``"):
         assert empty not in said

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
+from gait.policy import Policy
 from gait.rollout import swim, swim_all
 from gait.transfer import TransferConfig, score, transfer
 from gait_fakes import make_controller
@@ -63,6 +66,87 @@ def test_poses_follow_from_the_seed_alone() -> None:
     )
     np.testing.assert_array_equal(first, second)
     assert not np.array_equal(first, other)
+
+
+def constant(*action: float) -> Policy:
+    """Return a policy that hears nothing."""
+    return lambda _observation, _time: action
+
+
+class Wakeful:
+    """A user's controller: it has a memory, so each swim needs a new policy."""
+
+    made = 0
+
+    def policy(self) -> Policy:
+        self.made += 1
+        asked = []
+
+        def act(observation: NDArray[np.float64], time: float) -> tuple[float, float, float]:
+            assert observation.shape == (9,)
+            asked.append(time)
+            return (0.5 * (-1) ** len(asked), 0.2, 1.0)
+
+        return act
+
+
+def test_a_users_controller_swims_and_is_transferred() -> None:
+    config = TransferConfig(poses=2, seconds=1.0, target_engine="numba")
+    controller, half = (
+        Wakeful(),
+        Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal()),
+    )
+    both = transfer(controller, half, config, native=Morphology.nominal())
+    assert controller.made == 2 * 3
+    assert both.native.distance == swim(Wakeful(), None, engine="numba", seconds=1.0).distance
+    assert both.target.distance == swim(Wakeful(), half, engine="numba", seconds=1.0).distance
+    assert both.native.distance != both.target.distance
+    far = [swim(Wakeful(), half, pose, "numba", 1.0).distance for pose in both.poses]
+    np.testing.assert_array_equal(both.target.random_distances, far)
+
+
+def test_a_network_and_its_policy_alone_swim_alike() -> None:
+    controller = make_controller()
+    one = swim(controller, None, engine="numba", seconds=1.0)
+    other = swim(controller.policy(), None, engine="numba", seconds=1.0)
+    np.testing.assert_array_equal(one.position, other.position)
+
+
+@pytest.mark.parametrize(
+    ("controller", "message"),
+    [
+        (3, "controller must be a function .* got 3"),
+        (constant(0.0, 1.0), r"action must have shape \(3\)"),
+        (constant(0.0, 1.0, np.nan), "action must be finite"),
+        (lambda _observation, _time: "left", "action must be numbers"),
+    ],
+)
+def test_what_does_not_steer_is_refused(controller: Any, message: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        swim(controller, None, engine="numba", seconds=0.1)
+
+
+def test_a_controller_without_a_body_needs_one() -> None:
+    with pytest.raises(InvalidArgumentError, match=r"native, the body .* must be given"):
+        transfer(constant(0.0, 0.0, 1.0), None, QUICK)
+
+
+def test_a_transfer_is_spelled_briefly_and_drawn() -> None:
+    from matplotlib.figure import Figure
+
+    config = TransferConfig(poses=2, seconds=0.5, target_engine="numba")
+    both = transfer(make_controller(), {"caudal": (0, 0, 0)}, config)
+    for one in (both, both.native, both.native.swim):
+        assert len(repr(one)) < 250
+        assert "\n" not in repr(one)
+    assert f"{both.target.distance:.2f}" in repr(both)
+    assert max(map(len, str(both).splitlines())) <= 60
+    assert "<td>2 random poses</td>" in both._repr_html_()
+    axes = Figure().add_subplot()
+    assert both.plot(axes) is axes
+    labels = [text.get_text().split(":")[0] for text in axes.get_legend().get_texts()]
+    assert labels == ["native", "target"]
+    assert both.native.swim.plot(Figure().add_subplot()).lines
 
 
 def test_a_robot_that_diverged_is_null_in_json() -> None:

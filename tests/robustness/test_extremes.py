@@ -27,12 +27,12 @@ from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import layout
-from eea.aquafish.fish import EngineTarget, fish_actions, fish_eea
+from eea.aquafish import EngineTarget, fish_actions, fish_eea
 from eea.core.behavior import BehaviorConfig, Signal
 from eea.core.checks import TargetError
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig
-from eea.core.experiment import Trials
+from eea.core.experiment import Simulator, Trials
 from eea.core.exploration import Exploration, ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.core.laboratory import DIVERGED, Laboratory
@@ -291,7 +291,7 @@ def test_a_log_is_nan_from_where_a_robot_diverged(
 # What a robot that diverged scores.
 
 
-class Sick:
+class Sick(Simulator):
     """A simulator in which some robots diverge, ``late`` steps before the end.
 
     Those are the robots whose first size is 1.
@@ -303,8 +303,8 @@ class Sick:
         self.steps = steps
 
     def simulate(self, trials: Trials) -> Any:
-        log = simulate(trials.morphologies, trials.commands, trials.fin_angles, steps=self.steps)
-        sick = trials.morphologies[:, 0] == 1.0
+        log = simulate(trials.models, trials.commands, trials.angles, steps=self.steps)
+        sick = trials.models[:, 0] == 1.0
         for samples in (log.rpy, log.gyro):
             samples[sick, -self.late :] = self.how
         return log
@@ -326,12 +326,13 @@ def test_a_candidate_that_diverged_is_like_nothing(
     config: BehaviorConfig, how: float, late: int
 ) -> None:
     """``eea.core.laboratory``: its sim is DIVERGED, far below any other."""
-    laboratory = Laboratory(Sick(how, late), config, 16)
+    laboratory = Laboratory(Sick(how, late), config, 16, 3)
     bodies = np.tile(MAXIMA / 2, (3, 1))
     bodies[1, 0] = 1.0
     commands, angles = np.tile([0.2, 0.3, 0.5], (3, 1)), np.zeros((3, 3))
-    observed = laboratory.behaviors(bodies[:1], commands[:1], angles[:1])
-    similarity = laboratory.similarities(bodies, commands, angles, observed, np.zeros(3, np.intp))
+    observed = laboratory.behaviors(Trials(bodies[:1], commands[:1], angles[:1]))
+    trials = Trials(bodies, commands, angles)
+    similarity = laboratory.similarities(trials, observed, np.zeros(3, np.intp))
     assert similarity[1] == DIVERGED
     assert similarity[[0, 2]] == pytest.approx(1.0)
 
@@ -341,7 +342,8 @@ def test_a_command_under_which_a_model_diverges_is_chosen_last(config: BehaviorC
     """``eea.core.exploration``: its ACT_FIT is -1, below all others."""
     exploration = Exploration(
         fish_actions(),
-        Laboratory(Sick(), config, 16),
+        3,
+        Laboratory(Sick(), config, 16, 3),
         ExplorationConfig(),
         GeneticConfig(),
         np.random.default_rng(0),
@@ -357,13 +359,14 @@ def test_a_command_under_which_a_model_diverges_is_chosen_last(config: BehaviorC
 def test_no_honest_similarity_is_as_low_as_divergence() -> None:
     """The least alike of extreme bodies under extreme commands stay far above DIVERGED."""
     rng = np.random.default_rng(0)
-    laboratory = Laboratory(Sick(steps=256), BehaviorConfig(), 256)
+    laboratory = Laboratory(Sick(steps=256), BehaviorConfig(), 256, 3)
     bodies = np.concatenate([CORNERS[CORNERS[:, 0] == 0], thin_bodies(64, rng)])
     commands = np.where(rng.random((len(bodies), 3)) < 0.5, (-0.5, -0.5, 0.0), (0.5, 0.5, 1.0))
     angles = rng.uniform(-np.pi, np.pi, (len(bodies), 3))
-    behaviors = laboratory.behaviors(bodies, commands, angles)
+    trials = Trials(bodies, commands, angles)
+    behaviors = laboratory.behaviors(trials)
     others = np.roll(np.arange(len(bodies)), 1)
-    similarity = laboratory.similarities(bodies, commands, angles, behaviors, others)
+    similarity = laboratory.similarities(trials, behaviors, others)
     assert similarity.min() > DIVERGED / 1000
 
 

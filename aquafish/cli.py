@@ -1,0 +1,76 @@
+"""The command ``aquafish``: the case study, and every command of ``eea`` and of ``gait``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from importlib import import_module
+from typing import Any, NamedTuple
+
+
+class Entry(NamedTuple):
+    """A command: where its class is, loaded only when it is asked for, and what it does."""
+
+    module: str
+    name: str
+    help: str
+
+
+COMMANDS = {
+    "recover": Entry(
+        "aquafish.recovery.command",
+        "Recover",
+        "the case study: break a fish, let it model itself, evolve a gait, and score it",
+    ),
+    "run": Entry("eea.__main__", "Run", "let a damaged fish work out its own body, as the paper"),
+    "infer": Entry(
+        "eea.__main__", "Recover", "as run, with the case study's settings (python -m eea recover)"
+    ),
+    "study": Entry("eea.cli.study", "StudyCommand", "replicates of the paper's figures, ablations"),
+    "plot": Entry("eea.cli.study", "Plot", "write a study's tables and figures anew"),
+    "merge": Entry("eea.cli.study", "Merge", "add another folder of a study to this one"),
+    "evolve": Entry("gait.cli", "Evolve", "evolve a gait for a body"),
+    "transfer": Entry("gait.cli", "TransferCommand", "swim a gait on another body"),
+    "baseline": Entry("gait.cli", "BaselineCommand", "train a learner of stable-baselines3"),
+}
+
+
+class _Commands:
+    """The commands, the nearest of which is offered for an unknown one."""
+
+    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        from aquafish_gym.utils.command_line import single_command
+        from aquafish_gym.utils.validation import one_of
+
+        words = sys.argv[1:] if args is None else list(args)
+        if not words or words[0] in ("-h", "--help"):
+            print(usage())
+            raise SystemExit(0 if words else 2)
+        name = one_of("the command", words[0], COMMANDS)
+        entry = COMMANDS[name]
+        command = getattr(import_module(entry.module), entry.name)
+        made = single_command(command).cli(prog=f"{prog} {name}", args=words[1:])
+        # A study reads its settings again over those of each of its arms.
+        return replace(made, words=tuple(words)) if hasattr(made, "words") else made
+
+
+def usage() -> str:
+    """Return what there is, a line a command."""
+    width = max(map(len, COMMANDS))
+    lines = [f"  {name.ljust(width)}  {entry.help}" for name, entry in COMMANDS.items()]
+    return "\n".join(
+        ["usage: aquafish COMMAND [OPTIONS]; aquafish COMMAND --help lists the options", "", *lines]
+    )
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code, as ``run_command_line`` says."""
+    try:  # imported here, so that Ctrl-C is answered from the start
+        from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line
+        from eea.core.checks import ConfigurationError, TargetError
+    except KeyboardInterrupt:
+        print("aquafish: interrupted", file=sys.stderr)
+        return 130
+    refused = (*BAD_INPUT, ConfigurationError, TargetError)
+    return run_command_line("aquafish", _Commands(), arguments, refused)

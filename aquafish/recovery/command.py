@@ -1,0 +1,306 @@
+"""The case study as a command: its options, its run in a folder, and what it publishes there."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, wait
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+from aquafish.recovery.report import Outcomes, build_report, show, to_markdown, versions
+from aquafish.recovery.treatment import TREATMENTS, Treatment, rehearse, source_stamp, treat
+from aquafish_gym import Damage
+from aquafish_gym.engines.base import check_engine
+from aquafish_gym.runs.executors import workers
+from aquafish_gym.runs.folder import claim, described, held
+from aquafish_gym.runs.processes import WorkerDiedError
+from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.utils.command_line import RESUMES, Out, TargetEngine, read_morphology
+from aquafish_gym.utils.validation import InvalidArgumentError, integer
+from eea.core.config import RECOVERY, recovery_config
+from gait.controller import Controller
+from gait.evolve import EvolveConfig
+from gait.transfer import TransferConfig
+
+KIND = "a case study"
+SCHEMA = "aquafish.recovery/1"
+REPORT = "report.json"
+MOST_SEEDS = 100_000
+PATIENCE = 3.0  # s, in which a worker with everything compiled is ready
+ORDER = ("out-of-band", "none", "undamaged", "oracle")  # the longest first
+
+
+@dataclass(frozen=True)
+class Recover:
+    """The case study: a fish is damaged, models itself, evolves a gait and swims on.
+
+    Four treatments differ in the body that the gait is evolved on: the old one, plain EEA's
+    model, Out-of-Band EEA's, and the true one. Into --out go report.md, report.json, pictures, a
+    film, and for each treatment of each replicate its outcome with all rounds and paths, the
+    morphology.json and the controller.json. The same command goes on with what is missing. (For a
+    self-model alone: python -m eea recover.)
+    """
+
+    out: Out = Path("out/recovery")
+    damage: str = "left_pectoral:length=0.5"
+    """What breaks: FIN:SIZE=FACTOR or FIN:missing, several joined by ";". FIN is left_pectoral,
+    right_pectoral or caudal; SIZE is length, width or thickness."""
+    morphology: Path | None = None
+    """A JSON file of the healthy body; the prototype if not given."""
+    seed: int = 0
+    """The first replicate's seed."""
+    seeds: int = 1
+    """Replicates, with seeds from `seed` upwards."""
+    rounds: int = RECOVERY.rounds
+    """Trials on the damaged robot, one a round."""
+    steps: int = RECOVERY.steps
+    """Length of a trial in steps of 0.01 s, a power of two."""
+    models: int = RECOVERY.estimation.population
+    """Population of candidate bodies, for both self-models."""
+    angle_sets: int = RECOVERY.out_of_band.inner_population
+    """Population of Out-of-Band's inner search for the fins' angles."""
+    sampled_models: int | None = RECOVERY.out_of_band.sampled_models
+    """Bodies that judge the angles in Out-of-Band's inner search; None for all."""
+    revisit: int = RECOVERY.out_of_band.revisit
+    """Earlier trials whose angles each of Out-of-Band's searches infers anew; the paper's 0 locks
+    them in."""
+    generations: int = 60
+    """Generations of gait evolution."""
+    population: int = 150
+    """Gaits a generation."""
+    gait_poses: int = 8
+    """Random fin poses that a gait must swim from while it evolves, besides the zero pose."""
+    poses: int = 16
+    """Random fin poses that a finished gait is scored from, besides the zero pose."""
+    seconds: float = 20.0
+    """Length of a swim."""
+    target_engine: Annotated[TargetEngine, tyro.conf.arg(aliases=("--engine",))] = "auto"
+    workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
+    """Processes; every core if not given. No result depends on it."""
+    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
+    """Address of a dask scheduler whose workers do the work, as tcp://host:8786."""
+    format: tuple[Literal["png", "pdf", "svg"], ...] = ("png",)
+    """What the pictures are written as."""
+    film: bool = True
+    """Also draw the film, which takes some seconds."""
+    redraw: bool = False
+    """Only write report and pictures anew from what a finished folder holds."""
+    other_code: bool = False
+    """Go on although other code began the folder; the report names both."""
+
+    def treatments(self) -> list[Treatment]:
+        """Return every treatment of every replicate, the longest first.
+
+        Raises
+        ------
+        InvalidArgumentError, ConfigurationError, EngineUnavailableError
+            If a setting is wrong; the message names it.
+        """
+        integer("seed", self.seed, 0)
+        integer("seeds", self.seeds, 1, MOST_SEEDS)
+        if self.workers is not None:
+            integer("workers", self.workers, 1)
+        if not self.format:
+            raise InvalidArgumentError("format must be one or more of png, pdf, svg; got none")
+        engine = check_engine(self.target_engine)
+        body = read_morphology(self.morphology, "morphology")
+        damage = Damage.coerce(self.damage)
+        damage.apply(body)
+        eea = recovery_config(self.steps, self.rounds)
+        eea = replace(
+            eea,
+            estimation=replace(eea.estimation, population=self.models),
+            out_of_band=replace(
+                eea.out_of_band,
+                inner_population=self.angle_sets,
+                sampled_models=self.sampled_models,
+                revisit=self.revisit,
+            ),
+        )
+        gait = EvolveConfig(
+            generations=self.generations,
+            population=self.population,
+            poses=self.gait_poses,
+            seconds=self.seconds,
+            threads=1,
+        )
+        swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
+        return [
+            Treatment(
+                treatment=name,
+                seed=seed,
+                morphology=body,
+                damage=damage,
+                eea=eea,
+                gait=replace(gait, seed=seed),
+                transfer=replace(swims, seed=seed),
+                source=source_stamp(),
+            )
+            for seed in range(self.seed, self.seed + self.seeds)
+            for name in ORDER
+        ]
+
+    def execute(self) -> None:
+        """Do what is missing, write the report and the pictures, and print the report.
+
+        Raises
+        ------
+        InvalidArgumentError, ConfigurationError, EngineUnavailableError
+            If an option is wrong, or the folder holds something else; nothing has changed then.
+        SystemExit
+            With code 1, if a treatment could not be done. The others are.
+        KeyboardInterrupt
+            On Ctrl-C; all finished treatments are on disk.
+        """
+        jobs = self.treatments()
+        if self.redraw and len(finished(self.out, jobs)) < len(jobs):
+            read_all(self.out, jobs)  # which says what is wrong with the first that is not whole
+        folder = ensure_writable_directory(self.out)
+        with held(folder):
+            code = None if self.redraw else {"source": source_stamp(), **versions()}
+            settings = _settings(jobs)
+            claim(folder, KIND, settings, code, (REPORT,), other_code=self.other_code)
+            if not self.redraw:
+                self._work(jobs, folder)
+            self._publish(jobs, folder, settings)
+
+    def _work(self, jobs: list[Treatment], folder: Path) -> None:
+        done = finished(folder, jobs)
+        missing = [job for job in jobs if job not in done]
+        for job in missing:
+            if (folder / job.file).exists():
+                print(f"damaged: {folder / job.file}; {job.name} is done anew", file=sys.stderr)
+        if not missing:
+            return
+        try:
+            with workers(self.workers, self.scheduler) as executor:
+                compile_once(executor, missing[0])
+                with progress(missing) as tell:
+                    failures = run_jobs(missing, treat, folder, executor, tell)
+        except KeyboardInterrupt:
+            left = len(jobs) - len(finished(folder, jobs))
+            raise KeyboardInterrupt(
+                f"interrupted with {left} of {len(jobs)} treatments to do; {RESUMES}"
+            ) from None
+        if failures:
+            print(*(f"failed: {failure}" for failure in failures), sep="\n", file=sys.stderr)
+            raise SystemExit(1)
+
+    def _publish(self, jobs: list[Treatment], folder: Path, settings: dict[str, Any]) -> None:
+        """Write everything for people and for the next command, and print the report."""
+        from aquafish.recovery.figures import draw_all
+
+        outcomes = read_all(folder, jobs)
+        # Only PyBullet can draw the robot; without it the study is whole but for two pictures.
+        drawable = importlib.util.find_spec("pybullet") is not None
+        body, target = jobs[0].morphology, jobs[0].target
+        pictures = draw_all(
+            folder, body, target, outcomes, self.format, robot=drawable, film=self.film
+        )
+        description = described(folder)
+        assert description is not None
+        report = build_report(settings, description["code"], outcomes)
+        write_document(folder / REPORT, report, SCHEMA)
+        # Readers' programs show one of the formats, and not all of them show PDF.
+        best = next(form for form in ("png", "svg", "pdf") if form in self.format)
+        shown = [name for name in pictures if name.endswith((best, "gif"))]
+        write_bytes(folder / "report.md", to_markdown(report, shown).encode())
+        for job in jobs:
+            outcome = outcomes[job.treatment][job.seed - jobs[0].seed]
+            write_document(folder / job.folder / "morphology.json", outcome["morphology"])
+            controller = Controller.from_dict(outcome["controller"])
+            controller.save(folder / job.folder / "controller.json")
+        console = Console()
+        show(report, console)
+        console.print(f"Report and pictures: {folder}", soft_wrap=True)
+        if not drawable:
+            print("the bodies and the film need PyBullet, which draws the robot", file=sys.stderr)
+
+
+def compile_once(executor: Executor, job: Treatment) -> None:
+    """Have one worker compile what all of them then find compiled, and say so if it takes time.
+
+    Raises
+    ------
+    OSError
+        If its process dies.
+    """
+    rehearsal = executor.submit(rehearse, job)
+    if not wait([rehearsal], PATIENCE).done:
+        print("compiling, once on each machine, in about a minute", file=sys.stderr, flush=True)
+    try:
+        rehearsal.result()
+    except WorkerDiedError as error:
+        raise OSError(f"no treatment was begun: {error}") from None
+
+
+def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
+    """Return all outcomes, by treatment, in the order of the seeds.
+
+    Raises
+    ------
+    DamagedFileError
+        If one is not what was written.
+    InvalidArgumentError
+        If one is missing.
+    """
+    outcomes: dict[str, list[dict[str, Any]]] = {name: [] for name in TREATMENTS}
+    for job in jobs:
+        outcome = read_result(folder, job)
+        if outcome is None:
+            raise InvalidArgumentError(f"redraw needs a finished folder; {folder} lacks {job.name}")
+        outcomes[job.treatment].append(outcome)
+    return outcomes
+
+
+def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
+    """Return all that the results depend on, ready for JSON."""
+    job = jobs[0]
+    parts = {"eea": job.eea.to_dict(), "gait": asdict(job.gait), "transfer": asdict(job.transfer)}
+    for part in parts.values():
+        for name in ("condition", "seed", "threads"):  # each treatment's own
+            part.pop(name, None)
+    body = job.morphology.to_dict()
+    return {"damage": str(job.damage), "morphology": body, "first_seed": job.seed, **parts}
+
+
+@contextmanager
+def progress(jobs: Sequence[Treatment]) -> Iterator[Callable[[Event[Treatment]], None]]:
+    """Show a bar a treatment on a terminal, or a line a finished treatment elsewhere."""
+    console = Console(stderr=True)
+    width = max(len(job.name) for job in jobs)
+    columns = (TextColumn("{task.description}"), BarColumn(24), TextColumn("{task.fields[text]}"))
+    live = console.is_terminal
+    with Progress(*columns, TimeElapsedColumn(), console=console, disable=not live) as bars:
+        tasks = {
+            job: bars.add_task(job.name.ljust(width), total=1.0, start=False, text="waiting")
+            for job in jobs
+        }
+
+        def tell(event: Event[Treatment]) -> None:
+            text = event.text or "begins"
+            if event.document is not None:
+                text = _conclusion(event.document)
+            if event.kind in ("began", "retried"):
+                bars.reset(tasks[event.job])
+            bars.update(tasks[event.job], completed=event.share, text=text)
+            if not live and event.kind in ("done", "retried"):
+                print(f"{event.job.name}: {text}", file=sys.stderr, flush=True)
+
+        yield tell
+
+
+def _conclusion(outcome: dict[str, Any]) -> str:
+    return (
+        f"OBJ_FIT {outcome['objective_fitness']:.3f}, swims {outcome['native_distance']:.1f} units "
+        f"on its model, {outcome['target_distance']:.1f} on the damaged robot"
+    )

@@ -1,0 +1,248 @@
+"""What the treatments come to: every number for programs, and tables and words for people."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.markdown import Markdown
+from rich.table import Table
+
+from aquafish.recovery.treatment import TREATMENTS
+from aquafish_gym import Damage, Morphology
+from eea.report.statistics import FEWEST, paired_difference, ratio_interval, summarize
+
+UNIT_IN_M = 0.05
+LIBRARIES = ("aquafish-gym", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy")
+# The questions of the case study: does the recovered gait beat the old one, and plain EEA's?
+COMPARISONS = (("out-of-band", "undamaged"), ("out-of-band", "none"), ("oracle", "out-of-band"))
+SAYS = {
+    "undamaged": "the old body: the gait it swam with before the damage",
+    "none": "plain EEA's model, which takes its fins to start at zero",
+    "out-of-band": "Out-of-Band EEA's model, which infers where its fins started",
+    "oracle": "the true damaged body: the best that self-modelling can give",
+}
+# Of an outcome, what the report repeats: all that the tables are made of.
+NUMBERS = (
+    "treatment",
+    "seed",
+    "morphology",
+    "model_fitness",
+    "objective_fitness",
+    "native_distance",
+    "target_distance",
+    "native_random_distances",
+    "target_random_distances",
+    "diverged",
+)
+
+Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome a replicate
+Rows = list[list[str]]  # a table, its header first
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what makes the numbers."""
+    found = {"python": platform.python_version()}
+    for library in LIBRARIES:
+        try:
+            found[library] = version(library)
+        except PackageNotFoundError:
+            found[library] = "not installed"
+    return found
+
+
+def build_report(
+    config: dict[str, Any], code: list[dict[str, str]], outcomes: Outcomes
+) -> dict[str, Any]:
+    """Return every number of the study, ready for JSON.
+
+    Parameters
+    ----------
+    config
+        The study's settings: ``damage``, ``morphology``, ``eea``, ``gait``, ``transfer`` and more.
+    code
+        Versions and sources of what made the numbers, one state of the code or more.
+    outcomes
+        What :func:`~aquafish.recovery.treatment.treat` returned, every replicate in the same
+        order in each treatment.
+    """
+    return {
+        "config": config,
+        "code": code,
+        "seeds": [outcome["seed"] for outcome in outcomes["oracle"]],
+        "unit_in_m": UNIT_IN_M,
+        "treatments": {treatment: _row(outcomes, treatment) for treatment in TREATMENTS},
+        "paired": [
+            {"measure": measure, "first": first, "second": second}
+            | paired_difference(
+                *({o["seed"]: distances(o)[measure] for o in outcomes[t]} for t in (first, second))
+            )
+            for measure in ("target_distance", "target_distance_random_poses")
+            for first, second in COMPARISONS
+        ],
+        "replicates": {
+            treatment: [{name: outcome[name] for name in NUMBERS} for outcome in done]
+            for treatment, done in outcomes.items()
+        },
+    }
+
+
+def distances(outcome: Mapping[str, Any]) -> dict[str, float]:
+    """Return one outcome's four distances in units: by body, from zero and from random poses."""
+    return {
+        "native_distance": outcome["native_distance"],
+        "target_distance": outcome["target_distance"],
+        "native_distance_random_poses": float(np.mean(outcome["native_random_distances"])),
+        "target_distance_random_poses": float(np.mean(outcome["target_random_distances"])),
+    }
+
+
+def _row(outcomes: Outcomes, treatment: str) -> dict[str, Any]:
+    """Return a treatment's numbers: means over the replicates, and the spread beside them.
+
+    A share is the ratio of the mean distances, not the mean of ratios, which one slow oracle
+    would rule.
+    """
+    ours, best = outcomes[treatment], outcomes["oracle"]
+    columns = {"objective_fitness": [o["objective_fitness"] for o in ours]} | {
+        name: [distances(o)[name] for o in ours] for name in distances(ours[0])
+    }
+    spread: dict[str, Any] = {
+        name: summarize(values) | {"values": values} for name, values in columns.items()
+    }
+    row: dict[str, Any] = {name: found["mean"] for name, found in spread.items()}
+    for suffix in ("", "_random_poses"):
+        name, share = f"target_distance{suffix}", f"share_of_oracle{suffix}"
+        reached = [distances(o)[name] for o in best]
+        sound = np.mean(reached) > 0
+        row[share] = row[name] / float(np.mean(reached)) if sound else None
+        spread[share] = {"interval": ratio_interval(columns[name], reached) if sound else None}
+    return row | {"diverged_swims": sum(o["diverged"] for o in ours), "spread": spread}
+
+
+def to_markdown(report: dict[str, Any], pictures: Sequence[str]) -> str:
+    """Return the report for people, with these pictures' files shown."""
+    parts = [_pipes(part) if isinstance(part, list) else part for part in _parts(report)]
+    if pictures:
+        parts += ["## Figures", *(f"![{name.partition('.')[0]}]({name})" for name in pictures)]
+    return "\n\n".join(parts) + "\n"
+
+
+def show(report: dict[str, Any], console: Console) -> None:
+    """Print the report. On a narrow terminal numbers are folded, and no name is cut."""
+    for part in _parts(report):
+        shown = _table(part, console.width) if isinstance(part, list) else Markdown(part)
+        console.print(shown, "")
+
+
+def _parts(report: dict[str, Any]) -> list[str | Rows]:
+    config, seeds = report["config"], report["seeds"]
+    swims, trials = config["transfer"], config["eea"]
+    damage, body = Damage.parse(config["damage"]), Morphology.coerce(config["morphology"])
+    several = "s" if len(seeds) > 1 else ""
+    parts: list[str | Rows] = [
+        "# Damage recovery",
+        f"What broke: {damage.in_words(body)} (`{damage}`). Each row believes in another "
+        f"body, evolved a gait on it, and swam that gait for {swims['seconds']:g} s on the "
+        f"damaged robot ({swims['target_engine']}). Distances forward are in units of 5 cm; the "
+        "robot is 4 units long.",
+        f"{len(seeds)} replicate{several}, seed{several} {', '.join(map(str, seeds))}"
+        f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST else ''}. "
+        f"Self-models: {trials['rounds']} trials of {trials['steps'] / 100:g} s.",
+        _main_table(report["treatments"]),
+        "*Own model* is the body the gait was evolved on. *Random poses* is the mean over "
+        f"{swims['poses']} starts with the fins anywhere, since the robot cannot know where its "
+        f"fins are. *Share* is of the oracle's distance. {_old_body(damage, body)} The "
+        "self-models start from random bodies.",
+        "\n".join(f"- **{treatment}**: {sentence}" for treatment, sentence in SAYS.items()),
+    ]
+    lost = sum(row["diverged_swims"] for row in report["treatments"].values())
+    if lost:
+        were = "swim on the damaged robot diverged and counts" if lost == 1 else (
+            "swims on the damaged robot diverged and count")  # fmt: skip
+        parts.append(f"{lost} {were} as no progress.")
+    if several:
+        parts += ["## Within replicates", _paired_table(report["paired"])]
+    return parts
+
+
+def _old_body(damage: Damage, body: Morphology) -> str:
+    """Say how much of the old body is right, which OBJ_FIT counts whether it matters or not."""
+    sizes = body.to_array()
+    right = int(np.count_nonzero(sizes == damage.apply(body).to_array()))
+    if right == len(sizes):
+        return "Nothing broke, so the old body is the true one."
+    return (
+        f"The old body has {right} of the {len(sizes)} dimensions right, which its OBJ_FIT counts, "
+        "and is wrong in what broke."
+    )
+
+
+def _number(found: Mapping[str, Any], digits: int) -> str:
+    text = f"{found['mean']:.{digits}f}"
+    low, high = found["interval"] or (0.0, 0.0)
+    return text + (f" [{low:.{digits}f}, {high:.{digits}f}]" if low < high else "")
+
+
+def _share(row: dict[str, Any], name: str) -> str:
+    if row[name] is None:
+        return "none"
+    low, high = row["spread"][name]["interval"] or (0.0, 0.0)
+    return f"{row[name]:.0%}" + (f" [{low:.0%}, {high:.0%}]" if low < high else "")
+
+
+def _main_table(treatments: dict[str, Any]) -> Rows:
+    header = "gait for|OBJ_FIT|own model|target|share|target, random poses|share"
+    return [header.split("|")] + [
+        [
+            name,
+            _number(row["spread"]["objective_fitness"], 3),
+            _number(row["spread"]["native_distance"], 1),
+            _number(row["spread"]["target_distance"], 1),
+            _share(row, "share_of_oracle"),
+            _number(row["spread"]["target_distance_random_poses"], 1),
+            _share(row, "share_of_oracle_random_poses"),
+        ]
+        for name, row in treatments.items()
+    ]
+
+
+def _paired_table(rows: list[dict[str, Any]]) -> Rows:
+    poses = {"target_distance": "zero pose", "target_distance_random_poses": "random poses"}
+    return [["on the target", "is better than", "in", "sign test", "by (units)"]] + [
+        [
+            f"{row['first']}, {poses[row['measure']]}",
+            row["second"],
+            f"{row['wins']} of {row['replicates']}",
+            f"p = {row['sign_test_p']:.2g}",
+            _number(row, 1),
+        ]
+        for row in rows
+    ]
+
+
+def _pipes(rows: Rows) -> str:
+    head, *body = (f"| {' | '.join(row)} |" for row in rows)
+    return "\n".join([head, "|" + "---|" * len(rows[0]), *body])
+
+
+def _table(rows: Rows, room: int) -> Table:
+    """Return a table at most ``room`` wide, with cells folded between words.
+
+    Columns get the width of their longest word, and what is left goes to the first of them.
+    """
+    table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
+    columns = list(zip(*rows, strict=True))
+    least = [max(len(word) for cell in column for word in cell.split()) for column in columns]
+    spare = max(0, room - sum(least) - len(least))
+    for column, width in zip(columns, least, strict=True):
+        more = min(spare, max(map(len, column)) - width)
+        table.add_column(column[0], width=width + more)
+        spare -= more
+    for row in rows[1:]:
+        table.add_row(*row)
+    return table

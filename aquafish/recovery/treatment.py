@@ -1,0 +1,222 @@
+"""One treatment of one replicate: get a model, evolve a gait on it, swim it on the target."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import aquafish_gym
+import eea.aquafish
+import eea.core
+import gait
+from aquafish_gym import Damage, Morphology
+from aquafish_gym.runs.stamps import code_stamp
+from eea.aquafish import EngineTarget, fish_eea, fish_models
+from eea.core import ConfigurationError, EEAConfig, streams
+from eea.core.config import Condition
+from eea.core.fitness import objective_fitness
+from gait.evolve import EvolveConfig, evolve_gait
+from gait.history import Generation
+from gait.rollout import Swim
+from gait.transfer import TransferConfig, transfer
+
+# What each treatment takes for the robot's body. The oracle knows the damage, which no robot
+# does: it is the best that self-modelling can give.
+TREATMENTS = ("undamaged", "none", "out-of-band", "oracle")
+MODELLED: dict[str, Condition] = {"none": "none", "out-of-band": "out-of-band"}
+
+BODIES = ("native", "target")  # that a gait swims on: the one it was evolved on, and the robot's
+PATH = ("time", "position", "quaternion", "fin_angles")
+DECIMALS = 6  # of a path's numbers, as many as a float32 holds
+MODEL_SHARE, GAIT_SHARE = 0.4, 0.5  # of a treatment's time, about; the swims take the rest
+
+Say = Callable[[str, float], None]  # what happens now, and the share of the work that is done
+
+
+@dataclass(frozen=True)
+class Treatment:
+    """One treatment of one replicate, complete enough to be sent to another computer.
+
+    Attributes
+    ----------
+    treatment
+        One of ``TREATMENTS``.
+    seed
+        Of everything random, as in the parts' own configurations.
+    morphology
+        The body before the damage.
+    damage
+        What breaks.
+    eea, gait, transfer
+        Settings of the self-model, of the gait's evolution and of the swims.
+    source
+        The code that must do it (see :func:`source_stamp`); "" for any.
+    """
+
+    treatment: str
+    seed: int
+    morphology: Morphology
+    damage: Damage
+    eea: EEAConfig
+    gait: EvolveConfig
+    transfer: TransferConfig
+    source: str = ""
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"seed {self.seed}, {self.treatment}"
+
+    @property
+    def folder(self) -> str:
+        """Where its files are, relative to the study's folder."""
+        return f"seed-{self.seed:03d}/{self.treatment}"
+
+    @property
+    def file(self) -> str:
+        """Its outcome's file, relative to the study's folder."""
+        return f"{self.folder}/outcome.json"
+
+    @property
+    def target(self) -> Morphology:
+        """The damaged body."""
+        return self.damage.apply(self.morphology)
+
+
+def treat(job: Treatment, say: Say) -> dict[str, Any]:
+    """Do one treatment and return its outcome, ready for JSON.
+
+    A robot that diverges has made no progress: its distance counts as 0, ``diverged`` tells how
+    many of the swims on the target did, and its path stays where it was last seen.
+
+    Returns
+    -------
+    dict
+        ``treatment``, ``seed``; the believed ``morphology`` with its ``model_fitness`` (MOD_FIT;
+        None if it was not inferred) and ``objective_fitness`` (OBJ_FIT); ``rounds``, the
+        self-model's records; ``generations``, the gait's; the ``controller``; distances in units
+        of 5 cm by body, from the zero pose and from each random pose; ``diverged``; ``swims``,
+        body -> ``PATH`` of the swim from the zero pose.
+
+    Raises
+    ------
+    ConfigurationError
+        If this machine has other code than ``job.source``.
+    InvalidArgumentError, EngineUnavailableError
+        If a setting is wrong, or an engine is not to be had here.
+    """
+    if job.source and job.source != source_stamp():
+        raise ConfigurationError(
+            f"this worker has other code (source {source_stamp()}, not {job.source}); install the "
+            "same version on every machine"
+        )
+    model, rounds = _self_model(job, say)
+    total = job.gait.generations
+
+    def tell(row: Generation) -> None:
+        done = row.generation + 1
+        share = MODEL_SHARE + GAIT_SHARE * done / total
+        say(f"gait: generation {done}/{total}, {row.best:.1f} units", share)
+
+    evolved = evolve_gait(model, job.gait, on_generation=tell)
+    say("swimming on the target", MODEL_SHARE + GAIT_SHARE)
+    scored = transfer(evolved.controller, job.target, job.transfer)
+    both = {"native": scored.native, "target": scored.target}
+    on_target = np.array([scored.target.distance, *scored.target.random_distances])
+    return {
+        "treatment": job.treatment,
+        "seed": job.seed,
+        "morphology": model.to_dict(),
+        "model_fitness": rounds[-1]["model_fitness"] if rounds else None,
+        "objective_fitness": float(
+            objective_fitness(model.to_array(), job.target.to_array(), fish_models())
+        ),
+        **{f"{name}_distance": _progress(one.distance)[0] for name, one in both.items()},
+        **{
+            f"{name}_random_distances": _progress(one.random_distances)
+            for name, one in both.items()
+        },
+        "diverged": int(np.count_nonzero(~np.isfinite(on_target))),
+        "rounds": rounds,
+        "generations": [asdict(row) for row in evolved.history],
+        "controller": evolved.controller.to_dict(),
+        "swims": {name: path_to_dict(one.swim) for name, one in both.items()},
+    }
+
+
+def rehearse(job: Treatment) -> None:
+    """Do a treatment in small, so that whatever it needs is compiled."""
+    few = replace(job.eea, rounds=2)
+    few = replace(
+        few,
+        exploration=replace(few.exploration, generations=1),
+        estimation=replace(few.estimation, generations=1),
+        out_of_band=replace(few.out_of_band, inner_generations=1, revisit=0),
+    )
+    brief = replace(job.gait, generations=1, population=10, poses=0, seconds=0.1)
+    swims = replace(job.transfer, poses=1, seconds=0.1)
+    small = replace(job, treatment="out-of-band", eea=few, gait=brief, transfer=swims)
+    treat(small, lambda _text, _share: None)
+
+
+@cache
+def source_stamp() -> str:
+    """Return a hash of all code that the results come from."""
+    packages = (aquafish_gym, eea.core, eea.aquafish, gait)
+    folders = [Path(str(package.__file__)).parent for package in packages]
+    kinds = ("*.py", "*.ini")
+    files = [file for folder in folders for kind in kinds for file in folder.rglob(kind)]
+    return code_stamp([*files, Path(__file__)])
+
+
+def _self_model(job: Treatment, say: Say) -> tuple[Morphology, list[dict[str, Any]]]:
+    """Return the body that this treatment believes in, and the rounds in which it was inferred."""
+    if job.treatment not in MODELLED:
+        return (job.morphology if job.treatment == "undamaged" else job.target), []
+    config = replace(job.eea, condition=MODELLED[job.treatment])
+    hidden = streams(job.seed)["target"]
+    engine = job.transfer.target_engine
+    target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine)
+    algorithm = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
+    rounds = []
+    say("self-model: the first trial", 0.0)
+    for record in algorithm:
+        say(
+            f"self-model: round {record.round}/{config.rounds}, "
+            f"MOD_FIT {record.model_fitness:.3f}, OBJ_FIT {record.objective_fitness:.3f}",
+            MODEL_SHARE * record.round / config.rounds,
+        )
+        rounds.append(record.to_dict())
+        del rounds[-1]["seconds"]  # which no two runs share
+    return Morphology.from_array(algorithm.result.model), rounds
+
+
+def _progress(distances: object) -> list[float]:
+    """Return distances (n,) or () as a list, with 0 where the robot diverged."""
+    values = np.atleast_1d(np.asarray(distances, dtype=np.float64))
+    return [float(value) for value in np.where(np.isfinite(values), values, 0.0)]
+
+
+def path_to_dict(swim: Swim) -> dict[str, Any]:
+    """Return a swim as lists; samples that are not finite repeat the last that was."""
+    return {name: _held(getattr(swim, name)).round(DECIMALS).tolist() for name in PATH}
+
+
+def path_from_dict(path: dict[str, Any]) -> Swim:
+    """Return the swim that :func:`path_to_dict` wrote."""
+    return Swim(*(np.asarray(path[name], dtype=np.float64) for name in PATH))
+
+
+def _held(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return samples (T, ...) with those that are not finite replaced by the last that was."""
+    good = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1)
+    held: NDArray[np.float64] = samples[
+        np.maximum.accumulate(np.where(good, np.arange(len(samples)), 0))
+    ]
+    return held

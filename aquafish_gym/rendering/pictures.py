@@ -1,0 +1,49 @@
+"""Figures apart from pyplot, and their files: the same picture gives the same bytes."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+
+import matplotlib as mpl
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.utils.validation import one_of
+
+FORMATS = ("png", "pdf", "svg")
+# Without versions and dates a file says nothing but the picture.
+_UNSAID: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
+    "svg": {"Creator": None, "Date": None},
+}
+
+
+def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
+    """Return an empty figure of a size in inches, apart from pyplot and its global state."""
+    figure = Figure(figsize=(width, height), layout="constrained", dpi=dpi)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
+    """Write a picture in the format that its suffix names: ``.png``, ``.pdf`` or ``.svg``.
+
+    The file is replaced at once or not at all.
+
+    Raises
+    ------
+    UnknownNameError
+        If there is no such format.
+    CannotWriteError
+        If the file cannot be written.
+    """
+    form = one_of("the picture's suffix", Path(path).suffix, [f".{f}" for f in FORMATS])[1:]
+    content = io.BytesIO()
+    # Names within an SVG are salted with chance else; journals ask for TrueType.
+    with mpl.rc_context({"svg.hashsalt": "aquafish", "pdf.fonttype": 42}):
+        figure.savefig(content, format=form, metadata=_UNSAID[form])
+    write_bytes(path, content.getvalue())

@@ -1,0 +1,214 @@
+"""Folders that one command at a time fills, and what they say of themselves.
+
+A folder that a command fills has one description, ``settings.json``: what kind of thing it holds,
+with which settings, and from which code. A command with other settings is refused.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from aquafish_gym.runs.storage import PART, read_document, write_document
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
+
+LOCK, SETTINGS = "lock", "settings.json"
+SCHEMA = "aquafish.folder/1"
+_PART = re.compile(r"\..+\.[a-z0-9_]{8}" + re.escape(PART))  # as write_bytes names them
+_MOST_BYTES = 4096  # of a lock
+
+Settings = dict[str, Any]
+
+
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Hold a folder for this command until it ends, in whatever way.
+
+    The system lets go of a dead process's lock, so that it is simply taken over. Workers of a
+    killed command need not be waited for: they touch no file. What it was writing is swept.
+
+    Parameters
+    ----------
+    folder
+        It exists; a file ``lock`` is in it as long as it is held.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If another command holds it (the message says which and since when), or it cannot be
+        written.
+    """
+    path = folder / LOCK
+    while True:
+        try:
+            file = path.open("a+", encoding="utf-8")
+        except OSError as error:
+            raise InvalidArgumentError(f"out: cannot write {path}: {error.strerror}") from None
+        with file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                file.seek(0)
+                raise InvalidArgumentError(
+                    f"out: {folder} is in use by another command, {_holder(file)}"
+                ) from None
+            if not _is_at(file.fileno(), path):
+                continue  # its last holder has just removed it: this is another file than theirs
+            with contextlib.suppress(OSError):  # a full disk: held all the same
+                file.truncate(0)
+                since = datetime.now(UTC).isoformat(timespec="seconds")
+                file.write(json.dumps({"pid": os.getpid(), "since": since}) + "\n")
+                file.flush()
+            try:
+                sweep(folder)
+                yield
+            finally:
+                path.unlink(missing_ok=True)
+            return
+
+
+def sweep(folder: Path) -> None:
+    """Remove what a kill left of files that were being written, here and in folders below."""
+    for path in folder.rglob(f".*{PART}"):
+        if _PART.fullmatch(path.name) and path.is_file():
+            path.unlink(missing_ok=True)
+
+
+def described(folder: Path) -> dict[str, Any] | None:
+    """Return the description that a folder has, with ``kind`` and ``settings``, or ``None``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it is damaged or cannot be read.
+    """
+    path = folder / SETTINGS
+    if not path.exists():
+        return None
+    document = read_document(path, SCHEMA, "out")
+    if not isinstance(document.get("kind"), str) or not isinstance(document.get("settings"), dict):
+        raise InvalidArgumentError(f"out: {path} does not say what the folder holds")
+    return document
+
+
+def claim(
+    folder: Path,
+    kind: str,
+    settings: Mapping[str, Any],
+    code: Mapping[str, str] | None = None,
+    outputs: Iterable[str] = (),
+    other_code: bool = False,
+) -> None:
+    """Note what a folder is to hold, or refuse one that holds something else.
+
+    Parameters
+    ----------
+    folder
+        Held.
+    kind
+        What it holds, in words: "a study".
+    settings
+        All that decides the results, ready for JSON.
+    code
+        The code that they come from: names, such as of packages, to versions or stamps (see
+        ``stamps``). Results of other code are refused, unless ``other_code``.
+    outputs
+        Names that the command will write, which a folder without a description must not hold.
+    other_code
+        Whether results of other code are gone on from; the description then names both.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it holds another kind of thing, or the same with other settings or of other code; the
+        message names the first difference. Nothing has been changed then.
+    CannotWriteError
+        If the description cannot be written.
+    """
+    before = described(folder)
+    asked: Settings = json.loads(json.dumps(dict(settings)))
+    codes = [dict(code)] if code is not None else []
+    if before is None:
+        there = [name for name in outputs if (folder / name).exists()]
+        if there:
+            raise InvalidArgumentError(
+                f"out must be a new directory or hold {kind}; {folder} holds {' and '.join(there)} "
+                f"but no {SETTINGS}, so what they are is not known"
+            )
+    else:
+        if before["kind"] != kind:
+            raise InvalidArgumentError(
+                f"out must be a new directory or hold {kind}; {folder} holds {before['kind']}"
+            )
+        _refuse_other_settings(folder, kind, before["settings"], asked)
+        former = before.get("code") or []
+        if not other_code:
+            _refuse_other_code(folder, former, codes)
+        codes = [*former, *(one for one in codes if one not in former)]
+    document = {"kind": kind, "settings": asked, "code": codes}
+    if document != before:
+        write_document(folder / SETTINGS, document, SCHEMA)
+
+
+def flat(settings: Mapping[str, Any], prefix: str = "") -> Settings:
+    """Return nested settings as one mapping with dotted names."""
+    found: Settings = {}
+    for name, value in settings.items():
+        nested = isinstance(value, Mapping)
+        found |= flat(value, f"{prefix}{name}.") if nested else {f"{prefix}{name}": value}
+    return found
+
+
+def first_difference(held: Mapping[str, Any], asked: Mapping[str, Any]) -> str | None:
+    """Return the dotted name of the first setting, in order, that two nested ones differ in."""
+    here, there = flat(held), flat(asked)
+    missing = object()
+    for name in [*there, *(name for name in here if name not in there)]:
+        if here.get(name, missing) != there.get(name, missing):
+            return name
+    return None
+
+
+def _refuse_other_settings(folder: Path, kind: str, held: Settings, asked: Settings) -> None:
+    name = first_difference(held, asked)
+    if name is not None:
+        raise InvalidArgumentError(
+            f"out: {folder} holds {kind} with {name} {brief(flat(held).get(name))}, not "
+            f"{brief(flat(asked).get(name))}; choose another folder"
+        )
+
+
+def _refuse_other_code(
+    folder: Path, former: list[dict[str, str]], now: list[dict[str, str]]
+) -> None:
+    if not former or not now or now[0] in former:
+        return
+    name = first_difference(former[-1], now[0])
+    assert name is not None
+    raise InvalidArgumentError(
+        f"out: {folder} holds results of {name} {former[-1].get(name)}, not {now[0].get(name)}; "
+        "choose another folder, or say --other-code if no result can have changed"
+    )
+
+
+def _is_at(handle: int, path: Path) -> bool:
+    try:
+        return os.path.samestat(os.fstat(handle), path.stat())
+    except FileNotFoundError:
+        return False
+
+
+def _holder(file: Any) -> str:
+    try:
+        held = parse_json("lock", file.read(_MOST_BYTES))
+        return f"process {held['pid']} since {held['since']}"
+    except (ValueError, KeyError, TypeError):  # it is empty as yet, or somebody else's
+        return "which is just beginning"

@@ -1,0 +1,283 @@
+"""The algorithm bound to the fish: from commands and IMU logs to a body."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Unpack
+
+from numpy.typing import ArrayLike
+
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
+from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
+from eea.aquafish.target import EngineTarget, Orientation
+from eea.core.algorithm import EEA, streams
+from eea.core.behavior import Log, signal_samples
+from eea.core.bits import BitLayout, Coding, action_layout, model_layout
+from eea.core.checks import at_most, instance
+from eea.core.config import EEAConfig
+from eea.core.experiment import Target
+from eea.core.problem import Problem
+from eea.core.replay import ReplayTarget
+from eea.core.result import Result, RoundRecord
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Progress = Callable[[RoundRecord], None]
+
+
+def fish_models(coding: Coding = "gray") -> BitLayout:
+    """Return the 45-bit genome of the fish's nine dimensions."""
+    return model_layout(((d.name, d.maximum, d.bits) for d in DIMENSIONS), coding)
+
+
+def fish_actions(coding: Coding = "gray") -> BitLayout:
+    """Return the 18-bit genome of the fish's three servo speeds."""
+    bounds = zip(SERVOS, COMMAND_LOW.tolist(), COMMAND_HIGH.tolist(), strict=True)
+    return action_layout(bounds, coding)
+
+
+def fish_problem(coding: Coding = "gray") -> Problem:
+    """Return the fish as the algorithm sees it: nine sizes, three servos, fins, and IMU axes."""
+    return Problem(fish_models(coding), fish_actions(coding), hidden=FINS, axes=3)
+
+
+@dataclass(repr=False)
+class MorphologyEstimate(Result):
+    """A run's result, with its conclusion as a body.
+
+    Examples
+    --------
+    >>> from eea.core.estimation import EstimationConfig
+    >>> quick = EEAConfig(condition="none", steps=32, rounds=1, estimation=EstimationConfig(4, 2))
+    >>> estimate = estimate_morphology(None, "caudal:missing", quick, target_engine="numba")
+    >>> estimate.morphology.caudal  # doctest: +SKIP
+    (0.13, 1.43, 0.52)
+    >>> str(estimate).startswith("MorphologyEstimate(none, 1 round of 32 steps, seed 0; MOD_FIT")
+    True
+    """
+
+    @property
+    def morphology(self) -> Morphology:
+        """The last round's best model."""
+        return Morphology.from_array(self.model)
+
+    def plot(self) -> Figure:
+        """Return a matplotlib figure of OBJ_FIT, where the truth is known, and MOD_FIT by round.
+
+        Raises
+        ------
+        ConfigurationError
+            If no round has been completed.
+        """
+        from eea.aquafish.run_figure import fitness_figure
+
+        return fitness_figure(self)
+
+    def __repr__(self) -> str:
+        config, done = self.config, len(self.rounds)
+        said = f"{config.condition}, {done} round{'' if done == 1 else 's'} of {config.steps} steps"
+        said += f", seed {self.seed}"
+        if self.rounds:
+            said += f"; MOD_FIT {self.rounds[-1].model_fitness:.3f}"
+        if self.objective_fitness is not None:
+            said += f", OBJ_FIT {self.objective_fitness:.3f}"
+        return f"MorphologyEstimate({said})"
+
+    def _repr_html_(self) -> str:
+        """Return the sizes found, beside the true ones where they are known, as a table."""
+        columns: dict[str, Sequence[float]] = {}
+        if self.rounds:
+            columns["found"] = self.model.tolist()
+        if self.truth is not None:
+            columns["true"] = self.truth.tolist()
+        head = "".join(f"<th>{name}</th>" for name in ["units of 5 cm", *columns])
+        rows = "".join(
+            f"<tr><td>{name}</td>{''.join(f'<td>{size:.3f}</td>' for size in sizes)}</tr>"
+            for name, *sizes in zip(self.layout.names, *columns.values(), strict=True)
+        )
+        return f"<p>{self!r}</p><table><tr>{head}</tr>{rows}</table>"
+
+
+def fish_eea(
+    target: Target,
+    config: EEAConfig,
+    seed: int = 0,
+    truth: Morphology | ArrayLike | None = None,
+    **simulator: Unpack[SimulatorOptions],
+) -> EEA:
+    """Return the algorithm, ready to iterate, bound to a target and the fish's simulator.
+
+    Parameters
+    ----------
+    target
+        Whatever performs commands: an ``EngineTarget`` or a robot in a tank.
+    config, seed
+        Settings, and the replicate's seed.
+    truth
+        The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
+        (x, y, z), or nine numbers.
+    **simulator
+        engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``.
+
+    Raises
+    ------
+    ConfigurationError, TargetError
+        As ``EEA``.
+    InvalidArgumentError, UnknownNameError, EngineUnavailableError
+        As ``EngineSimulator``, and if the truth is no body.
+    """
+    instance("config", config, EEAConfig)
+    return EEA(
+        target,
+        EngineSimulator(config.steps, **simulator),
+        fish_problem(config.genetic.coding),
+        config,
+        seed,
+        None if truth is None else Morphology.coerce(truth).to_array(),
+    )
+
+
+def estimate_morphology_of(
+    target: Target,
+    config: EEAConfig | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    truth: Morphology | ArrayLike | None = None,
+    **simulator: Unpack[SimulatorOptions],
+) -> MorphologyEstimate:
+    """Model any target that performs commands, a physical robot for example.
+
+    Parameters
+    ----------
+    target
+        Implements ``perform(command)``, which returns a log with ``gyro`` (or, if
+        ``config.behavior.signal`` is "attitude", ``rpy``) of shape (steps, 3) or (1, steps, 3).
+        If it executed another command than it was asked for, it returns
+        ``eea.Performed(log, command)``.
+    progress
+        Called with each round's record.
+    config, seed, truth, **simulator
+        See ``fish_eea``.
+
+    Returns
+    -------
+    MorphologyEstimate
+        ``.morphology``, ``.rounds``, ``.plot()``, ``.to_json()``.
+
+    Notes
+    -----
+    Ctrl-C passes through as KeyboardInterrupt, and nothing is returned then; ``progress`` has
+    been given every completed round. To keep the result, or to go on later, iterate over
+    ``fish_eea`` instead: its ``.result`` is readable after every round.
+    """
+    eea = fish_eea(target, EEAConfig() if config is None else config, seed, truth, **simulator)
+    result = eea.run(progress)
+    return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
+
+
+def estimate_from_logs(
+    commands: ArrayLike,
+    logs: Sequence[Log],
+    config: EEAConfig | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    truth: Morphology | ArrayLike | None = None,
+    **simulator: Unpack[SimulatorOptions],
+) -> MorphologyEstimate:
+    """Model a robot from a recorded session, without the robot.
+
+    Parameters
+    ----------
+    commands
+        What the robot executed, shape (E, 3), rev/s, rev/s and Hz.
+    logs
+        What it logged, one trial each; see ``estimate_morphology_of``. ``load_session`` reads
+        both from a file.
+    config
+        Settings; None for the defaults, with as many rounds as logs, of the logs' length.
+    seed, progress, truth, **simulator
+        See ``estimate_morphology_of``.
+
+    Returns
+    -------
+    MorphologyEstimate
+        That of a live robot that executed these commands and logged this.
+
+    Raises
+    ------
+    ConfigurationError
+        If there are more rounds than logs, or commands and logs are not equally many.
+    InvalidArgumentError
+        If a command is none of the fish's.
+    """
+    target = ReplayTarget(check_commands(commands), logs)
+    if config is None:
+        plain = EEAConfig()
+        samples = signal_samples(logs[0], plain.behavior, source="the first of logs")
+        config = replace(plain, rounds=len(target), steps=samples.shape[1])
+    instance("config", config, EEAConfig)
+    at_most("config.rounds", config.rounds, "the number of logs", len(target))
+    return estimate_morphology_of(target, config, seed, progress, truth, **simulator)
+
+
+def estimate_morphology(
+    target_morphology: Morphology | ArrayLike | None = None,
+    damage: Damage | str | None = None,
+    config: EEAConfig | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+    *,
+    target_engine: str = "auto",
+    target_orientation: Orientation = "upright",
+    **simulator: Unpack[SimulatorOptions],
+) -> MorphologyEstimate:
+    """Let a damaged fish work out its own body, from blind trials only.
+
+    Parameters
+    ----------
+    target_morphology
+        The body before the damage; None is the nominal one.
+    damage
+        What broke, as ``"left_pectoral:length=0.5"``; None is nothing.
+    config
+        Settings; None for the defaults, Out-of-Band Inference.
+    seed
+        Everything random follows from it; the angles that the target hides are the same under
+        every condition.
+    progress
+        Called with each round's record.
+    target_engine
+        Where the target swims, "auto" being PyBullet where it is installed; the candidates swim
+        in ``engine``.
+    target_orientation
+        How the target's body lies when a trial begins; see ``EngineTarget``.
+    **simulator
+        engine, dtype, current, substeps, threads; see ``EngineSimulator``. The current and the
+        substeps hold for the target too.
+
+    Returns
+    -------
+    MorphologyEstimate
+        ``.morphology``, ``.rounds``, ``.plot()``, ``.to_json()``.
+
+    Notes
+    -----
+    For Ctrl-C, see ``estimate_morphology_of``.
+    """
+    settings = EEAConfig() if config is None else config
+    instance("config", settings, EEAConfig)
+    target = EngineTarget(
+        target_morphology,
+        damage,
+        streams(seed)["target"],
+        settings.steps,
+        target_engine,
+        simulator.get("current", (0.0, 0.0, 0.0)),
+        simulator.get("substeps", 1),
+        target_orientation,
+    )
+    return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

@@ -1,0 +1,94 @@
+"""Candidate fish: the algorithm's simulator in one of ``aquafish_gym``'s engines."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.packages import resolve_engine
+from aquafish_gym.imu import ImuLog
+from eea.core.behavior import BehaviorConfig
+from eea.core.experiment import Comparer, Simulator, Trials
+
+
+class SimulatorOptions(TypedDict, total=False):
+    """The candidates' simulator, as keywords; ``EngineSimulator`` says what they mean."""
+
+    engine: str
+    dtype: str
+    current: ArrayLike
+    substeps: int
+    threads: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class EngineSimulator(Simulator):
+    """Candidate fish, a batch a call.
+
+    Attributes
+    ----------
+    steps
+        Length of a trial in steps of 0.01 s.
+    engine, dtype, current, substeps, threads
+        As ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest, and
+        no result depends on the threads.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError, EngineUnavailableError
+        If a setting is wrong or the engine is not to be had.
+    TypeError
+        If it is subclassed: what compares in the engine would pass by another ``simulate``. To
+        add noise, say, inherit from ``eea.Simulator`` and hold one of these.
+
+    Examples
+    --------
+    >>> trials = Trials(np.full((5, 9), 0.3), np.full((5, 3), 0.4), np.zeros((5, 3)))
+    >>> EngineSimulator(steps=64).simulate(trials).gyro.shape
+    (5, 64, 3)
+    """
+
+    steps: int
+    engine: str = "numba"
+    dtype: str = "float32"
+    current: ArrayLike = (0.0, 0.0, 0.0)
+    substeps: int = 1
+    threads: int | None = None
+
+    def __init_subclass__(cls, **_: Any) -> None:
+        raise TypeError(
+            "EngineSimulator cannot be subclassed, as its comparer would pass by another simulate; "
+            "inherit from eea.Simulator and hold an EngineSimulator"
+        )
+
+    def __post_init__(self) -> None:
+        # One motionless robot, so that a wrong setting is refused here and not in mid-run.
+        self.simulate(Trials(np.zeros((1, 9)), np.zeros((1, 3)), np.zeros((1, 3))))
+
+    def simulate(self, trials: Trials) -> ImuLog:
+        """Run B trials of bodies (B, 9), commands (B, 3) and fin angles (B, 3)."""
+        return simulate(
+            trials.models,
+            trials.commands,
+            trials.angles,
+            steps=self.steps,
+            engine=self.engine,
+            dtype=self.dtype,
+            current=self.current,
+            substeps=self.substeps,
+            threads=self.threads,
+        )
+
+    def comparer(self, behavior: BehaviorConfig, steps: int) -> Comparer | None:
+        """Return what compares behaviours in the engine itself, if it can."""
+        # Trials of another length than is wanted must be refused, which their logs will be.
+        if resolve_engine("engine", self.engine) != "numba" or steps != self.steps:
+            return None
+        # numba comes with it: importing this room stays quick.
+        from eea.aquafish.spectral import SpectralComparer, can_compare
+
+        return SpectralComparer(self, behavior) if can_compare(behavior, steps) else None

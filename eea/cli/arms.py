@@ -1,0 +1,145 @@
+"""Which arms a command line asks for, and the settings that it gives them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from typing import Literal, get_args
+
+import tyro
+
+from eea.core.behavior import BehaviorConfig
+from eea.core.checks import ConfigurationError, choice
+from eea.core.config import Condition, EEAConfig
+from eea.core.estimation import EstimationConfig
+from eea.core.exploration import ExplorationConfig
+from eea.core.genetic import GeneticConfig
+from eea.core.inference import InBandConfig, OutOfBandConfig
+from eea.study.presets import FIGURE_ARMS, FIGURES
+
+Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
+
+
+@dataclass(frozen=True)
+class ArmSettings:
+    """The settings that an arm has besides its condition and the lengths of trials.
+
+    Attributes
+    ----------
+    accurate
+        End a replicate once the best MOD_FIT reaches this; None for never.
+    exploration, estimation, genetic, behavior, in_band, out_of_band
+        Settings of the parts.
+    """
+
+    accurate: float | None = None
+    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
+    estimation: EstimationConfig = field(default_factory=EstimationConfig)
+    genetic: GeneticConfig = field(default_factory=GeneticConfig)
+    behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
+    in_band: InBandConfig = field(default_factory=InBandConfig)
+    out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
+
+    @classmethod
+    def of(cls, config: EEAConfig) -> ArmSettings:
+        """Return a configuration's."""
+        return cls(**{name: getattr(config, name) for name in cls.__dataclass_fields__})
+
+    def on(self, config: EEAConfig) -> EEAConfig:
+        """Return a configuration with these settings."""
+        return replace(config, **{name: getattr(self, name) for name in self.__dataclass_fields__})
+
+
+def asked_arms(
+    figure: Sequence[Figure] | None, conditions: Sequence[Condition] | None, ablation: str | None
+) -> dict[str, EEAConfig]:
+    """Return the arms that one of the three options asks for; the others must be None.
+
+    Raises
+    ------
+    ConfigurationError
+        If none or several are given, or one is empty or unknown.
+    """
+    asked = {"--figure": figure, "--conditions": conditions, "--ablation": ablation}
+    given = [name for name, what in asked.items() if what is not None]
+    if len(given) > 1:
+        raise ConfigurationError(
+            f"{' and '.join(given)} exclude each other; run them one after the other, into "
+            "one folder if you like"
+        )
+    if figure is not None:
+        refuse_empty("--figure", figure, "of " + ", ".join(get_args(Figure)))
+        names = FIGURE_ARMS if "all" in figure else figure
+        return {FIGURE_ARMS[name]: FIGURES[f"fig{name}"] for name in names}
+    if conditions is not None:
+        refuse_empty("--conditions", conditions, "of " + ", ".join(get_args(Condition)))
+        return {condition: EEAConfig(condition=condition) for condition in conditions}
+    if ablation is not None:
+        from eea.study.ablations import ABLATIONS
+        from eea.study.arms import ablation_arms
+
+        choice("ablation", ablation, [*ABLATIONS, "all"])
+        return ablation_arms(None if ablation == "all" else [ablation])
+    raise ConfigurationError(f"one of {', '.join(asked)} must say what to run")
+
+
+def refuse_empty(option: str, values: Sequence[object], wanted: str) -> None:
+    """Refuse an option that says none of the values it is for.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is none.
+    """
+    if not values:
+        raise ConfigurationError(f"{option} must be one or more {wanted}; got none")
+
+
+def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str]) -> EEAConfig:
+    """Return an arm's settings with those that a command line gives.
+
+    Parameters
+    ----------
+    base
+        The arm's own.
+    settings
+        What the command line was read as, over the defaults.
+    words
+        The command line, which is read again over the arm's own settings, for what it gives may
+        equal a default and not the arm's; without it, ``settings`` are all given if any is.
+    """
+    if settings == ArmSettings() and not any(_is_a_setting(word) for word in words):
+        return base
+    if words:
+        settings, _ = tyro.cli(
+            ArmSettings, default=ArmSettings.of(base), args=words, return_unknown_args=True
+        )
+    return settings.on(base)
+
+
+def _is_a_setting(word: str) -> bool:
+    option = word.partition("=")[0]
+    return option.startswith("--") and ("." in option or option == "--accurate")
+
+
+def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
+    """Refuse a setting that no arm looks at.
+
+    Raises
+    ------
+    ConfigurationError
+        The message names it.
+    """
+    for part, condition in (("in_band", "in-band"), ("out_of_band", "out-of-band")):
+        given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
+        changed = [name for name in given if given[name] != usual[name]]
+        if changed and all(config.condition != condition for config in arms.values()):
+            raise ConfigurationError(
+                f"{part}.{changed[0]} has no say: no arm is of the condition {condition}"
+            )
+    behaviors = [config.behavior for config in arms.values()]
+    used = any(b.signal == "attitude" and b.summary != "dft" for b in behaviors)
+    if settings.behavior.timestep != BehaviorConfig().timestep and not used:
+        raise ConfigurationError(
+            "behavior.timestep has no say: no arm takes the mean or rms rate of the attitude"
+        )

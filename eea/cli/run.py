@@ -1,0 +1,240 @@
+"""The commands ``python -m eea run`` and ``recover``: one robot models itself, into one folder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+from rich.console import Console
+
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.packages import resolve_engine
+from aquafish_gym.morphology import DIMENSIONS, Morphology
+from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.stamps import versions
+from aquafish_gym.runs.storage import (
+    DamagedFileError,
+    ensure_writable_directory,
+    read_document,
+    write_document,
+)
+from aquafish_gym.utils.command_line import (
+    ModelEngine,
+    Out,
+    TargetDamage,
+    TargetEngine,
+    TargetMorphology,
+    Threads,
+    read_morphology,
+)
+from eea.aquafish import EngineTarget, fish_eea
+from eea.core.algorithm import EEA, streams
+from eea.core.config import EEAConfig, recovery_config
+from eea.core.result import SCHEMA, Result, RoundRecord
+
+KIND = "a run of the algorithm"
+RESULT, MODEL, PICTURE = "result.json", "morphology.json", "rounds.png"
+FIN_WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
+SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
+
+
+@dataclass(frozen=True)
+class Run:
+    """Let a damaged fish work out its own body, and write down each round.
+
+    Into --out go settings.json (what is run), result.json (all rounds so far, after each),
+    morphology.json (the body found, for gait evolve --morphology) and rounds.png. An earlier run
+    of the same settings is replaced once this one has as many rounds; anything else is refused.
+
+    Attributes
+    ----------
+    config
+        Settings of the algorithm.
+    seed
+        Everything random follows from it.
+    dtype
+        The compiled engine's precision, for the candidates.
+    current
+        Velocity of the water, units/s.
+    substeps
+        Physics steps in each 0.01 s.
+    """
+
+    out: Out
+    config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=EEAConfig)
+    seed: int = 0
+    target_damage: TargetDamage = "none"
+    target_morphology: TargetMorphology = None
+    target_engine: TargetEngine = "auto"
+    engine: ModelEngine = "numba"
+    dtype: Literal["float32", "float64"] = "float32"
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    substeps: int = 1
+    threads: Threads = None
+
+    def execute(self) -> None:
+        """Run to a stop rule, with a line a round.
+
+        Raises
+        ------
+        InvalidArgumentError, EngineUnavailableError, ConfigurationError
+            If an option is wrong; nothing has been written then.
+        """
+        damage = Damage.parse(self.target_damage)
+        intact = read_morphology(self.target_morphology, "target_morphology")
+        target = EngineTarget(
+            intact,
+            damage,
+            streams(self.seed)["target"],
+            self.config.steps,
+            self.target_engine,
+            self.current,
+            self.substeps,
+        )
+        eea = fish_eea(
+            target,
+            self.config,
+            self.seed,
+            target.morphology,
+            engine=self.engine,
+            dtype=self.dtype,
+            current=self.current,
+            substeps=self.substeps,
+            threads=self.threads,
+        )
+        settings = {
+            **self.config.to_dict(),
+            "seed": self.seed,
+            "target_damage": str(damage),
+            "target_morphology": intact.to_dict(),
+            "target_engine": target.engine,
+            "engine": resolve_engine("engine", self.engine),
+            "dtype": self.dtype,
+            "current": list(self.current),
+            "substeps": self.substeps,
+        }
+        with held(ensure_writable_directory(self.out)):
+            # Whatever code an earlier run is of, this one begins anew and replaces it.
+            outputs = (RESULT, MODEL, PICTURE)
+            claim(self.out, KIND, settings, versions(), outputs, other_code=True)
+            _fill(self.out, eea, intact)
+
+
+@dataclass(frozen=True)
+class Recover(Run):
+    """As run, with the settings and the damage of the damage-recovery case study as defaults.
+
+    Unlike run, which follows the paper and breaks nothing, it cuts the left flipper to half its
+    length, and infers the angles of five earlier trials anew in each search, which finds the body
+    better (see recovery_config in eea/core/config.py).
+    """
+
+    config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=recovery_config)
+    target_damage: TargetDamage = "left_pectoral:length=0.5"
+
+
+def _fill(folder: Path, eea: EEA, intact: Morphology) -> None:
+    """Run to a stop rule in a folder that is held, and say what was found, also after Ctrl-C."""
+    console = Console(highlight=False, soft_wrap=True, markup=False)
+    config, result, earlier = eea.result.config, eea.result, _earlier_rounds(folder)
+    if earlier:
+        console.print(f"replacing the earlier run in {folder} ({_rounds(earlier)})")
+    try:
+        with console.status(f"round 1 of {config.rounds}, {config.condition}") as status:
+            for record in eea:
+                if record.round >= earlier:
+                    _write(folder, result)
+                console.print(_progress_line(record, config))
+                status.update(f"round {record.round + 1} of {config.rounds}, {config.condition}")
+    finally:
+        done = len(result.rounds)
+        if result.stopped == "interrupted" and done < earlier:
+            console.print(
+                f"stopped: interrupted after {_rounds(done)}; {folder} still holds the earlier "
+                f"run ({_rounds(earlier)})"
+            )
+        else:
+            _write(folder, result)
+            _conclude(folder, result, intact, console)
+
+
+def _earlier_rounds(folder: Path) -> int:
+    """Return how many rounds a result in the folder has; 0 for none or a damaged one."""
+    path = folder / RESULT
+    try:
+        rounds = read_document(path, SCHEMA, "out")["rounds"] if path.exists() else []
+        return len(rounds)
+    except (DamagedFileError, KeyError, TypeError):
+        return 0
+
+
+def _write(folder: Path, result: Result) -> None:
+    """Put a result, and the body that it comes to, in the place of what was there."""
+    write_document(folder / RESULT, result.to_dict(), SCHEMA)
+    if result.rounds:
+        write_document(folder / MODEL, Morphology.from_array(result.model).to_dict())
+    else:
+        for name in (MODEL, PICTURE):
+            (folder / name).unlink(missing_ok=True)
+
+
+def _conclude(folder: Path, result: Result, intact: Morphology, console: Console) -> None:
+    """Draw the rounds and print what is known."""
+    if not result.rounds:
+        console.print("no round was completed")
+    else:
+        from eea.aquafish.run_figure import save_fitness_figure
+
+        save_fitness_figure(result, folder / PICTURE)
+        for line in [*_table(result), *damage_words(intact, result)]:
+            console.print(line)
+        model = folder / MODEL
+        console.print(f"the body found is {model}, for python -m gait evolve --morphology {model}")
+    console.print(f"stopped: {result.stopped}; written to {folder}")
+
+
+def damage_words(intact: Morphology, result: Result) -> list[str]:
+    """Return what broke, and what was found of it, a line for each size that the damage changed.
+
+    For example ``left flipper: half its length, found 0.79 where it was 1.60``.
+    """
+    assert result.truth is not None
+    sizes = zip(DIMENSIONS, intact.to_array(), result.truth, result.model, strict=True)
+    said = []
+    for dimension, before, after, found in sizes:
+        if after != before:
+            share = after / before if before else float("inf")
+            words = SHARE_WORDS.get(round(share, 6), f"{share:.0%} of")
+            what = f"{FIN_WORDS[dimension.fin]}: {words} its {dimension.size}"
+            said.append(f"{what}, found {found:.2f} where it was {before:.2f}")
+    return said or ["nothing was broken"]
+
+
+def _table(result: Result) -> list[str]:
+    """Return the sizes found beside the true ones, and OBJ_FIT."""
+    assert result.truth is not None
+    lines = [f"{'in units of 5 cm':26s} {'found':>6s}  {'true':>6s}"]
+    lines += [
+        f"{dimension.name:26s} {found:6.3f}  {true:6.3f}"
+        for dimension, found, true in zip(DIMENSIONS, result.model, result.truth, strict=True)
+    ]
+    return [
+        *lines,
+        f"OBJ_FIT {result.objective_fitness:.2f}; the true body scores 1, "
+        f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}",
+    ]
+
+
+def _rounds(count: int) -> str:
+    """Return ``1 round``, ``2 rounds`` and so on."""
+    return f"{count} round{'' if count == 1 else 's'}"
+
+
+def _progress_line(record: RoundRecord, config: EEAConfig) -> str:
+    return (
+        f"experiments {record.round:2d}/{config.rounds}  "
+        f"best MOD_FIT {record.model_fitness:6.3f}  "
+        f"OBJ_FIT {record.objective_fitness:5.3f}  {record.seconds:6.1f} s"
+    )

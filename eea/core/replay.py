@@ -1,0 +1,92 @@
+"""A recorded session of a robot as a target: what it did is told again, command by command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from numpy.typing import ArrayLike, NDArray
+
+from eea.core.behavior import Log
+from eea.core.checks import ConfigurationError, TargetError, finite
+from eea.core.experiment import Floats, Performed
+
+
+@dataclass(frozen=True)
+class RecordedLog:
+    """The plainest log: samples of one or both signals.
+
+    Attributes
+    ----------
+    gyro
+        Angular velocity about the body's axes in rad/s, shape (T, axes), or (B, T, axes).
+    rpy
+        The attitude's angles in rad, unwrapped, of such a shape.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> RecordedLog(gyro=np.zeros((256, 3))).rpy is None
+    True
+    """
+
+    gyro: NDArray[Any] | None = None
+    rpy: NDArray[Any] | None = None
+
+
+class ReplayTarget:
+    """A target that repeats what a robot did, whatever it is asked for, and says so.
+
+    Parameters
+    ----------
+    commands
+        What the robot executed, shape (E, c).
+    logs
+        What it logged, one trial each.
+
+    Raises
+    ------
+    ConfigurationError
+        If the commands are not finite numbers (E, c), or not as many as the logs.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> target = ReplayTarget([[0.1], [0.2]], [RecordedLog(np.zeros((64, 1)))] * 2)
+    >>> len(target), target.perform(np.array([0.9])).command
+    (2, array([0.1]))
+    """
+
+    def __init__(self, commands: ArrayLike, logs: Sequence[Log]) -> None:
+        self._commands = finite("commands", commands, (None, None))
+        if not isinstance(logs, Sequence):
+            raise ConfigurationError(
+                f"logs must be a sequence of logs, of one trial each; got a {type(logs).__name__}"
+            )
+        self._logs = list(logs)
+        if len(self._commands) != len(self._logs) or not self._logs:
+            raise ConfigurationError(
+                "commands and logs must be equally many, and at least one; "
+                f"got {len(self._commands)} and {len(self._logs)}"
+            )
+        self._next = 0
+
+    def __len__(self) -> int:
+        return len(self._logs)
+
+    def perform(self, command: Floats) -> Performed:  # noqa: ARG002 - the past cannot be asked
+        """Return the session's next log, with the command that it is of.
+
+        Raises
+        ------
+        TargetError
+            If the session has no further trial.
+        """
+        if self._next == len(self):
+            raise TargetError(
+                f"the recorded session holds {len(self)} trials, and all have been replayed; "
+                f"config.rounds must be at most {len(self)}"
+            )
+        self._next += 1
+        return Performed(self._logs[self._next - 1], self._commands[self._next - 1])

@@ -1,0 +1,158 @@
+"""What a run leaves behind: a record a round, and the whole of them with its levels."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from eea.core.bits import BitLayout
+from eea.core.checks import TargetError
+from eea.core.config import EEAConfig
+from eea.core.experiment import Floats
+from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
+
+SCHEMA = "eea.result/1"
+
+
+@dataclass(frozen=True)
+class RoundRecord:
+    """What one round did and found; every field is ready for JSON.
+
+    Attributes
+    ----------
+    round
+        From 1; also the number of experiments so far.
+    command
+        What the target performed.
+    action_fitness
+        ACT_FIT of that command (Eq. 1); ``None`` for the first, which is random, and for one that
+        the target performed in place of another.
+    model_fitness
+        The best MOD_FIT (Eq. 3).
+    morphology
+        The model that has it, n numbers.
+    min_angle, max_angle
+        The range inferred for the hidden angles in this round's experiment, rad.
+    true_angles, angle_error
+        The truth, and its distance from the range's middle, rad; ``None`` if not revealed.
+    objective_fitness
+        OBJ_FIT (Eq. 4); ``None`` if the truth is not known.
+    dimension_error
+        The model's distance from the truth in each dimension, as a share of its range; ``None``
+        if the truth is not known.
+    spread
+        The standard deviation over the final population in each dimension, as such a share: what
+        the models still disagree about.
+    trials
+        Simulated in this round.
+    seconds
+        Since the run began.
+    """
+
+    round: int
+    command: tuple[float, ...]
+    action_fitness: float | None
+    model_fitness: float
+    morphology: tuple[float, ...]
+    min_angle: tuple[float, ...]
+    max_angle: tuple[float, ...]
+    true_angles: tuple[float, ...] | None
+    angle_error: tuple[float, ...] | None
+    objective_fitness: float | None
+    dimension_error: tuple[float, ...] | None
+    spread: tuple[float, ...]
+    trials: int
+    seconds: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the record for JSON."""
+        return asdict(self)
+
+
+@dataclass
+class Result:
+    """A run's settings, rounds and conclusion; readable after every round.
+
+    Attributes
+    ----------
+    config, seed
+        What was run.
+    layout
+        The models' genome, for the ranges of the dimensions.
+    truth
+        The target's dimensions (n,), if known: an oracle.
+    rounds
+        One record a round.
+    stopped
+        Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, or ``"interrupted"`` until then.
+
+    Examples
+    --------
+    >>> from eea.core.bits import model_layout
+    >>> result = Result(EEAConfig(), 0, model_layout([("length", 2.0, 6)]), np.array([1.0]))
+    >>> result.stopped, round(result.mid_range, 3)
+    ('interrupted', 1.0)
+    """
+
+    config: EEAConfig
+    seed: int
+    layout: BitLayout
+    truth: Floats | None = None
+    rounds: list[RoundRecord] = field(default_factory=list)
+    stopped: str = "interrupted"
+
+    @property
+    def model(self) -> Floats:
+        """The last round's best model, shape (n,).
+
+        Raises
+        ------
+        TargetError
+            If no round has been completed.
+        """
+        if not self.rounds:
+            raise TargetError("there is no model yet: no round was completed")
+        return np.array(self.rounds[-1].morphology)
+
+    @property
+    def objective_fitness(self) -> float | None:
+        """OBJ_FIT (Eq. 4) of the last round's model; None if the truth or a round is lacking."""
+        return self.rounds[-1].objective_fitness if self.rounds else None
+
+    @property
+    def chance(self) -> float | None:
+        """The mean OBJ_FIT of uniform random genomes, if the truth is known."""
+        return None if self.truth is None else chance_level(self.truth, self.layout)
+
+    @property
+    def mid_range(self) -> float | None:
+        """The OBJ_FIT of the body in the middle of all ranges, if the truth is known."""
+        return None if self.truth is None else mid_range_level(self.truth, self.layout)
+
+    @property
+    def nearest(self) -> float | None:
+        """The OBJ_FIT of the genome nearest to the truth, the quantisation limit, if known."""
+        return None if self.truth is None else quantisation_limit(self.truth, self.layout)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON."""
+        return {
+            "schema": SCHEMA,
+            "config": self.config.to_dict(),
+            "seed": self.seed,
+            "stopped": self.stopped,
+            "dimensions": list(self.layout.names),
+            "morphology": list(self.rounds[-1].morphology) if self.rounds else None,
+            "truth": None if self.truth is None else self.truth.tolist(),
+            "chance": self.chance,
+            "mid_range": self.mid_range,
+            "nearest": self.nearest,
+            "rounds": [record.to_dict() for record in self.rounds],
+        }
+
+    def to_json(self) -> str:
+        """Return everything as one line of JSON."""
+        return json.dumps(self.to_dict(), allow_nan=False)

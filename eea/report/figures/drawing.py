@@ -1,0 +1,116 @@
+"""What a study's pictures share: colours, axes, the levels beside OBJ_FIT, and legends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.typing import NDArray
+
+from eea.report.tables import MINUS
+
+Floats = NDArray[np.float64]
+
+# Okabe and Ito's palette, told apart by all eyes.
+_COLOURS = {
+    "ideal": "#009E73",
+    "none": "#D55E00",
+    "in-band": "#CC79A7",
+    "in-band-200": "#E69F00",
+    "out-of-band": "#0072B2",
+    "out-of-band-100": "#56B4E9",
+}
+_OTHERS = ("#000000", "#8C6D31", "#7F7F7F", "#637939", "#843C39", "#5254A3")
+_LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)))
+MARKERS = ("o", "s", "^", "D", "v", "P")
+GREY, SMALL = "0.35", 8
+_NAME = 0.08  # of the height of axes, for a name of two small lines
+
+
+def arm_style(index: int, arm: str) -> tuple[str, Any]:
+    """Return a colour and a dash, for the paper's conditions the same in every study."""
+    if arm in _COLOURS:
+        return _COLOURS[arm], _LINES[list(_COLOURS).index(arm)]
+    return _OTHERS[index % len(_OTHERS)], _LINES[index % len(_LINES)]
+
+
+def duration_colour(steps: int, durations: Sequence[int]) -> Any:
+    """Return a colour from light for the study's short to dark for its long trials."""
+    share = durations.index(steps) / (len(durations) - 1) if len(durations) > 1 else 1.0
+    return colormaps["viridis"](0.78 * (1.0 - share))
+
+
+def draw_levels(axes: Axes, summary: Mapping[str, Any]) -> None:
+    """Draw the two levels of guessing, and the most that a genome allows, named at the edge."""
+    levels = [
+        ("random\nbodies", summary["chance"], "--", 1.2),
+        ("mid-range\nbody", summary["mid_range"], ":", 1.2),
+        ("quantisation\nlimit", summary["nearest"], "-", 0.8),
+    ]
+    levels.sort(key=lambda level: level[1])
+    for _, value, line, width in levels:
+        axes.axhline(value, color=GREY, ls=line, lw=width, zorder=1.5)
+    axes.set_ylim(top=1.01)
+    # Only now does the scale stand, and so which names would cover one another.
+    bottom, top = axes.get_ylim()
+    places = _spaced(np.array([(level[1] - bottom) / (top - bottom) for level in levels]), _NAME)
+    for (name, *_), place in zip(levels, places, strict=True):
+        axes.annotate(
+            name, (1.0, place), (4, 0), xycoords="axes fraction", textcoords="offset points",
+            va="center", fontsize=SMALL - 1, color=GREY, linespacing=0.9, annotation_clip=False,
+        )  # fmt: skip
+
+
+def _spaced(places: Floats, gap: float) -> Floats:
+    """Return ascending places in [0, 1], moved the least that keeps them apart and inside."""
+    # Less a gap for each place below, they must only not fall: the nearest such row of numbers
+    # is known in closed form.
+    shift = gap * np.arange(len(places))
+    row, every = places - shift, range(len(places))
+    rising = [
+        max(min(row[i : k + 1].mean() for k in every[j:]) for i in every[: j + 1]) for j in every
+    ]
+    spaced: Floats = np.clip(rising, gap / 2, 1.0 - gap / 2 - shift[-1]) + shift
+    return spaced
+
+
+def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
+    """Put the legend of some axes below the whole figure."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=min(columns, len(labels)),
+        fontsize=SMALL, frameon=False, handlelength=2.2, columnspacing=1.2,
+    )  # fmt: skip
+
+
+def grid(axes: Axes, axis: Literal["both", "x", "y"] = "both") -> None:
+    """Draw a light grid behind everything."""
+    axes.set_axisbelow(True)
+    axes.grid(axis=axis, color="0.92")
+
+
+def round_axis(axes: Axes, rounds: int) -> None:
+    """Give axes the rounds as whole numbers."""
+    axes.set_xlim(0.5, rounds + 0.5)
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
+
+
+def signed_axis(axes: Axes) -> None:
+    """Give axes differences, with their signs."""
+    axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
+    axes.xaxis.set_major_formatter(
+        FuncFormatter(
+            lambda value, _: f"{value:+.2g}".replace("-", MINUS) if abs(value) > 1e-9 else "0"
+        )
+    )
+
+
+def fins_and_sizes(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the fins and the sizes that dimensions are of, each in the order of the first."""
+    pairs = [name.partition(".") for name in names]
+    return list(dict.fromkeys(p[0] for p in pairs)), list(dict.fromkeys(p[2] for p in pairs))

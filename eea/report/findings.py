@@ -1,0 +1,254 @@
+"""A study's finished replicates: one table with a row a round, and what ``study.json`` says.
+
+The table is what ``results.csv`` holds, to the digit. It is read from ``runs/`` where a folder
+has them, and else from ``results.csv`` itself, so that all that a report says is a function of
+``study.json`` and ``results.csv`` alone.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from aquafish_gym.runs.runner import read_result
+from aquafish_gym.runs.storage import DamagedFileError, read_bytes
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea.core.bits import BitLayout, model_layout
+from eea.core.checks import ConfigurationError
+from eea.report.arms import arm_label, arm_order
+from eea.study.folder import STUDY, read_description
+from eea.study.plan import RUNS, Place, Plan, places, read_plan
+
+Floats = NDArray[np.float64]
+
+CSV = "results.csv"
+MOST_BYTES = 2**30  # of results.csv: two million rounds
+LAYOUT: BitLayout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
+
+KEYS = ["arm", "steps", "seed"]  # of a replicate
+ANGLE_ERRORS = [f"angle_error.{fin}" for fin in FINS]  # rad
+DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
+SPREADS = [f"spread.{name}" for name in LAYOUT.names]  # the population's SDs, shares of the ranges
+# A record's fields, in the order of their columns.
+_NUMBERS = ("objective_fitness", "model_fitness", "action_fitness")
+_LISTS = ("angle_error", "dimension_error", "spread")
+COLUMNS = [
+    *KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
+    *ANGLE_ERRORS, *DIMENSION_ERRORS, *SPREADS,
+]  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Findings:
+    """The finished replicates of a study, and what was run.
+
+    Attributes
+    ----------
+    table
+        A row a round of each finished replicate, with ``COLUMNS``; the arms in the paper's order,
+        steps, seeds and rounds ascending, numbers to 5 significant digits. ``act_fit`` is NaN in
+        the first round, whose action is random.
+    rounds
+        Of each replicate.
+    truth
+        The target's dimensions, shape (n,).
+    plan
+        The seeds that the study is to have, for each arm and number of steps.
+    labels
+        Arm to its name for readers.
+    conditions
+        Arm to what is done about the angles: "ideal", "none", "in-band" or "out-of-band".
+    run
+        What was run, as study.json says it, ready for JSON.
+    """
+
+    table: pd.DataFrame
+    rounds: int
+    truth: Floats
+    plan: Plan
+    labels: dict[str, str]
+    conditions: dict[str, str]
+    run: dict[str, Any]
+
+    @cached_property
+    def replicates(self) -> pd.DataFrame:
+        """A row a finished replicate, (arm, steps, seed): its last round, ``trials`` of all."""
+        last = self.table.groupby(KEYS, sort=False).tail(1).set_index(KEYS)
+        trials: pd.Series = self.table.groupby(KEYS, sort=False)["trials"].sum()
+        return last.assign(trials=trials)
+
+    @property
+    def arms(self) -> list[str]:
+        """Those that have a finished replicate."""
+        return list(self.table["arm"].unique())
+
+    def durations(self, *arms: str) -> list[int]:
+        """Return the lengths of trial that some arms have finished replicates of; of all: ()."""
+        rows = self.table[self.table["arm"].isin(arms)] if arms else self.table
+        return sorted(int(steps) for steps in rows["steps"].unique())
+
+    def curves(self, arm: str, column: str, durations: Sequence[int] | None = None) -> pd.DataFrame:
+        """Return one column against the rounds 1, 2, ..., a row a seed.
+
+        A replicate that stopped early, at an accurate model, keeps its last round's value. Of
+        several durations (``None``: all that the arm has) these are means, of the seeds that are
+        finished in all of them.
+        """
+        rows = self._rows_of[arm].pivot(index=KEYS[1:], columns="round", values=column)
+        every = rows.reindex(columns=range(1, self.rounds + 1)).ffill(axis=1)
+        return _mean_over(every, durations or self.durations(arm))
+
+    def last_rounds(self, arm: str) -> pd.DataFrame:
+        """Return all columns of the last round, means over durations as in ``curves``."""
+        return _mean_over(self.replicates.loc[arm], self.durations(arm))
+
+    def to_csv(self) -> str:
+        """Return the table as ``results.csv`` holds it."""
+        text: str = self.table.to_csv(index=False, float_format="%.5g", lineterminator="\n")
+        return text
+
+    @cached_property
+    def _rows_of(self) -> dict[str, pd.DataFrame]:
+        return dict(iter(self.table.groupby("arm", sort=False)))
+
+
+def _mean_over(rows: pd.DataFrame, durations: Sequence[int]) -> pd.DataFrame:
+    """Return the means over durations of rows (steps, seed), of the seeds that are in all."""
+    seeds = rows[rows.index.get_level_values("steps").isin(durations)].groupby("seed")
+    return seeds.mean()[seeds.size() == len(durations)]
+
+
+def read_study(folder: str | os.PathLike[str]) -> Findings:
+    """Return a study's finished replicates.
+
+    Parameters
+    ----------
+    folder
+        It holds ``study.json`` and ``runs/``, or ``study.json`` and ``results.csv``.
+
+    Raises
+    ------
+    ConfigurationError
+        If the folder holds no study or no finished replicate.
+    DamagedFileError
+        If a file is damaged; the message names it.
+    """
+    path = Path(folder)
+    header = read_description(path, checksum="optional")
+    plan, arms = read_plan(header), header["arms"]
+    try:
+        damage = Damage.from_json(json.dumps(header["target_damage"]))
+        morphology = Morphology.coerce(header["target_morphology"])
+        truth = damage.apply(morphology).to_array()
+    except (InvalidArgumentError, KeyError) as error:
+        raise DamagedFileError(f"{path / STUDY} does not say what the target is: {error}") from None
+    return Findings(
+        read_replicates(path, plan, header),
+        header["rounds"],
+        truth,
+        plan,
+        {arm: arm_label(arm, _setting(arms[arm], "estimation", "population", int)) for arm in plan},
+        {arm: str(arms[arm].get("condition")) for arm in plan},
+        _run(header, plan, morphology, damage),
+    )
+
+
+def read_replicates(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
+    """Return the table of a study's finished replicates, from ``runs/`` or ``results.csv``.
+
+    Raises
+    ------
+    ConfigurationError, DamagedFileError
+        As ``read_study``.
+    """
+    source = folder / CSV
+    read = source.exists() and not (folder / RUNS).exists()
+    if read:
+        content = read_bytes(source, "results", MOST_BYTES).decode(errors="replace")
+    else:
+        ordered = sorted(places(plan), key=lambda p: (arm_order(p.arm), p.steps, p.seed))
+        rows = [row for place in ordered for row in _rows(folder, place)]
+        if not rows:
+            raise ConfigurationError(
+                f"the study in {folder} has no finished replicate yet; the command that began it "
+                "goes on with it"
+            )
+        # What a report says is a function of results.csv: its digits are all that there is.
+        content = pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, float_format="%.5g")
+    try:
+        table = pd.read_csv(io.StringIO(content), dtype={"arm": str})
+        numbers = table[COLUMNS[1:]].drop(columns="act_fit").to_numpy(dtype=np.float64)
+        sound = list(table.columns) == COLUMNS and bool(np.isfinite(numbers).all())
+    except (ValueError, KeyError):  # pandas' own errors are ValueErrors
+        sound = False
+    if not sound or table.empty:
+        raise DamagedFileError(f"{source} is damaged: it is no table of rounds")
+    most = header["rounds"]
+    for (arm, steps, seed), rounds in table.groupby(KEYS, sort=False)["round"]:
+        least, place = most, Place(arm, steps, seed)
+        if seed not in plan.get(arm, {}).get(steps, ()):
+            least = most + 1  # it can have none
+        elif header["arms"][arm].get("accurate") is not None:
+            least = 1  # an accurate model ends it
+        if not least <= len(rounds) <= most or list(rounds) != list(range(1, len(rounds) + 1)):
+            name = source if read else folder / place.file
+            raise DamagedFileError(
+                f"{name} is damaged: of {place.name} it must hold the rounds that {STUDY} plans, "
+                f"1 to {most}; it holds {len(rounds)}"
+            )
+    return table
+
+
+def _rows(folder: Path, place: Place) -> Iterator[list[Any]]:
+    """Yield a row of the table for each round of a replicate, none of one that is not finished."""
+    try:
+        for record in (read_result(folder, place) or {"rounds": []})["rounds"]:
+            numbers = [record[name] for name in ("round", *_NUMBERS, "trials")]
+            numbers += [x for name in _LISTS for x in record[name]]
+            if len(numbers) != len(COLUMNS) - len(KEYS):
+                raise ValueError("a list is too short or too long")
+            yield [*place, *numbers]
+    except DamagedFileError as error:
+        raise DamagedFileError(
+            f"{error}; delete this file, and the study's command computes it anew"
+        ) from None
+    except (KeyError, TypeError, ValueError):
+        raise DamagedFileError(f"{folder / place.file} is damaged: it holds no rounds") from None
+
+
+def _setting(arm: dict[str, Any], part: str, name: str, kind: type) -> Any:
+    """Return one of an arm's settings, None if it does not say."""
+    settings = arm.get(part)
+    value = settings.get(name) if isinstance(settings, dict) else None
+    return value if isinstance(value, kind) else None
+
+
+def _run(
+    header: dict[str, Any], plan: Plan, morphology: Morphology, damage: Damage
+) -> dict[str, Any]:
+    """Return what a reader must know of a study's settings; None where it does not say."""
+    arms = sorted(plan, key=arm_order)
+    return {
+        "target_changes": {
+            dimension.name: size
+            for dimension, size in zip(DIMENSIONS, morphology.to_array().tolist(), strict=True)
+            if size != dimension.nominal
+        },
+        "target_damage": str(damage),
+        "target_orientation": header.get("target_orientation", "upright"),
+        "steps": {arm: sorted(plan[arm]) for arm in arms},
+        "signals": {arm: _setting(header["arms"][arm], "behavior", "signal", str) for arm in arms},
+        "source": [str(stamp) for stamp in header["source"]],
+    }

@@ -1,1 +1,0 @@
-"""The parts of ``damage_recovery.py``: the treatments, their statistics, figures and report."""

@@ -1,0 +1,271 @@
+"""The commands ``evolve``, ``transfer`` and ``baseline`` of ``python -m gait``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.base import check_engine
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.folder import SETTINGS, claim, held
+from aquafish_gym.runs.storage import ensure_writable_directory, write_document
+from aquafish_gym.utils.command_line import (
+    BAD_INPUT,
+    RESUMES,
+    BodyDamage,
+    BodyFile,
+    Out,
+    TargetDamage,
+    TargetMorphology,
+    read_morphology,
+    run_command_line,
+    subcommands,
+)
+from gait.baselines import Baseline, BaselineConfig, MissingExtraError
+from gait.controller import Controller
+from gait.evolve import (
+    CONTROLLER_FILE,
+    FINAL_POSES,
+    EvolveConfig,
+    Evolved,
+    evolve_gait,
+    finished_generations,
+)
+from gait.history import HISTORY_FILE, Generation
+from gait.rollout import random_poses
+from gait.transfer import TransferConfig, score, transfer
+
+Show = Callable[[int, str], None]  # told how much is done, and a line about it
+
+
+@dataclass(frozen=True)
+class _OnBody:
+    """A command that works on a body and fills a directory."""
+
+    out: Out
+    morphology: BodyFile = None
+    damage: BodyDamage = "none"
+
+    def body(self) -> Morphology:
+        """Return the body as it is, damage included."""
+        return Damage.parse(self.damage).apply(read_morphology(self.morphology, "morphology"))
+
+
+@dataclass(frozen=True)
+class Evolve(_OnBody):
+    """Evolve a controller that swims a body forward.
+
+    Into --out go controller.json (the best so far), history.csv (a row a generation),
+    checkpoint.json, settings.json and history.png. The same command resumes a run that was
+    interrupted, and more --generations prolong it.
+
+    Columns of history.csv, with distances in units of 5 cm:
+    - generation: from 0.
+    - best, mean: over the generation's controllers, each one's mean distance over its poses.
+    - species: how many.
+    - final: the winner's mean distance over the zero pose and 32 random ones, always the same.
+    The 8 best of a generation swim from these, and the one with the highest mean is the winner.
+    - distance: the winner's from the zero pose.
+    - nodes, connections: of the winner's network.
+
+    Attributes
+    ----------
+    config
+        How to evolve.
+    """
+
+    config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
+
+    def execute(self) -> None:
+        """Evolve to the last generation, with progress."""
+        body = self.body()
+        try:
+            with _no_folder_for_nothing(self.out):
+                evolved = self._evolve(body)
+        except KeyboardInterrupt:
+            done = finished_generations(self.out)
+            _plot(self.out, done)
+            rest = f"{RESUMES} from generation {len(done)}" if done else "nothing is kept yet"
+            raise KeyboardInterrupt(f"interrupted; {rest}") from None
+        _plot(self.out, evolved.history)
+        network = evolved.controller
+        start = (
+            f"on the mean over the zero pose and {FINAL_POSES} random ones"
+            if self.config.poses
+            else "from the zero pose"
+        )
+        print(
+            f"swims {evolved.fitness:.2f} units in {self.config.seconds:g} s {start} "
+            f"({network.nodes} nodes, {network.connections} connections); "
+            f"{CONTROLLER_FILE} and {HISTORY_FILE} are in {self.out}"
+        )
+
+    def _evolve(self, body: Morphology) -> Evolved:
+        before = len(finished_generations(self.out))
+        with _counting("evolving", self.config.generations, before) as show:
+            return evolve_gait(
+                body,
+                self.config,
+                out=self.out,
+                on_generation=lambda row: show(row.generation + 1, _line(row)),
+            )
+
+
+@dataclass(frozen=True)
+class TransferCommand:
+    """Swim a controller on the body it was evolved on, and on a target.
+
+    Attributes
+    ----------
+    controller
+        A controller.json, as evolve writes it; it holds the body it was evolved on.
+    out
+        Directory for transfer.json and trajectories.png, if they are wanted.
+    config
+        How to compare.
+    """
+
+    controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    target_morphology: TargetMorphology = None
+    target_damage: TargetDamage = "none"
+    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
+        default_factory=TransferConfig
+    )
+
+    def execute(self) -> None:
+        """Swim both and print a table."""
+        controller = Controller.load(self.controller)
+        body = read_morphology(self.target_morphology, "target_morphology")
+        target = Damage.parse(self.target_damage).apply(body)
+        out = None if self.out is None else ensure_writable_directory(self.out)
+        swims = 2 * (self.config.poses + 1)
+        with Console(stderr=True).status(f"{swims} swims of {self.config.seconds:g} s"):
+            result = transfer(controller, target, self.config)
+        print(result)
+        if out is not None:
+            from gait.plots import plot_trajectories
+
+            document = {
+                "native_morphology": controller.morphology.to_dict(),
+                "target_morphology": target.to_dict(),
+                "native_engine": check_engine(self.config.native_engine),
+                "target_engine": check_engine(self.config.target_engine),
+                "seconds": self.config.seconds,
+                "seed": self.config.seed,
+                **result.to_dict(),
+            }
+            write_document(out / "transfer.json", document, "gait.transfer/2")
+            paths = {"native": result.native.swim, "target": result.target.swim}
+            plot_trajectories(out / "trajectories.png", paths)
+
+
+@dataclass(frozen=True)
+class BaselineCommand(_OnBody):
+    """Train a baseline of stable-baselines3 on a body, and say how far it swims.
+
+    Into --out go baseline.json, parameters.npz and settings.json. It needs the extra rl. A run
+    that was interrupted starts again from the beginning, to the same result.
+
+    Attributes
+    ----------
+    config
+        How to learn.
+    """
+
+    config: Annotated[BaselineConfig, tyro.conf.arg(name="")] = field(
+        default_factory=BaselineConfig
+    )
+
+    def execute(self) -> None:
+        """Train with progress, write, and evaluate."""
+        body, config = self.body(), self.config
+        baseline = Baseline(body, config)
+        settings = {"morphology": body.to_dict(), **asdict(config)}
+        try:
+            with _no_folder_for_nothing(self.out), held(ensure_writable_directory(self.out)):
+                claim(self.out, "a baseline", settings)
+                with _counting(config.algorithm, config.steps) as show:
+                    baseline.train(lambda taken: show(taken, config.algorithm))
+                baseline.save(self.out)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("interrupted; the same command starts again") from None
+        poses = random_poses(TransferConfig().poses, config.seed)
+        found = score(baseline, body, poses, "numba")
+        print(
+            f"swims {found.distance:.2f} units in 20 s from the zero pose, "
+            f"{found.random_distance:.2f} on average over {len(poses)} random poses; "
+            f"written to {self.out}"
+        )
+
+
+COMMANDS = {"evolve": Evolve, "transfer": TransferCommand, "baseline": BaselineCommand}
+
+
+@contextmanager
+def _no_folder_for_nothing(out: Path) -> Iterator[None]:
+    """Remove a folder that a command made if the command fails before anything is in it."""
+    new = not out.exists()
+    try:
+        yield
+    except BaseException:
+        with suppress(OSError):
+            if new and {path.name for path in out.iterdir()} <= {SETTINGS}:
+                (out / SETTINGS).unlink(missing_ok=True)
+                out.rmdir()
+        raise
+
+
+@contextmanager
+def _counting(label: str, total: int, before: int = 0) -> Iterator[Show]:
+    """Give a progress bar, or ten lines on stderr where there is no terminal to show one on."""
+    said = before * 10 // total
+    with _bar() as bar:
+        task = bar.add_task(label, total=total)
+
+        def show(done: int, text: str) -> None:
+            nonlocal said
+            bar.update(task, completed=done, description=text)
+            if bar.disable and done * 10 // total > said:
+                said = done * 10 // total
+                print(f"{done}/{total}  {text}", file=sys.stderr, flush=True)
+
+        yield show
+
+
+def _bar() -> Progress:
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=10),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+    )
+    console = Console(stderr=True)
+    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+
+
+def _line(row: Generation) -> str:
+    return f"final {row.final:6.2f}  mean {row.mean:6.2f}  species {row.species}  nodes {row.nodes}"
+
+
+def _plot(out: Path, history: Sequence[Generation]) -> None:
+    from gait.plots import plot_history
+
+    if history:
+        plot_history(out / "history.png", history)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code."""
+    return run_command_line(
+        "gait", subcommands(COMMANDS), arguments, (*BAD_INPUT, MissingExtraError)
+    )

@@ -1,0 +1,67 @@
+"""What steers a robot: any function from what it feels, and the time, to an action."""
+
+from __future__ import annotations
+
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.utils.validation import InvalidArgumentError, brief
+
+
+class Policy(Protocol):
+    """A function that steers one robot through one swim."""
+
+    def __call__(self, observation: NDArray[np.float64], time: float, /) -> ArrayLike:
+        """Return the action.
+
+        Parameters
+        ----------
+        observation
+            (9,) the world's up and north in body axes and the gyro in rad/s, as AquaFish-v0
+            observes them.
+        time
+            Seconds since the swim began; it is asked every 0.05 s.
+
+        Returns
+        -------
+        array_like
+            (3,) in [-1, 1] for left pectoral, right pectoral and caudal fin, as in AquaFish-v0.
+        """
+
+
+@runtime_checkable
+class HasPolicy(Protocol):
+    """A controller that makes a new policy for each swim, as those with a memory must.
+
+    If it also has a ``morphology``, that is its native body, see ``gait.transfer``.
+    """
+
+    def policy(self) -> Policy:
+        """Return a policy that remembers nothing of other swims."""
+
+
+ControllerLike = Policy | HasPolicy
+
+
+def new_policy(controller: ControllerLike) -> Policy:
+    """Return a policy for one swim.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If ``controller`` is neither a function nor has a method ``policy``.
+
+    Examples
+    --------
+    >>> new_policy(lambda observation, time: (0.0, 0.0, 1.0))(np.zeros(9), 0.0)
+    (0.0, 0.0, 1.0)
+    """
+    policy = controller.policy() if isinstance(controller, HasPolicy) else controller
+    if not callable(policy):
+        raise InvalidArgumentError(
+            "controller must be a function (observation, time) -> action, or have a method "
+            f"policy() that returns one; got {brief(controller)}"
+        )
+    return policy

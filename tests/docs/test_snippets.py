@@ -1,0 +1,65 @@
+"""The Python on the tutorial's and the how-tos' pages runs, with fewer rounds and generations."""
+
+from __future__ import annotations
+
+import pathlib
+import re
+
+import gymnasium as gym
+import pytest
+
+import aquafish_gym  # noqa: F401  # registered before the registry is copied
+
+DOCS = pathlib.Path(__file__).parents[2] / "docs"
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# What makes a page quick: the page's words, and what they become here.
+SMALLER = {
+    "recovery_config(rounds=10)": "recovery_config(steps=32, rounds=1)",
+    "EvolveConfig(seed=0, generations=30)": "EvolveConfig(seed=0, generations=1, population=10)",
+    "EEAConfig(rounds=3)": "EEAConfig(rounds=1)",
+    "estimate_from_logs(commands, logs, truth=broken)": (
+        "estimate_from_logs(commands, logs, EEAConfig(rounds=1), truth=broken)"
+    ),
+}
+PAGES = {
+    "tutorial.md": ["gait for the self-model", "(1, 256, 3)", "(0.4, 1.6, 0.1) -> (0.4, 0.8, 0.1)"],
+    "howto/robot.md": ["MorphologyEstimate(out-of-band, 1 round"],
+    "howto/task.md": ["return -"],
+    "howto/controller.md": ["Swim(distance", "random poses"],
+    "howto/logs.md": ["OBJ_FIT 0."],
+}
+
+
+def snippets(page: str) -> str:
+    blocks = BLOCK.findall((DOCS / page).read_text(encoding="utf-8"))
+    assert blocks, f"{page} has no Python"
+    return "\n".join(blocks)
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_does_what_it_says(
+    page: str,
+    tmp_path: pathlib.Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("gymnasium.envs.registration.registry", dict(gym.registry))
+    code = snippets(page)
+    for words, small in SMALLER.items():
+        code = code.replace(words, small)
+    exec(compile(code, page, "exec"), {"__name__": "__main__"})
+    said = capsys.readouterr().out
+    for words in PAGES[page]:
+        assert words in said
+
+
+def test_every_page_with_python_is_run() -> None:
+    pages = [DOCS / "tutorial.md", *(DOCS / "howto").glob("*.md")]
+    with_python = {str(page.relative_to(DOCS)) for page in pages if BLOCK.search(page.read_text())}
+    assert with_python == set(PAGES)
+
+
+def test_what_is_made_smaller_is_on_a_page() -> None:
+    everything = "".join(map(snippets, PAGES))
+    assert [words for words in SMALLER if words not in everything] == []

@@ -1,0 +1,162 @@
+"""A recorded session as a target, and in a file."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea import (
+    EEAConfig,
+    EngineTarget,
+    RecordedLog,
+    ReplayTarget,
+    estimate_from_logs,
+    load_session,
+    save_session,
+)
+from eea.aquafish import estimate_morphology_of
+from eea.core.algorithm import streams
+from eea.core.behavior import BehaviorConfig
+from eea.core.checks import ConfigurationError, TargetError
+from eea.core.estimation import EstimationConfig
+from eea.core.exploration import ExplorationConfig
+from eea.core.inference import OutOfBandConfig
+
+QUICK = EEAConfig(
+    steps=32,
+    rounds=3,
+    exploration=ExplorationConfig(6, 3),
+    estimation=EstimationConfig(population=8, generations=5),
+    out_of_band=OutOfBandConfig(period=2, inner_population=5, inner_generations=3),
+)
+
+
+class Recorder:
+    """A robot in a tank: it tells nothing but its log, which somebody keeps."""
+
+    def __init__(self, seed: int, steps: int = 32) -> None:
+        damage, rng = "left_pectoral:length=0.5", streams(seed)["target"]
+        self._fish = EngineTarget(None, damage, rng, steps, "numba")
+        self.commands, self.logs = [], []
+
+    def perform(self, command):
+        log = self._fish.perform(command)
+        self.commands.append(command)
+        self.logs.append(RecordedLog(log.gyro[0], log.rpy[0]))
+        return log
+
+
+def without_clock(estimate):
+    return [replace(record, seconds=0.0) for record in estimate.rounds]
+
+
+@pytest.mark.parametrize("condition", ["none", "in-band", "out-of-band"])
+@pytest.mark.parametrize("signal", ["body_rates", "attitude"])
+def test_replayed_logs_give_the_live_runs_estimate_to_the_bit(condition, signal, tmp_path):
+    config = replace(QUICK, condition=condition, behavior=BehaviorConfig(signal=signal))
+    robot = Recorder(seed=4)
+    live = estimate_morphology_of(robot, config, seed=4)
+    path = tmp_path / "session.npz"
+    save_session(path, robot.commands, robot.logs)
+    for commands, logs in ((robot.commands, robot.logs), load_session(path)):
+        again = estimate_from_logs(commands, logs, config, seed=4)
+        assert without_clock(again) == without_clock(live)
+        assert again.morphology == live.morphology
+
+
+def test_what_another_command_would_have_done_is_not_credited_to_it():
+    robot = Recorder(seed=4)
+    estimate_morphology_of(robot, QUICK, seed=4)
+    # With another seed other commands are asked for; those of the session are what is modelled.
+    other = estimate_from_logs(robot.commands, robot.logs, QUICK, seed=5)
+    assert [record.command for record in other.rounds] == [tuple(c) for c in robot.commands]
+    assert [record.action_fitness for record in other.rounds] == [None] * 3
+
+
+def test_rounds_and_steps_are_the_sessions_by_default():
+    robot = Recorder(seed=0)
+    estimate_morphology_of(robot, QUICK)
+    quick = estimate_from_logs(robot.commands[:1], robot.logs[:1], dtype="float32")
+    assert (quick.config.rounds, quick.config.steps, len(quick.rounds)) == (1, 32, 1)
+    with pytest.raises(
+        ConfigurationError, match="rounds must be at most the number of logs, 2; got 3"
+    ):
+        estimate_from_logs(robot.commands[:2], robot.logs[:2], QUICK)
+
+
+def test_an_exhausted_session_says_so():
+    log = RecordedLog(np.zeros((32, 3)))
+    target = ReplayTarget([[0.1, 0.2, 0.3]], [log])
+    performed = target.perform(np.ones(3))
+    assert performed.log is log
+    assert performed.command.tolist() == [0.1, 0.2, 0.3]
+    with pytest.raises(TargetError, match=r"holds 1 trials.*config\.rounds must be at most 1"):
+        target.perform(np.ones(3))
+
+
+@pytest.mark.parametrize(
+    ("commands", "count", "message"),
+    [
+        ([[0.1, 0.2, 0.3]], 2, "equally many, and at least one; got 1 and 2"),
+        (np.empty((0, 3)), 0, "at least one; got 0 and 0"),
+        ([0.1, 0.2, 0.3], 3, r"commands must have shape \(any, any\)"),
+        ([[0.1, np.nan, 0.3]], 1, "commands must be finite"),
+        ("fast", 1, "commands must be numbers"),
+    ],
+)
+def test_a_session_that_is_none_is_refused(commands, count, message):
+    with pytest.raises(ConfigurationError, match=message):
+        ReplayTarget(commands, [RecordedLog(np.zeros((32, 3)))] * count)
+
+
+def test_one_log_of_many_trials_is_not_taken_for_many_logs():
+    with pytest.raises(ConfigurationError, match=r"sequence of logs, of one trial .* RecordedLog"):
+        ReplayTarget(np.zeros((2, 3)), RecordedLog(np.zeros((2, 32, 3))))
+
+
+def test_commands_that_are_not_the_fishs_are_refused():
+    log = RecordedLog(np.zeros((32, 3)))
+    with pytest.raises(InvalidArgumentError, match=r"commands\[0, 2\] must lie in \[0, 1\]"):
+        estimate_from_logs([[0.1, 0.2, 3.0]], [log], QUICK)
+
+
+def test_a_session_with_one_signal_comes_back_with_one(tmp_path):
+    path = tmp_path / "session.npz"
+    save_session(path, np.zeros((2, 3)), [RecordedLog(gyro=np.full((1, 8, 3), i)) for i in (1, 2)])
+    commands, logs = load_session(path)
+    assert commands.tolist() == [[0.0] * 3] * 2
+    assert [log.rpy for log in logs] == [None, None]
+    assert [log.gyro.shape for log in logs] == [(8, 3)] * 2
+    assert [log.gyro[0, 0] for log in logs] == [1.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    "logs",
+    [
+        [RecordedLog(np.zeros((8, 3))), RecordedLog(np.zeros((16, 3)))],
+        [RecordedLog(np.zeros((8, 3))), RecordedLog(rpy=np.zeros((8, 3)))],
+        [RecordedLog(np.zeros((2, 8, 3)))] * 2,
+    ],
+)
+def test_uneven_logs_are_not_saved(tmp_path, logs):
+    with pytest.raises(ConfigurationError, match="logs must hold gyro of one trial each"):
+        save_session(tmp_path / "session.npz", np.zeros((2, 3)), logs)
+    assert not (tmp_path / "session.npz").exists()
+
+
+def test_a_damaged_session_is_refused_in_a_sentence(tmp_path):
+    path = tmp_path / "session.npz"
+    save_session(path, np.zeros((1, 3)), [RecordedLog(gyro=np.zeros((8, 3)))])
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(InvalidArgumentError, match=f"session: {path} is not a whole archive"):
+        load_session(path)
+    np.savez(path, commands=np.zeros((2, 3)), gyro=np.zeros((1, 8, 3)), rpy=np.zeros((2, 0, 0)))
+    with pytest.raises(InvalidArgumentError, match="must hold a log for each command"):
+        load_session(path)
+    np.savez(path, commands=np.zeros((2, 3)))
+    with pytest.raises(InvalidArgumentError, match="must hold the arrays commands, gyro, rpy"):
+        load_session(path)

@@ -1,0 +1,90 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+from matplotlib.figure import Figure
+
+from aquafish_gym.utils.validation import UnknownNameError
+from eea.aquafish.run_figure import fitness_figure, save_fitness_figure
+from eea.core.checks import ConfigurationError
+from eea.core.config import EEAConfig
+from eea.core.estimation import EstimationConfig
+from eea.core.exploration import ExplorationConfig
+from fake_fish import STEPS, fake_eea
+
+QUICK = EEAConfig(
+    condition="none",
+    steps=STEPS,
+    rounds=3,
+    exploration=ExplorationConfig(4, 2),
+    estimation=EstimationConfig(population=6, generations=3),
+)
+
+
+def labels(figure):
+    return {line.get_label(): line for line in figure.axes[0].lines}
+
+
+def test_the_figure_shows_both_fitnesses_and_the_levels_beside_them():
+    result = fake_eea(QUICK).run()
+    lines = labels(fitness_figure(result))
+    objective = next(line for label, line in lines.items() if label.startswith("OBJ_FIT"))
+    model = next(line for label, line in lines.items() if label.startswith("MOD_FIT"))
+    assert objective.get_ydata().tolist() == [r.objective_fitness for r in result.rounds]
+    assert model.get_ydata().tolist() == [r.model_fitness for r in result.rounds]
+    assert list(objective.get_xdata()) == [1, 2, 3]
+    assert set(lines["random bodies"].get_ydata()) == {result.chance}
+    assert set(lines["mid-range body"].get_ydata()) == {result.mid_range}
+    assert set(lines["quantisation limit"].get_ydata()) == {result.nearest}
+
+
+def test_without_the_truth_only_the_model_fitness_is_drawn():
+    lines = labels(fitness_figure(fake_eea(QUICK, truth=False).run()))
+    assert [label[:7] for label in lines] == ["MOD_FIT"]
+
+
+def test_a_fitness_below_zero_is_said_to_be_cut():
+    result = fake_eea(QUICK).run()
+    result.rounds = [replace(record, model_fitness=0.1) for record in result.rounds]
+    assert not fitness_figure(result).axes[0].texts
+    result.rounds[1] = replace(result.rounds[1], model_fitness=-3.25)
+    axes = fitness_figure(result).axes[0]
+    assert axes.get_ylim()[0] == 0
+    assert [text.get_text() for text in axes.texts] == ["cut at 0: MOD_FIT falls to -3.25"]
+
+
+def test_a_picture_appears_whole_or_not_at_all(tmp_path, monkeypatch):
+    path = tmp_path / "a.png"
+    path.write_bytes(b"old")
+    result = fake_eea(QUICK).run()
+
+    def fail(_figure, file, **_options):
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Figure, "savefig", fail)
+        with pytest.raises(KeyboardInterrupt):
+            save_fitness_figure(result, path)
+    assert path.read_bytes() == b"old"
+    with pytest.raises(UnknownNameError, match=r"suffix must be one of .*; did you mean '.png'"):
+        save_fitness_figure(result, tmp_path / "a.pmg")
+    save_fitness_figure(result, path)
+    assert path.read_bytes().startswith(b"\x89PNG")
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_nothing_to_draw_is_refused():
+    with pytest.raises(ConfigurationError, match="at least one round"):
+        fitness_figure(fake_eea(QUICK).result)
+
+
+def test_a_picture_is_written_without_touching_global_state(tmp_path):
+    import matplotlib
+
+    backend = matplotlib.rcParams["backend"]
+    for name in ("a.png", "a.svg", "a.pdf"):
+        save_fitness_figure(fake_eea(QUICK).run(), tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 1000
+    assert matplotlib.rcParams["backend"] == backend

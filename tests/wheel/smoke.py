@@ -1,0 +1,84 @@
+"""Is the wheel enough by itself? Run by an environment that holds it, in an empty directory.
+
+    python smoke.py
+
+It asserts what the wheel holds, runs every command small, and says one line.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from importlib.metadata import files
+from pathlib import Path
+
+import gymnasium as gym
+
+import aquafish_gym
+
+PACKAGES = {"aquafish", "aquafish_gym", "eea", "gait"}
+SMALL_GAIT = ("--generations", "1", "--population", "10", "--poses", "1", "--seconds", "1")
+SMALL_MODEL = ("--rounds", "1", "--steps", "16", "--estimation.population", "6",
+               "--estimation.generations", "2", "--exploration.population", "6",
+               "--exploration.generations", "2")  # fmt: skip
+
+
+def check_content() -> None:
+    """Assert that the wheel holds the packages with their data, and nothing of the tests."""
+    held = [str(file) for file in files("aquafish-gym") or [] if ".." not in file.parts]
+    packages = {name.partition("/")[0] for name in held if not name.startswith("aquafish_gym-")}
+    assert packages == PACKAGES, packages
+    for name in (*(f"{package}/py.typed" for package in PACKAGES), "gait/neat.ini"):
+        assert name in held, name
+    assert not Path(str(aquafish_gym.__file__)).is_relative_to(Path.cwd()), "not the wheel's"
+
+
+def run(*command: str) -> str:
+    """Run a program of this environment and return what it printed on stderr."""
+    name, *arguments = command
+    program = [sys.executable, "-m", name]
+    if name == "aquafish":
+        program = [str(Path(sys.executable).parent / "aquafish")]
+    done = subprocess.run([*program, *arguments], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"{' '.join(command)}\n{done.stdout}\n{done.stderr}"
+    return done.stderr
+
+
+def main() -> None:
+    """Check everything; an AssertionError says what is wrong."""
+    began = time.monotonic()
+    check_content()
+    for command in ("aquafish", "eea", "gait"):
+        run(command, "--help")
+    said = run("eea", "run", "--out", "model", "--target-damage", "caudal:missing", *SMALL_MODEL)
+    compiled_only = importlib.util.find_spec("pybullet") is None
+    assert ("PyBullet is not installed" in said) == compiled_only, said
+    body = ("--morphology", "model/morphology.json")
+    run("aquafish", "evolve", "--out", "gait", *body, *SMALL_GAIT)
+    run("gait", "transfer", "--controller", "gait/controller.json", "--poses", "1", "--seconds",
+        "1", "--target-damage", "caudal:missing")  # fmt: skip
+    run("aquafish", "recover", "--out", "recovery", "--rounds", "1", "--steps", "16", "--models",
+        "6", "--angle-sets", "6", "--generations", "1", "--population", "10", "--gait-poses", "1",
+        "--poses", "1", "--seconds", "1", "--no-film")  # fmt: skip
+    report = json.loads(Path("recovery/report.json").read_text(encoding="utf-8"))
+    assert report["treatments"]["oracle"]["objective_fitness"] == 1.0
+    env = gym.make("AquaFish-v0")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    env.close()
+    print(
+        f"the wheel works on Python {sys.version.split()[0]} "
+        f"({'without' if compiled_only else 'with'} PyBullet, {time.monotonic() - began:.0f} s)"
+    )
+
+
+if __name__ == "__main__":
+    import os
+
+    with tempfile.TemporaryDirectory() as empty:
+        os.chdir(empty)
+        main()
