@@ -169,7 +169,7 @@ DTYPE = names("dtype", ("float32", "float64"))
 ENVIRONMENT = {
     "morphology": BODY,
     "damage": Bad(DAMAGE.values | UNFIT, DAMAGE.sentence + r"|would make .*must lie in \[0, "),
-    "engine": names("engine", ("numba", "pybullet")),
+    "engine": names("engine", ("auto", "numba", "pybullet")),
     "current": CURRENT,
     "fin_angles": FIN_ANGLES,
     "observe_fins": flag("observe_fins"),
