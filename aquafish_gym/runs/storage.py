@@ -270,7 +270,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     raise TypeError(f"a {type(value).__name__} cannot be written as JSON")
-
-
-# Until the last of those who read logs line by line has gone over to the runner.
-from aquafish_gym.runs.records import append_record, read_records  # noqa: E402, F401
