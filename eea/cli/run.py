@@ -12,7 +12,7 @@ from rich.console import Console
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, Morphology
-from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.folder import LOCK, claim, held
 from aquafish_gym.runs.stamps import versions
 from aquafish_gym.runs.storage import (
     DamagedFileError,
@@ -111,9 +111,9 @@ class Run:
             **simulator,
         }
         with held(ensure_writable_directory(self.out)):
+            others = sorted(path.name for path in self.out.iterdir() if path.name != LOCK)
             # Whatever code an earlier run is of, this one begins anew and replaces it.
-            outputs = (RESULT, MODEL, PICTURE)
-            claim(self.out, KIND, settings, versions(), outputs, other_code=True)
+            claim(self.out, KIND, settings, versions(), others, other_code=True)
             _fill(self.out, eea, intact)
 
 
