@@ -201,7 +201,7 @@ VECTOR = {
         ENVIRONMENT["render_mode"].sentence + '|^render_mode="human" shows one robot',
     ),
     "dtype": DTYPE,
-    "threads": whole("threads", 1, None, None),
+    "threads": whole("threads", 1, 1024, None),
     "autoreset_mode": names("autoreset_mode", MODES, *AutoresetMode),
 }
 SIMULATE = {
@@ -217,7 +217,7 @@ SIMULATE = {
     "dtype": DTYPE,
     "current": CURRENT,
     "substeps": whole("substeps", 1, 64),
-    "threads": whole("threads", 1, None, None),
+    "threads": whole("threads", 1, 1024, None),
     "record": names("record", ("rpy", "attitude", "pose")),
     "reactive": flag("reactive"),
 }
