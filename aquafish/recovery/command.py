@@ -236,7 +236,11 @@ def compile_once(executor: Executor, job: Treatment) -> None:
     """
     rehearsal = executor.submit(rehearse, job)
     if not wait([rehearsal], PATIENCE).done:
-        print("compiling, once on each machine, in about a minute", file=sys.stderr, flush=True)
+        print(
+            "preparing: the first run on a machine compiles, for about a minute",
+            file=sys.stderr,
+            flush=True,
+        )
     try:
         rehearsal.result()
     except WorkerDiedError as error:
