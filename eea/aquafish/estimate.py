@@ -262,11 +262,8 @@ def estimate_morphology(
     Returns
     -------
     MorphologyEstimate
-        ``.morphology``, ``.rounds``, ``.plot()``, ``.to_json()``.
-
-    Notes
-    -----
-    For Ctrl-C, see ``estimate_morphology_of``.
+        ``.morphology``, ``.rounds``, ``.plot()``, ``.to_json()``. For Ctrl-C, see
+        ``estimate_morphology_of``.
     """
     settings = EEAConfig() if config is None else config
     instance("config", settings, EEAConfig)

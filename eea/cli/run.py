@@ -12,7 +12,7 @@ from rich.console import Console
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, Morphology
-from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.folder import LOCK, claim, held
 from aquafish_gym.runs.stamps import versions
 from aquafish_gym.runs.storage import (
     DamagedFileError,
@@ -29,7 +29,7 @@ from aquafish_gym.utils.command_line import (
     Threads,
     read_morphology,
 )
-from eea.aquafish import EngineTarget, fish_eea
+from eea.aquafish import EngineTarget, SimulatorOptions, fish_eea
 from eea.core.algorithm import EEA, streams
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
@@ -93,32 +93,27 @@ class Run:
             self.current,
             self.substeps,
         )
-        eea = fish_eea(
-            target,
-            self.config,
-            self.seed,
-            target.morphology,
-            engine=self.engine,
-            dtype=self.dtype,
-            current=self.current,
-            substeps=self.substeps,
-            threads=self.threads,
-        )
+        simulator: SimulatorOptions = {
+            "engine": resolve_engine("engine", self.engine),
+            "dtype": self.dtype,
+            "current": self.current,
+            "substeps": self.substeps,
+            "threads": self.threads,
+        }
+        eea = fish_eea(target, self.config, self.seed, target.morphology, **simulator)
+        simulator.pop("threads")  # no result depends on them
         settings = {
             **self.config.to_dict(),
             "seed": self.seed,
             "target_damage": str(damage),
             "target_morphology": intact.to_dict(),
             "target_engine": target.engine,
-            "engine": resolve_engine("engine", self.engine),
-            "dtype": self.dtype,
-            "current": list(self.current),
-            "substeps": self.substeps,
+            **simulator,
         }
         with held(ensure_writable_directory(self.out)):
+            others = sorted(path.name for path in self.out.iterdir() if path.name != LOCK)
             # Whatever code an earlier run is of, this one begins anew and replaces it.
-            outputs = (RESULT, MODEL, PICTURE)
-            claim(self.out, KIND, settings, versions(), outputs, other_code=True)
+            claim(self.out, KIND, settings, versions(), others, other_code=True)
             _fill(self.out, eea, intact)
 
 
@@ -193,6 +188,8 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
         model = folder / MODEL
         console.print(f"the body found is {model}, for python -m gait evolve --morphology {model}")
     console.print(f"stopped: {result.stopped}; written to {folder}")
+    if result.stopped == "interrupted":
+        console.print("the same command begins anew, and replaces this with as many rounds")
 
 
 def damage_words(intact: Morphology, result: Result) -> list[str]:

@@ -323,7 +323,7 @@ def test_the_folder_of_another_program_is_refused(tmp_path, capsys):
     assert [path.name for path in tmp_path.iterdir()] == ["settings.json"]
 
 
-@pytest.mark.parametrize("name", ["result.json", "rounds.png", "morphology.json"])
+@pytest.mark.parametrize("name", ["result.json", "rounds.png", "study.json", "notes.txt"])
 def test_files_that_are_not_a_runs_are_left_alone(tmp_path, capsys, name):
     (tmp_path / name).write_text("mine")
     assert main([*QUICK, "--out", str(tmp_path)]) == 2
