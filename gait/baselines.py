@@ -14,22 +14,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import ensure_writable_directory, read_document, write_document
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
-    finite_array,
     flag,
     integer,
     one_of,
 )
 from gait.controller import check_fields
 from gait.policy import Policy
-from gait.rollout import swim
 
 SPEC_FILE = "baseline.json"
 PARAMETERS_FILE = "parameters.npz"
@@ -93,6 +91,11 @@ class Baseline:
     ------
     MissingExtraError
         If stable-baselines3 or torch is not installed.
+
+    Examples
+    --------
+    >>> quick = Baseline(Morphology.nominal(), BaselineConfig(steps=64))  # doctest: +SKIP
+    >>> quick.train()  # doctest: +SKIP
     """
 
     def __init__(self, morphology: Morphology, config: BaselineConfig) -> None:
@@ -140,19 +143,6 @@ class Baseline:
             return np.asarray(action, np.float32)
 
         return act
-
-    def evaluate(
-        self, morphology: MorphologyLike, fin_angles: ArrayLike, engine: str = "numba"
-    ) -> NDArray[np.float64]:
-        """Return the distance (Q,) of a swim of 20 s from each of the fin poses (Q, 3), in units.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the poses are not (Q, 3).
-        """
-        poses = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
-        return np.array([swim(self, morphology, pose, engine).distance for pose in poses])
 
     def parameters(self) -> dict[str, NDArray[np.float32]]:
         """Return the policy's tensors by name."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,8 +149,10 @@ class GaitRun:
         self.morphology = morphology
         self.config = config
         self.history: list[Generation] = []
-        self._scorer: Scorer = scorer or partial(
-            _swim_body, morphology=morphology, seconds=config.seconds, threads=config.threads
+        self._scorer: Scorer = scorer or (
+            lambda controllers, poses: swim_all(
+                controllers, morphology, poses, config.seconds, threads=config.threads
+            )
         )
         neat_seed = int(self._stream(0).generate_state(1)[0])
         self._evolution = Evolution(config.population, neat_seed)
@@ -322,17 +323,6 @@ def finished_generations(out: Path | str) -> tuple[Generation, ...]:
         return tuple(Generation(**row) for row in data["history"])
     except (InvalidArgumentError, KeyError, TypeError):
         return ()
-
-
-def _swim_body(
-    controllers: Sequence[Controller],
-    fin_angles: NDArray[np.float64],
-    *,
-    morphology: Morphology,
-    seconds: float,
-    threads: int | None,
-) -> NDArray[np.float64]:
-    return swim_all(controllers, morphology, fin_angles, seconds, threads=threads)
 
 
 def _write_results(run: GaitRun, directory: Path) -> None:

@@ -47,7 +47,7 @@ GYRO_SCALE = 2.0  # rad/s
 GAIN = 2.5
 _TANH_LIMIT = 20.0  # 1 - tanh(20) = 8e-18
 
-# scale_action, for one robot in numbers of any backend.
+# scale_action, for one robot in numbers of any arithmetic.
 _MIDDLE = tuple(float(v) for v in (COMMAND_LOW + COMMAND_HIGH) / 2)
 _REACH = tuple(float(v) for v in (COMMAND_HIGH - COMMAND_LOW) / 2)
 
@@ -139,7 +139,7 @@ def forward(genes: Any, nodes: int, values: Any, group: int, groups: int, like: 
     group, groups
         Which robots (see ``engines/kernel.py``); 0 of 1 on plain floats.
     like
-        Any number of the backend.
+        Any number of the arithmetic.
     """
     at = groups + group
     for node in range(INPUT_COUNT, INPUT_COUNT + nodes):

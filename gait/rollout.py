@@ -220,8 +220,9 @@ def swim(
 
     Examples
     --------
-    >>> swim(lambda observation, time: (0.0, 0.0, 1.0), None, engine="numba", seconds=2)
-    Swim(distance 0.00 units in 2 s)
+    >>> path = swim(lambda observation, time: (0.0, 0.0, 1.0), None, engine="numba", seconds=2)
+    >>> path.position.shape
+    (41, 3)
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()

@@ -95,7 +95,7 @@ class _Several:
                 app.command(name=name, help=summary)(command)
             return app.cli(prog=prog, args=words)
         name = one_of("the command", words[0], self.commands)
-        return _Single(self.commands[name]).cli(prog=f"{prog} {name}", args=words[1:])
+        return _Single(self.commands[name]).cli(prog=f"{prog or ''} {name}".strip(), args=words[1:])
 
 
 def single_command(command: type[Command]) -> CommandLine:
