@@ -81,10 +81,7 @@ BAD = {
     "fast": ({"commands": (0.6, 0, 0)}, r"commands\[0, 0\] must lie in \[-0.5, 0.5\] rev/s"),
     "shape": ({"morphologies": np.ones((3, 4))}, r"morphologies must have shape \(any, 9\)"),
     "lengths": ({"commands": np.zeros((2, 3)), "fin_angles": np.zeros((3, 3))}, "equally many"),
-    "threads": (
-        {"threads": 10**9},
-        "threads must be a whole number of at least 1 and at most 1024",
-    ),
+    "many threads": ({"threads": 10**9}, "threads must be .* and at most 1024; got"),
     "engine": ({"engine": "pybulet"}, "did you mean 'pybullet'"),
     "dtype": ({"dtype": "float16"}, "dtype must be one of float32, float64"),
     "steps": ({"steps": 0}, "steps must be a whole number of at least 1 .*; got 0"),

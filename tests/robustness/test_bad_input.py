@@ -169,7 +169,7 @@ DTYPE = names("dtype", ("float32", "float64"))
 ENVIRONMENT = {
     "morphology": BODY,
     "damage": Bad(DAMAGE.values | UNFIT, DAMAGE.sentence + r"|would make .*must lie in \[0, "),
-    "engine": names("engine", ("numba", "pybullet")),
+    "engine": names("engine", ("auto", "numba", "pybullet")),
     "current": CURRENT,
     "fin_angles": FIN_ANGLES,
     "observe_fins": flag("observe_fins"),
@@ -201,7 +201,7 @@ VECTOR = {
         ENVIRONMENT["render_mode"].sentence + '|^render_mode="human" shows one robot',
     ),
     "dtype": DTYPE,
-    "threads": whole("threads", 1, None, None),
+    "threads": whole("threads", 1, 1024, None),
     "autoreset_mode": names("autoreset_mode", MODES, *AutoresetMode),
 }
 SIMULATE = {
@@ -217,7 +217,7 @@ SIMULATE = {
     "dtype": DTYPE,
     "current": CURRENT,
     "substeps": whole("substeps", 1, 64),
-    "threads": whole("threads", 1, None, None),
+    "threads": whole("threads", 1, 1024, None),
     "record": names("record", ("rpy", "attitude", "pose")),
     "reactive": flag("reactive"),
 }
