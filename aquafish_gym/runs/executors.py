@@ -65,8 +65,9 @@ def _cluster(address: str) -> Iterator[Executor]:
             "of this package brings it"
         ) from None
     # Its own words on workers that die, whole stacks, are no news: the runner says what matters.
-    for name in ("distributed", "distributed.client", "distributed.batched", "distributed.comm"):
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+    for name in [*logging.root.manager.loggerDict]:
+        if name.startswith("distributed"):
+            logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         connect: Any = distributed.Client
         client = connect(address, timeout=_PATIENCE, set_as_default=False)

@@ -46,7 +46,8 @@ class WorkerDiedError(RuntimeError):
 class _Worker:
     process: BaseProcess
     connection: Connection
-    looks: int = 0  # without a sign of life
+    busy: bool = False
+    looks: int = 0  # without a sign of life, while it was busy
     used: float | None = None  # ticks of processor time at the last look
     stood_still: bool = False
 
@@ -148,9 +149,15 @@ class ProcessExecutor(Executor):
     def _do(self, call: _Call, worker: _Worker | None) -> _Worker | None:
         """Have a call done, by a new worker if there is none; return the worker if it lives."""
         try:
-            if worker is None:
-                worker = self._begin()
-            result, error = self._converse(call, worker)
+            if worker is not None and not worker.process.is_alive():  # it died while it was idle
+                self._end(worker)
+                worker = None
+            worker = worker or self._begin()
+            worker.looks, worker.busy = 0, True
+            try:
+                result, error = self._converse(call, worker)
+            finally:
+                worker.busy = False
         except (EOFError, ConnectionError):
             assert worker is not None
             self._end(worker)
@@ -207,7 +214,7 @@ class ProcessExecutor(Executor):
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         while not self._over.wait(_LOOK):
             with self._lock:
-                for worker in self._workers:
+                for worker in filter(lambda one: one.busy, self._workers):
                     used = _processor_time(worker.process.pid)
                     worker.looks = worker.looks + 1 if used == worker.used else 0
                     worker.used = used

@@ -80,6 +80,16 @@ def test_a_stopped_process_is_killed_and_its_job_begun_elsewhere(tmp_path, undis
     assert contents(tmp_path).keys() == undisturbed.keys() | {"99.json"}
 
 
+def test_processes_may_be_idle_or_die_then():
+    with ProcessExecutor(1, silence=1) as executor:
+        first = executor.submit(os.getpid).result()
+        time.sleep(3)
+        assert executor.submit(os.getpid).result() == first
+        os.kill(first, signal.SIGKILL)
+        time.sleep(0.2)
+        assert executor.submit(os.getpid).result() != first
+
+
 def test_processes_that_are_busy_or_asleep_are_left_alone():
     """One holds the interpreter, so that it cannot beat; another uses no time."""
     with ProcessExecutor(2, silence=2) as executor:
@@ -179,6 +189,7 @@ def test_a_cluster_does_the_same_jobs_though_a_worker_is_killed(
     assert contents(out) == undisturbed
 
 
+@pytest.mark.slow
 def test_a_job_that_kills_the_workers_of_a_cluster_is_named(tmp_path):
     with cluster(tmp_path, 0) as (address, _), workers(scheduler=address) as executor:
         failures = run_jobs([Task(0, "leave")], work, tmp_path, executor)

@@ -5,7 +5,7 @@ import os
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
@@ -76,6 +76,7 @@ def test_documents_are_readable_as_the_umask_says(tmp_path):
     assert (tmp_path / "a.json").stat().st_mode & 0o777 == 0o644
 
 
+@settings(max_examples=30, deadline=None)
 @given(st.dictionaries(st.text().filter(lambda key: key not in ("schema", "checksum")), JSON))
 def test_a_document_comes_back_as_it_was(content):
     document = encode_document(content, "test/1")
