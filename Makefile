@@ -35,7 +35,7 @@ bench: $(VENV)/.installed-test
 	$(PY) -m tests.benchmarks $(ARGS)
 
 docs: $(VENV)/.installed-docs
-	$(VENV)/bin/sphinx-build -q -W docs docs/_build
+	$(VENV)/bin/sphinx-build -q -W -j auto docs docs/_build
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache \

@@ -20,6 +20,12 @@ def docstring(path: str, name: str) -> str:
     return (ast.get_docstring(next(found)) or "").partition("\n")[2]
 
 
+# The reference's pages are generated, one a module: those of modules that are gone must go.
+for generated in (ROOT / "docs" / "reference").glob("*.*.rst"):
+    module = ROOT.joinpath(*generated.stem.split("."))
+    if not module.is_dir() and not module.with_suffix(".py").exists():
+        generated.unlink()
+
 project = "AquaFish"
 html_title = "AquaFish"
 author = "The AquaFish authors"
@@ -29,7 +35,6 @@ extensions = [
     "sphinx.ext.autosummary",
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
-    "sphinx.ext.viewcode",
 ]
 exclude_patterns = ["_build", "_templates"]
 templates_path = ["_templates"]

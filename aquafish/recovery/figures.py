@@ -15,9 +15,9 @@ from aquafish.recovery.report import Outcomes, distances
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, path_from_dict
 from aquafish_gym import Morphology
 from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
+from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.aquafish import fish_models
 from eea.core.fitness import chance_level, mid_range_level
-from eea.report.figures.drawing import new_figure, save_figure
 from gait.plots import draw_trajectories
 from gait.rollout import Swim
 

@@ -25,7 +25,7 @@ PAGES = {
     "tutorial.md": ["gait for the self-model", "(1, 256, 3)", "(0.4, 1.6, 0.1) -> (0.4, 0.8, 0.1)"],
     "howto/robot.md": ["MorphologyEstimate(out-of-band, 1 round"],
     "howto/task.md": ["return -"],
-    "howto/controller.md": ["Swim(distance", "random poses"],
+    "howto/controller.md": ["Swim(distance 8.19 units in 20 s)", "random poses"],
     "howto/logs.md": ["OBJ_FIT 0."],
 }
 
