@@ -101,7 +101,11 @@ def test_ratios_are_taken_in_the_run_and_survive_json(tmp_path: pathlib.Path) ->
 
 
 @pytest.mark.usefixtures("new_processes_do_little")
-@pytest.mark.parametrize("name", GROUPS)
+# A kernel for each width takes a minute to compile.
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.slow) if n == "widths" else n for n in GROUPS],
+)
 def test_every_group_runs(name: str) -> None:
     if name in NEEDS:
         pytest.importorskip(NEEDS[name])
@@ -371,17 +375,19 @@ def test_times_have_a_unit_that_fits(seconds: float, text: str) -> None:
 
 @pytest.mark.parametrize(
     ("program", "first"),
-    [("bench", "Time engines, bodies, gaits, environments and new processes, and print one table."),
-     ("agreement", "Print how far the engines differ on the same random trials.")],
+    [("benchmarks",
+      "Time engines, bodies, gaits, environments and new processes, and print one table."),
+     ("verification",
+      "Compare the simulator with its oracles and print what was found.")],
 )  # fmt: skip
 def test_help_says_what_it_does(program: str, first: str) -> None:
-    command = [sys.executable, "-m", f"aquafish_gym.{program}", "--help"]
+    command = [sys.executable, "-m", f"tests.{program}", "--help"]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert " ".join(said.split("\n\n")[1].split()) == first
 
 
 def test_help_names_every_group() -> None:
-    said = command_line("--help").stdout
+    said = command_line("--help-verbose").stdout
     assert all(name in said for name in GROUPS)
 
 

@@ -36,7 +36,10 @@ def snippets(page: str) -> str:
     return "\n".join(blocks)
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize(
+    "page",
+    [pytest.param(p, marks=pytest.mark.slow) if p == "tutorial.md" else p for p in PAGES],
+)
 def test_a_page_does_what_it_says(
     page: str,
     tmp_path: pathlib.Path,

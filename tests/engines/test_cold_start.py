@@ -59,6 +59,7 @@ def test_ctrl_c_ends_a_cold_compile_within_seconds(cold: dict[str, str]) -> None
     assert time.monotonic() - begun < 20  # 2 s on an idle machine; its pool took 40
 
 
+@pytest.mark.slow  # it compiles kernels of its own
 def test_what_one_process_prepared_its_workers_find(
     cold: dict[str, str], tmp_path: pathlib.Path
 ) -> None:

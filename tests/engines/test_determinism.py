@@ -152,6 +152,7 @@ def test_another_process_computes_the_same_bits(hashes: dict[str, str]) -> None:
     assert {name: entry["hash"] for name, entry in found.items()} == hashes
 
 
+@pytest.mark.slow  # it compiles kernels of its own
 def test_the_plainest_cpu_computes_the_same_bits(
     tmp_path: pathlib.Path, hashes: dict[str, str]
 ) -> None:

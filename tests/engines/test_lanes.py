@@ -156,6 +156,7 @@ print(sum(k.stats.cache_hits.values()), sum(k.stats.cache_misses.values()))
 """
 
 
+@pytest.mark.slow  # it compiles kernels of its own
 def test_a_kernel_of_other_physics_is_not_taken_from_the_cache(tmp_path: pathlib.Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
 

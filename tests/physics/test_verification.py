@@ -105,7 +105,7 @@ def test_a_table_in_markdown() -> None:
     [
         (("--seed", "-1"), "seed must be a whole number of at least 0; got -1"),
         (("--page", "no/such.md"), "page must be a file that exists; got no/such.md"),
-        (("--out", "README.md"), "out must be a directory that can be written; README.md cannot"),
+        (("--out", "README.md"), "out must be a directory that can be written; 'README.md' cannot"),
     ],
 )
 def test_a_mistake_is_one_line(arguments: tuple[str, ...], sentence: str) -> None:
