@@ -171,7 +171,11 @@ def disagreements(a: Curves, b: Curves) -> dict[str, float]:
     return apart
 
 
-@pytest.mark.parametrize(("problem", "kind"), CASES)
+# DEAP takes seconds a case: one stands here for all, the others are slow.
+@pytest.mark.parametrize(
+    ("problem", "kind"),
+    [CASES[0], *(pytest.param(*case, marks=pytest.mark.slow) for case in CASES[1:])],
+)
 def test_the_search_is_as_good_as_deaps(problem, kind):
     apart = disagreements(ours(problem, GeneticConfig(crossover=kind)), theirs(problem, kind))
     assert max(apart.values()) < 1.0, apart
@@ -181,13 +185,13 @@ def test_the_search_is_as_good_as_deaps(problem, kind):
     ("problem", "kind", "broken"),
     [
         ("royal road", "uniform", {"tournament_size": 1}),
-        ("royal road", "two_point", {"tournament_size": 3}),
-        ("royal road", "uniform", {"elites": 0}),
-        ("body, gray", "uniform", {"elites": 3}),
-        ("royal road", "uniform", {"crossover_rate": 0.0}),
-        ("body, gray", "uniform", {"mutations": 0.5}),
-        ("royal road", "uniform", {"mutations": 2.0}),
-        ("deceptive", "two_point", {"crossover": "uniform"}),
+        pytest.param("royal road", "two_point", {"tournament_size": 3}, marks=pytest.mark.slow),
+        pytest.param("royal road", "uniform", {"elites": 0}, marks=pytest.mark.slow),
+        pytest.param("body, gray", "uniform", {"elites": 3}, marks=pytest.mark.slow),
+        pytest.param("royal road", "uniform", {"crossover_rate": 0.0}, marks=pytest.mark.slow),
+        pytest.param("body, gray", "uniform", {"mutations": 0.5}, marks=pytest.mark.slow),
+        pytest.param("royal road", "uniform", {"mutations": 2.0}, marks=pytest.mark.slow),
+        pytest.param("deceptive", "two_point", {"crossover": "uniform"}, marks=pytest.mark.slow),
     ],
 )
 def test_a_broken_operator_would_be_seen(problem, kind, broken):
