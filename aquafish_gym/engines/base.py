@@ -54,8 +54,7 @@ class Settings:
 # Whatever turns trials into logs. It trusts its caller; :func:`simulate` is the checked door.
 Engine = Callable[[Trials, Settings], ImuLog]
 
-# Engines are loaded when first asked for, so that importing the package stays quick and
-# works without them; ``packages.py`` knows their names.
+# Loaded when first asked for: importing the package stays quick, and works without them.
 ENGINES: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
     "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",

@@ -45,7 +45,7 @@ class World(Protocol):
         """Free what the world holds; closing twice does no harm."""
 
 
-# Loaded when first asked for, as the engines are; they know this module, and it not them.
+# Loaded when first asked for: they know this module, and it not them.
 WORLDS: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.single:CompiledWorld",
     "pybullet": "aquafish_gym.engines.bullet.world:BulletWorld",

@@ -225,7 +225,7 @@ def on_body(state: State, water: Water) -> Wrench:
 
 
 def wrench(robot: Robot, state: State, current: Vector) -> Wrench:
-    """Return that in world axes: the one lumped wrench that PyBullet is given."""
+    """Return what :func:`on_body` does, in world axes: the lumped wrench that PyBullet is given."""
     force, torque = on_body(state, forces(robot, state, current))
     r = rotation(state.orientation)
     return to_world(r, force), to_world(r, torque)
@@ -309,13 +309,6 @@ def advance(state: State, joints: Joints, accelerations: tuple[Vector, Vector], 
     left, right, phase, rates = joints
     velocity = add_scaled(state.velocity, h, to_world(rotation(state.orientation), acceleration))
     spin = add_scaled(state.spin, h, alpha)
-    return State(
-        turn(state.orientation, spin, h),
-        add_scaled(state.position, h, velocity),
-        velocity,
-        spin,
-        left,
-        right,
-        phase,
-        rates,
-    )
+    position = add_scaled(state.position, h, velocity)
+    orientation = turn(state.orientation, spin, h)
+    return State(orientation, position, velocity, spin, left, right, phase, rates)

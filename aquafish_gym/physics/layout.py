@@ -96,16 +96,11 @@ def fetch_state(rows: Any, group: int, groups: int, like: Number) -> State:
     """Read a state, without its roll, pitch and yaw."""
     x, y, z = fetch_vector(rows, ORIENTATION, group, groups, like)
     left, right, phase, rates = fetch_joints(rows, LEFT, group, groups, like)
-    return State(
-        (x, y, z, fetch(rows, (ORIENTATION + 3) * groups + group, like)),
-        fetch_vector(rows, POSITION, group, groups, like),
-        fetch_vector(rows, VELOCITY, group, groups, like),
-        fetch_vector(rows, SPIN, group, groups, like),
-        left,
-        right,
-        phase,
-        rates,
-    )
+    orientation = (x, y, z, fetch(rows, (ORIENTATION + 3) * groups + group, like))
+    position = fetch_vector(rows, POSITION, group, groups, like)
+    velocity = fetch_vector(rows, VELOCITY, group, groups, like)
+    spin = fetch_vector(rows, SPIN, group, groups, like)
+    return State(orientation, position, velocity, spin, left, right, phase, rates)
 
 
 def put_state(rows: Any, group: int, groups: int, state: State) -> None:

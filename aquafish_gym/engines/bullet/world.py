@@ -188,7 +188,8 @@ class BulletWorld:
         )
         if robot < 0:
             raise RuntimeError("PyBullet could not build the robot")
-        # The caudal fin's width axis is the body's z, its normal the body's x.
+        # By link, the base's, -1, being last. The caudal fin's width axis is the body's z, its
+        # normal the body's x.
         inertias = [fins.left.inertia, fins.right.inertia, fins.caudal.inertia[::-1], BODY_INERTIA]
         # Each in a call of its own: some of these arguments, given together, silently move
         # the others to the base.
