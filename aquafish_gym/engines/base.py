@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
+from pkgutil import resolve_name
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,13 +15,7 @@ from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA, Morphology
-from aquafish_gym.utils.validation import (
-    InvalidArgumentError,
-    finite_array,
-    flag,
-    integer,
-    one_of,
-)
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, integer, one_of
 
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
@@ -34,21 +28,11 @@ RECORDS: dict[str, int] = {"rpy": 3, "attitude": 6, "pose": 16}
 
 @dataclass(frozen=True)
 class Trials:
-    """B trials: a body, a command and initial fin angles each.
+    """B trials: a body, a command and initial fin angles each."""
 
-    Attributes
-    ----------
-    morphologies
-        (B, 9) sizes in the order of ``DIMENSIONS``.
-    commands
-        (B, 3) rev/s, rev/s, Hz; held for the whole trial.
-    fin_angles
-        (B, 3) left and right pectoral angle and caudal phase, rad.
-    """
-
-    morphologies: NDArray[np.float64]
-    commands: NDArray[np.float64]
-    fin_angles: NDArray[np.float64]
+    morphologies: NDArray[np.float64]  # (B, 9) sizes in the order of ``DIMENSIONS``
+    commands: NDArray[np.float64]  # (B, 3) rev/s, rev/s, Hz; held for the whole trial
+    fin_angles: NDArray[np.float64]  # (B, 3) left and right pectoral angle, caudal phase, rad
 
     def __len__(self) -> int:
         return len(self.morphologies)
@@ -70,8 +54,7 @@ class Settings:
 # Whatever turns trials into logs. It trusts its caller; :func:`simulate` is the checked door.
 Engine = Callable[[Trials, Settings], ImuLog]
 
-# Engines are loaded when first asked for, so that importing the package stays quick and
-# works without them; ``packages.py`` knows their names.
+# Loaded when first asked for: importing the package stays quick, and works without them.
 ENGINES: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
     "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
@@ -80,19 +63,12 @@ ENGINES: dict[str, str] = {
 
 def find_engine(name: str) -> Engine:
     """Return an engine by name, if it can be used here; see :func:`check_engine`."""
-    module, function = ENGINES[check_engine(name)].split(":")
-    found: Engine = getattr(import_module(module), function)
+    found: Engine = resolve_name(ENGINES[check_engine(name)])
     return found
 
 
 def check_trials(morphologies: object, commands: object, fin_angles: object) -> Trials:
-    """Return trials from whatever describes them; a batch of one is spread over the others.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If a shape, range or length is wrong.
-    """
+    """Return trials from whatever describes them; a batch of one is spread over the others."""
     if morphologies is None or isinstance(morphologies, Morphology | dict):
         morphologies = Morphology.coerce(morphologies).to_array()
     elif isinstance(morphologies, list | tuple) and any(
@@ -109,14 +85,8 @@ def check_trials(morphologies: object, commands: object, fin_angles: object) -> 
             "morphologies, commands and fin_angles must be equally many, or one for all; "
             f"got {len(bodies)}, {len(speeds)} and {len(angles)}"
         )
-    return Trials(*(_spread(a, batch) for a in (bodies, speeds, angles)))
-
-
-def _spread(rows: NDArray[np.float64], batch: int) -> NDArray[np.float64]:
-    """Return ``batch`` contiguous rows, of as many or of one for all."""
-    if len(rows) != batch:
-        rows = np.broadcast_to(rows, (batch, rows.shape[1]))
-    return np.ascontiguousarray(rows)
+    spread = (np.broadcast_to(a, (batch, a.shape[1])) for a in (bodies, speeds, angles))
+    return Trials(*map(np.ascontiguousarray, spread))
 
 
 def simulate(

@@ -22,11 +22,6 @@ def resolve_engine(argument: str, name: object) -> str:
     ``"auto"`` is PyBullet where it is installed, else the compiled engine, the same robot to
     1e-9, with one line on stderr: once a process, and not in workers. ``argument`` is what a
     message calls the engine. That a named engine can be used here is for :func:`check_engine`.
-
-    Raises
-    ------
-    UnknownNameError
-        With the nearest known name.
     """
     known = one_of(argument, name, (AUTO, *NAMES))
     if known != AUTO:
@@ -49,12 +44,8 @@ def _say_compiled() -> None:
 def check_engine(engine: object) -> str:
     """Return the engine's name if it can be used here; see :func:`resolve_engine` for "auto".
 
-    Raises
-    ------
-    UnknownNameError
-        With the nearest known name.
-    EngineUnavailableError
-        If the package behind it is not installed.
+    An unknown name is an :class:`UnknownNameError`, a missing package an
+    :class:`EngineUnavailableError`.
     """
     name = resolve_engine("engine", engine)
     if name == "pybullet":
@@ -69,13 +60,7 @@ def check_engine(engine: object) -> str:
 
 @functools.cache
 def load_pybullet() -> Any:
-    """Return the module.
-
-    Raises
-    ------
-    EngineUnavailableError
-        If it is not installed.
-    """
+    """Return the module; :class:`EngineUnavailableError` if it is not installed."""
     try:
         return _import_quietly()
     except ImportError as error:

@@ -1,12 +1,8 @@
-"""One robot at a time, told a new command every few steps: what an environment needs.
-
-The engines of ``base.py`` answer whole trials; a :class:`World` is the same engine taken step
-by step.
-"""
+"""One robot at a time, told a new command every few steps: what an environment needs."""
 
 from __future__ import annotations
 
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Protocol
 
 import numpy as np
@@ -26,8 +22,7 @@ RUNAWAY = 1e12
 class World(Protocol):
     """One robot in the water. ``diverged`` says whether it ran away; see ``RUNAWAY``."""
 
-    @property
-    def diverged(self) -> bool: ...
+    diverged: bool
 
     def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
         """Put a robot of nine sizes at the origin, at rest, upright, facing +y.
@@ -50,7 +45,7 @@ class World(Protocol):
         """Free what the world holds; closing twice does no harm."""
 
 
-# Loaded when first asked for, as the engines are; they know this module, and it not them.
+# Loaded when first asked for: they know this module, and it not them.
 WORLDS: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.single:CompiledWorld",
     "pybullet": "aquafish_gym.engines.bullet.world:BulletWorld",
@@ -62,6 +57,5 @@ def make_world(engine: str, reactive: bool = False) -> World:
 
     ``reactive`` says whether the water has the terms of ``physics/reactive.py``.
     """
-    module, name = WORLDS[engine].split(":")
-    found: World = getattr(import_module(module), name)(reactive=reactive)
+    found: World = resolve_name(WORLDS[engine])(reactive=reactive)
     return found

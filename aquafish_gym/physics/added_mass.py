@@ -20,15 +20,7 @@ from __future__ import annotations
 
 import math
 
-from aquafish_gym.physics.arithmetic import (
-    Number,
-    Vector,
-    add_scaled,
-    dot,
-    fma,
-    scale,
-    where_less,
-)
+from aquafish_gym.physics.arithmetic import Number, Vector, add_scaled, dot, fma, scale, where_less
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, NOSE, RADIUS, Fin
 

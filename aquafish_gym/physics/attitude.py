@@ -51,11 +51,7 @@ def continue_attitude(before: Vector, now: Vector) -> Vector:
     y2 = nearest_turn(now[2] + math.pi, before[2])
     d1 = abs(r1 - before[0]) + abs(p1 - before[1]) + abs(y1 - before[2])
     d2 = abs(r2 - before[0]) + abs(p2 - before[1]) + abs(y2 - before[2])
-    return (
-        where_less(d2, d1, r2, r1),
-        where_less(d2, d1, p2, p1),
-        where_less(d2, d1, y2, y1),
-    )
+    return (where_less(d2, d1, r2, r1), where_less(d2, d1, p2, p1), where_less(d2, d1, y2, y1))
 
 
 def rotations(rpy: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,38 +12,26 @@ import functools
 import hashlib
 import inspect
 import multiprocessing
+import pkgutil
 import sys
 from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 from numba import njit
 from numba.core import event
 
-from aquafish_gym.physics import (
-    added_mass,
-    arithmetic,
-    attitude,
-    dynamics,
-    hydrodynamics,
-    kinematics,
-    layout,
-    reactive,
-    robot,
-)
+from aquafish_gym import physics
 from aquafish_gym.physics.simd import PRIMITIVES, inlined
 
-PHYSICS_MODULES = (
-    arithmetic,
-    robot,
-    kinematics,
-    attitude,
-    layout,
-    hydrodynamics,
-    dynamics,
-    added_mass,
-    reactive,
-)
+# All but the two that compile the others.
+PHYSICS_MODULES = [
+    import_module(f"{physics.__name__}.{found.name}")
+    for found in pkgutil.iter_modules(physics.__path__)
+    if found.name not in ("simd", "compiling")
+]
 
 
 def register_module(module: ModuleType) -> None:
@@ -58,6 +46,20 @@ def register_module(module: ModuleType) -> None:
 
 
 @functools.cache
+def compiled_function(function: Callable[..., Any], seconds: float = 0.0, **options: Any) -> Any:
+    """Return a module's function as :func:`compiled`, tied to the sources of the physics."""
+    register()
+    inlined(function)
+    stamp = source_stamp(function)
+
+    def call(*args: Any) -> Any:
+        stamp  # noqa: B018  # part of the cache's key; see source_stamp
+        return function(*args)
+
+    return compiled(call, seconds, **options)
+
+
+@functools.cache
 def register() -> None:
     """Let compiled code call the physics."""
     for module in PHYSICS_MODULES:
@@ -65,10 +67,10 @@ def register() -> None:
 
 
 def compiled(function: Callable[..., Any], seconds: float = 0.0, **options: Any) -> Any:
-    """Return a function compiled, and kept on disk where there is a place for that.
+    """Return a function compiled when it is first called, and kept on disk where that can be.
 
-    Compilation itself is lazy. ``seconds`` is about how long it takes; of a function that takes
-    some, it is said on stderr when it begins. ``options`` are those of ``numba.njit``.
+    Of one that takes some ``seconds``, it is said on stderr when its compilation begins.
+    ``options`` are those of ``numba.njit``.
     """
     try:
         found = njit(cache=True, **options)(function)
@@ -103,25 +105,19 @@ def _announce() -> None:
 def source_stamp(*functions: Any) -> str:
     """Return a hash of the sources of the physics, of this file and of ``functions``.
 
-    With them go the sources of all that they import, directly or not, from this package and
-    from the packages of ``functions``: compiled code freezes the constants that it finds
-    there, as a network does the servos' bounds.
-
-    numba's cache watches only the file of the cached function itself. Kernels close over this
-    stamp, and closures are part of the cache's key, so a kernel is never older than its
-    physics.
+    Those of all that they import from their packages go with them: compiled code freezes the
+    constants that it finds there, as a network does the servos' bounds. numba's cache watches
+    only the file of the cached function itself; but what a function closes over is part of the
+    cache's key, so kernels close over this stamp, and none is ever older than its physics.
     """
-    modules = [*PHYSICS_MODULES, inspect.getmodule(source_stamp)]
-    modules += [inspect.getmodule(f) for f in functions]
-    todo = [m for m in modules if m is not None]
+    todo = [*PHYSICS_MODULES, *(sys.modules[f.__module__] for f in (source_stamp, *functions))]
     packages = {m.__name__.partition(".")[0] for m in todo}
     sources: dict[str, bytes] = {}
     while todo:
         module = todo.pop()
         if module.__file__ is None or module.__name__ in sources:
             continue
-        with open(module.__file__, "rb") as file:  # noqa: PTH123
-            source = sources[module.__name__] = file.read()
+        source = sources[module.__name__] = Path(module.__file__).read_bytes()
         found = {name for name in _imported(source) if name.partition(".")[0] in packages}
         todo += [sys.modules[name] for name in found if name in sys.modules]
     digest = hashlib.sha256()

@@ -58,9 +58,8 @@ Wrench = tuple[Vector, Vector]  # force, torque
 
 
 class Water(NamedTuple):
-    """The water's (force, torque) on each part.
-
-    Each fin's are in its fin frame, about its hinge; the body's in body axes, about its centre.
+    """The water's wrench on each part: a fin's in its fin frame, about its hinge; the body's in
+    body axes, about its centre.
     """
 
     left: Wrench
@@ -72,9 +71,9 @@ class Water(NamedTuple):
 class FinInertia(NamedTuple):
     """One fin's rigid-body inertia, for a hinge in the middle plane, and the force on it.
 
-    In the hinge frame's axes and about the body's centre. ``moment`` is mass times position of
-    its centre (length, normal) and ``inertia`` its own (aa, bb, cc, bc); ``force`` and
-    ``torque`` are the water's less the bias force, which the joint's own motion takes.
+    In the hinge frame's axes and about the body's centre: mass times position of its centre
+    (length, normal), inertia (aa, bb, cc, bc), and the water's wrench less the bias force,
+    which the joint's own motion takes.
     """
 
     mass: Number
@@ -88,8 +87,8 @@ class CompositeInertia(NamedTuple):
     """The inertia of body and fins as one rigid body, and the force on it.
 
     In body axes about the capsule's centre. ``moment`` is mass times position of the centre of
-    mass. ``force`` and ``torque`` are the water's less the fins' bias forces; what the rigid
-    body's own rotation takes is not yet subtracted.
+    mass. From the water's wrench the fins' bias forces are subtracted, but not yet what the
+    rigid body's own rotation takes.
     """
 
     mass: Number
@@ -161,13 +160,7 @@ def _sum(left: Wrench, right: Wrench, caudal: Wrench, body: Wrench) -> Wrench:
 
 
 def _fin_inertia(
-    fin: Fin,
-    y: float,
-    joint: Pair,
-    rate: Number,
-    acceleration: Number,
-    spin: Vector,
-    water: Wrench,
+    fin: Fin, y: float, joint: Pair, rate: Number, acceleration: Number, spin: Vector, water: Wrench
 ) -> FinInertia:
     """Return one fin's inertia and force, in the hinge frame's axes, for a hinge at (0, y)."""
     c, s = joint
@@ -196,11 +189,7 @@ def _fin_inertia(
     w1, w2 = fma(c, spin[1], s * spin[2]), fma(c, spin[2], -(s * spin[1]))
     about_a, about_c = fma(first, half, ia), fma(first, half, ic)
     swing = first * rate
-    force = (
-        -2.0 * swing * w1,
-        swing * fma(2.0, spin[0], rate),
-        -first * acceleration,
-    )
+    force = (-2.0 * swing * w1, swing * fma(2.0, spin[0], rate), -first * acceleration)
     torque = (
         about_a * acceleration,
         rate * w2 * (about_a + ib - about_c),
@@ -211,17 +200,7 @@ def _fin_inertia(
 
 
 def forces(robot: Robot, state: State, current: Vector) -> Water:
-    """Return what the water does to each part of the robot.
-
-    Parameters
-    ----------
-    robot
-        Fin sizes.
-    state
-        Of body and joints.
-    current
-        The water's own velocity in the world, units/s.
-    """
+    """Return what the water does to each part; its own velocity in the world is ``current``."""
     velocity = to_body(rotation(state.orientation), subtract(state.velocity, current))
     spin, rates = state.spin, state.rates
     left = _at_hinge(-PECTORAL_X, velocity, spin)
@@ -246,10 +225,7 @@ def on_body(state: State, water: Water) -> Wrench:
 
 
 def wrench(robot: Robot, state: State, current: Vector) -> Wrench:
-    """Return the water's whole force and its torque about the capsule's centre, in world axes.
-
-    This is the one lumped wrench that PyBullet is given.
-    """
+    """Return what :func:`on_body` does, in world axes: the lumped wrench that PyBullet is given."""
     force, torque = on_body(state, forces(robot, state, current))
     r = rotation(state.orientation)
     return to_world(r, force), to_world(r, torque)
@@ -258,19 +234,9 @@ def wrench(robot: Robot, state: State, current: Vector) -> Wrench:
 def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> State:
     """Advance one robot in the water by one step of length ``h`` seconds.
 
-    Parameters
-    ----------
-    robot
-        Fin sizes and mass properties.
-    state
-        At the step's beginning.
-    by
-        The servos' motion over the step, from :func:`drive` with the same ``h``.
-    current
-        The water's own velocity in the world, units/s.
-    h
-        Seconds. The scheme is explicit, so h must stay well under the time in which drag stops
-        the lightest motion; 0.01 does for every body within the limits.
+    ``by`` is from :func:`drive` with the same ``h``; ``current`` is the water's own velocity in
+    the world, units/s. The scheme is explicit, so h must stay well under the time in which drag
+    stops the lightest motion; 0.01 does for every body within the limits.
     """
     return move(robot, state, by, forces(robot, state, current), h)
 
@@ -314,12 +280,9 @@ def composite_inertia(robot: Robot, state: State, qdd: Vector, water: Water) -> 
 
 
 def accelerations(composite: CompositeInertia, spin: Vector) -> tuple[Vector, Vector]:
-    """Solve Newton's and Euler's equations for the capsule, in body axes.
+    """Return the acceleration of the capsule's centre and the angular one, in body axes.
 
-    Returns
-    -------
-    acceleration, angular acceleration
-        Of the capsule's centre, units/s^2, and rad/s^2.
+    They solve Newton's and Euler's equations.
     """
     # About the centre of mass the two come apart: first the inertia there, ...
     s, per_mass = composite.moment, 1.0 / composite.mass
@@ -346,13 +309,6 @@ def advance(state: State, joints: Joints, accelerations: tuple[Vector, Vector], 
     left, right, phase, rates = joints
     velocity = add_scaled(state.velocity, h, to_world(rotation(state.orientation), acceleration))
     spin = add_scaled(state.spin, h, alpha)
-    return State(
-        turn(state.orientation, spin, h),
-        add_scaled(state.position, h, velocity),
-        velocity,
-        spin,
-        left,
-        right,
-        phase,
-        rates,
-    )
+    position = add_scaled(state.position, h, velocity)
+    orientation = turn(state.orientation, spin, h)
+    return State(orientation, position, velocity, spin, left, right, phase, rates)

@@ -53,10 +53,9 @@ _MOUNT_FRICTION = _HALF * 2 * SKIN_FRICTION * MOUNT_WIDTH * MOUNT_LENGTH
 
 
 def plate_coefficient(face: Number, edges: Number) -> Number:
-    """Return the drag coefficient (force per |V| V) along the normal of a plate.
+    """Return the drag coefficient (force per |V| V) along the normal of a plate of area ``face``.
 
-    ``face`` is that plate's area; ``edges`` is the area of the two plates that contain this
-    direction, which only rub.
+    ``edges`` is the area of the two plates that contain this direction, which only rub.
     """
     return _HALF * (NORMAL_DRAG * face + 2 * SKIN_FRICTION * edges)
 
@@ -66,21 +65,10 @@ def _speed(velocity: Vector) -> Number:
 
 
 def fin_drag(fin: Fin, velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
-    """Return the water's force on a fin and its torque about the hinge.
+    """Return the water's force on a fin and its torque about the hinge, in the fin frame.
 
-    Parameters
-    ----------
-    fin
-        Sizes in units of 5 cm.
-    velocity
-        Of the hinge point relative to the water, in the fin frame (width, length, normal).
-    spin
-        Angular velocity of the fin, rad/s, in the fin frame.
-
-    Returns
-    -------
-    force, torque
-        In the fin frame.
+    ``velocity`` is the hinge point's relative to the water and ``spin`` the fin's (rad/s), both
+    in the fin frame (width, length, normal).
     """
     near, middle, far = _NEAR * fin.length, _MIDDLE * fin.length, _FAR * fin.length
     aside = _ASIDE * fin.width
@@ -148,12 +136,7 @@ def _mount(x: float, velocity: Vector, spin: Vector) -> Vector:
 def body_drag(velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
     """Return the water's force on capsule and fin mounts, and its torque about the origin.
 
-    Parameters
-    ----------
-    velocity
-        Of the capsule's centre relative to the water, in body axes.
-    spin
-        Angular velocity, rad/s, in body axes.
+    In body axes, as the centre's ``velocity`` relative to the water and ``spin`` (rad/s) are.
     """
     # The stations lie mirrored about the middle one.
     (_, w0), (y1, w1), (y2, w2) = CAPSULE_STATIONS[2:]

@@ -29,30 +29,20 @@ Joints = tuple[Pair, Pair, Pair, Vector]  # left, right, phase, the three speeds
 
 
 class State(NamedTuple):
-    """Everything that changes from step to step.
+    """Everything that changes from step to step; the capsule's centre stands for the body."""
 
-    ``orientation`` is a quaternion (x, y, z, w) from body to world, ``position`` and
-    ``velocity`` are the capsule centre's in the world (units, units/s), ``spin`` is the
-    angular velocity in body axes (rad/s). ``left`` and ``right`` are (cos, sin) of the
-    pectorals' angles, ``phase`` (cos, sin) of the caudal fin's phase, and ``rates`` the three
-    joints' present speeds (rad/s).
-    """
-
-    orientation: tuple[Number, Number, Number, Number]
-    position: Vector
-    velocity: Vector
-    spin: Vector
-    left: Pair
+    orientation: tuple[Number, Number, Number, Number]  # (x, y, z, w) from body to world
+    position: Vector  # in the world, units
+    velocity: Vector  # in the world, units/s
+    spin: Vector  # in body axes, rad/s
+    left: Pair  # (cos, sin) of the pectorals' angles, and of the caudal fin's phase
     right: Pair
     phase: Pair
-    rates: Vector
+    rates: Vector  # the three joints' present speeds, rad/s
 
 
 class Drive(NamedTuple):
-    """A servo command as what it does in one step of length h.
-
-    (cos, sin) of each servo's turn, and the pectorals' speeds in rad/s.
-    """
+    """What a command does in one step: (cos, sin) of each servo's turn, the pectorals' rad/s."""
 
     left: Pair
     right: Pair

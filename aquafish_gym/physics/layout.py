@@ -21,27 +21,13 @@ from aquafish_gym.physics.arithmetic import Number, Vector, fetch, put
 from aquafish_gym.physics.kinematics import Joints, Pair, State
 from aquafish_gym.physics.robot import MINIMUM_FIN_MASS, MINIMUM_GYRATION, Fin, Robot
 
-_SIZES = {
-    "orientation": 4,
-    "position": 3,
-    "velocity": 3,
-    "spin": 3,
-    "left": 2,
-    "right": 2,
-    "phase": 2,
-    "rates": 3,
-    "rpy": 3,
-}
+_SIZES = dict(zip(State._fields, (4, 3, 3, 3, 2, 2, 2, 3), strict=True), rpy=3)
 # The first row of each.
-ORIENTATION, POSITION, VELOCITY, SPIN, LEFT, RIGHT, PHASE, RATES, RPY, STATE_ROWS = accumulate(
-    _SIZES.values(), initial=0
-)
+_FIRST = list(accumulate(_SIZES.values(), initial=0))
+ORIENTATION, POSITION, VELOCITY, SPIN, LEFT, RIGHT, PHASE, RATES, RPY, STATE_ROWS = _FIRST
 STATE_NUMBERS = RPY  # those of ``State``, without roll, pitch and yaw
 # The rows of each, by name.
-FIELDS: dict[str, slice] = {
-    name: slice(end - size, end)
-    for (name, size), end in zip(_SIZES.items(), accumulate(_SIZES.values()), strict=True)
-}
+FIELDS: dict[str, slice] = dict(zip(_SIZES, map(slice, _FIRST, _FIRST[1:]), strict=True))
 _STATE_FIELDS = [FIELDS[name] for name in State._fields]
 # (cos, sin) of left, right and phase follow each other.
 _COSINES, _SINES = slice(LEFT, RATES, 2), slice(LEFT + 1, RATES, 2)
@@ -110,16 +96,11 @@ def fetch_state(rows: Any, group: int, groups: int, like: Number) -> State:
     """Read a state, without its roll, pitch and yaw."""
     x, y, z = fetch_vector(rows, ORIENTATION, group, groups, like)
     left, right, phase, rates = fetch_joints(rows, LEFT, group, groups, like)
-    return State(
-        (x, y, z, fetch(rows, (ORIENTATION + 3) * groups + group, like)),
-        fetch_vector(rows, POSITION, group, groups, like),
-        fetch_vector(rows, VELOCITY, group, groups, like),
-        fetch_vector(rows, SPIN, group, groups, like),
-        left,
-        right,
-        phase,
-        rates,
-    )
+    orientation = (x, y, z, fetch(rows, (ORIENTATION + 3) * groups + group, like))
+    position = fetch_vector(rows, POSITION, group, groups, like)
+    velocity = fetch_vector(rows, VELOCITY, group, groups, like)
+    spin = fetch_vector(rows, SPIN, group, groups, like)
+    return State(orientation, position, velocity, spin, left, right, phase, rates)
 
 
 def put_state(rows: Any, group: int, groups: int, state: State) -> None:
@@ -146,18 +127,9 @@ def robot_from_column(column: NDArray[np.float64]) -> Robot:
 
 
 def robot_parameters(morphologies: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return what each body is to the equations of motion.
+    """Return what bodies (B, 9), in the order of ``DIMENSIONS``, are to the equations of motion.
 
-    Parameters
-    ----------
-    morphologies
-        (B, 9) sizes in the order of ``DIMENSIONS``.
-
-    Returns
-    -------
-    ndarray
-        (21, B): for each fin width, length, thickness, mass and the three inertias, in the
-        order of ``Fin``.
+    (21, B): for each fin width, length, thickness, mass and the three inertias.
     """
     sizes = morphologies.T[_COLUMNS]  # (fin, width or length or thickness, B)
     squares = sizes**2 / 12

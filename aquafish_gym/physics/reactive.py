@@ -48,22 +48,14 @@ from aquafish_gym.physics.kinematics import (
     to_body,
     to_world,
 )
-from aquafish_gym.physics.robot import (
-    CAUDAL_Y,
-    PECTORAL_X,
-    PECTORAL_Y,
-    Fin,
-    Robot,
-)
+from aquafish_gym.physics.robot import CAUDAL_Y, PECTORAL_X, PECTORAL_Y, Fin, Robot
 
 
 class Motion(NamedTuple):
     """How one fin moves, in body axes.
 
-    ``across``, ``along`` and ``normal`` are the unit vectors of its fin frame and ``at`` is its
-    centre. That moves with ``velocity`` relative to the water, and the fin turns with ``spin``.
-    ``bias`` and ``angular_bias`` are its bias accelerations, of the centre and angular: what
-    the body's own acceleration does not explain.
+    Its fin frame's unit vectors, its centre ``at`` and that one's velocity relative to the
+    water, its spin, and its bias accelerations: what the body's own does not explain.
     """
 
     across: Vector
@@ -79,9 +71,8 @@ class Motion(NamedTuple):
 class Added(NamedTuple):
     """What the accelerated water adds to the equations of motion, in body axes.
 
-    ``linear``, ``coupling`` (its columns: the force that resists an angular acceleration about
-    x, y, z) and ``angular`` are its inertia about the capsule's centre; ``force`` and
-    ``torque`` are what does not multiply the body's acceleration.
+    Its inertia about the capsule's centre (the columns of ``coupling`` are the forces that
+    resist angular accelerations about x, y, z), and what no acceleration of the body multiplies.
     """
 
     linear: Symmetric
@@ -92,13 +83,7 @@ class Added(NamedTuple):
 
 
 def _motion(
-    fin: Fin,
-    hinge: Vector,
-    axes: Matrix,
-    rate: Number,
-    qdd: Number,
-    velocity: Vector,
-    spin: Vector,
+    fin: Fin, hinge: Vector, axes: Matrix, rate: Number, qdd: Number, velocity: Vector, spin: Vector
 ) -> Motion:
     """Return a fin's motion; ``qdd`` is its joint's acceleration, rad/s^2."""
     across, along, normal = axes
@@ -177,27 +162,17 @@ def _turning_torque(inertia: Number, e: Vector, motion: Motion) -> Vector:
 
 def _fin_added(fin: Fin, motion: Motion) -> Added:
     """Return what the water does that moves with a fin."""
-    masses, (i, j, k) = fin_added_mass(fin)
-    across = _plate(masses[0], motion.across, motion)
-    along = _plate(masses[1], motion.along, motion)
-    plates = _add(_add(across, along), _plate(masses[2], motion.normal, motion))
-    inertia = _add_symmetric(
-        _square(i, motion.across),
-        _add_symmetric(_square(j, motion.along), _square(k, motion.normal)),
-    )
-    torque = add(
-        _turning_torque(i, motion.across, motion),
-        add(
-            _turning_torque(j, motion.along, motion),
-            _turning_torque(k, motion.normal, motion),
-        ),
-    )
+    (a, b, c), (i, j, k) = fin_added_mass(fin)
+    e, f, g = motion.across, motion.along, motion.normal
+    plates = _add(_add(_plate(a, e, motion), _plate(b, f, motion)), _plate(c, g, motion))
+    inertia = _add_symmetric(_square(i, e), _add_symmetric(_square(j, f), _square(k, g)))
+    turning = add(_turning_torque(j, f, motion), _turning_torque(k, g, motion))
     return Added(
         plates.linear,
         plates.coupling,
         _add_symmetric(plates.angular, inertia),
         plates.force,
-        add(plates.torque, torque),
+        add(plates.torque, add(_turning_torque(i, e, motion), turning)),
     )
 
 
@@ -222,16 +197,8 @@ def _body_added(velocity: Vector, spin: Vector) -> Added:
 def added_water(robot: Robot, state: State, qdd: Vector, current: Vector) -> Added:
     """Return what the accelerated and the shed water add to the equations of motion.
 
-    Parameters
-    ----------
-    robot
-        Fin sizes.
-    state
-        Of body and joints.
-    qdd
-        The joints' accelerations over the step, rad/s^2.
-    current
-        The water's own velocity in the world, units/s; steady.
+    ``qdd`` are the joints' accelerations over the step, rad/s^2, and ``current`` the water's own
+    velocity in the world, units/s; steady.
     """
     velocity = to_body(rotation(state.orientation), subtract(state.velocity, current))
     spin, rates = state.spin, state.rates

@@ -66,7 +66,7 @@ class Lanes(types.Type):
 @register_model(Lanes)
 class _LanesModel(models.PrimitiveModel):  # type: ignore[misc]
     def __init__(self, dmm: Any, fe_type: Lanes) -> None:
-        element = ir.FloatType() if fe_type.base == types.float32 else ir.DoubleType()
+        element = dmm.lookup(fe_type.base).get_value_type()
         super().__init__(dmm, fe_type, ir.VectorType(element, fe_type.width))
 
 
@@ -82,122 +82,54 @@ def _splat(context: Any, builder: Any, fromty: Any, toty: Lanes, value: Any) -> 
     return builder.shuffle_vector(first, ir.Constant(vector, ir.Undefined), mask)
 
 
-def _arithmetic(function: Any, instruction: str) -> None:
-    """Give lanes a binary operator."""
+def _give(function: Any, arguments: int, lower: Callable[..., Any], scalars: bool = False) -> None:
+    """Give lanes a function, which ``lower(builder, *values)`` builds; to ``scalars`` likewise."""
 
     class Typing(AbstractTemplate):  # type: ignore[misc]
-        key = function
-
         def generic(self, args: tuple[Any, ...], _kws: Any) -> Any:
-            lanes = next((a for a in args if isinstance(a, Lanes)), None)
-            if lanes is None or len(args) != 2:
-                return None
-            if all(a == lanes or isinstance(a, types.Float | types.Integer) for a in args):
-                return signature(lanes, lanes, lanes)
-            return None
+            plain = types.float64 if scalars else None
+            found = next((a for a in args if isinstance(a, Lanes)), plain)
+            return found and signature(found, *[found] * arguments)
 
     infer_global(function)(Typing)
-
-    @lower_builtin(function, Lanes, Lanes)
-    def _lower(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        return getattr(builder, instruction)(*args)
-
-
-def _unary(function: Any, lower: Callable[[Any, Any, Any], Any]) -> None:
-    """Give lanes a function of one argument."""
-
-    class Typing(AbstractTemplate):  # type: ignore[misc]
-        key = function
-
-        def generic(self, args: tuple[Any, ...], _kws: Any) -> Any:
-            if len(args) == 1 and isinstance(args[0], Lanes):
-                return signature(args[0], args[0])
-            return None
-
-    infer_global(function)(Typing)
-
-    @lower_builtin(function, Lanes)
-    def _lower(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        return lower(builder, args[0].type, args[0])
-
-
-def _suffix(number: Any) -> str:
-    """Return how LLVM's intrinsics for a type of number, or of lanes, are told apart."""
-    if isinstance(number, ir.VectorType):
-        return f"v{number.count}{_suffix(number.element)}"
-    return "f32" if isinstance(number, ir.FloatType) else "f64"
-
-
-def _call(name: str) -> Callable[[Any, Any, Any], Any]:
-    def lower(builder: Any, vector: Any, value: Any) -> Any:
-        function = cgutils.get_or_insert_function(
-            builder.module, ir.FunctionType(vector, [vector]), f"{name}.{_suffix(vector)}"
+    for kind in (Lanes, types.Float) if scalars else (Lanes,):
+        lower_builtin(function, *[kind] * arguments)(
+            lambda _context, builder, _sig, args: lower(builder, *args)
         )
-        return builder.call(function, [value])
+
+
+def _call(name: str) -> Callable[..., Any]:
+    """Return what builds a call of LLVM's intrinsic of this name."""
+
+    def lower(builder: Any, *values: Any) -> Any:
+        kind = values[0].type
+        vector = isinstance(kind, ir.VectorType)
+        suffix = f"v{kind.count}{kind.element.intrinsic_name}" if vector else kind.intrinsic_name
+        types_of = ir.FunctionType(kind, [kind] * len(values))
+        function = cgutils.get_or_insert_function(builder.module, types_of, f"{name}.{suffix}")
+        return builder.call(function, values)
 
     return lower
 
 
-_arithmetic(operator.add, "fadd")
-_arithmetic(operator.sub, "fsub")
-_arithmetic(operator.mul, "fmul")
-_arithmetic(operator.truediv, "fdiv")
-_arithmetic(operator.iadd, "fadd")
-_arithmetic(operator.isub, "fsub")
-_arithmetic(operator.imul, "fmul")
-_unary(operator.neg, lambda builder, _vector, value: builder.fneg(value))
-_unary(abs, _call("llvm.fabs"))
-_unary(math.sqrt, _call("llvm.sqrt"))
-
-
-@intrinsic
-def _fused(_typingctx: Any, a: Any, b: Any, c: Any) -> Any:
-    found = next((t for t in (a, b, c) if isinstance(t, Lanes)), types.float64)
-
-    def codegen(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        number = args[0].type
-        name = f"llvm.fma.{_suffix(number)}"
-        kind = ir.FunctionType(number, [number] * 3)
-        return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), args)
-
-    return signature(found, found, found, found), codegen
-
-
-@overload(arithmetic.fma, strict=False, jit_options=_INLINE)
-def _fma(a: Any, b: Any, c: Any) -> Any:
-    return lambda a, b, c: _fused(a, b, c)
-
-
-@intrinsic
-def _select_less(_typingctx: Any, a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    lanes = next(t for t in (a, b, then, otherwise) if isinstance(t, Lanes))
-
-    def codegen(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        return builder.select(builder.fcmp_ordered("<", args[0], args[1]), args[2], args[3])
-
-    return signature(lanes, lanes, lanes, lanes, lanes), codegen
-
-
-@overload(arithmetic.where_less, strict=False, jit_options=_INLINE)
-def _where_less(a: Any, b: Any, then: Any, otherwise: Any) -> Any:
-    if any(isinstance(t, Lanes) for t in (a, b, then, otherwise)):
-        return lambda a, b, then, otherwise: _select_less(a, b, then, otherwise)
-    return lambda a, b, then, otherwise: then if a < b else otherwise
-
-
-@intrinsic
-def _floor_lanes(_typingctx: Any, x: Any) -> Any:
-    def codegen(_context: Any, builder: Any, _sig: Any, args: Any) -> Any:
-        return _call("llvm.floor")(builder, args[0].type, args[0])
-
-    return signature(x, x), codegen
-
-
-@overload(arithmetic.floor, strict=False, jit_options=_INLINE)
-def _floor(x: Any) -> Any:
-    if isinstance(x, Lanes):
-        return lambda x: _floor_lanes(x)
-    return lambda x: float(math.floor(x))
+_give(operator.add, 2, ir.IRBuilder.fadd)
+_give(operator.sub, 2, ir.IRBuilder.fsub)
+_give(operator.mul, 2, ir.IRBuilder.fmul)
+_give(operator.truediv, 2, ir.IRBuilder.fdiv)
+_give(operator.iadd, 2, ir.IRBuilder.fadd)
+_give(operator.isub, 2, ir.IRBuilder.fsub)
+_give(operator.imul, 2, ir.IRBuilder.fmul)
+_give(operator.neg, 1, ir.IRBuilder.fneg)
+_give(abs, 1, _call("llvm.fabs"))
+_give(math.sqrt, 1, _call("llvm.sqrt"))
+_give(arithmetic.fma, 3, _call("llvm.fma"), scalars=True)
+_give(arithmetic.floor, 1, _call("llvm.floor"), scalars=True)
+_give(
+    arithmetic.where_less,
+    4,
+    lambda builder, a, b, *values: builder.select(builder.fcmp_ordered("<", a, b), *values),
+    scalars=True,
+)
 
 
 def _vector_pointer(
@@ -210,17 +142,13 @@ def _vector_pointer(
     return builder.bitcast(pointer, context.get_value_type(lanes).as_pointer())
 
 
-def _alignment(lanes: Lanes) -> int:
-    return 4 if lanes.base == types.float32 else 8
-
-
 @intrinsic
 def _load(_typingctx: Any, array: Any, index: Any, like: Any) -> Any:
     """Lanes from entries index * width onwards of a flat array of the lanes' base type."""
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         pointer = _vector_pointer(context, builder, sig.args[0], args[0], sig.return_type, args[1])
-        return builder.load(pointer, align=_alignment(sig.return_type))
+        return builder.load(pointer, align=sig.return_type.base.bitwidth // 8)
 
     if not isinstance(array, types.Array) or array.dtype != like.base:
         return None
@@ -233,7 +161,7 @@ def _save(_typingctx: Any, array: Any, index: Any, value: Any) -> Any:
 
     def codegen(context: Any, builder: Any, sig: Any, args: Any) -> Any:
         pointer = _vector_pointer(context, builder, sig.args[0], args[0], sig.args[2], args[1])
-        builder.store(args[2], pointer, align=_alignment(sig.args[2]))
+        builder.store(args[2], pointer, align=sig.args[2].base.bitwidth // 8)
         return context.get_dummy_value()
 
     if not isinstance(array, types.Array) or array.dtype != value.base:
@@ -258,13 +186,13 @@ def put_transposed(
         rows, at = [], args[1]
         for _ in range(width):
             pointer = _vector_pointer(context, builder, sig.args[0], args[0], lanes, at)
-            rows.append(builder.load(pointer, align=_alignment(lanes)))
+            rows.append(builder.load(pointer, align=lanes.base.bitwidth // 8))
             at = builder.add(at, one)
         data = context.make_array(sig.args[2])(context, builder, value=args[2]).data
         at = args[3]
         for column in _transpose(builder, rows):
             pointer = builder.bitcast(builder.gep(data, [at]), column.type.as_pointer())
-            builder.store(column, pointer, align=_alignment(lanes))
+            builder.store(column, pointer, align=lanes.base.bitwidth // 8)
             at = builder.add(at, args[4])
         return context.get_dummy_value()
 

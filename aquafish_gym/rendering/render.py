@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.engines.bullet import take_client
+from aquafish_gym.engines.bullet.world import take_client
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering.film import Frame

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.engines.bullet import AXES, HINGES
+from aquafish_gym.engines.bullet.world import AXES, HINGES
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.kinematics import caudal_angle

@@ -18,14 +18,13 @@ import numpy as np, aquafish_gym
 aquafish_gym.simulate(np.full((4000, 9), 0.3), (0.1, 0.1, 0.5), steps=512, threads=4)
 """
 PREPARE = """
-import multiprocessing
-from aquafish_gym.engines.compiled import prepare_kernels
+import aquafish_gym, multiprocessing
 from aquafish_gym.engines.compiled.kernel import compile_kernel, hold
 from aquafish_gym.engines.compiled.lanes import lane_width
 import numpy as np
 
 def misses(_):
-    prepare_kernels()
+    aquafish_gym.simulate(None, (0.1, 0.1, 0.5), steps=4)
     kernel = compile_kernel(hold, lane_width(np.float32), False)
     return sum(kernel.stats.cache_misses.values())
 

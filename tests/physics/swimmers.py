@@ -167,11 +167,11 @@ class Bullet(Swimmer):
 def pushed(water: Any, push: Vector, wet: bool) -> Any:
     """Return what a world calls for its wrench, with a push in body axes, or without water."""
 
-    def call(column, joints, orientation, *others):  # type: ignore[no-untyped-def]
-        force, torque, sweep = water(column, joints, orientation, *others)
+    def call(column, joints, base, *others):  # type: ignore[no-untyped-def]
+        force, torque, sweep = water(column, joints, base, *others)
         if not wet:
             force = torque = STILL
-        more = to_world(rotation(orientation), push)
+        more = to_world(rotation(base[0]), push)
         return tuple(a + b for a, b in zip(force, more, strict=True)), torque, sweep
 
     return call

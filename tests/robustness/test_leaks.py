@@ -20,7 +20,7 @@ import gymnasium as gym
 import numpy as np
 
 import aquafish_gym
-from aquafish_gym.engines.bullet import clients
+from aquafish_gym.engines.bullet import world as bullet_world
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.morphology import MAXIMA
@@ -51,7 +51,7 @@ def measure(work):
         "bytes": resident() - before,
         "files": len(os.listdir("/proc/self/fd")) - files,
         "clients": connected() - open_clients,
-        "idle": len(clients._idle_clients),
+        "idle": len(bullet_world._idle_clients),
         "connected": connected(),
     }))
 """

@@ -256,10 +256,10 @@ def test_an_interrupted_step_spoils_its_own_world_alone(monkeypatch: pytest.Monk
 def test_an_interrupted_simulation_gives_its_client_back(monkeypatch: pytest.MonkeyPatch) -> None:
     import pybullet
 
-    from aquafish_gym.engines.bullet import clients
+    from aquafish_gym.engines.bullet import world
 
     expected = run_simulate(("pybullet", 0))
-    idle = len(clients._idle_clients)
+    idle = len(world._idle_clients)
 
     def interrupt(*_: Any, **__: Any) -> Any:
         raise KeyboardInterrupt
@@ -268,7 +268,7 @@ def test_an_interrupted_simulation_gives_its_client_back(monkeypatch: pytest.Mon
         patch.setattr(pybullet, "stepSimulation", interrupt)
         with pytest.raises(KeyboardInterrupt):
             run_simulate(("pybullet", 0))
-    assert len(clients._idle_clients) == idle
+    assert len(world._idle_clients) == idle
     assert run_simulate(("pybullet", 0)) == expected
 
 

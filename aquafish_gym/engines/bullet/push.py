@@ -18,22 +18,17 @@ from aquafish_gym.physics.layout import fetch_joints, fetch_robot, put_joints
 from aquafish_gym.physics.reactive import reactive_wrench
 from aquafish_gym.physics.robot import Robot
 
-Quaternion = tuple[Number, Number, Number, Number]
+Base = tuple[tuple[Number, Number, Number, Number], Vector, Vector]
+Push = tuple[Vector, Vector, Number]
 
 
-def _read(
-    column: Any,
-    joints: Any,
-    orientation: Quaternion,
-    velocity: Vector,
-    world_spin: Vector,
-) -> tuple[Robot, State]:
+def _read(column: Any, joints: Any, base: Base) -> tuple[Robot, State]:
     """Return robot and state, whose position is of no account."""
+    orientation, velocity, world_spin = base
     spin = to_body(rotation(orientation), world_spin)
     left, right, phase, rates = fetch_joints(joints, 0, 0, 1, 0.0)
-    return fetch_robot(column, 0, 0, 1, 0.0), State(
-        orientation, (0.0, 0.0, 0.0), velocity, spin, left, right, phase, rates
-    )
+    state = State(orientation, (0.0, 0.0, 0.0), velocity, spin, left, right, phase, rates)
+    return fetch_robot(column, 0, 0, 1, 0.0), state
 
 
 def _turn_joints(joints: Any, state: State, by: Drive, h: Number) -> Number:
@@ -43,38 +38,23 @@ def _turn_joints(joints: Any, state: State, by: Drive, h: Number) -> Number:
     return moved[3][2]
 
 
-def push(
-    column: Any,
-    joints: Any,
-    orientation: Quaternion,
-    velocity: Vector,
-    world_spin: Vector,
-    current: Vector,
-    by: Drive,
-    h: Number,
-) -> tuple[Vector, Vector, Number]:
+def push(column: Any, joints: Any, base: Base, current: Vector, by: Drive, h: Number) -> Push:
     """Return the water's wrench (world axes) now and the tail's speed over the next step.
 
     ``column`` (21,) is the robot's of ``robot_parameters``; ``joints`` (9,) is of
-    ``fetch_joints``, and is moved one step on.
+    ``fetch_joints``, and is moved one step on. ``base`` is the capsule's orientation, velocity
+    and spin in the world.
     """
-    robot, state = _read(column, joints, orientation, velocity, world_spin)
+    robot, state = _read(column, joints, base)
     force, torque = wrench(robot, state, current)
     return force, torque, _turn_joints(joints, state, by, h)
 
 
 def push_reactive(
-    column: Any,
-    joints: Any,
-    orientation: Quaternion,
-    velocity: Vector,
-    world_spin: Vector,
-    current: Vector,
-    by: Drive,
-    h: Number,
-) -> tuple[Vector, Vector, Number]:
+    column: Any, joints: Any, base: Base, current: Vector, by: Drive, h: Number
+) -> Push:
     """Do as :func:`push` does, for a law with reactive terms."""
-    robot, state = _read(column, joints, orientation, velocity, world_spin)
+    robot, state = _read(column, joints, base)
     force, torque = reactive_wrench(robot, state, by, current, h)
     return force, torque, _turn_joints(joints, state, by, h)
 
@@ -100,13 +80,6 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         from aquafish_gym.physics import compiling, simd
     except ImportError:
         return function
-    compiling.register()
-    for part in (_read, _turn_joints, function):
+    for part in (_read, _turn_joints):
         simd.inlined(part)
-    stamp = compiling.source_stamp(function)
-
-    def call(*args: Any) -> Any:
-        stamp  # noqa: B018  # part of the cache's key; see source_stamp
-        return function(*args)
-
-    return compiling.compiled(call, seconds=8)  # type: ignore[no-any-return]
+    return compiling.compiled_function(function, seconds=8)  # type: ignore[no-any-return]

@@ -14,16 +14,16 @@ from __future__ import annotations
 import math
 import os
 import weakref
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
-from aquafish_gym.engines.bullet.clients import return_client, take_client
 from aquafish_gym.engines.bullet.push import compiled, follow, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.engines.worlds import RUNAWAY
+from aquafish_gym.engines.worlds import RUNAWAY, Triple
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
@@ -45,16 +45,37 @@ from aquafish_gym.physics.layout import (
     robot_from_column,
     robot_parameters,
 )
-from aquafish_gym.physics.robot import (
-    BODY_INERTIA,
-    BODY_MASS,
-    CAUDAL_Y,
-    PECTORAL_X,
-    PECTORAL_Y,
-)
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 Quaternion = tuple[float, float, float, float]
+
+# A client costs megabytes and connecting leaks, so clients are kept for the next world: one at a
+# time, in the process that opened it.
+_idle_clients: list[int] = []
+
+
+def take_client() -> int:
+    """Return a DIRECT client for this process to use alone until :func:`return_client`."""
+    bullet = load_pybullet()
+    client = int(_idle_clients.pop() if _idle_clients else bullet.connect(bullet.DIRECT))
+    if client < 0:
+        raise EngineUnavailableError(
+            "PyBullet opens no more clients in this process; close some of the environments "
+            'whose engine is "pybullet"'
+        )
+    return client
+
+
+def return_client(client: int, process: int) -> None:
+    """Keep a client for the next world, if this is still the process that opened it."""
+    if os.getpid() == process:
+        _idle_clients.append(client)
+
+
+# A forked child must not touch its parent's clients.
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_idle_clients.clear)
 
 HINGES = ((-PECTORAL_X, PECTORAL_Y, 0.0), (PECTORAL_X, PECTORAL_Y, 0.0), (0.0, CAUDAL_Y, 0.0))
 AXES = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
@@ -69,18 +90,7 @@ class BulletWorld:
     """One robot in a PyBullet world.
 
     It belongs to the process that made it: it can be neither pickled nor used after a fork.
-
-    Parameters
-    ----------
-    substeps
-        Physics steps in each 0.01 s.
-    reactive
-        Whether the water has the terms of ``physics/reactive.py``.
-
-    Raises
-    ------
-    EngineUnavailableError
-        If pybullet is not installed.
+    Without pybullet it raises :class:`EngineUnavailableError`.
     """
 
     def __init__(self, substeps: int = 1, reactive: bool = False) -> None:
@@ -125,23 +135,8 @@ class BulletWorld:
             'make a new one, or use engine="numba"'
         )
 
-    def reset(
-        self,
-        morphology: NDArray[np.float64],
-        fin_angles: tuple[float, float, float],
-        current: tuple[float, float, float],
-    ) -> None:
-        """Build a robot at rest at the origin, upright, facing +y.
-
-        Parameters
-        ----------
-        morphology
-            (9,) sizes in the order of ``DIMENSIONS``, already checked.
-        fin_angles
-            Left and right pectoral angle and caudal phase, rad.
-        current
-            The water's own velocity in the world, units/s.
-        """
+    def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`; the sizes are already checked."""
         self._check_process()
         column = np.ascontiguousarray(robot_parameters(np.asarray(morphology)[None])[:, 0])
         numbers = np.concatenate([column, fin_angles, current])
@@ -149,16 +144,16 @@ class BulletWorld:
             raise InvalidArgumentError(
                 "a PyBullet world needs finite sizes of 0 or more, fin angles and current"
             )
-        rest = at_rest((float(fin_angles[0]), float(fin_angles[1]), float(fin_angles[2])))
+        angles = _triple(fin_angles)
+        rest = at_rest(angles)
         self._column = column
         put_joints(self._joints, 0, 0, 1, (rest.left, rest.right, rest.phase, rest.rates))
-        self._current = (float(current[0]), float(current[1]), float(current[2]))
+        self._current = _triple(current)
         self._command = None
         self._set_resting()
-        angles = (float(fin_angles[0]), float(fin_angles[1]), float(caudal_angle(rest.phase)))
-        self._build(angles)
+        self._build((*angles[:2], float(caudal_angle(rest.phase))))
 
-    def _build(self, angles: tuple[float, float, float]) -> None:
+    def _build(self, angles: Triple) -> None:
         """Empty the world and put the robot in, its joints at these angles (rad)."""
         # Building anew is quick, leaks nothing and leaves no motor or
         # solver state behind, which restoring a saved state would.
@@ -193,16 +188,14 @@ class BulletWorld:
         )
         if robot < 0:
             raise RuntimeError("PyBullet could not build the robot")
-        inertias = [BODY_INERTIA]
-        for i, fin in enumerate(fins):
-            about = fin.inertia
-            # The caudal fin's width axis is the body's z, its normal the body's x.
-            inertias.append(about if i < 2 else (about[2], about[1], about[0]))
+        # By link, the base's, -1, being last. The caudal fin's width axis is the body's z, its
+        # normal the body's x.
+        inertias = [fins.left.inertia, fins.right.inertia, fins.caudal.inertia[::-1], BODY_INERTIA]
         # Each in a call of its own: some of these arguments, given together, silently move
         # the others to the base.
         for link in range(-1, 3):
             for setting in (
-                {"localInertiaDiagonal": inertias[link + 1]},
+                {"localInertiaDiagonal": inertias[link]},
                 {"linearDamping": 0.0},
                 {"angularDamping": 0.0},
                 {"jointDamping": 0.0},
@@ -232,7 +225,7 @@ class BulletWorld:
         for joint, rate in enumerate(self._drive.speeds):
             self._turn(joint, rate)
 
-    def advance(self, command: tuple[float, float, float], steps: int = 1) -> None:
+    def advance(self, command: Vector, steps: int = 1) -> None:
         """Hold a command (rev/s, rev/s, Hz) for some physics steps.
 
         A robot that leaves the finite numbers is ``diverged`` and stays so until it is reset.
@@ -248,9 +241,8 @@ class BulletWorld:
         for _ in range(steps):
             if self.diverged:
                 return
-            force, torque, sweep = push(
-                column, joints, self.orientation, self.velocity, self.world_spin, current, by, h
-            )
+            base = (self.orientation, self.velocity, self.world_spin)
+            force, torque, sweep = push(column, joints, base, current, by, h)
             if not math.isfinite(sum(force) + sum(torque)):
                 self._diverge()
                 return
@@ -283,12 +275,8 @@ class BulletWorld:
     @property
     def fin_angles(self) -> Vector:
         """Left and right pectoral angle and caudal phase in (-pi, pi], rad."""
-        left, right, phase, _ = self._now()
-        return (
-            math.atan2(left[1], left[0]),
-            math.atan2(right[1], right[0]),
-            math.atan2(phase[1], phase[0]),
-        )
+        left, right, phase = (math.atan2(sine, cosine) for cosine, sine in self._now()[:3])
+        return (left, right, phase)
 
     def _now(self) -> Joints:
         """Return how the joints stand, on plain floats."""
@@ -338,5 +326,7 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
     )
 
 
-def _triple(row: NDArray[np.float64]) -> tuple[float, float, float]:
-    return (float(row[0]), float(row[1]), float(row[2]))
+def _triple(row: Iterable[float]) -> Triple:
+    """Return three plain floats: Bullet and the compiled push take nothing else."""
+    x, y, z = row
+    return (float(x), float(y), float(z))

@@ -40,9 +40,7 @@ from aquafish_gym.physics.layout import (
     put_state,
     put_vector,
 )
-from aquafish_gym.physics.layout import (
-    RPY as RPY_ROWS,
-)
+from aquafish_gym.physics.layout import RPY as RPY_ROWS
 from aquafish_gym.physics.reactive import step_reactive
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -58,15 +56,9 @@ RPY, GYRO, POSE, SPECTRUM = 1, 2, 4, 8
 
 @simd.inlined
 def hold(
-    weights: Any,
-    _layout: Any,
-    _scratch: Any,
-    group: int,
-    groups: int,
-    _time: float,
-    rpy: Vector,
+    weights: Any, _layout: Any, _scratch: Any, group: int, groups: int, _time: float, rpy: Vector,
     _gyro: Vector,
-) -> Vector:
+) -> Vector:  # fmt: skip
     """Hold the command that stands in the three rows of ``weights``: the open-loop policy."""
     return fetch_vector(weights, 0, group, groups, rpy[0])
 
@@ -92,15 +84,10 @@ def write_block(buffer: Any, log: Any, first: int, count: int, group: int, zero:
 
 @functools.cache
 def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
-    """Return the compiled loop for a policy at a lane width; compilation itself is lazy.
+    """Return the compiled loop for a policy at a lane width, of ``WIDTHS``; it compiles lazily.
 
     ``reactive`` brings in the terms of ``physics/reactive.py``. The loop runs groups ``begin``
     to ``end`` and may be called from several threads at once.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the width is no power of two up to 16.
     """
     if width not in WIDTHS:
         raise InvalidArgumentError(f"width must be one of {WIDTHS} robots; got {width!r}")
@@ -110,34 +97,20 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
     swim = step_reactive if reactive else step
 
     def kernel(
-        parameters: Any,
-        states: Any,
-        weights: Any,
-        layout: Any,
-        scratch_size: int,
-        current: Vector,
-        h: float,
-        first_step: int,
-        steps: int,
-        substeps: int,
-        interval: int,
-        logs: Any,
-        spectra: Any,
-        roots: Any,
-        scale: float,
-        record: int,
-        begin: int,
-        end: int,
-    ) -> None:
+        parameters: Any, states: Any, program: Any, current: Vector, h: float, clock: Any,
+        output: Any, record: int, begin: int, end: int,
+    ) -> None:  # fmt: skip
         stamp  # noqa: B018  # part of the cache's key; see source_stamp
+        weights, layout, scratch_size = program
+        first_step, steps, substeps, interval = clock
+        logs, spectra, roots, scale = output
         zero = simd.zero_lanes(parameters, width)
         groups = parameters.size // (ROBOT_ROWS * width)
         scratch = np.empty(scratch_size * width, parameters.dtype)
         block_rpy = np.empty(3 * BLOCK * width, parameters.dtype)
         block_gyro = np.empty(3 * BLOCK * width, parameters.dtype)
         block_pose = np.empty(10 * BLOCK * width, parameters.dtype)
-        kept = 3 * steps * width if record & SPECTRUM else 0
-        series = np.empty(kept, parameters.dtype)
+        series = np.empty(3 * steps * width if record & SPECTRUM else 0, parameters.dtype)
         rates_only = record == SPECTRUM | GYRO  # nothing then asks for the attitude
         for group in range(begin, end):
             robot = fetch_robot(parameters, 0, group, groups, zero)
@@ -156,9 +129,8 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
                     rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
                 if record & SPECTRUM:
                     felt = state.spin if rates_only else rpy
-                    put_vector(
-                        series, 0, t, steps, (scale * felt[0], scale * felt[1], scale * felt[2])
-                    )
+                    scaled = (scale * felt[0], scale * felt[1], scale * felt[2])
+                    put_vector(series, 0, t, steps, scaled)
                 elif record:
                     if record & RPY:
                         put_vector(block_rpy, 0, in_block, BLOCK, rpy)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import functools
 import os
-import threading
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, Settings, Trials, available_cores
+from aquafish_gym.engines.base import MAXIMUM_THREADS, TIMESTEP, Settings, Trials, available_cores
 from aquafish_gym.engines.compiled.kernel import (
     GYRO,
     POSE,
@@ -58,59 +57,25 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
     return table.reshape(-1)
 
 
-_pools: dict[int, ThreadPoolExecutor] = {}
-_pools_lock = threading.Lock()
-
-
-def _helpers(count: int) -> ThreadPoolExecutor:
-    """Return this process's threads beside the caller's, at least ``count``, idle between calls.
+@functools.cache
+def _helpers(_process: int) -> ThreadPoolExecutor:
+    """Return a process's threads beside the caller's, begun when needed and idle between calls.
 
     Starting threads takes as long as many a call's work. A fork does not carry them over, so
     they are kept by the process's number.
     """
-    with _pools_lock:
-        pool = _pools.get(os.getpid())
-        if pool is None or pool._max_workers < count:
-            # What the smaller one is still doing, it finishes.
-            pool = ThreadPoolExecutor(count, thread_name_prefix="aquafish-lanes")
-            smaller = _pools.pop(os.getpid(), None)
-            _pools[os.getpid()] = pool
-            if smaller is not None:
-                smaller.shutdown(wait=False)
-        return pool
+    return ThreadPoolExecutor(MAXIMUM_THREADS, thread_name_prefix="aquafish-lanes")
 
 
-_ready: set[tuple[Any, str]] = set()
-
-
-def _compile_here(kernel: Any, dtype: str, part: Callable[[int, int], None]) -> None:
-    """Compile a kernel for a type in the caller's thread, by a call for no robot."""
-    if (kernel, dtype) not in _ready:
-        part(0, 0)
-        _ready.add((kernel, dtype))
+_ready: set[tuple[Any, str]] = set()  # kernels that are compiled for a type
 
 
 class LaneBatch:
     """B robots that live in the lanes between calls.
 
-    Parameters
-    ----------
-    morphologies
-        (B, 9) sizes, already checked.
-    fin_angles
-        (B, 3) initial left and right pectoral angle and caudal phase, rad.
-    current
-        The water's own velocity in the world, units/s.
-    dtype
-        float32 or float64.
-    substeps
-        Physics steps in each 0.01 s.
-    threads
-        None takes every core; no result depends on it.
-    width
-        Robots a register; None takes what the machine has; no result depends on it.
-    reactive
-        Whether the water has the terms of ``physics/reactive.py``.
+    ``morphologies`` (B, 9) and ``fin_angles`` (B, 3) are already checked; the keywords are those
+    of :func:`~aquafish_gym.simulate`. ``width`` is robots a register; None takes what the
+    machine has. No result depends on it.
     """
 
     def __init__(
@@ -171,15 +136,11 @@ class LaneBatch:
         is not recorded are missing from the log: its arrays are then of no length.
         """
         bits = _RECORDS[record]
-        logs = tuple(
-            np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
-            for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
-        )
+        logs = self._logs(steps, bits)
         # Read-only, as those of a spectrum are: numba would compile the loop twice for them.
         spectra, roots = np.empty((0, 2, 0), self.dtype), roots_of_unity(0, self._dtype_name)
-        self._run(
-            policy, weights, layout, scratch_size, steps, interval, logs, spectra, roots, 1.0, bits
-        )
+        output = (logs, spectra, roots, 1.0)
+        self._run(policy, (weights, layout, scratch_size), steps, interval, output, bits)
         rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
         return ImuLog(
             rpy=rpy,
@@ -207,14 +168,17 @@ class LaneBatch:
         """
         if steps < 4 or steps & (steps - 1):
             raise InvalidArgumentError(f"steps must be a power of two of at least 4; got {steps}")
-        logs = tuple(np.empty((0, n, 0), self.dtype) for n in (3, 3, 10))
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
-        self._run(
-            hold, self._pack_commands(commands), _NO_LAYOUT, 0, steps, steps,
-            logs, spectra, roots_of_unity(steps, self._dtype_name), scale,
-            SPECTRUM | GYRO if rates else SPECTRUM,
-        )  # fmt: skip
+        program = (self._pack_commands(commands), _NO_LAYOUT, 0)
+        output = (self._logs(), spectra, roots_of_unity(steps, self._dtype_name), scale)
+        self._run(hold, program, steps, steps, output, SPECTRUM | GYRO if rates else SPECTRUM)
         return spectra[: self.batch]
+
+    def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Floats, ...]:
+        return tuple(
+            np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
+            for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
+        )
 
     def _pack_commands(self, commands: NDArray[np.float64]) -> Floats:
         # A shorter table would be read beyond its end.
@@ -225,43 +189,16 @@ class LaneBatch:
         return pack_rows(commands.T, self.dtype, self.width)
 
     def _run(
-        self,
-        policy: Policy,
-        weights: Floats,
-        layout: NDArray[np.int64],
-        scratch_size: int,
-        steps: int,
-        interval: int,
-        logs: tuple[Floats, ...],
-        spectra: Floats,
-        roots: Floats,
-        scale: float,
-        bits: int,
+        self, policy: Policy, program: Any, steps: int, interval: int, output: Any, bits: int
     ) -> None:
         """Run the kernel on as many threads as are worth it."""
         kernel = compile_kernel(policy, self.width, self.reactive)
+        h = TIMESTEP / self.substeps
+        clock = (self.steps_done, steps, self.substeps, interval)
 
         def part(begin: int, end: int) -> None:
-            kernel(
-                self._parameters,
-                self._states,
-                weights,
-                layout,
-                scratch_size,
-                self.current,
-                TIMESTEP / self.substeps,
-                self.steps_done,
-                steps,
-                self.substeps,
-                interval,
-                logs,
-                spectra,
-                roots,
-                scale,
-                bits,
-                begin,
-                end,
-            )
+            tables = self._parameters, self._states
+            kernel(*tables, program, self.current, h, clock, output, bits, begin, end)
 
         work = self.groups * steps * self.substeps
         parts = max(1, min(self.threads, self.groups, work // _WORTH_A_THREAD))
@@ -269,9 +206,11 @@ class LaneBatch:
             part(0, self.groups)
         else:
             # In this thread first, if it is not compiled: the others could not be interrupted.
-            _compile_here(kernel, self._dtype_name, part)
+            if (kernel, self._dtype_name) not in _ready:
+                part(0, 0)
+                _ready.add((kernel, self._dtype_name))
             edges = [self.groups * i // parts for i in range(parts + 1)]
-            others = [_helpers(parts - 1).submit(part, *ends) for ends in pairwise(edges[1:])]
+            others = [_helpers(os.getpid()).submit(part, *ends) for ends in pairwise(edges[1:])]
             part(0, edges[1])
             for other in others:
                 other.result()
@@ -288,11 +227,9 @@ class LaneBatch:
         return self._table(self._states, STATE_ROWS).astype(np.float64)
 
     def state(self) -> dict[str, NDArray[np.float64]]:
-        """Return copies of what the robots are now.
+        """Return copies of what the robots are now, (B, 3) or (B, 4) each.
 
-        ``quaternion`` (B, 4), ``position`` (B, 3), ``velocity`` (B, 3) in the world,
-        ``gyro`` (B, 3) in body axes, ``fin_angles`` (B, 3) (left, right, caudal *phase*, rad),
-        ``rates`` (B, 3) of the joints in rad/s, and ``rpy`` (B, 3).
+        As in :class:`~aquafish_gym.ImuLog`; ``velocity`` in the world, ``rates`` of the joints.
         """
         rows = self.rows()
         return {
@@ -314,12 +251,7 @@ class LaneBatch:
 def simulate_lanes(trials: Trials, settings: Settings) -> ImuLog:
     """Answer :func:`aquafish_gym.simulate` with the compiled engine."""
     lanes = LaneBatch(
-        trials.morphologies,
-        trials.fin_angles,
-        settings.current,
-        settings.dtype,
-        settings.substeps,
-        settings.threads,
-        reactive=settings.reactive,
-    )
+        trials.morphologies, trials.fin_angles, settings.current, settings.dtype,
+        settings.substeps, settings.threads, reactive=settings.reactive,
+    )  # fmt: skip
     return lanes.advance(trials.commands, settings.steps, settings.record)

@@ -48,9 +48,8 @@ _FIRST_OF_ROBOT, _FIRST_OF_CURRENT = ROBOT.start, CURRENT.start
 def compile_single(reactive: bool = False) -> Any:
     """Return the compiled loop; compilation itself is lazy.
 
-    ``reactive`` brings in the terms of ``physics/reactive.py``.
-    Its signature is ``(v, left, right, caudal, steps) -> well``: hold a command (rev/s, rev/s,
-    Hz) for some steps of 0.01 s, and say whether the robot has not diverged.
+    It is ``(v, left, right, caudal, steps) -> well``: hold a command (rev/s, rev/s, Hz) for some
+    steps of 0.01 s, and say whether the robot has not diverged.
     """
     register()
     stamp = source_stamp(compile_single)
@@ -79,12 +78,8 @@ def compile_single(reactive: bool = False) -> Any:
 class CompiledWorld:
     """One robot on the compiled engine, in double precision: the robot of the lanes.
 
-    Unlike PyBullet's it can be pickled, copied and carried across a fork.
-
-    Parameters
-    ----------
-    reactive
-        Whether the water has the terms of ``physics/reactive.py``.
+    A :class:`~aquafish_gym.engines.worlds.World`; unlike PyBullet's it can be pickled, copied
+    and carried across a fork.
     """
 
     def __init__(self, reactive: bool = False) -> None:
@@ -94,28 +89,23 @@ class CompiledWorld:
         self.diverged = False
 
     def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._numbers[STATE] = rest_rows(np.array([fin_angles]))[STATE, 0]
         self._numbers[ROBOT] = robot_parameters(morphology[None])[:, 0]
         self._numbers[CURRENT] = current
         self.diverged = False
 
     def advance(self, command: Vector, steps: int = 1) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
         left, right, caudal = command
-        self.diverged = not compile_single(self._reactive)(
-            self._numbers, left, right, caudal, steps
-        )
+        swim = compile_single(self._reactive)
+        self.diverged = not swim(self._numbers, left, right, caudal, steps)
 
     def state(self) -> State:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
         return state_from_numbers(self._numbers.tolist())
 
     @property
     def fin_angles(self) -> Vector:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
         left, right, phase = angles_of_rows(self._numbers).tolist()
         return (left, right, phase)
 
     def close(self) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
+        """Do nothing: there is nothing to free."""

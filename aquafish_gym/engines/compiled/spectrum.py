@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Number, fetch, fma, put
-from aquafish_gym.physics.compiling import compiled, register, source_stamp
+from aquafish_gym.physics.compiling import compiled_function
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 AXES = 3
@@ -152,22 +152,10 @@ def _split(z: Any, roots: Any, samples: int, re: Any, im: Any, first: int, zero:
 def write_spectrum(
     series: Any, roots: Any, samples: int, spectra: Any, group: int, zero: Number
 ) -> None:
-    """Transform a group's ``series`` and write its robots' rows of ``spectra``.
+    """Transform a group's ``series`` and write its robots' rows of ``spectra`` (B, 2, F').
 
-    Parameters
-    ----------
-    series
-        Flat lanes: T samples of each signal in turn. It is overwritten.
-    roots
-        Of :func:`roots_of_unity`.
-    samples
-        T.
-    spectra
-        (at least groups times width, 2, F').
-    group
-        Which robots.
-    zero
-        Lanes of zeros.
+    ``series`` is flat lanes, T samples of each signal in turn, and is overwritten; ``samples``
+    is T, and ``roots`` is of :func:`roots_of_unity`.
     """
     width = series.size // (AXES * samples)
     rows = spectra.shape[2]
@@ -200,44 +188,26 @@ def _distance(one: Any, i: int, other: Any, j: int, rows: int, sums: Any, zero: 
     return found
 
 
-@functools.cache
-def compile_distances() -> Any:
-    """Return the compiled ``(spectra, observed, which, out)``: see :func:`distances`."""
-    register()
-    stamp = source_stamp(compile_distances)
-
-    def to_observed(spectra: Any, observed: Any, which: Any, out: Any) -> None:
-        stamp  # noqa: B018  # part of the cache's key; see source_stamp
-        sums = np.empty(PARTIAL, spectra.dtype)
-        zero = simd.zero_lanes(sums, PARTIAL)
-        rows = spectra.shape[2] // PARTIAL
-        one, other = spectra.reshape(-1), observed.reshape(-1)
-        for b in range(len(out)):
-            out[b] = _distance(one, b, other, which[b], rows, sums, zero)
-
-    return compiled(to_observed, nogil=True)
+def _to_observed(spectra: Any, observed: Any, which: Any, out: Any) -> None:
+    sums = np.empty(PARTIAL, spectra.dtype)
+    zero = simd.zero_lanes(sums, PARTIAL)
+    rows = spectra.shape[2] // PARTIAL
+    one, other = spectra.reshape(-1), observed.reshape(-1)
+    for b in range(len(out)):
+        out[b] = _distance(one, b, other, which[b], rows, sums, zero)
 
 
-@functools.cache
-def compile_disagreement() -> Any:
-    """Return the compiled ``(spectra, models, out)``: see :func:`disagreements`."""
-    register()
-    stamp = source_stamp(compile_disagreement)
-
-    def between_pairs(spectra: Any, models: int, out: Any) -> None:
-        stamp  # noqa: B018  # part of the cache's key; see source_stamp
-        sums = np.empty(PARTIAL, spectra.dtype)
-        zero = simd.zero_lanes(sums, PARTIAL)
-        rows = spectra.shape[2] // PARTIAL
-        flat = spectra.reshape(-1)
-        for action in range(len(out)):
-            total, first = 0.0, action * models
-            for i in range(first, first + models):
-                for j in range(i + 1, first + models):
-                    total += _distance(flat, i, flat, j, rows, sums, zero)
-            out[action] = total
-
-    return compiled(between_pairs, nogil=True)
+def _between_pairs(spectra: Any, models: int, out: Any) -> None:
+    sums = np.empty(PARTIAL, spectra.dtype)
+    zero = simd.zero_lanes(sums, PARTIAL)
+    rows = spectra.shape[2] // PARTIAL
+    flat = spectra.reshape(-1)
+    for action in range(len(out)):
+        total, first = 0.0, action * models
+        for i in range(first, first + models):
+            for j in range(i + 1, first + models):
+                total += _distance(flat, i, flat, j, rows, sums, zero)
+        out[action] = total
 
 
 def distances(
@@ -246,11 +216,6 @@ def distances(
     """Return sum |a - b| over coefficients, (B,), of spectra (B, 2, F') to observed ones.
 
     ``observed`` is (E, 2, F'), and ``which`` (B,) says with which of them each is compared.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If ``which`` names one that there is not, or the shapes differ.
     """
     if which.shape != spectra.shape[:1] or spectra.shape[1:] != observed.shape[1:]:
         raise InvalidArgumentError(
@@ -262,12 +227,12 @@ def distances(
             f"which must lie in [0, {len(observed) - 1}]; got {which.min()} to {which.max()}"
         )
     out = np.empty(len(spectra))
-    compile_distances()(spectra, observed, which, out)
+    compiled_function(_to_observed, nogil=True)(spectra, observed, which, out)
     return out
 
 
 def disagreements(spectra: NDArray[np.floating], models: int) -> NDArray[np.float64]:
     """Return, for each run of ``models`` rows of spectra, sum |a - b| over all its pairs, (A,)."""
     out = np.empty(len(spectra) // models)
-    compile_disagreement()(spectra, models, out)
+    compiled_function(_between_pairs, nogil=True)(spectra, models, out)
     return out
