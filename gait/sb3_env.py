@@ -17,17 +17,7 @@ _VecEnv: Any = import_module("stable_baselines3.common.vec_env").VecEnv
 
 
 class LaneVecEnv(_VecEnv):  # type: ignore[misc]
-    """``AquaFish-v0`` in the lanes, for stable-baselines3.
-
-    Parameters
-    ----------
-    count
-        How many robots.
-    morphology
-        Their body.
-    fin_angles
-        ``"zero"`` or ``"random"``.
-    """
+    """``count`` robots of ``AquaFish-v0`` in the lanes; ``fin_angles`` "zero" or "random"."""
 
     def __init__(self, count: int, morphology: Morphology, fin_angles: str) -> None:
         # stable-baselines3 expects the new episode's first observation at once, and the old
