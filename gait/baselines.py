@@ -36,13 +36,7 @@ class MissingExtraError(ImportError):
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineConfig:
-    """What to learn with.
-
-    Examples
-    --------
-    >>> BaselineConfig(algorithm="SAC", hidden=(32, 32)).hidden
-    (32, 32)
-    """
+    """What to learn with."""
 
     algorithm: str = "PPO"
     """What learns: PPO, SAC or TD3."""
@@ -72,13 +66,7 @@ class BaselineConfig:
 
 
 class Baseline:
-    """A policy that was, or is to be, trained on a body; MissingExtraError without the extra.
-
-    Examples
-    --------
-    >>> quick = Baseline(Morphology.nominal(), BaselineConfig(steps=64))  # doctest: +SKIP
-    >>> quick.train()  # doctest: +SKIP
-    """
+    """A policy that was, or is to be, trained on a body; MissingExtraError without the extra."""
 
     def __init__(self, morphology: Morphology, config: BaselineConfig) -> None:
         self.morphology = morphology

@@ -44,8 +44,6 @@ from gait.evolve import (
 from gait.rollout import random_poses
 from gait.transfer import TransferConfig, score, transfer
 
-Show = Callable[[int, str], None]  # told how much is done, and a line about it
-
 
 @dataclass(frozen=True)
 class _OnBody:
@@ -76,7 +74,6 @@ class Evolve(_OnBody):
     The 8 best of a generation swim from these, and the one with the highest mean is the winner.
     - distance: the winner's from the zero pose.
     - nodes, connections: of the winner's network.
-
     """
 
     config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
@@ -102,11 +99,9 @@ class Evolve(_OnBody):
             raise KeyboardInterrupt(f"interrupted; {rest}") from None
         _plot(self.out, evolved.history)
         network = evolved.controller
-        start = (
-            f"on the mean over the zero pose and {FINAL_POSES} random ones"
-            if self.config.poses
-            else "from the zero pose"
-        )
+        start = "from the zero pose"
+        if self.config.poses:
+            start = f"on the mean over the zero pose and {FINAL_POSES} random ones"
         print(
             f"swims {evolved.fitness:.2f} units in {self.config.seconds:g} s {start} "
             f"({network.nodes} nodes, {network.connections} connections); "
@@ -144,7 +139,7 @@ class TransferCommand:
         with Console(stderr=True).status(f"{swims} swims of {self.config.seconds:g} s"):
             result = transfer(controller, target, self.config)
         print(result)
-        if out is not None:
+        if out:
             from gait.plots import plot_trajectories
 
             document = {
@@ -213,8 +208,11 @@ def _no_folder_for_nothing(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _counting(label: str, total: int, before: int = 0) -> Iterator[Show]:
-    """Give a progress bar, or ten lines on stderr where there is no terminal to show one on."""
+def _counting(label: str, total: int, before: int = 0) -> Iterator[Callable[[int, str], None]]:
+    """Give a progress bar, or ten lines on stderr where there is no terminal to show one on.
+
+    It is told how much is done, and a line about it.
+    """
     said = before * 10 // total
     with _bar() as bar:
         task = bar.add_task(label, total=total)

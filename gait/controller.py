@@ -42,16 +42,13 @@ class Controller:
         (N,).
     clock
         Frequency of the clock, in Hz.
-    morphology
-        The body it was evolved on.
-    seed
-        The seed of the run that evolved it.
+    morphology, seed
+        The body it was evolved on, and the seed of that run.
 
     Raises
     ------
     InvalidArgumentError
-        If a shape does not fit, a number is not finite, a node hears a later one, or the seed
-        is not a whole number from 0 to 2**64 - 1.
+        If a shape does not fit, a number is not finite, or a node hears a later one.
 
     Examples
     --------

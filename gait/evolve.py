@@ -277,18 +277,12 @@ def evolve_gait(
     InvalidArgumentError
         If the body is none, or ``out`` cannot be written, is in use by another command, or holds
         another run or a damaged checkpoint.
-
-    Examples
-    --------
-    >>> gait = evolve_gait(config=EvolveConfig(generations=1, population=10, seconds=1))
-    >>> gait.controller.to_dict()["outputs"]
-    ['left_pectoral', 'right_pectoral', 'caudal']
     """
     run = _Run(Morphology.coerce(morphology), config or EvolveConfig(), scorer)
     tell = on_generation or (lambda _row: None)
     directory = None if out is None else ensure_writable_directory(out)
-    with nullcontext() if directory is None else held(directory):
-        if directory is not None:
+    with held(directory) if directory else nullcontext():
+        if directory:
             claim(directory, "a gait", run.settings, outputs=FILES)
             if (directory / CHECKPOINT_FILE).exists():
                 run.read(directory)
@@ -297,7 +291,7 @@ def evolve_gait(
             tell(row)
         while len(run.history) < run.config.generations:
             row = run.step()
-            if directory is not None:
+            if directory:
                 run.write(directory)
             tell(row)
     assert run.best is not None

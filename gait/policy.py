@@ -41,13 +41,7 @@ ControllerLike = Policy | HasPolicy
 
 
 def new_policy(controller: ControllerLike) -> Policy:
-    """Return a policy for one swim, or raise InvalidArgumentError.
-
-    Examples
-    --------
-    >>> new_policy(lambda observation, time: (0.0, 0.0, 1.0))(np.zeros(9), 0.0)
-    (0.0, 0.0, 1.0)
-    """
+    """Return a policy for one swim, or raise InvalidArgumentError."""
     policy = controller.policy() if isinstance(controller, HasPolicy) else controller
     if not callable(policy):
         raise InvalidArgumentError(

@@ -35,7 +35,6 @@ ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 # angles that the target hides, or that a baseline was trained from.
 _GAIT = 0x67616974
 
-
 # How far P controllers swim from Q initial fin angles (Q, 3): distances (P, Q).
 Scorer = Callable[[Sequence[Controller], NDArray[np.float64]], NDArray[np.float64]]
 
@@ -121,11 +120,6 @@ def swim_all(
     -------
     ndarray
         (P, Q) progress along the world's +y, in units of 5 cm; NaN where a robot diverged.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If an argument does not fit.
     """
     # numba comes with its engine: importing this package stays quick.
     from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
@@ -190,12 +184,6 @@ def swim(
         If an argument does not fit, or the controller answers with no action.
     EngineUnavailableError
         If the engine's package is missing.
-
-    Examples
-    --------
-    >>> path = swim(lambda observation, time: (0.0, 0.0, 1.0), None, engine="numba", seconds=2)
-    >>> path.position.shape
-    (41, 3)
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,13 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class TransferConfig:
-    """How to compare two bodies under one controller.
-
-    Examples
-    --------
-    >>> TransferConfig(poses=4, target_engine="numba").target_engine
-    'numba'
-    """
+    """How to compare two bodies under one controller."""
 
     poses: int = 16
     """Random fin poses to swim from besides the zero pose."""
@@ -110,22 +104,16 @@ class Transfer:
 
     native: Scored
     target: Scored
-    poses: NDArray[np.float64]
+    poses: NDArray[np.float64] = field(repr=False)
 
-    def rows(self) -> list[tuple[str, str, str]]:
+    def rows(self) -> list[list[str]]:
         """Return a table: what was measured, on the native body, on the target."""
+        both = (self.native, self.target)
         return [
-            ("units of 5 cm", "native", "target"),
-            ("zero pose", f"{self.native.distance:.2f}", f"{self.target.distance:.2f}"),
-            (
-                f"{len(self.poses)} random poses",
-                f"{self.native.random_distance:.2f}",
-                f"{self.target.random_distance:.2f}",
-            ),
+            ["units of 5 cm", "native", "target"],
+            ["zero pose", *(f"{one.distance:.2f}" for one in both)],
+            [f"{len(self.poses)} random poses", *(f"{one.random_distance:.2f}" for one in both)],
         ]
-
-    def __repr__(self) -> str:
-        return f"Transfer(native={self.native!r}, target={self.target!r})"
 
     def __str__(self) -> str:
         return "\n".join(f"{name:20s}{one:>9s}{other:>9s}" for name, one, other in self.rows())

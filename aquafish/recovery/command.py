@@ -110,16 +110,14 @@ class Recover:
         body, damage = read_morphology(self.morphology, "morphology"), Damage.parse(self.damage)
         damage.apply(body)
         eea = recovery_config(self.steps, self.rounds)
-        eea = replace(
-            eea,
-            estimation=replace(eea.estimation, population=self.models),
-            out_of_band=replace(
-                eea.out_of_band,
-                inner_population=self.angle_sets,
-                sampled_models=self.sampled_models,
-                revisit=self.revisit,
-            ),
+        out_of_band = replace(
+            eea.out_of_band,
+            inner_population=self.angle_sets,
+            sampled_models=self.sampled_models,
+            revisit=self.revisit,
         )
+        estimation = replace(eea.estimation, population=self.models)
+        eea = replace(eea, estimation=estimation, out_of_band=out_of_band)
         gait = EvolveConfig(
             generations=self.generations,
             population=self.population,
@@ -191,9 +189,7 @@ class Recover:
         # Only PyBullet can draw the robot; without it the study is whole but for two pictures.
         drawable = importlib.util.find_spec("pybullet") is not None
         pictures = draw_all(folder, jobs[0], outcomes, self.format, drawable, self.film)
-        description = described(folder)
-        assert description is not None
-        report = build_report(settings, description["code"], outcomes)
+        report = build_report(settings, (described(folder) or {})["code"], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
         # Readers' programs show one of the formats, and not all of them show PDF.
         best = next(form for form in ("png", "svg", "pdf") if form in self.format)

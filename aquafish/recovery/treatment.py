@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import aquafish_gym
 import eea.aquafish
@@ -105,7 +106,9 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     evolved = evolve_gait(model, job.gait, on_generation=tell)
     say("swimming on the target", MODEL_SHARE + GAIT_SHARE)
     scored = transfer(evolved.controller, job.target, job.transfer)
-    on_target = np.array([scored.target.distance, *scored.target.random_distances])
+    native, target = (
+        np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
+    )
     return {
         "treatment": job.treatment,
         "seed": job.seed,
@@ -114,30 +117,29 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
         "objective_fitness": float(
             objective_fitness(model.to_array(), job.target.to_array(), fish_models())
         ),
-        "native_distance": _progress(scored.native.distance)[0],
-        "target_distance": _progress(scored.target.distance)[0],
-        "native_random_distances": _progress(scored.native.random_distances),
-        "target_random_distances": _progress(scored.target.random_distances),
-        "diverged": int(np.count_nonzero(~np.isfinite(on_target))),
+        "native_distance": _progress(native)[0],
+        "target_distance": _progress(target)[0],
+        "native_random_distances": _progress(native)[1:],
+        "target_random_distances": _progress(target)[1:],
+        "diverged": int(np.count_nonzero(~np.isfinite(target))),
         "rounds": rounds,
         "generations": [asdict(row) for row in evolved.history],
         "controller": evolved.controller.to_dict(),
         "swims": {
-            "native": path_to_dict(scored.native.swim),
-            "target": path_to_dict(scored.target.swim),
+            "native": _path_to_dict(scored.native.swim),
+            "target": _path_to_dict(scored.target.swim),
         },
     }
 
 
 def rehearse(job: Treatment) -> None:
     """Do a treatment in small, so that whatever it needs is compiled."""
-    eea = job.eea
     few = replace(
-        eea,
+        job.eea,
         rounds=2,
-        exploration=replace(eea.exploration, generations=1),
-        estimation=replace(eea.estimation, generations=1),
-        out_of_band=replace(eea.out_of_band, inner_generations=1, revisit=0),
+        exploration=replace(job.eea.exploration, generations=1),
+        estimation=replace(job.eea.estimation, generations=1),
+        out_of_band=replace(job.eea.out_of_band, inner_generations=1, revisit=0),
     )
     brief = replace(job.gait, generations=1, population=10, poses=0, seconds=0.1)
     swims = replace(job.transfer, poses=1, seconds=0.1)
@@ -177,13 +179,12 @@ def _self_model(job: Treatment, say: Say) -> tuple[Morphology, list[dict[str, An
     return Morphology.from_array(algorithm.result.model), rounds
 
 
-def _progress(distances: object) -> list[float]:
-    """Return distances (n,) or () as a list, with 0 where the robot diverged."""
-    values = np.atleast_1d(np.asarray(distances, dtype=np.float64))
-    return [float(value) for value in np.where(np.isfinite(values), values, 0.0)]
+def _progress(distances: NDArray[np.float64]) -> list[float]:
+    """Return distances (n,) as a list, with 0 where the robot diverged."""
+    return [float(value) for value in np.where(np.isfinite(distances), distances, 0.0)]
 
 
-def path_to_dict(swim: Swim) -> dict[str, Any]:
+def _path_to_dict(swim: Swim) -> dict[str, Any]:
     """Return a swim as lists; a sample that is not finite repeats the last that was."""
     path = {}
     for name in PATH:
@@ -195,5 +196,5 @@ def path_to_dict(swim: Swim) -> dict[str, Any]:
 
 
 def path_from_dict(path: dict[str, Any]) -> Swim:
-    """Return the swim that :func:`path_to_dict` wrote."""
+    """Return the swim that an outcome's ``swims`` hold."""
     return Swim(*(np.asarray(path[name], dtype=np.float64) for name in PATH))
