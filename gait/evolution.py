@@ -42,11 +42,8 @@ class Evolution:
         self._random = random.Random(seed).getstate()
         with self._global_random():
             self._run = neat.Population(self._config)
-        self._install_counters(
-            genome=max(self._run.population) + 1,
-            node=len(OUTPUTS),
-            species=max(self._run.species.species) + 1,
-        )
+        species = max(self._run.species.species) + 1
+        self._install_counters(max(self._run.population) + 1, len(OUTPUTS), species)
 
     @property
     def species(self) -> int:

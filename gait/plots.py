@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from aquafish_gym.rendering.pictures import new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,15 +65,19 @@ def draw_history(history: Sequence[Generation], axes: Axes | None = None) -> Axe
 
 def plot_trajectories(path: Path, swims: Mapping[str, Swim]) -> None:
     """Write :func:`draw_trajectories` to a PNG, PDF or SVG file."""
-    figure = new_figure(5.0, 5.0, DPI)
-    draw_trajectories(swims, figure.add_subplot())
-    save_figure(figure, path)
+    _write(path, (5.0, 5.0), lambda axes: draw_trajectories(swims, axes))
 
 
 def plot_history(path: Path, history: Sequence[Generation]) -> None:
     """Write :func:`draw_history` to a PNG, PDF or SVG file."""
-    figure = new_figure(6.0, 4.0, DPI)
-    draw_history(history, figure.add_subplot())
+    _write(path, (6.0, 4.0), lambda axes: draw_history(history, axes))
+
+
+def _write(path: Path, size: tuple[float, float], draw: Callable[[Axes], object]) -> None:
+    from aquafish_gym.rendering.pictures import new_figure, save_figure
+
+    figure = new_figure(*size, DPI)
+    draw(figure.add_subplot())
     save_figure(figure, path)
 
 
