@@ -5,34 +5,26 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib import import_module
-from typing import Any, NamedTuple
+from pkgutil import resolve_name
+from typing import Any
 
-
-class Entry(NamedTuple):
-    """A command: where its class is, loaded only when it is asked for, and what it does."""
-
-    module: str
-    name: str
-    help: str
-
-
+# Name -> where its class is, loaded only when it is asked for, and what it does.
 COMMANDS = {
-    "recover": Entry(
-        "aquafish.recovery.command",
-        "Recover",
+    "recover": (
+        "aquafish.recovery.command:Recover",
         "the case study: break a fish, let it model itself, evolve a gait, and score it",
     ),
-    "run": Entry("eea.__main__", "Run", "let a damaged fish work out its own body, as the paper"),
-    "infer": Entry(
-        "eea.__main__", "Recover", "as run, with the case study's settings (python -m eea recover)"
+    "run": ("eea.cli.run:Run", "let a damaged fish work out its own body, as the paper"),
+    "infer": (
+        "eea.cli.run:Recover",
+        "as run, with the case study's settings (python -m eea recover)",
     ),
-    "study": Entry("eea.cli.study", "StudyCommand", "replicates of the paper's figures, ablations"),
-    "plot": Entry("eea.cli.study", "Plot", "write a study's tables and figures anew"),
-    "merge": Entry("eea.cli.study", "Merge", "add another folder of a study to this one"),
-    "evolve": Entry("gait.cli", "Evolve", "evolve a gait for a body"),
-    "transfer": Entry("gait.cli", "TransferCommand", "swim a gait on another body"),
-    "baseline": Entry("gait.cli", "BaselineCommand", "train a learner of stable-baselines3"),
+    "study": ("eea.cli.study:StudyCommand", "replicates of the paper's figures, ablations"),
+    "plot": ("eea.cli.study:Plot", "write a study's tables and figures anew"),
+    "merge": ("eea.cli.study:Merge", "add another folder of a study to this one"),
+    "evolve": ("gait.cli:Evolve", "evolve a gait for a body"),
+    "transfer": ("gait.cli:TransferCommand", "swim a gait on another body"),
+    "baseline": ("gait.cli:BaselineCommand", "train a learner of stable-baselines3"),
 }
 
 
@@ -48,8 +40,7 @@ class _Commands:
             print(usage())
             raise SystemExit(0 if words else 2)
         name = one_of("the command", words[0], COMMANDS)
-        entry = COMMANDS[name]
-        command = getattr(import_module(entry.module), entry.name)
+        command = resolve_name(COMMANDS[name][0])
         made = single_command(command).cli(prog=f"{prog} {name}", args=words[1:])
         # A study reads its settings again over those of each of its arms.
         return replace(made, words=tuple(words)) if hasattr(made, "words") else made
@@ -58,10 +49,8 @@ class _Commands:
 def usage() -> str:
     """Return what there is, a line a command."""
     width = max(map(len, COMMANDS))
-    lines = [f"  {name.ljust(width)}  {entry.help}" for name, entry in COMMANDS.items()]
-    return "\n".join(
-        ["usage: aquafish COMMAND [OPTIONS]; aquafish COMMAND --help lists the options", "", *lines]
-    )
+    use = "usage: aquafish COMMAND [OPTIONS]; aquafish COMMAND --help lists the options\n"
+    return "\n".join([use, *(f"  {name:{width}}  {says}" for name, (_, says) in COMMANDS.items())])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

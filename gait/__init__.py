@@ -27,15 +27,13 @@ __all__ = [
     "swim_all",
 ]
 
-# Each name is imported when it is first used, so that a command answers Ctrl-C from the start.
-_ROOMS = ("controller", "evolve", "policy", "rollout")
-
 
 def __getattr__(name: str) -> Any:
-    if name in __all__:
-        for room in map(import_module, (f"gait.{room}" for room in _ROOMS)):
-            if hasattr(room, name):
-                return getattr(room, name)
+    """Import a name when it is first used, so that a command answers Ctrl-C from the start."""
+    for room in ("controller", "evolve", "policy", "rollout") if name in __all__ else ():
+        module = import_module(f"gait.{room}")
+        if hasattr(module, name):
+            return getattr(module, name)
     raise AttributeError(f"module 'gait' has no attribute {name!r}")
 
 

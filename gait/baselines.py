@@ -19,13 +19,7 @@ from numpy.typing import NDArray
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import ensure_writable_directory, read_document, write_document
-from aquafish_gym.utils.validation import (
-    InvalidArgumentError,
-    brief,
-    flag,
-    integer,
-    one_of,
-)
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
 from gait.controller import check_fields
 from gait.policy import Policy
 
@@ -42,13 +36,7 @@ class MissingExtraError(ImportError):
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineConfig:
-    """What to learn with.
-
-    Examples
-    --------
-    >>> BaselineConfig(algorithm="SAC", hidden=(32, 32)).hidden
-    (32, 32)
-    """
+    """What to learn with."""
 
     algorithm: str = "PPO"
     """What learns: PPO, SAC or TD3."""
@@ -78,25 +66,7 @@ class BaselineConfig:
 
 
 class Baseline:
-    """A learned policy for a body.
-
-    Parameters
-    ----------
-    morphology
-        The body it was, or is to be, trained on.
-    config
-        What to learn with.
-
-    Raises
-    ------
-    MissingExtraError
-        If stable-baselines3 or torch is not installed.
-
-    Examples
-    --------
-    >>> quick = Baseline(Morphology.nominal(), BaselineConfig(steps=64))  # doctest: +SKIP
-    >>> quick.train()  # doctest: +SKIP
-    """
+    """A policy that was, or is to be, trained on a body; MissingExtraError without the extra."""
 
     def __init__(self, morphology: Morphology, config: BaselineConfig) -> None:
         self.morphology = morphology
@@ -133,10 +103,7 @@ class Baseline:
             torch.set_num_threads(threads)
 
     def policy(self) -> Policy:
-        """Return the learned policy, ready to steer one robot: it always does what it likes best.
-
-        So a baseline swims wherever a controller does: in ``gait.swim`` and in transfers.
-        """
+        """Return the learned policy, which always does what it likes best."""
 
         def act(observation: NDArray[np.float64], _time: float) -> NDArray[np.float32]:
             action, _ = self._model.predict(observation.astype(np.float32), deterministic=True)
@@ -150,13 +117,7 @@ class Baseline:
         return {name: tensor.detach().cpu().numpy() for name, tensor in state.items()}
 
     def save(self, out: Path | str) -> None:
-        """Write ``baseline.json`` and ``parameters.npz`` to a directory.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it cannot be written.
-        """
+        """Write ``baseline.json`` and ``parameters.npz`` to a directory."""
         directory = ensure_writable_directory(out)
         write_arrays(directory / PARAMETERS_FILE, self.parameters())
         spec = {"morphology": self.morphology.to_dict(), "config": asdict(self.config)}
@@ -164,15 +125,7 @@ class Baseline:
 
     @classmethod
     def load(cls, out: Path | str) -> Baseline:
-        """Read what :meth:`save` wrote.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If a file cannot be read, or does not fit.
-        MissingExtraError
-            If stable-baselines3 or torch is not installed.
-        """
+        """Read what :meth:`save` wrote; InvalidArgumentError if a file is not that."""
         directory = Path(out)
         spec = read_document(directory / SPEC_FILE, SCHEMA, "baseline")
         spec = check_fields("baseline", spec, ("morphology", "config"))

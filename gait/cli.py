@@ -35,16 +35,14 @@ from gait.controller import Controller
 from gait.evolve import (
     CONTROLLER_FILE,
     FINAL_POSES,
+    HISTORY_FILE,
     EvolveConfig,
-    Evolved,
+    Generation,
     evolve_gait,
     finished_generations,
 )
-from gait.history import HISTORY_FILE, Generation
 from gait.rollout import random_poses
 from gait.transfer import TransferConfig, score, transfer
-
-Show = Callable[[int, str], None]  # told how much is done, and a line about it
 
 
 @dataclass(frozen=True)
@@ -76,21 +74,24 @@ class Evolve(_OnBody):
     The 8 best of a generation swim from these, and the one with the highest mean is the winner.
     - distance: the winner's from the zero pose.
     - nodes, connections: of the winner's network.
-
-    Attributes
-    ----------
-    config
-        How to evolve.
     """
 
     config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
 
     def execute(self) -> None:
         """Evolve to the last generation, with progress."""
-        body = self.body()
+        body, before = self.body(), len(finished_generations(self.out))
         try:
-            with _no_folder_for_nothing(self.out):
-                evolved = self._evolve(body)
+            with (
+                _no_folder_for_nothing(self.out),
+                _counting("evolving", self.config.generations, before) as show,
+            ):
+                evolved = evolve_gait(
+                    body,
+                    self.config,
+                    out=self.out,
+                    on_generation=lambda row: show(row.generation + 1, _line(row)),
+                )
         except KeyboardInterrupt:
             done = finished_generations(self.out)
             _plot(self.out, done)
@@ -98,26 +99,14 @@ class Evolve(_OnBody):
             raise KeyboardInterrupt(f"interrupted; {rest}") from None
         _plot(self.out, evolved.history)
         network = evolved.controller
-        start = (
-            f"on the mean over the zero pose and {FINAL_POSES} random ones"
-            if self.config.poses
-            else "from the zero pose"
-        )
+        start = "from the zero pose"
+        if self.config.poses:
+            start = f"on the mean over the zero pose and {FINAL_POSES} random ones"
         print(
             f"swims {evolved.fitness:.2f} units in {self.config.seconds:g} s {start} "
             f"({network.nodes} nodes, {network.connections} connections); "
             f"{CONTROLLER_FILE} and {HISTORY_FILE} are in {self.out}"
         )
-
-    def _evolve(self, body: Morphology) -> Evolved:
-        before = len(finished_generations(self.out))
-        with _counting("evolving", self.config.generations, before) as show:
-            return evolve_gait(
-                body,
-                self.config,
-                out=self.out,
-                on_generation=lambda row: show(row.generation + 1, _line(row)),
-            )
 
 
 @dataclass(frozen=True)
@@ -130,8 +119,6 @@ class TransferCommand:
         A controller.json, as evolve writes it; it holds the body it was evolved on.
     out
         Directory for transfer.json and trajectories.png, if they are wanted.
-    config
-        How to compare.
     """
 
     controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
@@ -147,12 +134,12 @@ class TransferCommand:
         controller = Controller.load(self.controller)
         body = read_morphology(self.target_morphology, "target_morphology")
         target = Damage.parse(self.target_damage).apply(body)
-        out = None if self.out is None else ensure_writable_directory(self.out)
+        out = self.out and ensure_writable_directory(self.out)
         swims = 2 * (self.config.poses + 1)
         with Console(stderr=True).status(f"{swims} swims of {self.config.seconds:g} s"):
             result = transfer(controller, target, self.config)
         print(result)
-        if out is not None:
+        if out:
             from gait.plots import plot_trajectories
 
             document = {
@@ -175,11 +162,6 @@ class BaselineCommand(_OnBody):
 
     Into --out go baseline.json, parameters.npz and settings.json. It needs the extra rl. A run
     that was interrupted starts again from the beginning, to the same result.
-
-    Attributes
-    ----------
-    config
-        How to learn.
     """
 
     config: Annotated[BaselineConfig, tyro.conf.arg(name="")] = field(
@@ -226,8 +208,11 @@ def _no_folder_for_nothing(out: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _counting(label: str, total: int, before: int = 0) -> Iterator[Show]:
-    """Give a progress bar, or ten lines on stderr where there is no terminal to show one on."""
+def _counting(label: str, total: int, before: int = 0) -> Iterator[Callable[[int, str], None]]:
+    """Give a progress bar, or ten lines on stderr where there is no terminal to show one on.
+
+    It is told how much is done, and a line about it.
+    """
     said = before * 10 // total
     with _bar() as bar:
         task = bar.add_task(label, total=total)
@@ -243,14 +228,16 @@ def _counting(label: str, total: int, before: int = 0) -> Iterator[Show]:
 
 
 def _bar() -> Progress:
-    columns = (
+    console = Console(stderr=True)
+    return Progress(
         TextColumn("{task.description}"),
         BarColumn(bar_width=10),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
     )
-    console = Console(stderr=True)
-    return Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
 
 
 def _line(row: Generation) -> str:

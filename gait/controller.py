@@ -16,6 +16,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer
 from gait.network import INPUTS, OUTPUTS, forward, listen
+from gait.policy import Policy
 
 SCHEMA = "gait.controller/2"  # 1 had no checksum
 # Nobody's network is this large; a file that says so is broken or meant to hurt.
@@ -23,7 +24,6 @@ MAXIMUM_NODES = 1000
 MOST_BYTES = 64 * 2**20  # of such a network's file
 MAXIMUM_SEED = 2**64 - 1
 _HEARD = 9  # entries of an observation
-_FIELDS = ("inputs", "outputs", "clock", "seed", "morphology", "bias", "response", "weights")
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +42,13 @@ class Controller:
         (N,).
     clock
         Frequency of the clock, in Hz.
-    morphology
-        The body it was evolved on.
-    seed
-        The seed of the run that evolved it.
+    morphology, seed
+        The body it was evolved on, and the seed of that run.
 
     Raises
     ------
     InvalidArgumentError
-        If a shape does not fit, a number is not finite, a node hears a later one, or the seed
-        is not a whole number from 0 to 2**64 - 1.
+        If a shape does not fit, a number is not finite, or a node hears a later one.
 
     Examples
     --------
@@ -77,18 +74,13 @@ class Controller:
             raise InvalidArgumentError(
                 f"controller.bias must have {len(OUTPUTS)} to {MAXIMUM_NODES} entries; got {nodes}"
             )
-        arrays = {
-            "bias": bias,
-            "response": finite_array("controller.response", self.response, (nodes,)),
-            "weights": finite_array(
-                "controller.weights", self.weights, (nodes, len(INPUTS) + nodes)
-            ),
-        }
-        if np.triu(arrays["weights"][:, len(INPUTS) :]).any():
+        response = finite_array("controller.response", self.response, (nodes,))
+        weights = finite_array("controller.weights", self.weights, (nodes, len(INPUTS) + nodes))
+        if np.triu(weights[:, len(INPUTS) :]).any():
             raise InvalidArgumentError(
                 "controller.weights must be zero where a node would hear itself or a later node"
             )
-        for name, array in arrays.items():
+        for name, array in (("bias", bias), ("response", response), ("weights", weights)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
@@ -108,11 +100,8 @@ class Controller:
     def genes(self, nodes: int | None = None) -> NDArray[np.float64]:
         """Return clock and network as the rows that ``network.steer`` reads, for one robot.
 
-        Parameters
-        ----------
-        nodes
-            Pad with silent hidden nodes up to this many, so that networks of different sizes
-            can run side by side. By default there is no padding.
+        They are padded with silent hidden nodes up to ``nodes``, if that is given, so that
+        networks of different sizes can run side by side.
         """
         total = self.nodes if nodes is None else nodes
         pad, hidden, inputs = total - self.nodes, self.nodes - len(OUTPUTS), len(INPUTS)
@@ -132,9 +121,29 @@ class Controller:
             f"clock {self.clock:g} Hz, seed {self.seed})"
         )
 
-    def policy(self) -> NetworkPolicy:
-        """Return this controller ready to steer one robot."""
-        return NetworkPolicy(self)
+    def policy(self) -> Policy:
+        """Return this controller ready to steer one robot.
+
+        It hears the first nine entries of an observation, and raises InvalidArgumentError if
+        there are fewer, or one of them or the time is not finite.
+        """
+        genes: list[float] = self.genes().tolist()
+        values = [0.0] * (len(INPUTS) + self.nodes)  # scratch space
+
+        def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
+            senses = np.asarray(observation)
+            if senses.ndim != 1 or len(senses) < _HEARD:
+                raise InvalidArgumentError(
+                    f"observation must be {_HEARD} numbers or more in a row; "
+                    f"got shape {senses.shape}"
+                )
+            o = finite_array("observation", senses[:_HEARD], (_HEARD,)).tolist()
+            if not math.isfinite(time):
+                raise InvalidArgumentError(f"time must be finite; got {time}")
+            listen(values, genes[0], time, o[0:3], o[3:6], o[6:9])
+            return np.array(forward(genes, self.nodes, values, 0, 1, 0.0))
+
+        return act
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""
@@ -151,25 +160,15 @@ class Controller:
 
     @classmethod
     def from_dict(cls, data: object) -> Controller:
-        """Read what :meth:`to_dict` returned.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If a field is missing or unknown, or its value does not fit.
-        """
-        fields = check_fields("controller", data, _FIELDS)
-        for name, names in (("inputs", INPUTS), ("outputs", OUTPUTS)):
-            if fields[name] != list(names):
-                raise InvalidArgumentError(f"controller.{name} must be {', '.join(names)}")
-        return cls(
-            weights=fields["weights"],
-            bias=fields["bias"],
-            response=fields["response"],
-            clock=fields["clock"],
-            morphology=Morphology.from_json(json.dumps(fields["morphology"])),
-            seed=fields["seed"],
+        """Read what :meth:`to_dict` returned; InvalidArgumentError if a field is not that."""
+        fields = dict(
+            check_fields("controller", data, ("inputs", "outputs", *cls.__dataclass_fields__))
         )
+        for name, names in (("inputs", INPUTS), ("outputs", OUTPUTS)):
+            if fields.pop(name) != list(names):
+                raise InvalidArgumentError(f"controller.{name} must be {', '.join(names)}")
+        fields["morphology"] = Morphology.from_json(json.dumps(fields["morphology"]))
+        return cls(**fields)
 
     def save(self, path: Path | str) -> None:
         """Write a ``controller.json``, whole or not at all."""
@@ -177,13 +176,7 @@ class Controller:
 
     @classmethod
     def load(cls, path: Path | str) -> Controller:
-        """Read a ``controller.json``.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If the file cannot be read or does not match its checksum, or is no controller.
-        """
+        """Read a ``controller.json``; InvalidArgumentError if it is none, or damaged."""
         data = read_document(path, SCHEMA, "controller", MOST_BYTES)
         try:
             return cls.from_dict(data)
@@ -191,50 +184,8 @@ class Controller:
             raise InvalidArgumentError(f"controller: {path}: {error}") from None
 
 
-class NetworkPolicy:
-    """A controller with its scratch space: what one robot carries on board."""
-
-    def __init__(self, controller: Controller) -> None:
-        self._genes: list[float] = controller.genes().tolist()
-        self._nodes = controller.nodes
-        self._values = [0.0] * (len(INPUTS) + controller.nodes)
-
-    def __call__(self, observation: ArrayLike, time: float) -> NDArray[np.float64]:
-        """Return the three actions in [-1, 1].
-
-        Parameters
-        ----------
-        observation
-            (9,) the world's up and north in body axes and the gyro in rad/s, as AquaFish-v0
-            observes them; entries that follow are not heard.
-        time
-            Seconds since the controller was switched on.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If there are fewer entries, or one of the nine or the time is not finite.
-        """
-        senses = np.asarray(observation)
-        if senses.ndim != 1 or len(senses) < _HEARD:
-            raise InvalidArgumentError(
-                f"observation must be {_HEARD} numbers or more in a row; got shape {senses.shape}"
-            )
-        o = finite_array("observation", senses[:_HEARD], (_HEARD,)).tolist()
-        if not math.isfinite(time):
-            raise InvalidArgumentError(f"time must be finite; got {time}")
-        listen(self._values, self._genes[0], time, o[0:3], o[3:6], o[6:9])
-        return np.array(forward(self._genes, self._nodes, self._values, 0, 1, 0.0))
-
-
 def check_fields(argument: str, data: object, names: Collection[str]) -> dict[str, Any]:
-    """Return ``data`` if it is an object of just these fields.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is not; the message names the odd fields.
-    """
+    """Return ``data`` if it is an object of just these fields; the error names the odd ones."""
     if not isinstance(data, dict):
         raise InvalidArgumentError(f"{argument} must be a JSON object; got {brief(data)}")
     odd = ", ".join(sorted(map(str, data.keys() ^ set(names))))

@@ -22,9 +22,6 @@ from aquafish_gym.morphology import Morphology
 from gait.controller import Controller
 from gait.network import INPUTS, OUTPUTS
 
-_NODE_FIELDS = ("bias", "response", "time_constant")
-_CONNECTION_FIELDS = ("innovation", "weight", "enabled")
-
 
 class _Counter:
     """A counter whose next value can be read without using it up."""
@@ -38,31 +35,15 @@ class _Counter:
 
 
 class Evolution:
-    """One NEAT run: :meth:`ask` for the genomes, :meth:`tell` their fitness, again and again.
-
-    Parameters
-    ----------
-    size
-        How many genomes a generation has.
-    seed
-        The run follows from it alone.
-    """
+    """One NEAT run: :meth:`ask` for ``size`` genomes, :meth:`tell` their fitness, and again."""
 
     def __init__(self, size: int, seed: int) -> None:
         self._config = load_config(size)
         self._random = random.Random(seed).getstate()
         with self._global_random():
             self._run = neat.Population(self._config)
-        self._install_counters(
-            genome=max(self._run.population) + 1,
-            node=len(OUTPUTS),
-            species=max(self._run.species.species) + 1,
-        )
-
-    @property
-    def generation(self) -> int:
-        """How many generations have been told their fitness."""
-        return int(self._run.generation)
+        species = max(self._run.species.species) + 1
+        self._install_counters(max(self._run.population) + 1, len(OUTPUTS), species)
 
     @property
     def species(self) -> int:
@@ -149,10 +130,7 @@ class Evolution:
 def genome_to_controller(
     genome: Any, clock: float, morphology: Morphology, seed: int
 ) -> Controller:
-    """Return the network of a neat-python genome as arrays.
-
-    Hidden nodes that no output hears are left out, as neat-python does.
-    """
+    """Return a neat-python genome's network, without hidden nodes that no output hears."""
     inputs, outputs = [-i - 1 for i in range(len(INPUTS))], list(range(len(OUTPUTS)))
     enabled = [key for key, c in genome.connections.items() if c.enabled]
     layers, _ = neat.graphs.feed_forward_layers(inputs, outputs, enabled)
@@ -163,9 +141,8 @@ def genome_to_controller(
     weights = np.zeros((len(order), len(inputs) + len(order)))
     for source, sink in enabled:
         if sink in column and source in column:
-            weights[column[sink] - len(inputs), column[source]] = genome.connections[
-                source, sink
-            ].weight
+            weight = genome.connections[source, sink].weight
+            weights[column[sink] - len(inputs), column[source]] = weight
     return Controller(
         weights=weights,
         bias=np.array([genome.nodes[key].bias for key in order]),
@@ -194,11 +171,8 @@ def _genome_to_list(genome: Any) -> list[Any]:
     return [
         genome.key,
         genome.fitness,
-        [[key, *(getattr(n, f) for f in _NODE_FIELDS)] for key, n in genome.nodes.items()],
-        [
-            [*key, *(getattr(c, f) for f in _CONNECTION_FIELDS)]
-            for key, c in genome.connections.items()
-        ],
+        [[key, n.bias, n.response, n.time_constant] for key, n in genome.nodes.items()],
+        [[*key, c.innovation, c.weight, c.enabled] for key, c in genome.connections.items()],
     ]
 
 
@@ -206,15 +180,13 @@ def _genome_from_list(data: Sequence[Any]) -> Any:
     key, fitness, nodes, connections = data
     genome = neat.DefaultGenome(key)
     genome.fitness = fitness
-    for node_key, *values in nodes:
+    for node_key, bias, response, time_constant in nodes:
         node = neat.DefaultNodeGene(node_key)
         node.activation, node.aggregation = "tanh", "sum"
-        for field, value in zip(_NODE_FIELDS, values, strict=True):
-            setattr(node, field, value)
+        node.bias, node.response, node.time_constant = bias, response, time_constant
         genome.nodes[node_key] = node
-    for source, sink, *values in connections:
-        fields = dict(zip(_CONNECTION_FIELDS, values, strict=True))
-        gene = neat.DefaultConnectionGene((source, sink), innovation=fields["innovation"])
-        gene.weight, gene.enabled = fields["weight"], fields["enabled"]
+    for source, sink, innovation, weight, enabled in connections:
+        gene = neat.DefaultConnectionGene((source, sink), innovation=innovation)
+        gene.weight, gene.enabled = weight, enabled
         genome.connections[source, sink] = gene
     return genome

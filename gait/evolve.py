@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +18,12 @@ from aquafish_gym.runs.storage import (
     DamagedFileError,
     ensure_writable_directory,
     read_document,
+    write_bytes,
     write_document,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from gait.controller import MAXIMUM_SEED, Controller
 from gait.evolution import Evolution, genome_to_controller
-from gait.history import HISTORY_FILE, Generation, write_history
 from gait.rollout import (
     MAXIMUM_THREADS,
     SECONDS,
@@ -38,12 +39,12 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 CONTROLLER_FILE = "controller.json"
+HISTORY_FILE = "history.csv"
 CHECKPOINT_FILE = "checkpoint.json"
 # 1 drew from streams that were not this package's own, 2 had no schema of the storage's
 CHECKPOINT_SCHEMA = "gait.checkpoint/3"
 FILES = (CHECKPOINT_FILE, CONTROLLER_FILE, HISTORY_FILE)
 MOST_CHECKPOINT_BYTES = 512 * 2**20  # a generation of 10,000 networks
-MAXIMUM_GENERATIONS = 100_000
 
 # With random poses, fitness is noisy, and the best of many is the luckiest. So the leaders of
 # each generation swim once more, from poses that are the same throughout the run, and that
@@ -83,13 +84,27 @@ class EvolveConfig:
 
     def __post_init__(self) -> None:
         integer("seed", self.seed, 0, MAXIMUM_SEED)
-        integer("generations", self.generations, 1, MAXIMUM_GENERATIONS)
+        integer("generations", self.generations, 1, 100_000)
         integer("population", self.population, 10, 10_000)
         integer("poses", self.poses, 0, 1000)
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         step_count(self.seconds)
         if self.threads is not None:
             integer("threads", self.threads, 1, MAXIMUM_THREADS)
+
+
+@dataclass(frozen=True)
+class Generation:
+    """One row of ``history.csv``, whose columns ``gait evolve --help`` explains."""
+
+    generation: int
+    best: float
+    mean: float
+    species: int
+    final: float
+    distance: float
+    nodes: int
+    connections: int
 
 
 @dataclass(frozen=True)
@@ -123,42 +138,30 @@ class Evolved:
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the history, on matplotlib's present figure or the axes given."""
-        from gait.plots import draw_history, present_axes
+        from gait.plots import draw_history
 
-        axes = present_axes(axes)
-        draw_history(axes, self.history)
-        return axes
+        return draw_history(self.history, axes)
 
 
-class GaitRun:
-    """One evolution, a generation at a time.
+class _Run:
+    """One evolution, a generation at a time."""
 
-    Parameters
-    ----------
-    morphology
-        The body to find a gait for.
-    config
-        How.
-    scorer
-        Says how far networks swim; by default that body in the lanes.
-    """
-
-    def __init__(
-        self, morphology: Morphology, config: EvolveConfig, scorer: Scorer | None = None
-    ) -> None:
+    def __init__(self, morphology: Morphology, config: EvolveConfig, scorer: Scorer | None) -> None:
         self.morphology = morphology
         self.config = config
         self.history: list[Generation] = []
-        self._scorer: Scorer = scorer or (
+        self.best: Controller | None = None
+        self.fitness = -np.inf
+        self._scorer = scorer or (
             lambda controllers, poses: swim_all(
                 controllers, morphology, poses, config.seconds, threads=config.threads
             )
         )
-        neat_seed = int(self._stream(0).generate_state(1)[0])
-        self._evolution = Evolution(config.population, neat_seed)
-        self._final_poses = self._poses(FINAL_POSES if config.poses else 0, self._stream(1))
-        self._best: Controller | None = None
-        self._fitness = -np.inf
+        # Streams of their own, found by name, so that a run taken up again needs no generator.
+        self._evolution = Evolution(
+            config.population, int(stream(config.seed, 0).generate_state(1)[0])
+        )
+        self._final_poses = self._poses(FINAL_POSES if config.poses else 0, 1)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -167,17 +170,6 @@ class GaitRun:
         del config["generations"], config["threads"]
         return {"morphology": self.morphology.to_dict(), **config}
 
-    @property
-    def finished(self) -> bool:
-        """Whether all generations of the configuration have swum."""
-        return len(self.history) >= self.config.generations
-
-    @property
-    def result(self) -> Evolved:
-        """The best so far. There is none before the first :meth:`step`."""
-        assert self._best is not None
-        return Evolved(self._best, self._fitness, tuple(self.history))
-
     def step(self) -> Generation:
         """Let one generation swim, and breed the next."""
         c = self.config
@@ -185,7 +177,7 @@ class GaitRun:
             genome_to_controller(genome, c.clock, self.morphology, c.seed)
             for genome in self._evolution.ask()
         ]
-        poses = self._poses(c.poses, self._stream(2, len(self.history)))
+        poses = self._poses(c.poses, 2, len(self.history))
         fitness = self._score(controllers, poses).mean(axis=1)
         leaders = [controllers[i] for i in np.argsort(-fitness, kind="stable")[:FINALISTS]]
         finals = self._score(leaders, self._final_poses)
@@ -202,8 +194,8 @@ class GaitRun:
             connections=winner.connections,
         )
         self._evolution.tell(fitness.tolist())
-        if row.final > self._fitness:
-            self._best, self._fitness = winner, row.final
+        if row.final > self.fitness:
+            self.best, self.fitness = winner, row.final
         self.history.append(row)
         return row
 
@@ -213,45 +205,45 @@ class GaitRun:
         distances = self._scorer(controllers, poses)
         return np.where(np.isfinite(distances), distances, DIVERGED_SPEED * self.config.seconds)
 
-    def _stream(self, *key: int) -> np.random.SeedSequence:
-        # Streams of their own, found by name, so that a run taken up again needs no generator.
-        return stream(self.config.seed, *key)
+    def _poses(self, count: int, *key: int) -> NDArray[np.float64]:
+        return np.vstack([ZERO_POSE, random_poses(count, stream(self.config.seed, *key))])
 
-    @staticmethod
-    def _poses(count: int, source: np.random.SeedSequence) -> NDArray[np.float64]:
-        return np.vstack([ZERO_POSE, random_poses(count, source)])
-
-    def checkpoint(self) -> dict[str, Any]:
-        """Return everything that the rest of the run depends on, ready for JSON."""
-        return {
+    def write(self, directory: Path) -> None:
+        """Write everything that the rest of the run depends on, and then the results."""
+        assert self.best is not None
+        checkpoint = {
             "settings": self.settings,
             "history": [asdict(row) for row in self.history],
-            "best": None if self._best is None else self._best.to_dict(),
-            "fitness": None if self._best is None else self._fitness,
+            "best": self.best.to_dict(),
+            "fitness": self.fitness,
             "evolution": self._evolution.state(),
         }
+        write_document(directory / CHECKPOINT_FILE, checkpoint, CHECKPOINT_SCHEMA)
+        self.best.save(directory / CONTROLLER_FILE)
+        write_history(directory / HISTORY_FILE, self.history)
 
-    def restore(self, checkpoint: dict[str, Any]) -> None:
-        """Go on from what :meth:`checkpoint` returned for the same settings.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it is another run's, or holds more generations than are wanted.
-        """
-        if checkpoint["settings"] != self.settings:
-            raise InvalidArgumentError("out holds another run's checkpoint")
-        done = len(checkpoint["history"])
-        if done > self.config.generations:
+    def read(self, directory: Path) -> None:
+        """Go on from what :meth:`write` wrote for the same settings."""
+        path = directory / CHECKPOINT_FILE
+        try:
+            checkpoint = _read_checkpoint(directory)
+            if checkpoint["settings"] != self.settings:
+                raise InvalidArgumentError("out holds another run's checkpoint")
+            self.history = [Generation(**row) for row in checkpoint["history"]]
+            self.best = Controller.from_dict(checkpoint["best"])
+            self.fitness = checkpoint["fitness"]
+            self._evolution = Evolution.from_state(checkpoint["evolution"])
+        except DamagedFileError as error:
+            raise DamagedFileError(f"{error}; delete it to start again") from None
+        except (KeyError, TypeError):
             raise InvalidArgumentError(
-                f"generations must be at least the {done} that out already holds; "
+                f"out: {path} lacks something that a run needs; choose another directory"
+            ) from None
+        if len(self.history) > self.config.generations:
+            raise InvalidArgumentError(
+                f"generations must be at least the {len(self.history)} that out already holds; "
                 f"got {self.config.generations}"
             )
-        self.history = [Generation(**row) for row in checkpoint["history"]]
-        if self.history:
-            self._best = Controller.from_dict(checkpoint["best"])
-            self._fitness = checkpoint["fitness"]
-        self._evolution = Evolution.from_state(checkpoint["evolution"])
 
 
 def evolve_gait(
@@ -285,65 +277,45 @@ def evolve_gait(
     InvalidArgumentError
         If the body is none, or ``out`` cannot be written, is in use by another command, or holds
         another run or a damaged checkpoint.
-
-    Examples
-    --------
-    >>> gait = evolve_gait(config=EvolveConfig(generations=1, population=10, seconds=1))
-    >>> gait.controller.to_dict()["outputs"]
-    ['left_pectoral', 'right_pectoral', 'caudal']
     """
-    run = GaitRun(Morphology.coerce(morphology), config or EvolveConfig(), scorer)
+    run = _Run(Morphology.coerce(morphology), config or EvolveConfig(), scorer)
+    tell = on_generation or (lambda _row: None)
     directory = None if out is None else ensure_writable_directory(out)
-    with nullcontext() if directory is None else held(directory):
-        if directory is not None:
+    with held(directory) if directory else nullcontext():
+        if directory:
             claim(directory, "a gait", run.settings, outputs=FILES)
             if (directory / CHECKPOINT_FILE).exists():
-                _read_checkpoint(run, directory / CHECKPOINT_FILE)
-                _write_results(run, directory)
+                run.read(directory)
+                run.write(directory)  # a kill may have left the results a generation behind
         for row in run.history:
-            if on_generation is not None:
-                on_generation(row)
-        while not run.finished:
+            tell(row)
+        while len(run.history) < run.config.generations:
             row = run.step()
-            if directory is not None:
-                write_document(directory / CHECKPOINT_FILE, run.checkpoint(), CHECKPOINT_SCHEMA)
-                _write_results(run, directory)
-            if on_generation is not None:
-                on_generation(row)
-    return run.result
+            if directory:
+                run.write(directory)
+            tell(row)
+    assert run.best is not None
+    return Evolved(run.best, run.fitness, tuple(run.history))
 
 
-def finished_generations(out: Path | str) -> tuple[Generation, ...]:
+def finished_generations(out: Path) -> tuple[Generation, ...]:
     """Return the generations that a directory's checkpoint holds; none if it cannot be read.
 
     ``history.csv`` may be one behind, if the run broke off in between.
     """
     try:
-        data = _read_document(Path(out) / CHECKPOINT_FILE)
-        return tuple(Generation(**row) for row in data["history"])
+        return tuple(Generation(**row) for row in _read_checkpoint(out)["history"])
     except (InvalidArgumentError, KeyError, TypeError):
         return ()
 
 
-def _write_results(run: GaitRun, directory: Path) -> None:
-    if not run.history:
-        return
-    run.result.controller.save(directory / CONTROLLER_FILE)
-    write_history(directory / HISTORY_FILE, run.history)
-
-
-def _read_document(path: Path) -> dict[str, Any]:
+def _read_checkpoint(directory: Path) -> dict[str, Any]:
+    path = directory / CHECKPOINT_FILE
     return read_document(path, CHECKPOINT_SCHEMA, "out", MOST_CHECKPOINT_BYTES)
 
 
-def _read_checkpoint(run: GaitRun, path: Path) -> None:
-    try:
-        run.restore(_read_document(path))
-    except DamagedFileError as error:
-        raise DamagedFileError(f"{error}; delete it to start again") from None
-    except InvalidArgumentError:
-        raise
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError):
-        raise InvalidArgumentError(
-            f"out: {path} lacks something that a run needs; choose another directory"
-        ) from None
+def write_history(path: Path, history: Sequence[Generation]) -> None:
+    """Write a ``history.csv``, whole or not at all; every number reads back exactly."""
+    lines = [",".join(field.name for field in fields(Generation))]
+    lines += [",".join(map(json.dumps, asdict(row).values())) for row in history]
+    write_bytes(path, ("\n".join(lines) + "\n").encode())

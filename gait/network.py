@@ -86,18 +86,8 @@ def listen(
 ) -> None:
     """Put the inputs, in the order of ``INPUTS``, into the first entries of ``values``.
 
-    Parameters
-    ----------
-    values
-        Flat scratch space.
-    clock
-        Hz.
-    time
-        Seconds since the controller was switched on.
-    up, north
-        The world's z and y in body axes.
-    gyro
-        Angular velocity in body axes, rad/s.
+    The clock is in Hz, and the time in s since the controller was switched on; ``up`` and
+    ``north`` are the world's z and y, and ``gyro`` the angular velocity in rad/s, in body axes.
     """
     sine, cosine = sine_cosine(clock * time)
     put(values, 0, up[0])
@@ -132,8 +122,6 @@ def forward(genes: Any, nodes: int, values: Any, group: int, groups: int, like: 
         Flat table whose row r is entry ``r * groups + group``. Row 0 is the clock; then, for
         each node in topological order, follow its bias, its response, and its weights from
         the inputs and from all nodes before it.
-    nodes
-        How many nodes there are; the last three are the outputs.
     values
         Flat scratch space of ``INPUT_COUNT + nodes`` entries.
     group, groups

@@ -2,59 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from io import BytesIO
+from collections.abc import Callable, Mapping, Sequence
+from itertools import cycle
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
-
-from aquafish_gym.runs.storage import write_bytes
-from gait.history import Generation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
+    from gait.evolve import Generation
+    from gait.rollout import Swim
+
+DPI = 150
 # Told apart in grey and by the colour-blind too. Paths leave the colours of the case study's
 # treatments alone.
 _PATHS = (("#000000", "-"), ("#cc79a7", "--"), ("#56b4e9", "-."), ("#b09500", ":"))
 _FINAL, _MEAN = "#0072b2", "#d55e00"
 
 
-class Path2D(Protocol):
-    """What is drawn of a ``gait.Swim``."""
-
-    @property
-    def position(self) -> NDArray[np.float64]:
-        """Positions (T, 3) in units of 5 cm."""
-
-    @property
-    def distance(self) -> float:
-        """Progress along the world's +y."""
-
-
-def present_axes(axes: Axes | None) -> Axes:
-    """Return the axes given, or those of matplotlib's present figure, as its own functions do."""
-    if axes is not None:
-        return axes
-    from matplotlib import pyplot
-
-    return pyplot.gca()
-
-
-def draw_trajectories(axes: Axes, swims: Mapping[str, Path2D]) -> None:
+def draw_trajectories(swims: Mapping[str, Swim], axes: Axes | None = None) -> Axes:
     """Draw paths from above, x to the right and y (forward) upwards, in units of 5 cm.
 
     Parameters
     ----------
-    axes
-        Where.
     swims
         Label to swim, for example ``{"native": ..., "target": ...}``.
+    axes
+        Where; None is matplotlib's present figure.
     """
-    for (label, one), (colour, line) in zip(swims.items(), _cycle(len(swims)), strict=True):
+    axes = axes or _present_axes()
+    for (label, one), (colour, line) in zip(swims.items(), cycle(_PATHS), strict=False):
         x, y, text = one.position[:, 0], one.position[:, 1], f"{label}: {one.distance:.1f}"
         axes.plot(x, y, line, color=colour, label=text, linewidth=1.8)
         axes.plot(x[-1], y[-1], "o", color=colour, markersize=5)
@@ -64,12 +43,14 @@ def draw_trajectories(axes: Axes, swims: Mapping[str, Path2D]) -> None:
     axes.set_xlabel("x (units of 5 cm)")
     axes.set_ylabel("forward, y (units of 5 cm)")
     axes.legend(loc="best", frameon=False)
+    return axes
 
 
-def draw_history(axes: Axes, history: Sequence[Generation]) -> None:
+def draw_history(history: Sequence[Generation], axes: Axes | None = None) -> Axes:
     """Draw a history's columns ``final`` and ``mean``, and the best ``final`` so far."""
     from matplotlib.ticker import MaxNLocator
 
+    axes = axes or _present_axes()
     x = [row.generation for row in history]
     final = [row.final for row in history]
     axes.plot(x, np.maximum.accumulate(final), color=_FINAL, label="final, best so far")
@@ -79,44 +60,28 @@ def draw_history(axes: Axes, history: Sequence[Generation]) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("distance (units of 5 cm)")
     axes.legend(loc="best", frameon=False)
+    return axes
 
 
-def plot_trajectories(path: Path | str, swims: Mapping[str, Path2D], title: str = "") -> None:
+def plot_trajectories(path: Path, swims: Mapping[str, Swim]) -> None:
     """Write :func:`draw_trajectories` to a PNG, PDF or SVG file."""
-    figure = _figure(5.0, 5.0)
-    axes = figure.add_subplot()
-    draw_trajectories(axes, swims)
-    axes.set_title(title)
-    _save(figure, path)
+    _write(path, (5.0, 5.0), lambda axes: draw_trajectories(swims, axes))
 
 
-def plot_history(path: Path | str, history: Sequence[Generation], title: str = "") -> None:
+def plot_history(path: Path, history: Sequence[Generation]) -> None:
     """Write :func:`draw_history` to a PNG, PDF or SVG file."""
-    figure = _figure(6.0, 4.0)
-    axes = figure.add_subplot()
-    draw_history(axes, history)
-    axes.set_title(title)
-    _save(figure, path)
+    _write(path, (6.0, 4.0), lambda axes: draw_history(history, axes))
 
 
-def _save(figure: Figure, path: Path | str) -> None:
-    """Write a picture whole or not at all; what kind it is, its name says, or else PNG."""
-    target = Path(path)
-    target = target if target.suffix else target.with_suffix(".png")
-    picture = BytesIO()
-    figure.savefig(picture, format=target.suffix[1:], dpi=150)
-    write_bytes(target, picture.getvalue())
+def _write(path: Path, size: tuple[float, float], draw: Callable[[Axes], object]) -> None:
+    from aquafish_gym.rendering.pictures import new_figure, save_figure
+
+    figure = new_figure(*size, DPI)
+    draw(figure.add_subplot())
+    save_figure(figure, path)
 
 
-def _figure(width: float, height: float) -> Figure:
-    # The object interface: no pyplot, no window system, no global state.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+def _present_axes() -> Axes:
+    from matplotlib import pyplot
 
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _cycle(count: int) -> list[tuple[str, str]]:
-    return [_PATHS[i % len(_PATHS)] for i in range(count)]
+    return pyplot.gca()

@@ -14,7 +14,7 @@ class Policy(Protocol):
     """A function that steers one robot through one swim."""
 
     def __call__(self, observation: NDArray[np.float64], time: float, /) -> ArrayLike:
-        """Return the action.
+        """Return the action (3,) in [-1, 1] for left pectoral, right pectoral and caudal fin.
 
         Parameters
         ----------
@@ -23,11 +23,6 @@ class Policy(Protocol):
             observes them.
         time
             Seconds since the swim began; it is asked every 0.05 s.
-
-        Returns
-        -------
-        array_like
-            (3,) in [-1, 1] for left pectoral, right pectoral and caudal fin, as in AquaFish-v0.
         """
 
 
@@ -46,18 +41,7 @@ ControllerLike = Policy | HasPolicy
 
 
 def new_policy(controller: ControllerLike) -> Policy:
-    """Return a policy for one swim.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If ``controller`` is neither a function nor has a method ``policy``.
-
-    Examples
-    --------
-    >>> new_policy(lambda observation, time: (0.0, 0.0, 1.0))(np.zeros(9), 0.0)
-    (0.0, 0.0, 1.0)
-    """
+    """Return a policy for one swim, or raise InvalidArgumentError."""
     policy = controller.policy() if isinstance(controller, HasPolicy) else controller
     if not callable(policy):
         raise InvalidArgumentError(

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,14 +35,8 @@ ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 # angles that the target hides, or that a baseline was trained from.
 _GAIT = 0x67616974
 
-
-class Scorer(Protocol):
-    """Whatever says how far controllers swim."""
-
-    def __call__(
-        self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Return distances (P, Q) for P controllers from Q initial fin angles (Q, 3)."""
+# How far P controllers swim from Q initial fin angles (Q, 3): distances (P, Q).
+Scorer = Callable[[Sequence[Controller], NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -82,37 +76,18 @@ class Swim:
 
     def plot(self, axes: Axes | None = None, label: str = "swim") -> Axes:
         """Draw the path from above, on matplotlib's present figure or the axes given."""
-        from gait.plots import draw_trajectories, present_axes
+        from gait.plots import draw_trajectories
 
-        axes = present_axes(axes)
-        draw_trajectories(axes, {label: self})
-        return axes
+        return draw_trajectories({label: self}, axes)
 
 
 def stream(seed: int, *key: int) -> np.random.SeedSequence:
-    """Return the random stream that goes by ``key`` in this package, for a seed.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the seed is not a whole number from 0 to 2**64 - 1.
-    """
+    """Return the random stream that goes by ``key`` in this package, for a seed."""
     return np.random.SeedSequence([_GAIT, integer("seed", seed, 0, MAXIMUM_SEED)], spawn_key=key)
 
 
 def random_poses(count: int, seed: int | np.random.SeedSequence) -> NDArray[np.float64]:
-    """Return ``count`` random fin angles (count, 3), uniform over whole turns, in rad.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If ``count`` is not a whole number from 0 to 10,000, or ``seed`` not one from 0.
-
-    Examples
-    --------
-    >>> random_poses(16, seed=0).shape
-    (16, 3)
-    """
+    """Return ``count`` random fin angles (count, 3), uniform over whole turns, in rad."""
     source = seed if isinstance(seed, np.random.SeedSequence) else stream(seed)
     size = (integer("count", count, 0, MAXIMUM_POSES), 3)
     return np.random.default_rng(source).uniform(-np.pi, np.pi, size)
@@ -132,12 +107,10 @@ def swim_all(
     ----------
     controllers
         P of them.
-    morphology
-        The body they all steer; whatever ``Morphology.coerce`` takes.
+    morphology, seconds
+        As for :func:`swim`.
     fin_angles
         (Q, 3) initial left and right pectoral angle and caudal phase, rad.
-    seconds
-        How long each swim lasts.
     dtype
         ``"float32"`` or ``"float64"``.
     threads
@@ -147,12 +120,6 @@ def swim_all(
     -------
     ndarray
         (P, Q) progress along the world's +y, in units of 5 cm; NaN where a robot diverged.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the body is none, the angles are not (Q, 3), ``seconds`` is not positive or
-        ``threads`` is not at least 1.
     """
     # numba comes with its engine: importing this package stays quick.
     from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
@@ -202,14 +169,14 @@ def swim(
         A function from observation and time to an action (see ``gait.Policy``), or whatever has
         a method ``policy`` that returns one: an evolved network, a trained baseline, your own.
     morphology
-        The body it steers here; whatever ``Morphology.coerce`` takes.
+        The body it steers; whatever ``Morphology.coerce`` takes.
     fin_angles
         (3,) initial left and right pectoral angle and caudal phase, rad.
     engine
         ``"pybullet"``, ``"numba"`` for the same robot in the lanes, in float64, or ``"auto"``:
         PyBullet where it is installed.
     seconds
-        How long.
+        How long it swims.
 
     Raises
     ------
@@ -217,12 +184,6 @@ def swim(
         If an argument does not fit, or the controller answers with no action.
     EngineUnavailableError
         If the engine's package is missing.
-
-    Examples
-    --------
-    >>> path = swim(lambda observation, time: (0.0, 0.0, 1.0), None, engine="numba", seconds=2)
-    >>> path.position.shape
-    (41, 3)
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
@@ -252,13 +213,7 @@ def swim(
 
 
 def step_count(seconds: float) -> int:
-    """Return how many physics steps a time is.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is not at least one step, or over an hour.
-    """
+    """Return how many physics steps a time is: one or more, and an hour at most."""
     time = float(finite_array("seconds", seconds, (), TIMESTEP, 3600.0, "s"))
     return round(time / TIMESTEP)
 

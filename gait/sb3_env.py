@@ -17,17 +17,7 @@ _VecEnv: Any = import_module("stable_baselines3.common.vec_env").VecEnv
 
 
 class LaneVecEnv(_VecEnv):  # type: ignore[misc]
-    """``AquaFish-v0`` in the lanes, for stable-baselines3.
-
-    Parameters
-    ----------
-    count
-        How many robots.
-    morphology
-        Their body.
-    fin_angles
-        ``"zero"`` or ``"random"``.
-    """
+    """``count`` robots of ``AquaFish-v0`` in the lanes; ``fin_angles`` "zero" or "random"."""
 
     def __init__(self, count: int, morphology: Morphology, fin_angles: str) -> None:
         # stable-baselines3 expects the new episode's first observation at once, and the old
@@ -50,7 +40,6 @@ class LaneVecEnv(_VecEnv):  # type: ignore[misc]
         return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
-        """Take the actions (count, 3) of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, Any, Any, list[dict[str, Any]]]:
@@ -66,21 +55,16 @@ class LaneVecEnv(_VecEnv):  # type: ignore[misc]
         return observations, rewards.astype(np.float32), done, infos
 
     def close(self) -> None:
-        """Close the environment."""
         self._env.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute, the same for every robot."""
         return [getattr(self._env, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ARG002
-        """Refuse: the robots share one environment."""
         raise AttributeError(f"{attr_name} cannot be set: the robots share one environment")
 
     def env_method(self, method_name: str, *_: Any, indices: Any = None, **__: Any) -> Any:  # noqa: ARG002
-        """Refuse: the robots share one environment."""
         raise AttributeError(f"{method_name} cannot be called: the robots share one environment")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ARG002
-        """Return False for every robot: nothing wraps them."""
         return [False for _ in self._get_indices(indices)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,13 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class TransferConfig:
-    """How to compare two bodies under one controller.
-
-    Examples
-    --------
-    >>> TransferConfig(poses=4, target_engine="numba").target_engine
-    'numba'
-    """
+    """How to compare two bodies under one controller."""
 
     poses: int = 16
     """Random fin poses to swim from besides the zero pose."""
@@ -81,6 +75,14 @@ class Scored:
             f"average over {len(self.random_distances)} random poses)"
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return the distances, ready for JSON; None where the robot diverged."""
+        return {
+            "distance": _finite(self.distance),
+            "random_distance": _finite(self.random_distance),
+            "random_distances": [_finite(d) for d in self.random_distances.tolist()],
+        }
+
 
 @dataclass(frozen=True)
 class Transfer:
@@ -102,22 +104,16 @@ class Transfer:
 
     native: Scored
     target: Scored
-    poses: NDArray[np.float64]
+    poses: NDArray[np.float64] = field(repr=False)
 
-    def rows(self) -> list[tuple[str, str, str]]:
+    def rows(self) -> list[list[str]]:
         """Return a table: what was measured, on the native body, on the target."""
+        both = (self.native, self.target)
         return [
-            ("units of 5 cm", "native", "target"),
-            ("zero pose", f"{self.native.distance:.2f}", f"{self.target.distance:.2f}"),
-            (
-                f"{len(self.poses)} random poses",
-                f"{self.native.random_distance:.2f}",
-                f"{self.target.random_distance:.2f}",
-            ),
+            ["units of 5 cm", "native", "target"],
+            ["zero pose", *(f"{one.distance:.2f}" for one in both)],
+            [f"{len(self.poses)} random poses", *(f"{one.random_distance:.2f}" for one in both)],
         ]
-
-    def __repr__(self) -> str:
-        return f"Transfer(native={self.native!r}, target={self.target!r})"
 
     def __str__(self) -> str:
         return "\n".join(f"{name:20s}{one:>9s}{other:>9s}" for name, one, other in self.rows())
@@ -130,25 +126,16 @@ class Transfer:
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw both paths from the zero pose, on matplotlib's present figure or the axes given."""
-        from gait.plots import draw_trajectories, present_axes
+        from gait.plots import draw_trajectories
 
-        axes = present_axes(axes)
-        draw_trajectories(axes, {"native": self.native.swim, "target": self.target.swim})
-        return axes
+        return draw_trajectories({"native": self.native.swim, "target": self.target.swim}, axes)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the numbers, without the paths, ready for JSON; None where a robot diverged."""
-        both = {"native": self.native, "target": self.target}
         return {
             "poses": self.poses.tolist(),
-            **{
-                name: {
-                    "distance": _finite(scored.distance),
-                    "random_distance": _finite(scored.random_distance),
-                    "random_distances": [_finite(d) for d in scored.random_distances.tolist()],
-                }
-                for name, scored in both.items()
-            },
+            "native": self.native.to_dict(),
+            "target": self.target.to_dict(),
         }
 
 
@@ -162,10 +149,8 @@ def transfer(
 
     Parameters
     ----------
-    controller
-        See :func:`gait.swim`.
-    target
-        Whatever ``Morphology.coerce`` takes.
+    controller, target
+        As controller and morphology of :func:`gait.swim`.
     config
         How; None is ``TransferConfig()``.
     native
@@ -179,24 +164,19 @@ def transfer(
         If an engine's package is missing.
     """
     c = config or TransferConfig()
-    body = Morphology.coerce(target)
-    home = _native_body(controller) if native is None else Morphology.coerce(native)
+    away = Morphology.coerce(target)
+    home = getattr(controller, "morphology", None) if native is None else Morphology.coerce(native)
+    if not isinstance(home, Morphology):
+        raise InvalidArgumentError(
+            "native, the body that the controller was made for, must be given: "
+            "the controller has no morphology"
+        )
     engines = [check_engine(name) for name in (c.native_engine, c.target_engine)]
     poses = random_poses(c.poses, c.seed)
     return Transfer(
         native=score(controller, home, poses, engines[0], c.seconds),
-        target=score(controller, body, poses, engines[1], c.seconds),
+        target=score(controller, away, poses, engines[1], c.seconds),
         poses=poses,
-    )
-
-
-def _native_body(controller: ControllerLike) -> Morphology:
-    body = getattr(controller, "morphology", None)
-    if isinstance(body, Morphology):
-        return body
-    raise InvalidArgumentError(
-        "native, the body that the controller was made for, must be given: "
-        "the controller has no morphology"
     )
 
 
@@ -210,14 +190,7 @@ def score(
     """Swim a controller on one body, from the zero pose and from each of ``poses`` (Q, 3).
 
     Evolved networks swim side by side in the compiled engine; any other controller, and any in
-    PyBullet, one pose after the other.
-
-    Raises
-    ------
-    InvalidArgumentError, UnknownNameError
-        If an argument does not fit.
-    EngineUnavailableError
-        If the engine's package is missing.
+    PyBullet, one pose after the other. Raises as :func:`gait.swim`.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
     if isinstance(controller, Controller) and resolve_engine("engine", engine) == "numba":

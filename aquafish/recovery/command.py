@@ -24,19 +24,23 @@ from aquafish_gym.runs.folder import claim, described, held
 from aquafish_gym.runs.processes import WorkerDiedError
 from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.command_line import RESUMES, Out, TargetEngine, read_morphology
+from aquafish_gym.utils.command_line import (
+    RESUMES,
+    BodyDamage,
+    BodyFile,
+    Out,
+    TargetEngine,
+    read_morphology,
+)
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from eea.core.config import RECOVERY, recovery_config
 from gait.controller import Controller
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
 
-KIND = "a case study"
 SCHEMA = "aquafish.recovery/1"
 REPORT = "report.json"
-MOST_SEEDS = 100_000
 PATIENCE = 3.0  # s, in which a worker with everything compiled is ready
-ORDER = ("out-of-band", "none", "undamaged", "oracle")  # the longest first
 
 
 @dataclass(frozen=True)
@@ -51,11 +55,8 @@ class Recover:
     """
 
     out: Out = Path("out/recovery")
-    damage: str = "left_pectoral:length=0.5"
-    """What breaks: FIN:SIZE=FACTOR or FIN:missing, several joined by ";". FIN is left_pectoral,
-    right_pectoral or caudal; SIZE is length, width or thickness."""
-    morphology: Path | None = None
-    """A JSON file of the healthy body; the prototype if not given."""
+    damage: BodyDamage = "left_pectoral:length=0.5"
+    morphology: BodyFile = None
     seed: int = 0
     """The first replicate's seed."""
     seeds: int = 1
@@ -98,34 +99,25 @@ class Recover:
     """Go on although other code began the folder; the report names both."""
 
     def treatments(self) -> list[Treatment]:
-        """Return every treatment of every replicate, the longest first.
-
-        Raises
-        ------
-        InvalidArgumentError, ConfigurationError, EngineUnavailableError
-            If a setting is wrong; the message names it.
-        """
+        """Return every treatment of every replicate, the longest first."""
         integer("seed", self.seed, 0)
-        integer("seeds", self.seeds, 1, MOST_SEEDS)
+        integer("seeds", self.seeds, 1, 100_000)
         if self.workers is not None:
             integer("workers", self.workers, 1)
         if not self.format:
             raise InvalidArgumentError("format must be one or more of png, pdf, svg; got none")
         engine = check_engine(self.target_engine)
-        body = read_morphology(self.morphology, "morphology")
-        damage = Damage.coerce(self.damage)
+        body, damage = read_morphology(self.morphology, "morphology"), Damage.parse(self.damage)
         damage.apply(body)
         eea = recovery_config(self.steps, self.rounds)
-        eea = replace(
-            eea,
-            estimation=replace(eea.estimation, population=self.models),
-            out_of_band=replace(
-                eea.out_of_band,
-                inner_population=self.angle_sets,
-                sampled_models=self.sampled_models,
-                revisit=self.revisit,
-            ),
+        out_of_band = replace(
+            eea.out_of_band,
+            inner_population=self.angle_sets,
+            sampled_models=self.sampled_models,
+            revisit=self.revisit,
         )
+        estimation = replace(eea.estimation, population=self.models)
+        eea = replace(eea, estimation=estimation, out_of_band=out_of_band)
         gait = EvolveConfig(
             generations=self.generations,
             population=self.population,
@@ -146,20 +138,14 @@ class Recover:
                 source=source_stamp(),
             )
             for seed in range(self.seed, self.seed + self.seeds)
-            for name in ORDER
+            for name in ("out-of-band", "none", "undamaged", "oracle")
         ]
 
     def execute(self) -> None:
         """Do what is missing, write the report and the pictures, and print the report.
 
-        Raises
-        ------
-        InvalidArgumentError, ConfigurationError, EngineUnavailableError
-            If an option is wrong, or the folder holds something else; nothing has changed then.
-        SystemExit
-            With code 1, if a treatment could not be done. The others are.
-        KeyboardInterrupt
-            On Ctrl-C; all finished treatments are on disk.
+        If an option is wrong, or the folder holds something else, nothing has changed. If a
+        treatment could not be done, the others are, and SystemExit has the code 1.
         """
         jobs = self.treatments()
         if self.redraw and len(finished(self.out, jobs)) < len(jobs):
@@ -168,7 +154,7 @@ class Recover:
         with held(folder):
             code = None if self.redraw else {"source": source_stamp(), **versions()}
             settings = _settings(jobs)
-            claim(folder, KIND, settings, code, (REPORT,), other_code=self.other_code)
+            claim(folder, "a case study", settings, code, (REPORT,), other_code=self.other_code)
             if not self.redraw:
                 self._work(jobs, folder)
             self._publish(jobs, folder, settings)
@@ -178,7 +164,7 @@ class Recover:
         missing = [job for job in jobs if job not in done]
         for job in missing:
             if (folder / job.file).exists():
-                print(f"damaged: {folder / job.file}; {job.name} is done anew", file=sys.stderr)
+                _say(f"damaged: {folder / job.file}; {job.name} is done anew")
         if not missing:
             return
         try:
@@ -192,7 +178,7 @@ class Recover:
                 f"interrupted with {left} of {len(jobs)} treatments to do; {RESUMES}"
             ) from None
         if failures:
-            print(*(f"failed: {failure}" for failure in failures), sep="\n", file=sys.stderr)
+            _say("\n".join(f"failed: {failure}" for failure in failures))
             raise SystemExit(1)
 
     def _publish(self, jobs: list[Treatment], folder: Path, settings: dict[str, Any]) -> None:
@@ -202,13 +188,8 @@ class Recover:
         outcomes = read_all(folder, jobs)
         # Only PyBullet can draw the robot; without it the study is whole but for two pictures.
         drawable = importlib.util.find_spec("pybullet") is not None
-        body, target = jobs[0].morphology, jobs[0].target
-        pictures = draw_all(
-            folder, body, target, outcomes, self.format, robot=drawable, film=self.film
-        )
-        description = described(folder)
-        assert description is not None
-        report = build_report(settings, description["code"], outcomes)
+        pictures = draw_all(folder, jobs[0], outcomes, self.format, drawable, self.film)
+        report = build_report(settings, (described(folder) or {})["code"], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
         # Readers' programs show one of the formats, and not all of them show PDF.
         best = next(form for form in ("png", "svg", "pdf") if form in self.format)
@@ -223,24 +204,18 @@ class Recover:
         show(report, console)
         console.print(f"Report and pictures: {folder}", soft_wrap=True)
         if not drawable:
-            print("the bodies and the film need PyBullet, which draws the robot", file=sys.stderr)
+            _say("the bodies and the film need PyBullet, which draws the robot")
+
+
+def _say(text: str) -> None:
+    print(text, file=sys.stderr, flush=True)
 
 
 def compile_once(executor: Executor, job: Treatment) -> None:
-    """Have one worker compile what all of them then find compiled, and say so if it takes time.
-
-    Raises
-    ------
-    OSError
-        If its process dies.
-    """
+    """Have one worker compile what all of them then find compiled, and say so if it takes time."""
     rehearsal = executor.submit(rehearse, job)
     if not wait([rehearsal], PATIENCE).done:
-        print(
-            "preparing: the first run on a machine compiles, for about a minute",
-            file=sys.stderr,
-            flush=True,
-        )
+        _say("preparing: the first run on a machine compiles, for about a minute")
     try:
         rehearsal.result()
     except WorkerDiedError as error:
@@ -248,15 +223,7 @@ def compile_once(executor: Executor, job: Treatment) -> None:
 
 
 def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
-    """Return all outcomes, by treatment, in the order of the seeds.
-
-    Raises
-    ------
-    DamagedFileError
-        If one is not what was written.
-    InvalidArgumentError
-        If one is missing.
-    """
+    """Return all outcomes, by treatment, in the order of the seeds; InvalidArgumentError if not."""
     outcomes: dict[str, list[dict[str, Any]]] = {name: [] for name in TREATMENTS}
     for job in jobs:
         outcome = read_result(folder, job)
@@ -291,14 +258,12 @@ def progress(jobs: Sequence[Treatment]) -> Iterator[Callable[[Event[Treatment]],
         }
 
         def tell(event: Event[Treatment]) -> None:
-            text = event.text or "begins"
-            if event.document is not None:
-                text = _conclusion(event.document)
+            text = _conclusion(event.document) if event.document else event.text or "begins"
             if event.kind in ("began", "retried"):
                 bars.reset(tasks[event.job])
             bars.update(tasks[event.job], completed=event.share, text=text)
             if not live and event.kind in ("done", "retried"):
-                print(f"{event.job.name}: {text}", file=sys.stderr, flush=True)
+                _say(f"{event.job.name}: {text}")
 
         yield tell
 

@@ -2,31 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from PIL import Image, ImageDraw, ImageFont
 
 from aquafish.recovery.report import Outcomes, distances
-from aquafish.recovery.treatment import MODELLED, TREATMENTS, path_from_dict
+from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import Morphology
 from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.aquafish import fish_models
 from eea.core.fitness import chance_level, mid_range_level
-from gait.plots import draw_trajectories
+from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 
-COLOURS = {
-    "undamaged": "#555555",
-    "none": "#d55e00",
-    "out-of-band": "#0072b2",
-    "oracle": "#009e73",
-}
+COLOURS = dict(zip(TREATMENTS, ("#555555", "#d55e00", "#0072b2", "#009e73"), strict=True))
 SHOWN = {
     "undamaged": "the old body",
     "none": "plain EEA's model",
@@ -36,8 +30,6 @@ SHOWN = {
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
 CM_PER_UNIT = 5
-DPI = 150
-FILM = "film.gif"
 FILM_FPS = 10
 FILM_SPEED = 2  # times real time
 FILM_PIXELS = (224, 224)
@@ -45,48 +37,28 @@ FILM_PIXELS = (224, 224)
 
 def draw_all(
     folder: Path,
-    healthy: Morphology,
-    target: Morphology,
+    job: Treatment,
     outcomes: Outcomes,
     formats: Sequence[str],
-    *,
-    robot: bool,
+    drawable: bool,
     film: bool,
 ) -> list[str]:
-    """Write all pictures into a folder, each in each format, and return their files' names.
+    """Write all pictures of a study, each in each format, and return their files' names.
 
-    Parameters
-    ----------
-    folder
-        Where.
-    healthy, target
-        The body before and after the damage.
-    outcomes
-        What the treatments came to.
-    formats
-        Of "png", "pdf" and "svg".
-    robot
-        Whether the robot can be drawn, which takes PyBullet: else no bodies and no film.
-    film
-        Whether to write the film.
+    If the robot is not ``drawable``, which takes PyBullet, there are no bodies and no film.
     """
-    figures: dict[str, Callable[[], Figure]] = {
-        "bodies": lambda: bodies_figure(target, outcomes),
-        "paths": lambda: paths_figure(outcomes),
-        "fitness": lambda: fitness_figure(target, outcomes),
-        "distances": lambda: distances_figure(outcomes),
-    }
+    figures = {"bodies": bodies_figure(job.target, outcomes)} if drawable else {}
+    figures["paths"] = paths_figure(outcomes)
+    figures["fitness"] = fitness_figure(job.target, outcomes)
+    figures["distances"] = distances_figure(outcomes)
     names = []
-    for name, draw in figures.items():
-        if name == "bodies" and not robot:
-            continue
-        figure = draw()
+    for name, figure in figures.items():
         for kind in formats:
             names.append(f"{name}.{kind}")
             save_figure(figure, folder / names[-1])
-    if robot and film:
-        names.append(FILM)
-        write_film(folder / FILM, healthy, target, outcomes)
+    if drawable and film:
+        names.append("film.gif")
+        write_film(folder / names[-1], job.morphology, job.target, outcomes)
     return names
 
 
@@ -98,9 +70,8 @@ def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     figure = new_figure(10.5, 3.3, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA))
-        if name == "target":
-            axes.set_title("the damaged robot\n")
-        else:
+        axes.set_title("the damaged robot\n")
+        if name != "target":
             fit = outcomes[name][0]["objective_fitness"]
             axes.set_title(f"{SHOWN[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
@@ -112,11 +83,8 @@ def paths_figure(outcomes: Outcomes) -> Figure:
     figure = new_figure(12.0, 3.6, DPI)
     panels = figure.subplots(1, len(TREATMENTS), sharey=True)
     for axes, name in zip(panels, TREATMENTS, strict=True):
-        draw_trajectories(
-            axes,
-            {"own model": _first_swim(outcomes, name, "native")}
-            | {"target": _first_swim(outcomes, name, "target")},
-        )
+        swims = {"own model": _first_swim(outcomes, name, "native")}
+        draw_trajectories(swims | {"target": _first_swim(outcomes, name, "target")}, axes)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="small", ncols=2)
         axes.label_outer()
         axes.set_title(f"gait for {SHOWN[name]}", color=COLOURS[name])
@@ -131,31 +99,28 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     """Draw OBJ_FIT and MOD_FIT against round for both self-models."""
     figure = new_figure(9.0, 3.8, DPI)
     panels = figure.subplots(1, 2)
-    for axes, (field, title) in zip(
-        panels,
-        (
-            ("objective_fitness", "OBJ_FIT: likeness to the true body"),
-            ("model_fitness", "MOD_FIT: fit to what the IMU felt"),
-        ),
-        strict=True,
-    ):
+    titles = {
+        "objective_fitness": "OBJ_FIT: likeness to the true body",
+        "model_fitness": "MOD_FIT: fit to what the IMU felt",
+    }
+    for axes, (field, title) in zip(panels, titles.items(), strict=True):
         for name in MODELLED:
             curves = np.array([[r[field] for r in o["rounds"]] for o in outcomes[name]])
             number = np.arange(1, curves.shape[1] + 1)
             if len(curves) > 1:
                 axes.plot(number, curves.T, color=COLOURS[name], lw=0.5, alpha=0.4)
-            axes.plot(
-                number, curves.mean(axis=0), "o-", ms=3, color=COLOURS[name], label=SHOWN[name]
-            )
+            mean = curves.mean(axis=0)
+            axes.plot(number, mean, "o-", ms=3, color=COLOURS[name], label=SHOWN[name])
         axes.set_title(title)
         axes.set_xlabel("round (one trial on the robot each)")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(color="0.92")
-    array, layout = target.to_array(), fish_models()
-    panels[0].axhline(chance_level(array, layout), color="0.4", ls="--", lw=1, label="random body")
-    panels[0].axhline(
-        mid_range_level(array, layout), color="0.4", ls=":", lw=1, label="mid-range body"
-    )
+    for level, line, label in (
+        (chance_level, "--", "random body"),
+        (mid_range_level, ":", "mid-range body"),
+    ):
+        height = level(target.to_array(), fish_models())
+        panels[0].axhline(height, color="0.4", ls=line, lw=1, label=label)
     panels[0].set_ylim(0.4, 1.01)
     panels[1].set_ylim(max(-0.5, panels[1].get_ylim()[0]), 1.02)
     panels[0].legend(loc="lower right", fontsize="small")
@@ -169,26 +134,22 @@ def distances_figure(outcomes: Outcomes) -> Figure:
         "target_distance": "from the zero pose",
         "target_distance_random_poses": "mean over random fin poses",
     }
+    count, places = len(outcomes["oracle"]), np.arange(len(TREATMENTS))
     for axes, (field, title) in zip(figure.subplots(1, 2, sharey=True), names.items(), strict=True):
         table = np.array([[distances(o)[field] for o in outcomes[t]] for t in TREATMENTS])
-        _draw_pairs(axes, table)
+        if count > 1:
+            axes.plot(places, table, color="0.8", lw=0.8, zorder=1)
+        for place, name, values in zip(places, TREATMENTS, table, strict=True):
+            colour = COLOURS[name]
+            axes.scatter(np.full(count, place), values, s=18, color=colour, zorder=2)
+            axes.plot([place - 0.25, place + 0.25], [values.mean()] * 2, color=colour, lw=2.5)
+        axes.axhline(0, color="0.6", lw=0.8)
+        axes.set_xticks(places, [SHOWN[t].replace(" ", "\n", 1) for t in TREATMENTS])
+        axes.grid(axis="y", color="0.92")
         axes.set_title(title)
-    count = len(outcomes["oracle"])
     figure.suptitle(f"on the damaged robot, {count} replicate{'s' if count > 1 else ''}")
     figure.axes[0].set_ylabel("distance (units of 5 cm)")
     return figure
-
-
-def _draw_pairs(axes: Axes, table: np.ndarray) -> None:
-    places = np.arange(len(TREATMENTS))
-    if table.shape[1] > 1:
-        axes.plot(places, table, color="0.8", lw=0.8, zorder=1)
-    for place, name, values in zip(places, TREATMENTS, table, strict=True):
-        axes.scatter(np.full(len(values), place), values, s=18, color=COLOURS[name], zorder=2)
-        axes.plot([place - 0.25, place + 0.25], [values.mean()] * 2, color=COLOURS[name], lw=2.5)
-    axes.axhline(0, color="0.6", lw=0.8)
-    axes.set_xticks(places, [SHOWN[t].replace(" ", "\n", 1) for t in TREATMENTS])
-    axes.grid(axis="y", color="0.92")
 
 
 def write_film(path: Path, healthy: Morphology, target: Morphology, outcomes: Outcomes) -> None:
@@ -198,22 +159,16 @@ def write_film(path: Path, healthy: Morphology, target: Morphology, outcomes: Ou
         ("damaged, old gait", target, _first_swim(outcomes, "undamaged", "target")),
         ("damaged, recovered", target, _first_swim(outcomes, "out-of-band", "target")),
     ]
-    camera = Camera(distance=13.0)
     columns = []
     for title, body, swim in scenes:
         stride = max(1, round(FILM_SPEED / FILM_FPS / (swim.time[1] - swim.time[0])))
-        frames = render_motion(
-            body,
-            swim.position[::stride],
-            swim.quaternion[::stride],
-            swim.fin_angles[::stride],
-            *FILM_PIXELS,
-            camera,
-        )
+        motion = (swim.position, swim.quaternion, swim.fin_angles)
+        place, turn, fins = (samples[::stride] for samples in motion)
+        frames = render_motion(body, place, turn, fins, *FILM_PIXELS, Camera(distance=13.0))
         columns.append(
             [
                 caption(frame, f"{title}: {y * CM_PER_UNIT:+.0f} cm")
-                for frame, y in zip(frames, swim.position[::stride, 1], strict=True)
+                for frame, y in zip(frames, place[:, 1], strict=True)
             ]
         )
     write_gif([np.concatenate(row, axis=1) for row in zip(*columns, strict=True)], path, FILM_FPS)
@@ -221,8 +176,6 @@ def write_film(path: Path, healthy: Morphology, target: Morphology, outcomes: Ou
 
 def caption(frame: np.ndarray, text: str) -> np.ndarray:
     """Write a line of text into a frame."""
-    image = Image.fromarray(frame)
-    ImageDraw.Draw(image).text(
-        (8, 6), text, fill=(20, 20, 20), font=ImageFont.load_default(size=16)
-    )
+    image, font = Image.fromarray(frame), ImageFont.load_default(size=16)
+    ImageDraw.Draw(image).text((8, 6), text, fill=(20, 20, 20), font=font)
     return np.asarray(image)

@@ -26,19 +26,7 @@ SAYS = {
     "out-of-band": "Out-of-Band EEA's model, which infers where its fins started",
     "oracle": "the true damaged body: the best that self-modelling can give",
 }
-# Of an outcome, what the report repeats: all that the tables are made of.
-NUMBERS = (
-    "treatment",
-    "seed",
-    "morphology",
-    "model_fitness",
-    "objective_fitness",
-    "native_distance",
-    "target_distance",
-    "native_random_distances",
-    "target_random_distances",
-    "diverged",
-)
+UNREPEATED = ("rounds", "generations", "controller", "swims")  # of an outcome, in the report
 
 Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome a replicate
 Rows = list[list[str]]  # a table, its header first
@@ -67,8 +55,7 @@ def build_report(
     code
         Versions and sources of what made the numbers, one state of the code or more.
     outcomes
-        What :func:`~aquafish.recovery.treatment.treat` returned, every replicate in the same
-        order in each treatment.
+        What ``treat`` returned, every replicate in the same order in each treatment.
     """
     return {
         "config": config,
@@ -85,7 +72,10 @@ def build_report(
             for first, second in COMPARISONS
         ],
         "replicates": {
-            treatment: [{name: outcome[name] for name in NUMBERS} for outcome in done]
+            treatment: [
+                {name: found for name, found in outcome.items() if name not in UNREPEATED}
+                for outcome in done
+            ]
             for treatment, done in outcomes.items()
         },
     }
@@ -162,9 +152,8 @@ def _parts(report: dict[str, Any]) -> list[str | Rows]:
     ]
     lost = sum(row["diverged_swims"] for row in report["treatments"].values())
     if lost:
-        were = "swim on the damaged robot diverged and counts" if lost == 1 else (
-            "swims on the damaged robot diverged and count")  # fmt: skip
-        parts.append(f"{lost} {were} as no progress.")
+        swim, count = ("swim", "counts") if lost == 1 else ("swims", "count")
+        parts.append(f"{lost} {swim} on the damaged robot diverged and {count} as no progress.")
     if several:
         parts += ["## Within replicates", _paired_table(report["paired"])]
     return parts
@@ -182,31 +171,24 @@ def _old_body(damage: Damage, body: Morphology) -> str:
     )
 
 
-def _number(found: Mapping[str, Any], digits: int) -> str:
-    text = f"{found['mean']:.{digits}f}"
-    low, high = found["interval"] or (0.0, 0.0)
-    return text + (f" [{low:.{digits}f}, {high:.{digits}f}]" if low < high else "")
-
-
-def _share(row: dict[str, Any], name: str) -> str:
-    if row[name] is None:
+def _number(value: float | None, interval: Sequence[float] | None, form: str) -> str:
+    if value is None:
         return "none"
-    low, high = row["spread"][name]["interval"] or (0.0, 0.0)
-    return f"{row[name]:.0%}" + (f" [{low:.0%}, {high:.0%}]" if low < high else "")
+    low, high = interval or (0.0, 0.0)
+    return f"{value:{form}}" + (f" [{low:{form}}, {high:{form}}]" if low < high else "")
 
 
 def _main_table(treatments: dict[str, Any]) -> Rows:
-    header = "gait for|OBJ_FIT|own model|target|share|target, random poses|share"
-    return [header.split("|")] + [
-        [
-            name,
-            _number(row["spread"]["objective_fitness"], 3),
-            _number(row["spread"]["native_distance"], 1),
-            _number(row["spread"]["target_distance"], 1),
-            _share(row, "share_of_oracle"),
-            _number(row["spread"]["target_distance_random_poses"], 1),
-            _share(row, "share_of_oracle_random_poses"),
-        ]
+    columns = (  # field, header, form
+        ("objective_fitness", "OBJ_FIT", ".3f"),
+        ("native_distance", "own model", ".1f"),
+        ("target_distance", "target", ".1f"),
+        ("share_of_oracle", "share", ".0%"),
+        ("target_distance_random_poses", "target, random poses", ".1f"),
+        ("share_of_oracle_random_poses", "share", ".0%"),
+    )
+    return [["gait for", *(header for _, header, _ in columns)]] + [
+        [name, *(_number(row[f], row["spread"][f]["interval"], form) for f, _, form in columns)]
         for name, row in treatments.items()
     ]
 
@@ -219,7 +201,7 @@ def _paired_table(rows: list[dict[str, Any]]) -> Rows:
             row["second"],
             f"{row['wins']} of {row['replicates']}",
             f"p = {row['sign_test_p']:.2g}",
-            _number(row, 1),
+            _number(row["mean"], row["interval"], ".1f"),
         ]
         for row in rows
     ]
@@ -231,10 +213,7 @@ def _pipes(rows: Rows) -> str:
 
 
 def _table(rows: Rows, room: int) -> Table:
-    """Return a table at most ``room`` wide, with cells folded between words.
-
-    Columns get the width of their longest word, and what is left goes to the first of them.
-    """
+    """Return a table folded to ``room``: a column has its longest word, and the first the rest."""
     table = Table(box=None, pad_edge=False, padding=(0, 1, 0, 0))
     columns = list(zip(*rows, strict=True))
     least = [max(len(word) for cell in column for word in cell.split()) for column in columns]

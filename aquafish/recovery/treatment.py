@@ -21,8 +21,7 @@ from eea.aquafish import EngineTarget, fish_eea, fish_models
 from eea.core import ConfigurationError, EEAConfig, streams
 from eea.core.config import Condition
 from eea.core.fitness import objective_fitness
-from gait.evolve import EvolveConfig, evolve_gait
-from gait.history import Generation
+from gait.evolve import EvolveConfig, Generation, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer
 
@@ -31,7 +30,6 @@ from gait.transfer import TransferConfig, transfer
 TREATMENTS = ("undamaged", "none", "out-of-band", "oracle")
 MODELLED: dict[str, Condition] = {"none": "none", "out-of-band": "out-of-band"}
 
-BODIES = ("native", "target")  # that a gait swims on: the one it was evolved on, and the robot's
 PATH = ("time", "position", "quaternion", "fin_angles")
 DECIMALS = 6  # of a path's numbers, as many as a float32 holds
 MODEL_SHARE, GAIT_SHARE = 0.4, 0.5  # of a treatment's time, about; the swims take the rest
@@ -41,32 +39,16 @@ Say = Callable[[str, float], None]  # what happens now, and the share of the wor
 
 @dataclass(frozen=True)
 class Treatment:
-    """One treatment of one replicate, complete enough to be sent to another computer.
+    """One treatment of one replicate, complete enough to be sent to another computer."""
 
-    Attributes
-    ----------
-    treatment
-        One of ``TREATMENTS``.
-    seed
-        Of everything random, as in the parts' own configurations.
-    morphology
-        The body before the damage.
-    damage
-        What breaks.
-    eea, gait, transfer
-        Settings of the self-model, of the gait's evolution and of the swims.
-    source
-        The code that must do it (see :func:`source_stamp`); "" for any.
-    """
-
-    treatment: str
-    seed: int
-    morphology: Morphology
+    treatment: str  # of TREATMENTS
+    seed: int  # of everything random, as in the parts' own configurations
+    morphology: Morphology  # before the damage
     damage: Damage
     eea: EEAConfig
     gait: EvolveConfig
     transfer: TransferConfig
-    source: str = ""
+    source: str = ""  # the code that must do it (see source_stamp); "" for any
 
     @property
     def name(self) -> str:
@@ -108,8 +90,6 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     ------
     ConfigurationError
         If this machine has other code than ``job.source``.
-    InvalidArgumentError, EngineUnavailableError
-        If a setting is wrong, or an engine is not to be had here.
     """
     if job.source and job.source != source_stamp():
         raise ConfigurationError(
@@ -117,18 +97,18 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
             "same version on every machine"
         )
     model, rounds = _self_model(job, say)
-    total = job.gait.generations
 
     def tell(row: Generation) -> None:
-        done = row.generation + 1
+        done, total = row.generation + 1, job.gait.generations
         share = MODEL_SHARE + GAIT_SHARE * done / total
         say(f"gait: generation {done}/{total}, {row.best:.1f} units", share)
 
     evolved = evolve_gait(model, job.gait, on_generation=tell)
     say("swimming on the target", MODEL_SHARE + GAIT_SHARE)
     scored = transfer(evolved.controller, job.target, job.transfer)
-    both = {"native": scored.native, "target": scored.target}
-    on_target = np.array([scored.target.distance, *scored.target.random_distances])
+    native, target = (
+        np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
+    )
     return {
         "treatment": job.treatment,
         "seed": job.seed,
@@ -137,27 +117,29 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
         "objective_fitness": float(
             objective_fitness(model.to_array(), job.target.to_array(), fish_models())
         ),
-        **{f"{name}_distance": _progress(one.distance)[0] for name, one in both.items()},
-        **{
-            f"{name}_random_distances": _progress(one.random_distances)
-            for name, one in both.items()
-        },
-        "diverged": int(np.count_nonzero(~np.isfinite(on_target))),
+        "native_distance": _progress(native)[0],
+        "target_distance": _progress(target)[0],
+        "native_random_distances": _progress(native)[1:],
+        "target_random_distances": _progress(target)[1:],
+        "diverged": int(np.count_nonzero(~np.isfinite(target))),
         "rounds": rounds,
         "generations": [asdict(row) for row in evolved.history],
         "controller": evolved.controller.to_dict(),
-        "swims": {name: path_to_dict(one.swim) for name, one in both.items()},
+        "swims": {
+            "native": _path_to_dict(scored.native.swim),
+            "target": _path_to_dict(scored.target.swim),
+        },
     }
 
 
 def rehearse(job: Treatment) -> None:
     """Do a treatment in small, so that whatever it needs is compiled."""
-    few = replace(job.eea, rounds=2)
     few = replace(
-        few,
-        exploration=replace(few.exploration, generations=1),
-        estimation=replace(few.estimation, generations=1),
-        out_of_band=replace(few.out_of_band, inner_generations=1, revisit=0),
+        job.eea,
+        rounds=2,
+        exploration=replace(job.eea.exploration, generations=1),
+        estimation=replace(job.eea.estimation, generations=1),
+        out_of_band=replace(job.eea.out_of_band, inner_generations=1, revisit=0),
     )
     brief = replace(job.gait, generations=1, population=10, poses=0, seconds=0.1)
     swims = replace(job.transfer, poses=1, seconds=0.1)
@@ -197,26 +179,22 @@ def _self_model(job: Treatment, say: Say) -> tuple[Morphology, list[dict[str, An
     return Morphology.from_array(algorithm.result.model), rounds
 
 
-def _progress(distances: object) -> list[float]:
-    """Return distances (n,) or () as a list, with 0 where the robot diverged."""
-    values = np.atleast_1d(np.asarray(distances, dtype=np.float64))
-    return [float(value) for value in np.where(np.isfinite(values), values, 0.0)]
+def _progress(distances: NDArray[np.float64]) -> list[float]:
+    """Return distances (n,) as a list, with 0 where the robot diverged."""
+    return [float(value) for value in np.where(np.isfinite(distances), distances, 0.0)]
 
 
-def path_to_dict(swim: Swim) -> dict[str, Any]:
-    """Return a swim as lists; samples that are not finite repeat the last that was."""
-    return {name: _held(getattr(swim, name)).round(DECIMALS).tolist() for name in PATH}
+def _path_to_dict(swim: Swim) -> dict[str, Any]:
+    """Return a swim as lists; a sample that is not finite repeats the last that was."""
+    path = {}
+    for name in PATH:
+        samples = getattr(swim, name)
+        good = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1)
+        last = np.maximum.accumulate(np.where(good, np.arange(len(samples)), 0))
+        path[name] = samples[last].round(DECIMALS).tolist()
+    return path
 
 
 def path_from_dict(path: dict[str, Any]) -> Swim:
-    """Return the swim that :func:`path_to_dict` wrote."""
+    """Return the swim that an outcome's ``swims`` hold."""
     return Swim(*(np.asarray(path[name], dtype=np.float64) for name in PATH))
-
-
-def _held(samples: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return samples (T, ...) with those that are not finite replaced by the last that was."""
-    good = np.isfinite(samples.reshape(len(samples), -1)).all(axis=1)
-    held: NDArray[np.float64] = samples[
-        np.maximum.accumulate(np.where(good, np.arange(len(samples)), 0))
-    ]
-    return held

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import random
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from aquafish_gym.morphology import Morphology
 from gait import evolution
 from gait.controller import Controller
+from gait.evolve import Generation
 
 
 def random_genome(seed: int, mutations: int) -> tuple[Any, Any]:
@@ -60,6 +62,13 @@ class WeightScorer:
             raise KeyboardInterrupt
         worth = [float(np.sin(c.weights.sum()) - np.abs(c.bias).sum()) for c in controllers]
         return np.add.outer(np.array(worth), np.sin(fin_angles).sum(axis=1))
+
+
+def read_history(path: Path) -> tuple[Generation, ...]:
+    """Return the rows of a ``history.csv``."""
+    header, *lines = path.read_text(encoding="utf-8").splitlines()
+    rows = [[json.loads(cell) for cell in line.split(",")] for line in lines]
+    return tuple(Generation(**dict(zip(header.split(","), row, strict=True))) for row in rows)
 
 
 def contents(directory: Path) -> dict[str, bytes]:

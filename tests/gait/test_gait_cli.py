@@ -21,9 +21,8 @@ from aquafish_gym.runs.storage import CannotWriteError
 from gait import baselines, cli, evolve
 from gait.cli import _bar, _line, main
 from gait.controller import Controller
-from gait.evolve import finished_generations
-from gait.history import Generation, read_history
-from gait_fakes import contents, make_controller
+from gait.evolve import Generation, finished_generations
+from gait_fakes import contents, make_controller, read_history
 
 QUICK = ["--generations", "3", "--population", "12", "--seconds", "1", "--seed", "1000"]
 
