@@ -29,14 +29,6 @@ class SimulatorOptions(TypedDict, total=False):
 class EngineSimulator(Simulator):
     """Candidate fish, a batch a call.
 
-    Attributes
-    ----------
-    steps
-        Length of a trial in steps of 0.01 s.
-    engine, dtype, current, substeps, threads
-        As ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest, and
-        no result depends on the threads.
-
     Raises
     ------
     InvalidArgumentError, UnknownNameError, EngineUnavailableError
@@ -52,7 +44,9 @@ class EngineSimulator(Simulator):
     (5, 64, 3)
     """
 
-    steps: int
+    steps: int  #: Length of a trial in steps of 0.01 s.
+    #: As ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest, and no
+    #: result depends on the threads.
     engine: str = "numba"
     dtype: str = "float32"
     current: ArrayLike = (0.0, 0.0, 0.0)

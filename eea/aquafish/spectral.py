@@ -40,13 +40,6 @@ def can_compare(behavior: BehaviorConfig, steps: int) -> bool:
 class SpectralComparer:
     """An ``eea.core.experiment.Comparer`` in the compiled engine.
 
-    Attributes
-    ----------
-    simulator
-        Whose trials these are.
-    behavior
-        One for which :func:`can_compare`.
-
     Examples
     --------
     >>> from eea.aquafish.simulator import EngineSimulator
@@ -56,8 +49,8 @@ class SpectralComparer:
     array([0., 0.])
     """
 
-    simulator: EngineSimulator
-    behavior: BehaviorConfig
+    simulator: EngineSimulator  #: Whose trials these are.
+    behavior: BehaviorConfig  #: One for which :func:`can_compare`.
 
     def to_observed(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]

@@ -47,31 +47,20 @@ class Run:
     Into --out go settings.json (what is run), result.json (all rounds so far, after each),
     morphology.json (the body found, for gait evolve --morphology) and rounds.png. An earlier run
     of the same settings is replaced once this one has as many rounds; anything else is refused.
-
-    Attributes
-    ----------
-    config
-        Settings of the algorithm.
-    seed
-        Everything random follows from it.
-    dtype
-        The compiled engine's precision, for the candidates.
-    current
-        Velocity of the water, units/s.
-    substeps
-        Physics steps in each 0.01 s.
     """
 
     out: Out
+    #: Settings of the algorithm.
     config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=EEAConfig)
-    seed: int = 0
+    seed: int = 0  #: Everything random follows from it.
     target_damage: TargetDamage = "none"
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "auto"
     engine: ModelEngine = "numba"
+    #: The compiled engine's precision, for the candidates.
     dtype: Literal["float32", "float64"] = "float32"
-    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    substeps: int = 1
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Velocity of the water, units/s.
+    substeps: int = 1  #: Physics steps in each 0.01 s.
     threads: Threads = None
 
     def execute(self) -> None:

@@ -41,45 +41,31 @@ class Log(Protocol):
 class BehaviorConfig:
     """What counts as a behaviour, and how two are compared.
 
-    Attributes
-    ----------
-    summary
-        What a trial is reduced to. The paper's choice is "dft", the discrete Fourier transform.
-        It tried before "mean_rate" and "rms_rate", the mean and the root mean square of the
-        angular velocity in each axis.
-    signal
-        What is summarised: "body_rates" is the gyroscope, "attitude" is roll, pitch and yaw. The
-        rates are the gyroscope's own, or those of the attitude.
-    unit
-        Of the angles, or of the rates a second. At MAX = 100 a median 1 - sim between random
-        robots is, by the gyroscope, about 0.4 in degrees and below 0.01 in radians.
-    normalised
-        Divide the transform by the number of samples. Without a clamp this changes no ranking of
-        models, only the scale of MOD_FIT.
-    difference
-        Of two coefficients: "complex" is the modulus of their difference, "magnitude" the
-        difference of their moduli, which drops the phase.
-    clamp
-        Count no coefficient's difference as more than maximum.
-    maximum
-        MAX of Eq. 2.
-    timestep
-        Seconds between samples, for the attitude's rates.
-
     Examples
     --------
     >>> BehaviorConfig(clamp=True).summary
     'dft'
     """
 
+    #: What a trial is reduced to. The paper's choice is "dft", the discrete Fourier transform. It
+    #: tried before "mean_rate" and "rms_rate", the mean and the root mean square of the angular
+    #: velocity in each axis.
     summary: Summary = "dft"
+    #: What is summarised: "body_rates" is the gyroscope, "attitude" is roll, pitch and yaw. The
+    #: rates are the gyroscope's own, or those of the attitude.
     signal: Signal = "body_rates"
+    #: Of the angles, or of the rates a second. At MAX = 100 a median 1 - sim between random robots
+    #: is, by the gyroscope, about 0.4 in degrees and below 0.01 in radians.
     unit: Unit = "degrees"
+    #: Divide the transform by the number of samples. Without a clamp this changes no ranking of
+    #: models, only the scale of MOD_FIT.
     normalised: bool = False
+    #: Of two coefficients: "complex" is the modulus of their difference, "magnitude" the difference
+    #: of their moduli, which drops the phase.
     difference: Difference = "complex"
-    clamp: bool = False
-    maximum: float = 100.0
-    timestep: float = 0.01
+    clamp: bool = False  #: Count no coefficient's difference as more than maximum.
+    maximum: float = 100.0  #: MAX of Eq. 2.
+    timestep: float = 0.01  #: Seconds between samples, for the attitude's rates.
 
     def __post_init__(self) -> None:
         choice("behavior.summary", self.summary, ("dft", "mean_rate", "rms_rate"))

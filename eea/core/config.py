@@ -22,22 +22,6 @@ MAXIMUM_ROUNDS = 10**4
 class EEAConfig:
     """The settings of one run; the defaults are the paper's where it gives them.
 
-    Attributes
-    ----------
-    condition
-        What is known of the hidden angles: all in "ideal", nothing in "none", and what the two
-        methods infer in "in-band" and "out-of-band".
-    steps
-        Length of a trial in samples; a power of two, 2^20 at most.
-    rounds
-        Rounds at most, which is also the number of commands the target performs; 10,000 at most.
-    accurate
-        Stop once the best MOD_FIT reaches this; None for never.
-    time_limit
-        Begin no round after so many seconds; None for no limit.
-    exploration, estimation, genetic, behavior, in_band, out_of_band
-        Settings of the parts.
-
     Raises
     ------
     ConfigurationError
@@ -50,11 +34,14 @@ class EEAConfig:
     256
     """
 
+    #: What is known of the hidden angles: all in "ideal", nothing in "none", and what the two
+    #: methods infer in "in-band" and "out-of-band".
     condition: Condition = "out-of-band"
-    steps: int = 256
+    steps: int = 256  #: Length of a trial in samples; a power of two, 2^20 at most.
+    #: Rounds at most, which is also the number of commands the target performs; 10,000 at most.
     rounds: int = 25
-    accurate: float | None = None
-    time_limit: float | None = None
+    accurate: float | None = None  #: Stop once the best MOD_FIT reaches this; None for never.
+    time_limit: float | None = None  #: Begin no round after so many seconds; None for no limit.
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)
     genetic: GeneticConfig = field(default_factory=GeneticConfig)

@@ -29,28 +29,19 @@ CarryOver = Literal["continue", "reseed"]
 class EstimationConfig:
     """The estimation phase's settings (the paper's are the defaults).
 
-    Attributes
-    ----------
-    population
-        How many models evolve.
-    generations
-        For how many generations they evolve in a round.
-    carry_over
-        Whether the population lives on in the next round, "continue", or each round begins with
-        a random one, "reseed".
-    remember
-        Keep the similarities of bodies seen before to experiments whose angles stand still.
-        The results are the same to the bit without; it only takes longer.
-
     Examples
     --------
     >>> EstimationConfig(population=50).generations
     100
     """
 
-    population: int = 25
-    generations: int = 100
+    population: int = 25  #: How many models evolve.
+    generations: int = 100  #: For how many generations they evolve in a round.
+    #: Whether the population lives on in the next round, "continue", or each round begins with a
+    #: random one, "reseed".
     carry_over: CarryOver = "continue"
+    #: Keep the similarities of bodies seen before to experiments whose angles stand still. The
+    #: results are the same to the bit without; it only takes longer.
     remember: bool = True
 
     def __post_init__(self) -> None:
@@ -114,21 +105,11 @@ class SimilarityTable:
 
 @dataclass(frozen=True)
 class Population:
-    """N hypotheses.
+    """N hypotheses."""
 
-    Attributes
-    ----------
-    genomes
-        Shape (N, bits).
-    models
-        What they mean, shape (N, n).
-    fitness
-        Their MOD_FIT, shape (N,); NaN before the first round.
-    """
-
-    genomes: Genomes
-    models: Floats
-    fitness: Floats
+    genomes: Genomes  #: Shape (N, bits).
+    models: Floats  #: What they mean, shape (N, n).
+    fitness: Floats  #: Their MOD_FIT, shape (N,); NaN before the first round.
 
 
 class Estimation:

@@ -20,27 +20,18 @@ ExplorationPose = Literal["zero", "common_random"]
 class ExplorationConfig:
     """The exploration phase's settings (the paper's are the defaults).
 
-    Attributes
-    ----------
-    population
-        How many commands evolve.
-    generations
-        For how many generations they evolve in a round.
-    pose
-        Where all the models begin: "zero", every hidden angle at zero, or "common_random", one
-        random pose a round. It is common to all, so that disagreement is the bodies'.
-    best_models
-        How many models, the fittest, enter Eq. 1; None for the whole population.
-
     Examples
     --------
     >>> ExplorationConfig(best_models=5).population
     25
     """
 
-    population: int = 25
-    generations: int = 25
+    population: int = 25  #: How many commands evolve.
+    generations: int = 25  #: For how many generations they evolve in a round.
+    #: Where all the models begin: "zero", every hidden angle at zero, or "common_random", one
+    #: random pose a round. It is common to all, so that disagreement is the bodies'.
     pose: ExplorationPose = "zero"
+    #: How many models, the fittest, enter Eq. 1; None for the whole population.
     best_models: int | None = None
 
     def __post_init__(self) -> None:

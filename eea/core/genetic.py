@@ -27,34 +27,20 @@ MAXIMUM_GENERATIONS = 10**6
 class GeneticConfig:
     """How the next generation is made.
 
-    Attributes
-    ----------
-    tournament_size
-        Contestants for each parent.
-    crossover
-        What two parents swap: "uniform" each bit with probability one half, "two_point" one
-        stretch of bits.
-    crossover_rate
-        Probability that a pair of parents is crossed at all.
-    mutations
-        Mean number of flipped bits a genome.
-    elites
-        How many of the best pass on unchanged.
-    coding
-        How bits encode numbers.
-
     Examples
     --------
     >>> GeneticConfig(elites=2).elites
     2
     """
 
-    tournament_size: int = 2
+    tournament_size: int = 2  #: Contestants for each parent.
+    #: What two parents swap: "uniform" each bit with probability one half, "two_point" one stretch
+    #: of bits.
     crossover: Crossover = "uniform"
-    crossover_rate: float = 0.75
-    mutations: float = 1.0
-    elites: int = 1
-    coding: Coding = "gray"
+    crossover_rate: float = 0.75  #: Probability that a pair of parents is crossed at all.
+    mutations: float = 1.0  #: Mean number of flipped bits a genome.
+    elites: int = 1  #: How many of the best pass on unchanged.
+    coding: Coding = "gray"  #: How bits encode numbers.
 
     def __post_init__(self) -> None:
         whole("genetic.tournament_size", self.tournament_size, 1, MAXIMUM_POPULATION)

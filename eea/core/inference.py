@@ -92,34 +92,23 @@ RankBy = Literal["newest", "overall"]
 class InBandConfig:
     """Settings of In-Band Inference.
 
-    Attributes
-    ----------
-    k
-        How many of the best models' angles make the inferred range.
-    rank_by
-        Which models are the best: those that fit the "newest" experiment, whose angles are
-        sought, or those that fit all, "overall", by MOD_FIT.
-    confidence
-        Of the newest experiment: the share of models that begin in the inferred range.
-    dynamic_split
-        Raise that share evenly to 1 by the middle of the round.
-    extension
-        Share of its width by which the range is widened at each end; the paper tried 0.2.
-    inclusion
-        What range includes the best: "circular" is the shortest arc, "linear" reaches from
-        their least to their greatest angle in [-pi, pi).
-
     Examples
     --------
     >>> InBandConfig(dynamic_split=True).k
     3
     """
 
-    k: int = 3
+    k: int = 3  #: How many of the best models' angles make the inferred range.
+    #: Which models are the best: those that fit the "newest" experiment, whose angles are sought,
+    #: or those that fit all, "overall", by MOD_FIT.
     rank_by: RankBy = "newest"
+    #: Of the newest experiment: the share of models that begin in the inferred range.
     confidence: float = 0.5
-    dynamic_split: bool = False
+    dynamic_split: bool = False  #: Raise that share evenly to 1 by the middle of the round.
+    #: Share of its width by which the range is widened at each end; the paper tried 0.2.
     extension: float = 0.0
+    #: What range includes the best: "circular" is the shortest arc, "linear" reaches from their
+    #: least to their greatest angle in [-pi, pi).
     inclusion: Inclusion = "circular"
 
     def __post_init__(self) -> None:
@@ -179,37 +168,25 @@ PoseFitness = Literal["mean", "best"]
 class OutOfBandConfig:
     """Settings of Out-of-Band Inference.
 
-    Attributes
-    ----------
-    period
-        Generations of models between inferences: at 0, 35 and 70 of the paper's 100.
-    inner_population
-        How many poses evolve.
-    inner_generations
-        For how many generations they evolve in an inference.
-    sampled_models
-        How many models, drawn at random for each inference, judge the poses; None for all.
-    pose_fitness
-        What a pose scores: the "mean" of the judging models' similarities to the newest
-        experiment, or that of the "best" of them.
-    warm_start
-        Begin a round's later inferences with the pose inferred before among the candidates.
-    revisit
-        At each inference, infer the angles of so many earlier experiments anew too, drawn at random
-        and begun with the pose they had. The paper locks them in: 0.
-
     Examples
     --------
     >>> OutOfBandConfig(sampled_models=5, revisit=5).period
     35
     """
 
+    #: Generations of models between inferences: at 0, 35 and 70 of the paper's 100.
     period: int = 35
-    inner_population: int = 25
-    inner_generations: int = 25
+    inner_population: int = 25  #: How many poses evolve.
+    inner_generations: int = 25  #: For how many generations they evolve in an inference.
+    #: How many models, drawn at random for each inference, judge the poses; None for all.
     sampled_models: int | None = None
+    #: What a pose scores: the "mean" of the judging models' similarities to the newest experiment,
+    #: or that of the "best" of them.
     pose_fitness: PoseFitness = "mean"
+    #: Begin a round's later inferences with the pose inferred before among the candidates.
     warm_start: bool = False
+    #: At each inference, infer the angles of so many earlier experiments anew too, drawn at random
+    #: and begun with the pose they had. The paper locks them in: 0.
     revisit: int = 0
 
     def __post_init__(self) -> None:

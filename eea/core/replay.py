@@ -17,13 +17,6 @@ from eea.core.experiment import Floats, Performed
 class RecordedLog:
     """The plainest log: samples of one or both signals.
 
-    Attributes
-    ----------
-    gyro
-        Angular velocity about the body's axes in rad/s, shape (T, axes), or (B, T, axes).
-    rpy
-        The attitude's angles in rad, unwrapped, of such a shape.
-
     Examples
     --------
     >>> import numpy as np
@@ -31,8 +24,9 @@ class RecordedLog:
     True
     """
 
+    #: Angular velocity about the body's axes in rad/s, shape (T, axes), or (B, T, axes).
     gyro: NDArray[Any] | None = None
-    rpy: NDArray[Any] | None = None
+    rpy: NDArray[Any] | None = None  #: The attitude's angles in rad, unwrapped, of such a shape.
 
 
 class ReplayTarget:
