@@ -22,14 +22,7 @@ SIGNALS = ("gyro", "rpy")
 def save_session(path: str | os.PathLike[str], commands: ArrayLike, logs: Sequence[Log]) -> None:
     """Write what ``estimate_from_logs`` takes into an ``.npz`` file, at once or not at all.
 
-    Parameters
-    ----------
-    path
-        The file; an old one is replaced.
-    commands
-        What the robot executed, shape (E, 3).
-    logs
-        What it logged, one trial each, all of one length; with ``gyro``, ``rpy`` or both.
+    The logs, of one trial each and all of one length, hold ``gyro``, ``rpy`` or both.
 
     Raises
     ------

@@ -65,17 +65,7 @@ class EngineSimulator(Simulator):
 
     def simulate(self, trials: Trials) -> ImuLog:
         """Run B trials of bodies (B, 9), commands (B, 3) and fin angles (B, 3)."""
-        return simulate(
-            trials.models,
-            trials.commands,
-            trials.angles,
-            steps=self.steps,
-            engine=self.engine,
-            dtype=self.dtype,
-            current=self.current,
-            substeps=self.substeps,
-            threads=self.threads,
-        )
+        return simulate(trials.models, trials.commands, trials.angles, **vars(self))
 
     def comparer(self, behavior: BehaviorConfig, steps: int) -> Comparer | None:
         """Return what compares behaviours in the engine itself, if it can."""

@@ -38,16 +38,7 @@ def can_compare(behavior: BehaviorConfig, steps: int) -> bool:
 
 @dataclass(frozen=True)
 class SpectralComparer:
-    """An ``eea.core.experiment.Comparer`` in the compiled engine.
-
-    Examples
-    --------
-    >>> from eea.aquafish.simulator import EngineSimulator
-    >>> comparer = SpectralComparer(EngineSimulator(64), BehaviorConfig())
-    >>> trials = Trials(np.full((6, 9), 0.3), np.full((6, 3), 0.4), np.zeros((6, 3)))
-    >>> comparer.between_models(trials, 3)  # two commands, three models each, all alike
-    array([0., 0.])
-    """
+    """An ``eea.core.experiment.Comparer`` in the compiled engine."""
 
     simulator: EngineSimulator  #: Whose trials these are.
     behavior: BehaviorConfig  #: One for which :func:`can_compare`.
@@ -55,13 +46,13 @@ class SpectralComparer:
     def to_observed(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
     ) -> Floats:
-        """Return the mean difference (B,) of coefficients from ``observed[which]``."""
+        """See ``Comparer``."""
         spectra = self._spectra(trials)
         packed = pack_spectra(observed, spectra.dtype.type)
         return distances(spectra, packed, which) / coefficients(self.simulator.steps)
 
     def between_models(self, trials: Trials, models: int) -> Floats:
-        """Return, for each run of ``models`` trials, the sum over its pairs of that mean, (A,)."""
+        """See ``Comparer``."""
         return disagreements(self._spectra(trials), models) / coefficients(self.simulator.steps)
 
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:

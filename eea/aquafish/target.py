@@ -36,17 +36,10 @@ def random_orientation(orientation: str, rng: np.random.Generator) -> Floats:
 
 
 def turn_log(log: ImuLog, start: Floats) -> ImuLog:
-    """Return the log of attitudes and rates of one fish that had begun in another orientation.
+    """Return a log (1, T, 3) from the upright start as it is from another, a matrix (3, 3).
 
     Neither the water nor the neutrally buoyant fish knows up from down, so to begin turned is to
     do the same, turned.
-
-    Parameters
-    ----------
-    log
-        Of a trial from the upright start, (1, T, 3).
-    start
-        The other start, a matrix (3, 3) from body to world.
     """
     if log.diverged.any():
         return log  # no attitude is left to turn

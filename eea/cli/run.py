@@ -29,7 +29,8 @@ from aquafish_gym.utils.command_line import (
     Threads,
     read_morphology,
 )
-from eea.aquafish import EngineTarget, SimulatorOptions, fish_eea
+from eea.aquafish import EngineTarget, fish_eea
+from eea.aquafish.simulator import SimulatorOptions
 from eea.core.algorithm import EEA, streams
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
@@ -66,10 +67,7 @@ class Run:
     def execute(self) -> None:
         """Run to a stop rule, with a line a round.
 
-        Raises
-        ------
-        InvalidArgumentError, EngineUnavailableError, ConfigurationError
-            If an option is wrong; nothing has been written then.
+        If an option is wrong nothing has been written.
         """
         damage = Damage.parse(self.target_damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
@@ -169,9 +167,10 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
     if not result.rounds:
         console.print("no round was completed")
     else:
-        from eea.aquafish.run_figure import save_fitness_figure
+        from aquafish_gym.rendering.pictures import save_figure
+        from eea.aquafish.run_figure import fitness_figure
 
-        save_fitness_figure(result, folder / PICTURE)
+        save_figure(fitness_figure(result), folder / PICTURE)
         for line in [*_table(result), *damage_words(intact, result)]:
             console.print(line)
         model = folder / MODEL

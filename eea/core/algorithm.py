@@ -14,15 +14,7 @@ from eea.core.bits import BitLayout, pose_layout
 from eea.core.checks import ConfigurationError, TargetError, at_most, finite, instance, whole
 from eea.core.config import EEAConfig
 from eea.core.estimation import Estimation
-from eea.core.experiment import (
-    Context,
-    Experiment,
-    Floats,
-    Performed,
-    Simulator,
-    Target,
-    reveals,
-)
+from eea.core.experiment import Context, Experiment, Floats, Performed, Simulator, Target, reveals
 from eea.core.exploration import Exploration
 from eea.core.fitness import dimension_errors, objective_fitness
 from eea.core.inference import Ideal, InBand, Inference, NoInference, OutOfBand
@@ -35,21 +27,14 @@ MAXIMUM_SEED = 2**64 - 1
 
 
 def streams(seed: int) -> dict[str, np.random.Generator]:
-    """Return one replicate's random generators by name.
+    """Return one replicate's random generators by name; the seed is below 2^64.
 
     The target has its own, so that the angles it hides are the same under every condition and
     comparisons are paired.
-
-    Raises
-    ------
-    ConfigurationError
-        If the seed is not a whole number of at least 0 and below 2^64.
     """
     whole("seed", seed, 0, MAXIMUM_SEED)
-    children = np.random.SeedSequence(seed).spawn(len(STREAMS))
-    return {
-        name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)
-    }
+    rngs = np.random.default_rng(seed).spawn(len(STREAMS))
+    return dict(zip(STREAMS, rngs, strict=True))
 
 
 def make_inference(
@@ -76,10 +61,8 @@ class EEA:
         Runs the models.
     problem
         What there is to find, to command and to feel: all widths.
-    config
-        Settings.
-    seed
-        Of the replicate.
+    config, seed
+        Settings, and the replicate's seed.
     truth
         The target's dimensions (n,) if known: only for OBJ_FIT in the records.
 
@@ -227,9 +210,8 @@ class EEA:
         if not np.array_equal(newest.command, command):
             action_fitness = None  # nobody has worked it out for what was executed instead
         self._experiments.append(newest)
-        morphology, model_fitness = self._estimation.run(
-            self._experiments, self._inference, self._rngs["inference"]
-        )
+        rng = self._rngs["inference"]
+        morphology, fitness = self._estimation.run(self._experiments, self._inference, rng)
         truth, true, layout = self.result.truth, newest.true_angles, self.result.layout
         objective: float | None = None
         errors: tuple[float, ...] | None = None
@@ -240,7 +222,7 @@ class EEA:
             round=len(self._experiments),
             command=tuple(newest.command.tolist()),
             action_fitness=action_fitness,
-            model_fitness=model_fitness,
+            model_fitness=fitness,
             morphology=tuple(morphology.tolist()),
             min_angle=tuple(newest.context.min_angle.tolist()),
             max_angle=tuple(newest.context.max_angle.tolist()),
@@ -257,14 +239,12 @@ class EEA:
 
     def _perform(self, command: Floats) -> Experiment:
         """Let the target perform; what it executed and where it began is noted if it tells."""
-        laboratory, hidden = self._laboratory, len(self._problem.hidden)
+        config, problem, hidden = self.result.config, self._problem, len(self._problem.hidden)
         log = self._target.perform(command.copy())
         if isinstance(log, Performed):
-            command = _told("executed command", log.command, len(self._problem.actions))
+            command = _told("executed command", log.command, len(problem.actions))
             log = log.log
-        behavior = summarize(
-            log, laboratory.behavior, laboratory.steps, laboratory.axes, "the target"
-        )
+        behavior = summarize(log, config.behavior, config.steps, problem.axes, "the target")
         if len(behavior) != 1:
             raise TargetError(
                 f"the target must return the log of one trial; it returned {len(behavior)}"

@@ -39,13 +39,7 @@ class Log(Protocol):
 
 @dataclass(frozen=True)
 class BehaviorConfig:
-    """What counts as a behaviour, and how two are compared.
-
-    Examples
-    --------
-    >>> BehaviorConfig(clamp=True).summary
-    'dft'
-    """
+    """What counts as a behaviour, and how two are compared."""
 
     #: What a trial is reduced to. The paper's choice is "dft", the discrete Fourier transform. It
     #: tried before "mean_rate" and "rms_rate", the mean and the root mean square of the angular
@@ -87,20 +81,9 @@ def summarize(
 ) -> Coefficients:
     """Return the behaviours of a log's trials, shape (B, coefficients).
 
-    The transform keeps T // 2 + 1 frequencies of each axis; a rate is one number an axis.
-
-    Parameters
-    ----------
-    log
-        One or many trials.
-    config
-        What to make of it.
-    steps
-        The length T that the trials must have; ``None`` for any.
-    axes
-        How many axes the signal must have; ``None`` for any.
-    source
-        Whose log it is, for the message if it is no such log.
+    The transform keeps T // 2 + 1 frequencies of each axis; a rate is one number an axis. The
+    trials must be of so many ``steps`` and ``axes``, any where None; ``source`` says whose they
+    are where they are not.
 
     Raises
     ------
@@ -178,19 +161,9 @@ def modulus(coefficients: Coefficients) -> Coefficients:
 
 
 def similarity(a: Coefficients, b: Coefficients, config: BehaviorConfig) -> NDArray[np.float64]:
-    """Return how alike behaviours are, at most 1 (Eq. 2); below 0 where they differ by > MAX.
+    """Return how alike behaviours (..., coefficients) are, sim of Eq. 2, shape (...).
 
-    Parameters
-    ----------
-    a, b
-        Behaviours (..., coefficients) that broadcast.
-    config
-        Gives MAX and the clamp.
-
-    Returns
-    -------
-    sim
-        Shape (...).
+    At most 1; below 0 where they differ by more than MAX.
     """
     apart = modulus(a - b)
     if config.clamp:

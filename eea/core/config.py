@@ -66,20 +66,18 @@ class EEAConfig:
     def _check_sizes(self) -> None:
         """Refuse numbers that exceed the populations they are taken from."""
         models = self.estimation.population
+        chosen = {"exploration.best_models": self.exploration.best_models}
         populations = {
             "exploration.population": self.exploration.population,
             "estimation.population": models,
         }
-        if self.exploration.best_models is not None:
-            best = self.exploration.best_models
-            at_most("exploration.best_models", best, "estimation.population", models)
         if self.condition == "in-band":
-            at_most("in_band.k", self.in_band.k, "estimation.population", models)
+            chosen["in_band.k"] = self.in_band.k
         if self.condition == "out-of-band":
+            chosen["out_of_band.sampled_models"] = self.out_of_band.sampled_models
             populations["out_of_band.inner_population"] = self.out_of_band.inner_population
-            sampled = self.out_of_band.sampled_models
-            if sampled is not None:
-                at_most("out_of_band.sampled_models", sampled, "estimation.population", models)
+        for name, count in chosen.items():
+            at_most(name, count or 0, "estimation.population", models)
         for name, population in populations.items():
             # With none but elites no generation would differ from the first.
             at_most("genetic.elites", self.genetic.elites, f"{name} - 1", population - 1)
@@ -98,12 +96,7 @@ PARTS: dict[str, type] = {
     "out_of_band": OutOfBandConfig,
 }
 
-RECOVERY = EEAConfig(
-    condition="out-of-band",
-    steps=256,
-    rounds=16,
-    out_of_band=OutOfBandConfig(sampled_models=5, revisit=5),
-)
+RECOVERY = EEAConfig(rounds=16, out_of_band=OutOfBandConfig(sampled_models=5, revisit=5))
 
 
 def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
@@ -115,10 +108,5 @@ def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
     replicates of docs/recovery the mean OBJ_FIT after 16 rounds is 0.979, against 0.954 without
     revisits. (On the undamaged robot, after 12 rounds, no gain is told from none:
     docs/paper_map.md.) Five sampled judges are those of Fig. 10, and save half the trials.
-
-    Parameters
-    ----------
-    steps, rounds
-        Length of a trial, and how many the damaged robot performs.
     """
     return replace(RECOVERY, steps=steps, rounds=rounds)

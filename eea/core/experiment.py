@@ -134,13 +134,7 @@ class Simulator(Protocol):
 
 @dataclass(frozen=True)
 class Context:
-    """What is believed of the hidden angles when an experiment began.
-
-    Examples
-    --------
-    >>> Context.unknown(1, 0.5).fixed, Context.known(np.zeros(1)).fixed
-    (False, True)
-    """
+    """What is believed of the hidden angles when an experiment began."""
 
     #: The range of each angle in rad, shape (h,) each, ``min_angle <= max_angle``.
     min_angle: Floats

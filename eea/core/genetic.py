@@ -25,13 +25,7 @@ MAXIMUM_GENERATIONS = 10**6
 
 @dataclass(frozen=True)
 class GeneticConfig:
-    """How the next generation is made.
-
-    Examples
-    --------
-    >>> GeneticConfig(elites=2).elites
-    2
-    """
+    """How the next generation is made."""
 
     tournament_size: int = 2  #: Contestants for each parent.
     #: What two parents swap: "uniform" each bit with probability one half, "two_point" one stretch
@@ -95,19 +89,7 @@ def next_generation(
     config: GeneticConfig,
     rng: np.random.Generator,
 ) -> Genomes:
-    """Return the next population, shape (N, bits), the elites first.
-
-    Parameters
-    ----------
-    genomes
-        The population, shape (N, bits).
-    fitness
-        Higher is better, shape (N,).
-    config
-        The operators' settings.
-    rng
-        Where chance comes from; nothing global is touched.
-    """
+    """Return the next population, shape (N, bits), the elites first."""
     count = len(genomes)
     pairs = (count + 1) // 2
     parents = tournament(fitness, 2 * pairs, config.tournament_size, rng)
@@ -131,27 +113,10 @@ def evolve(
     config: GeneticConfig,
     rng: np.random.Generator,
 ) -> tuple[Genomes, float]:
-    """Evolve a population under a fitness that stands still; return the last generation's best.
+    """Evolve genomes (N, bits) under a fitness that stands still; return the final best one.
 
-    Parameters
-    ----------
-    genomes
-        The first generation, shape (N, bits).
-    generations
-        How many are evaluated, the first included.
-    evaluate
-        From genomes (n, bits), all different, to their fitness (n,). None is asked for twice.
-    config
-        The operators' settings.
-    rng
-        Where chance comes from.
-
-    Returns
-    -------
-    genome
-        Shape (bits,).
-    fitness
-        Its fitness.
+    ``evaluate`` takes genomes (n, bits), all different, and returns their fitness (n,); none is
+    asked for twice. ``generations`` counts the first.
     """
     known: dict[bytes, float] = {}
     fitness = np.empty(0)

@@ -14,11 +14,6 @@ MAXIMUM_AXES = 1000
 class Problem:
     """A robot to be modelled; the algorithm takes every width from here and from nowhere else.
 
-    Raises
-    ------
-    ConfigurationError
-        If a genome is no ``BitLayout``, no angle is hidden, or there is no axis.
-
     Examples
     --------
     A pendulum with a motor: its length and friction are sought, and where it hung is not known.

@@ -32,17 +32,8 @@ class RecordedLog:
 class ReplayTarget:
     """A target that repeats what a robot did, whatever it is asked for, and says so.
 
-    Parameters
-    ----------
-    commands
-        What the robot executed, shape (E, c).
-    logs
-        What it logged, one trial each.
-
-    Raises
-    ------
-    ConfigurationError
-        If the commands are not finite numbers (E, c), or not as many as the logs.
+    It takes the commands (E, c) that the robot executed and their logs, of one trial each; other
+    numbers of them raise ``ConfigurationError``.
 
     Examples
     --------
@@ -70,13 +61,7 @@ class ReplayTarget:
         return len(self._logs)
 
     def perform(self, command: Floats) -> Performed:  # noqa: ARG002 - the past cannot be asked
-        """Return the session's next log, with the command that it is of.
-
-        Raises
-        ------
-        TargetError
-            If the session has no further trial.
-        """
+        """Return the session's next log, with the command that it is of; else ``TargetError``."""
         if self._next == len(self):
             raise TargetError(
                 f"the recorded session holds {len(self)} trials, and all have been replayed; "
