@@ -29,13 +29,13 @@ class SimulatorOptions(TypedDict, total=False):
 class EngineSimulator(Simulator):
     """Candidate fish, a batch a call.
 
+    It cannot be subclassed: what compares in the engine would pass by another ``simulate``. To
+    add noise, say, inherit from ``eea.Simulator`` and hold one of these.
+
     Raises
     ------
     InvalidArgumentError, UnknownNameError, EngineUnavailableError
         If a setting is wrong or the engine is not to be had.
-    TypeError
-        If it is subclassed: what compares in the engine would pass by another ``simulate``. To
-        add noise, say, inherit from ``eea.Simulator`` and hold one of these.
 
     Examples
     --------
@@ -54,10 +54,7 @@ class EngineSimulator(Simulator):
     threads: int | None = None
 
     def __init_subclass__(cls, **_: Any) -> None:
-        raise TypeError(
-            "EngineSimulator cannot be subclassed, as its comparer would pass by another simulate; "
-            "inherit from eea.Simulator and hold an EngineSimulator"
-        )
+        raise TypeError("EngineSimulator cannot be subclassed; hold one in an eea.Simulator")
 
     def __post_init__(self) -> None:
         # One motionless robot, so that a wrong setting is refused here and not in mid-run.

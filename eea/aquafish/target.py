@@ -61,9 +61,7 @@ class EngineTarget:
     rng
         Draws the hidden angles: the pectorals' over the whole turn, the caudal fin's phase over
         the whole cycle.
-    steps
-        Length of a trial in steps of 0.01 s.
-    engine, current, substeps
+    steps, engine, current, substeps
         As ``aquafish_gym.simulate``.
     orientation
         How the body itself lies at the start: ``"upright"``, facing +y, as the models do;
@@ -81,10 +79,8 @@ class EngineTarget:
 
     Raises
     ------
-    InvalidArgumentError, UnknownNameError, EngineUnavailableError
-        If the body, the damage or the engine is not to be had.
-    ConfigurationError
-        If the orientation is unknown.
+    InvalidArgumentError, UnknownNameError, EngineUnavailableError, ConfigurationError
+        If a body, damage, engine or orientation is not to be had.
 
     Examples
     --------

@@ -71,8 +71,7 @@ class EEA:
     ConfigurationError
         If a setting is wrong, or the truth has another shape.
     TargetError
-        If the simulator is none, or the condition is Ideal and the target does not reveal the
-        hidden angles.
+        If the simulator is none, or the target of the Ideal condition hides where it began.
 
     Examples
     --------
@@ -119,10 +118,8 @@ class EEA:
         searched = [problem.models, problem.actions]
         if config.condition == "out-of-band":
             searched.append(poses)
-        shortest = min(layout.bits for layout in searched)
-        at_most(
-            "genetic.mutations", config.genetic.mutations, "the shortest genome's bits", shortest
-        )
+        bits = min(layout.bits for layout in searched)
+        at_most("genetic.mutations", config.genetic.mutations, "the shortest genome's bits", bits)
         if truth is not None:
             truth = finite("truth", truth, (len(problem.models),))
         if config.condition == "ideal" and not reveals(target):
@@ -213,11 +210,9 @@ class EEA:
         rng = self._rngs["inference"]
         morphology, fitness = self._estimation.run(self._experiments, self._inference, rng)
         truth, true, layout = self.result.truth, newest.true_angles, self.result.layout
-        objective: float | None = None
-        errors: tuple[float, ...] | None = None
-        if truth is not None:
-            objective = float(objective_fitness(morphology, truth, layout))
-            errors = tuple(dimension_errors(morphology, truth, layout).tolist())
+        objective = None if truth is None else float(objective_fitness(morphology, truth, layout))
+        errors = None if truth is None else dimension_errors(morphology, truth, layout)
+        off = None if true is None else circular_distance(newest.context.middle, true)
         return RoundRecord(
             round=len(self._experiments),
             command=tuple(newest.command.tolist()),
@@ -227,11 +222,9 @@ class EEA:
             min_angle=tuple(newest.context.min_angle.tolist()),
             max_angle=tuple(newest.context.max_angle.tolist()),
             true_angles=None if true is None else tuple(true.tolist()),
-            angle_error=None
-            if true is None
-            else tuple(circular_distance(newest.context.middle, true).tolist()),
+            angle_error=None if off is None else tuple(off.tolist()),
             objective_fitness=objective,
-            dimension_error=errors,
+            dimension_error=None if errors is None else tuple(errors.tolist()),
             spread=tuple((self._estimation.population.models.std(axis=0) / layout.span).tolist()),
             trials=self._laboratory.trials - trials,
             seconds=time.monotonic() - began,

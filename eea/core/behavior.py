@@ -16,10 +16,7 @@ from eea.core.checks import TargetError, choice, flag, real
 
 Coefficients = NDArray[Any]  # complex or real floats, single or double precision
 
-Summary = Literal["dft", "mean_rate", "rms_rate"]
 Signal = Literal["attitude", "body_rates"]
-Unit = Literal["degrees", "radians"]
-Difference = Literal["complex", "magnitude"]
 
 
 class Log(Protocol):
@@ -44,19 +41,19 @@ class BehaviorConfig:
     #: What a trial is reduced to. The paper's choice is "dft", the discrete Fourier transform. It
     #: tried before "mean_rate" and "rms_rate", the mean and the root mean square of the angular
     #: velocity in each axis.
-    summary: Summary = "dft"
+    summary: Literal["dft", "mean_rate", "rms_rate"] = "dft"
     #: What is summarised: "body_rates" is the gyroscope, "attitude" is roll, pitch and yaw. The
     #: rates are the gyroscope's own, or those of the attitude.
     signal: Signal = "body_rates"
     #: Of the angles, or of the rates a second. At MAX = 100 a median 1 - sim between random robots
     #: is, by the gyroscope, about 0.4 in degrees and below 0.01 in radians.
-    unit: Unit = "degrees"
+    unit: Literal["degrees", "radians"] = "degrees"
     #: Divide the transform by the number of samples. Without a clamp this changes no ranking of
     #: models, only the scale of MOD_FIT.
     normalised: bool = False
     #: Of two coefficients: "complex" is the modulus of their difference, "magnitude" the difference
     #: of their moduli, which drops the phase.
-    difference: Difference = "complex"
+    difference: Literal["complex", "magnitude"] = "complex"
     clamp: bool = False  #: Count no coefficient's difference as more than maximum.
     maximum: float = 100.0  #: MAX of Eq. 2.
     timestep: float = 0.01  #: Seconds between samples, for the attitude's rates.

@@ -17,8 +17,6 @@ from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticCon
 from eea.core.inference import Inference
 from eea.core.laboratory import Laboratory
 
-CarryOver = Literal["continue", "reseed"]
-
 
 @dataclass(frozen=True)
 class EstimationConfig:
@@ -28,7 +26,7 @@ class EstimationConfig:
     generations: int = 100  #: For how many generations they evolve in a round.
     #: Whether the population lives on in the next round, "continue", or each round begins with a
     #: random one, "reseed".
-    carry_over: CarryOver = "continue"
+    carry_over: Literal["continue", "reseed"] = "continue"
     #: Keep the similarities of bodies seen before to experiments whose angles stand still. The
     #: results are the same to the bit without; it only takes longer.
     remember: bool = True

@@ -16,10 +16,8 @@ from typing import Protocol, Self, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.angles import sample_range
+from eea.core.angles import Floats, sample_range
 from eea.core.behavior import BehaviorConfig, Coefficients, Log
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,6 @@ from eea.core.experiment import Floats, Trials
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
 from eea.core.laboratory import Laboratory
 
-ExplorationPose = Literal["zero", "common_random"]
-
 
 @dataclass(frozen=True)
 class ExplorationConfig:
@@ -24,7 +22,7 @@ class ExplorationConfig:
     generations: int = 25  #: For how many generations they evolve in a round.
     #: Where all the models begin: "zero", every hidden angle at zero, or "common_random", one
     #: random pose a round. It is common to all, so that disagreement is the bodies'.
-    pose: ExplorationPose = "zero"
+    pose: Literal["zero", "common_random"] = "zero"
     #: How many models, the fittest, enter Eq. 1; None for the whole population.
     best_models: int | None = None
 

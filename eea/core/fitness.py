@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Coefficients
 from eea.core.bits import BitLayout
 from eea.core.checks import finite
-
-Floats = NDArray[np.float64]
 
 
 def action_fitness(behaviors: Coefficients, config: BehaviorConfig) -> Floats:

@@ -69,9 +69,6 @@ class Ideal(Inference):
         return Context.known(newest.true_angles)
 
 
-RankBy = Literal["newest", "overall"]
-
-
 @dataclass(frozen=True)
 class InBandConfig:
     """Settings of In-Band Inference."""
@@ -79,7 +76,7 @@ class InBandConfig:
     k: int = 3  #: How many of the best models' angles make the inferred range.
     #: Which models are the best: those that fit the "newest" experiment, whose angles are sought,
     #: or those that fit all, "overall", by MOD_FIT.
-    rank_by: RankBy = "newest"
+    rank_by: Literal["newest", "overall"] = "newest"
     #: Of the newest experiment: the share of models that begin in the inferred range.
     confidence: float = 0.5
     dynamic_split: bool = False  #: Raise that share evenly to 1 by the middle of the round.
@@ -134,9 +131,6 @@ class InBand(Inference):
         return start + (1.0 - start) * min(1.0, 2.0 * generation / self.generations)
 
 
-PoseFitness = Literal["mean", "best"]
-
-
 @dataclass(frozen=True)
 class OutOfBandConfig:
     """Settings of Out-of-Band Inference."""
@@ -149,7 +143,7 @@ class OutOfBandConfig:
     sampled_models: int | None = None
     #: What a pose scores: the "mean" of the judging models' similarities to the newest experiment,
     #: or that of the "best" of them.
-    pose_fitness: PoseFitness = "mean"
+    pose_fitness: Literal["mean", "best"] = "mean"
     #: Begin a round's later inferences with the pose inferred before among the candidates.
     warm_start: bool = False
     #: At each inference, infer the angles of so many earlier experiments anew too, drawn at random

@@ -61,7 +61,6 @@ class Result:
     ('interrupted', 1.0)
     """
 
-    #: What was run.
     config: EEAConfig
     seed: int
     layout: BitLayout  #: The models' genome, for the ranges of the dimensions.
@@ -72,13 +71,7 @@ class Result:
 
     @property
     def model(self) -> Floats:
-        """The last round's best model, shape (n,).
-
-        Raises
-        ------
-        TargetError
-            If no round has been completed.
-        """
+        """The last round's best model, shape (n,); ``TargetError`` if there is no round."""
         if not self.rounds:
             raise TargetError("there is no model yet: no round was completed")
         return np.array(self.rounds[-1].morphology)
