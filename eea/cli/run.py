@@ -146,8 +146,7 @@ def _earlier_rounds(folder: Path) -> int:
     """Return how many rounds a result in the folder has; 0 for none or a damaged one."""
     path = folder / RESULT
     try:
-        rounds = read_document(path, SCHEMA, "out")["rounds"] if path.exists() else []
-        return len(rounds)
+        return len(read_document(path, SCHEMA, "out")["rounds"]) if path.exists() else 0
     except (DamagedFileError, KeyError, TypeError):
         return 0
 
@@ -200,20 +199,16 @@ def damage_words(intact: Morphology, result: Result) -> list[str]:
 def _table(result: Result) -> list[str]:
     """Return the sizes found beside the true ones, and OBJ_FIT."""
     assert result.truth is not None
-    lines = [f"{'in units of 5 cm':26s} {'found':>6s}  {'true':>6s}"]
-    lines += [
-        f"{dimension.name:26s} {found:6.3f}  {true:6.3f}"
-        for dimension, found, true in zip(DIMENSIONS, result.model, result.truth, strict=True)
-    ]
+    sizes = zip(result.layout.names, result.model, result.truth, strict=True)
     return [
-        *lines,
+        f"{'in units of 5 cm':26s} {'found':>6s}  {'true':>6s}",
+        *(f"{name:26s} {found:6.3f}  {true:6.3f}" for name, found, true in sizes),
         f"OBJ_FIT {result.objective_fitness:.2f}; the true body scores 1, "
         f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}",
     ]
 
 
 def _rounds(count: int) -> str:
-    """Return ``1 round``, ``2 rounds`` and so on."""
     return f"{count} round{'' if count == 1 else 's'}"
 
 

@@ -127,24 +127,19 @@ class EEA:
                 "the ideal condition needs a target with start_angles, the hidden angles when "
                 f"its last command began; {type(target).__name__} has none"
             )
-        rngs = streams(seed)
         self.result = Result(config, seed, problem.models, truth)
         self._target = target
         self._problem = problem
         self._laboratory = Laboratory(simulator, config.behavior, config.steps, problem.axes)
+        rngs = self._rngs = streams(seed)
+        laboratory, genetic, hidden = self._laboratory, config.genetic, len(problem.hidden)
         self._exploration = Exploration(
-            problem.actions,
-            len(problem.hidden),
-            self._laboratory,
-            config.exploration,
-            config.genetic,
-            rngs["exploration"],
+            problem.actions, hidden, laboratory, config.exploration, genetic, rngs["exploration"]
         )
         self._estimation = Estimation(
-            problem.models, self._laboratory, config.estimation, config.genetic, rngs["estimation"]
+            problem.models, laboratory, config.estimation, genetic, rngs["estimation"]
         )
-        self._rngs = rngs
-        self._inference = make_inference(config, poses, self._laboratory, rngs["inference"])
+        self._inference = make_inference(config, poses, laboratory, rngs["inference"])
         self._experiments: list[Experiment] = []
 
     def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:

@@ -84,10 +84,7 @@ def mutate(genomes: Genomes, mutations: float, rng: np.random.Generator) -> Geno
 
 
 def next_generation(
-    genomes: Genomes,
-    fitness: NDArray[np.floating],
-    config: GeneticConfig,
-    rng: np.random.Generator,
+    genomes: Genomes, fitness: NDArray[np.floating], config: GeneticConfig, rng: np.random.Generator
 ) -> Genomes:
     """Return the next population, shape (N, bits), the elites first."""
     count = len(genomes)

@@ -80,7 +80,6 @@ class Laboratory:
             apart = self._comparer.between_models(trials, models)
             self.trials += len(trials)
             return disagreement(apart, models, self.behavior)
-        behaviors = self.behaviors(trials)
-        actions = len(behaviors) // models
+        behaviors = self.behaviors(trials).reshape(len(trials) // models, models, -1)
         with np.errstate(invalid="ignore", over="ignore"):
-            return action_fitness(behaviors.reshape(actions, models, -1), self.behavior)
+            return action_fitness(behaviors, self.behavior)
