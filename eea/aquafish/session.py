@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from aquafish_gym.command import check_commands
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import DamagedFileError
+from eea.core.angles import Floats
 from eea.core.behavior import Log
 from eea.core.checks import ConfigurationError
-from eea.core.experiment import Floats
 from eea.core.replay import RecordedLog, ReplayTarget
 
 SIGNALS = ("gyro", "rpy")

@@ -21,8 +21,9 @@ from aquafish_gym.engines.compiled.spectrum import (
     distances,
     pack_spectra,
 )
+from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Coefficients
-from eea.core.experiment import Floats, Trials
+from eea.core.experiment import Trials
 
 if TYPE_CHECKING:
     from eea.aquafish.simulator import EngineSimulator

@@ -15,8 +15,8 @@ from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.attitude import attitude, rotations
+from eea.core.angles import Floats
 from eea.core.checks import choice
-from eea.core.experiment import Floats
 
 Orientation = Literal["upright", "heading", "attitude"]
 

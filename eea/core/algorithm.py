@@ -8,13 +8,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from eea.core.angles import circular_distance
+from eea.core.angles import Floats, circular_distance
 from eea.core.behavior import summarize
 from eea.core.bits import BitLayout, pose_layout
 from eea.core.checks import ConfigurationError, TargetError, at_most, finite, instance, whole
 from eea.core.config import EEAConfig
 from eea.core.estimation import Estimation
-from eea.core.experiment import Context, Experiment, Floats, Performed, Simulator, Target, reveals
+from eea.core.experiment import Context, Experiment, Performed, Simulator, Target, reveals
 from eea.core.exploration import Exploration
 from eea.core.fitness import dimension_errors, objective_fitness
 from eea.core.inference import Ideal, InBand, Inference, NoInference, OutOfBand

@@ -9,9 +9,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from eea.core.angles import Floats
 from eea.core.bits import BitLayout, Genomes
 from eea.core.checks import choice, flag, whole
-from eea.core.experiment import Experiment, Floats, Trials, perform_angles
+from eea.core.experiment import Experiment, Trials, perform_angles
 from eea.core.fitness import model_fitness
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, next_generation
 from eea.core.inference import Inference

@@ -7,9 +7,10 @@ from typing import Literal
 
 import numpy as np
 
+from eea.core.angles import Floats
 from eea.core.bits import BitLayout
 from eea.core.checks import choice, whole
-from eea.core.experiment import Floats, Trials
+from eea.core.experiment import Trials
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
 from eea.core.laboratory import Laboratory
 

@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from eea.core.angles import Inclusion, smallest_inclusive, widen
+from eea.core.angles import Floats, Inclusion, smallest_inclusive, widen
 from eea.core.bits import BitLayout
 from eea.core.checks import choice, flag, real, whole
-from eea.core.experiment import Context, Experiment, Floats, Trials
+from eea.core.experiment import Context, Experiment, Trials
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
 from eea.core.laboratory import Laboratory
 

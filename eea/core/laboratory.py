@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Coefficients, likeness, similarity, summarize
 from eea.core.checks import TargetError
-from eea.core.experiment import Floats, Simulator, Trials
+from eea.core.experiment import Simulator, Trials
 from eea.core.fitness import action_fitness, disagreement
 
 DIVERGED = -1e6  # far below any real similarity, and still a number that means can hold

@@ -8,9 +8,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
+from eea.core.angles import Floats
 from eea.core.behavior import Log
 from eea.core.checks import ConfigurationError, TargetError, finite
-from eea.core.experiment import Floats, Performed
+from eea.core.experiment import Performed
 
 
 @dataclass(frozen=True)

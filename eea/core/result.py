@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from eea.core.angles import Floats
 from eea.core.bits import BitLayout
 from eea.core.checks import TargetError
 from eea.core.config import EEAConfig
-from eea.core.experiment import Floats
 from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
 
 SCHEMA = "eea.result/1"
