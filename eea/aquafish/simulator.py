@@ -54,7 +54,9 @@ class EngineSimulator(Simulator):
     threads: int | None = None
 
     def __init_subclass__(cls, **_: Any) -> None:
-        raise TypeError("EngineSimulator cannot be subclassed; hold one in an eea.Simulator")
+        raise TypeError(
+            "it would compare past simulate: inherit from eea.Simulator and hold an EngineSimulator"
+        )
 
     def __post_init__(self) -> None:
         # One motionless robot, so that a wrong setting is refused here and not in mid-run.
