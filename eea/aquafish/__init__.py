@@ -20,7 +20,7 @@ if TYPE_CHECKING:
         fish_problem,
     )
     from eea.aquafish.session import load_session, save_session
-    from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
+    from eea.aquafish.simulator import EngineSimulator
     from eea.aquafish.target import EngineTarget, Orientation
 
 __all__ = [
@@ -28,7 +28,6 @@ __all__ = [
     "EngineTarget",
     "MorphologyEstimate",
     "Orientation",
-    "SimulatorOptions",
     "estimate_from_logs",
     "estimate_morphology",
     "estimate_morphology_of",

@@ -66,13 +66,7 @@ class MorphologyEstimate(Result):
         return Morphology.from_array(self.model)
 
     def plot(self) -> Figure:
-        """Return a matplotlib figure of OBJ_FIT, where the truth is known, and MOD_FIT by round.
-
-        Raises
-        ------
-        ConfigurationError
-            If no round has been completed.
-        """
+        """Return a matplotlib figure of OBJ_FIT, where the truth is known, and MOD_FIT by round."""
         from eea.aquafish.run_figure import fitness_figure
 
         return fitness_figure(self)
@@ -121,14 +115,8 @@ def fish_eea(
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
         (x, y, z), or nine numbers.
     **simulator
-        engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``.
-
-    Raises
-    ------
-    ConfigurationError, TargetError
-        As ``EEA``.
-    InvalidArgumentError, UnknownNameError, EngineUnavailableError
-        As ``EngineSimulator``, and if the truth is no body.
+        engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``,
+        and it and ``EEA`` for the errors.
     """
     instance("config", config, EEAConfig)
     return EEA(
@@ -151,6 +139,10 @@ def estimate_morphology_of(
 ) -> MorphologyEstimate:
     """Model any target that performs commands, a physical robot for example.
 
+    Ctrl-C passes through as KeyboardInterrupt, and nothing is returned then; ``progress`` has
+    been given every completed round. To keep the result, or to go on later, iterate over
+    ``fish_eea`` instead: its ``.result`` is readable after every round.
+
     Parameters
     ----------
     target
@@ -162,17 +154,6 @@ def estimate_morphology_of(
         Called with each round's record.
     config, seed, truth, **simulator
         See ``fish_eea``.
-
-    Returns
-    -------
-    MorphologyEstimate
-        ``.morphology``, ``.rounds``, ``.plot()``, ``.to_json()``.
-
-    Notes
-    -----
-    Ctrl-C passes through as KeyboardInterrupt, and nothing is returned then; ``progress`` has
-    been given every completed round. To keep the result, or to go on later, iterate over
-    ``fish_eea`` instead: its ``.result`` is readable after every round.
     """
     eea = fish_eea(target, EEAConfig() if config is None else config, seed, truth, **simulator)
     result = eea.run(progress)
@@ -201,11 +182,6 @@ def estimate_from_logs(
         Settings; None for the defaults, with as many rounds as logs, of the logs' length.
     seed, progress, truth, **simulator
         See ``estimate_morphology_of``.
-
-    Returns
-    -------
-    MorphologyEstimate
-        That of a live robot that executed these commands and logged this.
 
     Raises
     ------
@@ -245,11 +221,8 @@ def estimate_morphology(
         What broke, as ``"left_pectoral:length=0.5"``; None is nothing.
     config
         Settings; None for the defaults, Out-of-Band Inference.
-    seed
-        Everything random follows from it; the angles that the target hides are the same under
-        every condition.
-    progress
-        Called with each round's record.
+    seed, progress
+        Everything random follows from the seed; see ``estimate_morphology_of``.
     target_engine
         Where the target swims, "auto" being PyBullet where it is installed; the candidates swim
         in ``engine``.
@@ -259,11 +232,6 @@ def estimate_morphology(
         engine, dtype, current, substeps, threads; see ``EngineSimulator``. The current and the
         substeps hold for the target too.
 
-    Returns
-    -------
-    MorphologyEstimate
-        ``.morphology``, ``.rounds``, ``.plot()``, ``.to_json()``. For Ctrl-C, see
-        ``estimate_morphology_of``.
     """
     settings = EEAConfig() if config is None else config
     instance("config", settings, EEAConfig)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from typing import Any
 
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aquafish_gym.rendering.pictures import new_figure, save_figure
+from aquafish_gym.rendering.pictures import new_figure
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
 
@@ -17,10 +16,7 @@ _OBJECTIVE, _MODEL = "#0072B2", "#D55E00"
 
 
 def fitness_figure(result: Result) -> Figure:
-    """Return a figure of one run.
-
-    OBJ_FIT and the levels of chance, of the mid-range body and the quantisation limit are drawn
-    where the truth is known.
+    """Return a figure of one run, with its levels where the truth is known.
 
     Raises
     ------
@@ -61,18 +57,3 @@ def fitness_figure(result: Result) -> Figure:
     config = result.config
     axes.set_title(f"{config.condition}, {config.steps} steps a trial, seed {result.seed}")
     return figure
-
-
-def save_fitness_figure(result: Result, path: str | os.PathLike[str]) -> None:
-    """Draw one run into a file whose suffix names the format: ``.png``, ``.pdf`` or ``.svg``.
-
-    The file is replaced at once or not at all.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no round to draw.
-    UnknownNameError
-        If there is no such format.
-    """
-    save_figure(fitness_figure(result), path)

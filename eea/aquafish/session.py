@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike
 from aquafish_gym.command import check_commands
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import DamagedFileError
+from eea.core.angles import Floats
 from eea.core.behavior import Log
 from eea.core.checks import ConfigurationError
-from eea.core.experiment import Floats
 from eea.core.replay import RecordedLog, ReplayTarget
 
 SIGNALS = ("gyro", "rpy")
@@ -22,14 +22,7 @@ SIGNALS = ("gyro", "rpy")
 def save_session(path: str | os.PathLike[str], commands: ArrayLike, logs: Sequence[Log]) -> None:
     """Write what ``estimate_from_logs`` takes into an ``.npz`` file, at once or not at all.
 
-    Parameters
-    ----------
-    path
-        The file; an old one is replaced.
-    commands
-        What the robot executed, shape (E, 3).
-    logs
-        What it logged, one trial each, all of one length; with ``gyro``, ``rpy`` or both.
+    The logs, of one trial each and all of one length, hold ``gyro``, ``rpy`` or both.
 
     Raises
     ------

@@ -29,21 +29,13 @@ class SimulatorOptions(TypedDict, total=False):
 class EngineSimulator(Simulator):
     """Candidate fish, a batch a call.
 
-    Attributes
-    ----------
-    steps
-        Length of a trial in steps of 0.01 s.
-    engine, dtype, current, substeps, threads
-        As ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest, and
-        no result depends on the threads.
+    It cannot be subclassed: what compares in the engine would pass by another ``simulate``. To
+    add noise, say, inherit from ``eea.Simulator`` and hold one of these.
 
     Raises
     ------
     InvalidArgumentError, UnknownNameError, EngineUnavailableError
         If a setting is wrong or the engine is not to be had.
-    TypeError
-        If it is subclassed: what compares in the engine would pass by another ``simulate``. To
-        add noise, say, inherit from ``eea.Simulator`` and hold one of these.
 
     Examples
     --------
@@ -52,7 +44,9 @@ class EngineSimulator(Simulator):
     (5, 64, 3)
     """
 
-    steps: int
+    steps: int  #: Length of a trial in steps of 0.01 s.
+    #: As ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest, and no
+    #: result depends on the threads.
     engine: str = "numba"
     dtype: str = "float32"
     current: ArrayLike = (0.0, 0.0, 0.0)
@@ -61,8 +55,7 @@ class EngineSimulator(Simulator):
 
     def __init_subclass__(cls, **_: Any) -> None:
         raise TypeError(
-            "EngineSimulator cannot be subclassed, as its comparer would pass by another simulate; "
-            "inherit from eea.Simulator and hold an EngineSimulator"
+            "it would compare past simulate: inherit from eea.Simulator and hold an EngineSimulator"
         )
 
     def __post_init__(self) -> None:
@@ -71,17 +64,7 @@ class EngineSimulator(Simulator):
 
     def simulate(self, trials: Trials) -> ImuLog:
         """Run B trials of bodies (B, 9), commands (B, 3) and fin angles (B, 3)."""
-        return simulate(
-            trials.models,
-            trials.commands,
-            trials.angles,
-            steps=self.steps,
-            engine=self.engine,
-            dtype=self.dtype,
-            current=self.current,
-            substeps=self.substeps,
-            threads=self.threads,
-        )
+        return simulate(trials.models, trials.commands, trials.angles, **vars(self))
 
     def comparer(self, behavior: BehaviorConfig, steps: int) -> Comparer | None:
         """Return what compares behaviours in the engine itself, if it can."""

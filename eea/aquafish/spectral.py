@@ -21,8 +21,9 @@ from aquafish_gym.engines.compiled.spectrum import (
     distances,
     pack_spectra,
 )
+from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Coefficients
-from eea.core.experiment import Floats, Trials
+from eea.core.experiment import Trials
 
 if TYPE_CHECKING:
     from eea.aquafish.simulator import EngineSimulator
@@ -38,37 +39,21 @@ def can_compare(behavior: BehaviorConfig, steps: int) -> bool:
 
 @dataclass(frozen=True)
 class SpectralComparer:
-    """An ``eea.core.experiment.Comparer`` in the compiled engine.
+    """An ``eea.core.experiment.Comparer`` in the compiled engine."""
 
-    Attributes
-    ----------
-    simulator
-        Whose trials these are.
-    behavior
-        One for which :func:`can_compare`.
-
-    Examples
-    --------
-    >>> from eea.aquafish.simulator import EngineSimulator
-    >>> comparer = SpectralComparer(EngineSimulator(64), BehaviorConfig())
-    >>> trials = Trials(np.full((6, 9), 0.3), np.full((6, 3), 0.4), np.zeros((6, 3)))
-    >>> comparer.between_models(trials, 3)  # two commands, three models each, all alike
-    array([0., 0.])
-    """
-
-    simulator: EngineSimulator
-    behavior: BehaviorConfig
+    simulator: EngineSimulator  #: Whose trials these are.
+    behavior: BehaviorConfig  #: One for which :func:`can_compare`.
 
     def to_observed(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
     ) -> Floats:
-        """Return the mean difference (B,) of coefficients from ``observed[which]``."""
+        """See ``Comparer``."""
         spectra = self._spectra(trials)
         packed = pack_spectra(observed, spectra.dtype.type)
         return distances(spectra, packed, which) / coefficients(self.simulator.steps)
 
     def between_models(self, trials: Trials, models: int) -> Floats:
-        """Return, for each run of ``models`` trials, the sum over its pairs of that mean, (A,)."""
+        """See ``Comparer``."""
         return disagreements(self._spectra(trials), models) / coefficients(self.simulator.steps)
 
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:

@@ -15,8 +15,8 @@ from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.attitude import attitude, rotations
+from eea.core.angles import Floats
 from eea.core.checks import choice
-from eea.core.experiment import Floats
 
 Orientation = Literal["upright", "heading", "attitude"]
 
@@ -36,17 +36,10 @@ def random_orientation(orientation: str, rng: np.random.Generator) -> Floats:
 
 
 def turn_log(log: ImuLog, start: Floats) -> ImuLog:
-    """Return the log of attitudes and rates of one fish that had begun in another orientation.
+    """Return a log (1, T, 3) from the upright start as it is from another, a matrix (3, 3).
 
     Neither the water nor the neutrally buoyant fish knows up from down, so to begin turned is to
     do the same, turned.
-
-    Parameters
-    ----------
-    log
-        Of a trial from the upright start, (1, T, 3).
-    start
-        The other start, a matrix (3, 3) from body to world.
     """
     if log.diverged.any():
         return log  # no attitude is left to turn
@@ -68,9 +61,7 @@ class EngineTarget:
     rng
         Draws the hidden angles: the pectorals' over the whole turn, the caudal fin's phase over
         the whole cycle.
-    steps
-        Length of a trial in steps of 0.01 s.
-    engine, current, substeps
+    steps, engine, current, substeps
         As ``aquafish_gym.simulate``.
     orientation
         How the body itself lies at the start: ``"upright"``, facing +y, as the models do;
@@ -88,10 +79,8 @@ class EngineTarget:
 
     Raises
     ------
-    InvalidArgumentError, UnknownNameError, EngineUnavailableError
-        If the body, the damage or the engine is not to be had.
-    ConfigurationError
-        If the orientation is unknown.
+    InvalidArgumentError, UnknownNameError, EngineUnavailableError, ConfigurationError
+        If a body, damage, engine or orientation is not to be had.
 
     Examples
     --------

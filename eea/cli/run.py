@@ -29,7 +29,8 @@ from aquafish_gym.utils.command_line import (
     Threads,
     read_morphology,
 )
-from eea.aquafish import EngineTarget, SimulatorOptions, fish_eea
+from eea.aquafish import EngineTarget, fish_eea
+from eea.aquafish.simulator import SimulatorOptions
 from eea.core.algorithm import EEA, streams
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
@@ -47,40 +48,26 @@ class Run:
     Into --out go settings.json (what is run), result.json (all rounds so far, after each),
     morphology.json (the body found, for gait evolve --morphology) and rounds.png. An earlier run
     of the same settings is replaced once this one has as many rounds; anything else is refused.
-
-    Attributes
-    ----------
-    config
-        Settings of the algorithm.
-    seed
-        Everything random follows from it.
-    dtype
-        The compiled engine's precision, for the candidates.
-    current
-        Velocity of the water, units/s.
-    substeps
-        Physics steps in each 0.01 s.
     """
 
     out: Out
+    #: Settings of the algorithm.
     config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=EEAConfig)
-    seed: int = 0
+    seed: int = 0  #: Everything random follows from it.
     target_damage: TargetDamage = "none"
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "auto"
     engine: ModelEngine = "numba"
+    #: The compiled engine's precision, for the candidates.
     dtype: Literal["float32", "float64"] = "float32"
-    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    substeps: int = 1
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Velocity of the water, units/s.
+    substeps: int = 1  #: Physics steps in each 0.01 s.
     threads: Threads = None
 
     def execute(self) -> None:
         """Run to a stop rule, with a line a round.
 
-        Raises
-        ------
-        InvalidArgumentError, EngineUnavailableError, ConfigurationError
-            If an option is wrong; nothing has been written then.
+        If an option is wrong nothing has been written.
         """
         damage = Damage.parse(self.target_damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
@@ -159,8 +146,7 @@ def _earlier_rounds(folder: Path) -> int:
     """Return how many rounds a result in the folder has; 0 for none or a damaged one."""
     path = folder / RESULT
     try:
-        rounds = read_document(path, SCHEMA, "out")["rounds"] if path.exists() else []
-        return len(rounds)
+        return len(read_document(path, SCHEMA, "out")["rounds"]) if path.exists() else 0
     except (DamagedFileError, KeyError, TypeError):
         return 0
 
@@ -180,9 +166,10 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
     if not result.rounds:
         console.print("no round was completed")
     else:
-        from eea.aquafish.run_figure import save_fitness_figure
+        from aquafish_gym.rendering.pictures import save_figure
+        from eea.aquafish.run_figure import fitness_figure
 
-        save_fitness_figure(result, folder / PICTURE)
+        save_figure(fitness_figure(result), folder / PICTURE)
         for line in [*_table(result), *damage_words(intact, result)]:
             console.print(line)
         model = folder / MODEL
@@ -212,20 +199,16 @@ def damage_words(intact: Morphology, result: Result) -> list[str]:
 def _table(result: Result) -> list[str]:
     """Return the sizes found beside the true ones, and OBJ_FIT."""
     assert result.truth is not None
-    lines = [f"{'in units of 5 cm':26s} {'found':>6s}  {'true':>6s}"]
-    lines += [
-        f"{dimension.name:26s} {found:6.3f}  {true:6.3f}"
-        for dimension, found, true in zip(DIMENSIONS, result.model, result.truth, strict=True)
-    ]
+    sizes = zip(result.layout.names, result.model, result.truth, strict=True)
     return [
-        *lines,
+        f"{'in units of 5 cm':26s} {'found':>6s}  {'true':>6s}",
+        *(f"{name:26s} {found:6.3f}  {true:6.3f}" for name, found, true in sizes),
         f"OBJ_FIT {result.objective_fitness:.2f}; the true body scores 1, "
         f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}",
     ]
 
 
 def _rounds(count: int) -> str:
-    """Return ``1 round``, ``2 rounds`` and so on."""
     return f"{count} round{'' if count == 1 else 's'}"
 
 

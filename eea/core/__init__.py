@@ -11,7 +11,7 @@ from eea.core.config import CONDITIONS, EEAConfig, recovery_config
 from eea.core.experiment import Performed, RevealingTarget, Simulator, Target, Trials
 from eea.core.problem import Problem
 from eea.core.replay import RecordedLog, ReplayTarget
-from eea.core.result import Result, RoundRecord
+from eea.core.result import Result
 
 __all__ = [
     "CONDITIONS",
@@ -25,7 +25,6 @@ __all__ = [
     "ReplayTarget",
     "Result",
     "RevealingTarget",
-    "RoundRecord",
     "Simulator",
     "Target",
     "TargetError",

@@ -8,21 +8,13 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from eea.core.angles import circular_distance
+from eea.core.angles import Floats, circular_distance
 from eea.core.behavior import summarize
 from eea.core.bits import BitLayout, pose_layout
 from eea.core.checks import ConfigurationError, TargetError, at_most, finite, instance, whole
 from eea.core.config import EEAConfig
 from eea.core.estimation import Estimation
-from eea.core.experiment import (
-    Context,
-    Experiment,
-    Floats,
-    Performed,
-    Simulator,
-    Target,
-    reveals,
-)
+from eea.core.experiment import Context, Experiment, Performed, Simulator, Target, reveals
 from eea.core.exploration import Exploration
 from eea.core.fitness import dimension_errors, objective_fitness
 from eea.core.inference import Ideal, InBand, Inference, NoInference, OutOfBand
@@ -35,21 +27,14 @@ MAXIMUM_SEED = 2**64 - 1
 
 
 def streams(seed: int) -> dict[str, np.random.Generator]:
-    """Return one replicate's random generators by name.
+    """Return one replicate's random generators by name; the seed is below 2^64.
 
     The target has its own, so that the angles it hides are the same under every condition and
     comparisons are paired.
-
-    Raises
-    ------
-    ConfigurationError
-        If the seed is not a whole number of at least 0 and below 2^64.
     """
     whole("seed", seed, 0, MAXIMUM_SEED)
-    children = np.random.SeedSequence(seed).spawn(len(STREAMS))
-    return {
-        name: np.random.default_rng(child) for name, child in zip(STREAMS, children, strict=True)
-    }
+    rngs = np.random.default_rng(seed).spawn(len(STREAMS))
+    return dict(zip(STREAMS, rngs, strict=True))
 
 
 def make_inference(
@@ -76,10 +61,8 @@ class EEA:
         Runs the models.
     problem
         What there is to find, to command and to feel: all widths.
-    config
-        Settings.
-    seed
-        Of the replicate.
+    config, seed
+        Settings, and the replicate's seed.
     truth
         The target's dimensions (n,) if known: only for OBJ_FIT in the records.
 
@@ -88,8 +71,7 @@ class EEA:
     ConfigurationError
         If a setting is wrong, or the truth has another shape.
     TargetError
-        If the simulator is none, or the condition is Ideal and the target does not reveal the
-        hidden angles.
+        If the simulator is none, or the target of the Ideal condition hides where it began.
 
     Examples
     --------
@@ -136,10 +118,8 @@ class EEA:
         searched = [problem.models, problem.actions]
         if config.condition == "out-of-band":
             searched.append(poses)
-        shortest = min(layout.bits for layout in searched)
-        at_most(
-            "genetic.mutations", config.genetic.mutations, "the shortest genome's bits", shortest
-        )
+        bits = min(layout.bits for layout in searched)
+        at_most("genetic.mutations", config.genetic.mutations, "the shortest genome's bits", bits)
         if truth is not None:
             truth = finite("truth", truth, (len(problem.models),))
         if config.condition == "ideal" and not reveals(target):
@@ -147,24 +127,19 @@ class EEA:
                 "the ideal condition needs a target with start_angles, the hidden angles when "
                 f"its last command began; {type(target).__name__} has none"
             )
-        rngs = streams(seed)
         self.result = Result(config, seed, problem.models, truth)
         self._target = target
         self._problem = problem
         self._laboratory = Laboratory(simulator, config.behavior, config.steps, problem.axes)
+        rngs = self._rngs = streams(seed)
+        laboratory, genetic, hidden = self._laboratory, config.genetic, len(problem.hidden)
         self._exploration = Exploration(
-            problem.actions,
-            len(problem.hidden),
-            self._laboratory,
-            config.exploration,
-            config.genetic,
-            rngs["exploration"],
+            problem.actions, hidden, laboratory, config.exploration, genetic, rngs["exploration"]
         )
         self._estimation = Estimation(
-            problem.models, self._laboratory, config.estimation, config.genetic, rngs["estimation"]
+            problem.models, laboratory, config.estimation, genetic, rngs["estimation"]
         )
-        self._rngs = rngs
-        self._inference = make_inference(config, poses, self._laboratory, rngs["inference"])
+        self._inference = make_inference(config, poses, laboratory, rngs["inference"])
         self._experiments: list[Experiment] = []
 
     def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:
@@ -227,29 +202,24 @@ class EEA:
         if not np.array_equal(newest.command, command):
             action_fitness = None  # nobody has worked it out for what was executed instead
         self._experiments.append(newest)
-        morphology, model_fitness = self._estimation.run(
-            self._experiments, self._inference, self._rngs["inference"]
-        )
+        rng = self._rngs["inference"]
+        morphology, fitness = self._estimation.run(self._experiments, self._inference, rng)
         truth, true, layout = self.result.truth, newest.true_angles, self.result.layout
-        objective: float | None = None
-        errors: tuple[float, ...] | None = None
-        if truth is not None:
-            objective = float(objective_fitness(morphology, truth, layout))
-            errors = tuple(dimension_errors(morphology, truth, layout).tolist())
+        objective = None if truth is None else float(objective_fitness(morphology, truth, layout))
+        errors = None if truth is None else dimension_errors(morphology, truth, layout)
+        off = None if true is None else circular_distance(newest.context.middle, true)
         return RoundRecord(
             round=len(self._experiments),
             command=tuple(newest.command.tolist()),
             action_fitness=action_fitness,
-            model_fitness=model_fitness,
+            model_fitness=fitness,
             morphology=tuple(morphology.tolist()),
             min_angle=tuple(newest.context.min_angle.tolist()),
             max_angle=tuple(newest.context.max_angle.tolist()),
             true_angles=None if true is None else tuple(true.tolist()),
-            angle_error=None
-            if true is None
-            else tuple(circular_distance(newest.context.middle, true).tolist()),
+            angle_error=None if off is None else tuple(off.tolist()),
             objective_fitness=objective,
-            dimension_error=errors,
+            dimension_error=None if errors is None else tuple(errors.tolist()),
             spread=tuple((self._estimation.population.models.std(axis=0) / layout.span).tolist()),
             trials=self._laboratory.trials - trials,
             seconds=time.monotonic() - began,
@@ -257,14 +227,12 @@ class EEA:
 
     def _perform(self, command: Floats) -> Experiment:
         """Let the target perform; what it executed and where it began is noted if it tells."""
-        laboratory, hidden = self._laboratory, len(self._problem.hidden)
+        config, problem, hidden = self.result.config, self._problem, len(self._problem.hidden)
         log = self._target.perform(command.copy())
         if isinstance(log, Performed):
-            command = _told("executed command", log.command, len(self._problem.actions))
+            command = _told("executed command", log.command, len(problem.actions))
             log = log.log
-        behavior = summarize(
-            log, laboratory.behavior, laboratory.steps, laboratory.axes, "the target"
-        )
+        behavior = summarize(log, config.behavior, config.steps, problem.axes, "the target")
         if len(behavior) != 1:
             raise TargetError(
                 f"the target must return the log of one trial; it returned {len(behavior)}"

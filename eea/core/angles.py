@@ -31,20 +31,10 @@ def circular_distance(a: ArrayLike, b: ArrayLike) -> Floats:
 def smallest_inclusive(
     poses: ArrayLike, inclusion: Inclusion = "circular"
 ) -> tuple[Floats, Floats]:
-    """Return the smallest range that includes every pose, angle by angle.
+    """Return the smallest range, shapes (H,), that includes every pose (K, H), angle by angle.
 
-    Parameters
-    ----------
-    poses
-        Angles in rad, shape (K, H): K poses of H angles.
-    inclusion
-        ``"circular"``: the shortest arc, which may cross pi; ``"linear"``: from the least to the
-        greatest of the angles brought into [-pi, pi).
-
-    Returns
-    -------
-    min_angle, max_angle
-        Shape (H,) each.
+    ``"circular"`` is the shortest arc, which may cross pi; ``"linear"`` reaches from the least to
+    the greatest of the angles brought into [-pi, pi).
     """
     ordered = np.sort(wrap(poses), axis=0)
     if inclusion == "linear":

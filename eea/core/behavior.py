@@ -16,10 +16,7 @@ from eea.core.checks import TargetError, choice, flag, real
 
 Coefficients = NDArray[Any]  # complex or real floats, single or double precision
 
-Summary = Literal["dft", "mean_rate", "rms_rate"]
 Signal = Literal["attitude", "body_rates"]
-Unit = Literal["degrees", "radians"]
-Difference = Literal["complex", "magnitude"]
 
 
 class Log(Protocol):
@@ -39,47 +36,27 @@ class Log(Protocol):
 
 @dataclass(frozen=True)
 class BehaviorConfig:
-    """What counts as a behaviour, and how two are compared.
+    """What counts as a behaviour, and how two are compared."""
 
-    Attributes
-    ----------
-    summary
-        What a trial is reduced to. The paper's choice is "dft", the discrete Fourier transform.
-        It tried before "mean_rate" and "rms_rate", the mean and the root mean square of the
-        angular velocity in each axis.
-    signal
-        What is summarised: "body_rates" is the gyroscope, "attitude" is roll, pitch and yaw. The
-        rates are the gyroscope's own, or those of the attitude.
-    unit
-        Of the angles, or of the rates a second. At MAX = 100 a median 1 - sim between random
-        robots is, by the gyroscope, about 0.4 in degrees and below 0.01 in radians.
-    normalised
-        Divide the transform by the number of samples. Without a clamp this changes no ranking of
-        models, only the scale of MOD_FIT.
-    difference
-        Of two coefficients: "complex" is the modulus of their difference, "magnitude" the
-        difference of their moduli, which drops the phase.
-    clamp
-        Count no coefficient's difference as more than maximum.
-    maximum
-        MAX of Eq. 2.
-    timestep
-        Seconds between samples, for the attitude's rates.
-
-    Examples
-    --------
-    >>> BehaviorConfig(clamp=True).summary
-    'dft'
-    """
-
-    summary: Summary = "dft"
+    #: What a trial is reduced to. The paper's choice is "dft", the discrete Fourier transform. It
+    #: tried before "mean_rate" and "rms_rate", the mean and the root mean square of the angular
+    #: velocity in each axis.
+    summary: Literal["dft", "mean_rate", "rms_rate"] = "dft"
+    #: What is summarised: "body_rates" is the gyroscope, "attitude" is roll, pitch and yaw. The
+    #: rates are the gyroscope's own, or those of the attitude.
     signal: Signal = "body_rates"
-    unit: Unit = "degrees"
+    #: Of the angles, or of the rates a second. At MAX = 100 a median 1 - sim between random robots
+    #: is, by the gyroscope, about 0.4 in degrees and below 0.01 in radians.
+    unit: Literal["degrees", "radians"] = "degrees"
+    #: Divide the transform by the number of samples. Without a clamp this changes no ranking of
+    #: models, only the scale of MOD_FIT.
     normalised: bool = False
-    difference: Difference = "complex"
-    clamp: bool = False
-    maximum: float = 100.0
-    timestep: float = 0.01
+    #: Of two coefficients: "complex" is the modulus of their difference, "magnitude" the difference
+    #: of their moduli, which drops the phase.
+    difference: Literal["complex", "magnitude"] = "complex"
+    clamp: bool = False  #: Count no coefficient's difference as more than maximum.
+    maximum: float = 100.0  #: MAX of Eq. 2.
+    timestep: float = 0.01  #: Seconds between samples, for the attitude's rates.
 
     def __post_init__(self) -> None:
         choice("behavior.summary", self.summary, ("dft", "mean_rate", "rms_rate"))
@@ -101,20 +78,9 @@ def summarize(
 ) -> Coefficients:
     """Return the behaviours of a log's trials, shape (B, coefficients).
 
-    The transform keeps T // 2 + 1 frequencies of each axis; a rate is one number an axis.
-
-    Parameters
-    ----------
-    log
-        One or many trials.
-    config
-        What to make of it.
-    steps
-        The length T that the trials must have; ``None`` for any.
-    axes
-        How many axes the signal must have; ``None`` for any.
-    source
-        Whose log it is, for the message if it is no such log.
+    The transform keeps T // 2 + 1 frequencies of each axis; a rate is one number an axis. The
+    trials must be of so many ``steps`` and ``axes``, any where None; ``source`` says whose they
+    are where they are not.
 
     Raises
     ------
@@ -192,19 +158,9 @@ def modulus(coefficients: Coefficients) -> Coefficients:
 
 
 def similarity(a: Coefficients, b: Coefficients, config: BehaviorConfig) -> NDArray[np.float64]:
-    """Return how alike behaviours are, at most 1 (Eq. 2); below 0 where they differ by > MAX.
+    """Return how alike behaviours (..., coefficients) are, sim of Eq. 2, shape (...).
 
-    Parameters
-    ----------
-    a, b
-        Behaviours (..., coefficients) that broadcast.
-    config
-        Gives MAX and the clamp.
-
-    Returns
-    -------
-    sim
-        Shape (...).
+    At most 1; below 0 where they differ by more than MAX.
     """
     apart = modulus(a - b)
     if config.clamp:

@@ -33,11 +33,6 @@ class Variable:
     --------
     >>> Variable("length", 2, 0.0, 3.0).levels
     array([0., 1., 2., 3.])
-
-    Raises
-    ------
-    ConfigurationError
-        If the bits are fewer than 1 or more than 24, or the range is not finite or not increasing.
     """
 
     name: str
@@ -127,11 +122,6 @@ class BitLayout:
         """Return the genomes (N, bits) nearest to values (N, variables).
 
         Periodic variables wrap; others are clipped to their range.
-
-        Raises
-        ------
-        ConfigurationError
-            If the values are not finite or not of shape (N, variables).
         """
         array = finite("values", values, (None, len(self.variables)))
         columns: list[Genomes] = []

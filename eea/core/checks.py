@@ -1,8 +1,4 @@
-"""Refusing bad settings at the door, in sentences that name the setting: ConfigurationError.
-
-The EEA knows no robot and so cannot borrow ``aquafish_gym.utils.validation``; these few helpers are
-all it needs.
-"""
+"""Refusing bad settings in sentences that name them; the core cannot borrow the fish's checks."""
 
 from __future__ import annotations
 

@@ -22,22 +22,6 @@ MAXIMUM_ROUNDS = 10**4
 class EEAConfig:
     """The settings of one run; the defaults are the paper's where it gives them.
 
-    Attributes
-    ----------
-    condition
-        What is known of the hidden angles: all in "ideal", nothing in "none", and what the two
-        methods infer in "in-band" and "out-of-band".
-    steps
-        Length of a trial in samples; a power of two, 2^20 at most.
-    rounds
-        Rounds at most, which is also the number of commands the target performs; 10,000 at most.
-    accurate
-        Stop once the best MOD_FIT reaches this; None for never.
-    time_limit
-        Begin no round after so many seconds; None for no limit.
-    exploration, estimation, genetic, behavior, in_band, out_of_band
-        Settings of the parts.
-
     Raises
     ------
     ConfigurationError
@@ -50,11 +34,14 @@ class EEAConfig:
     256
     """
 
+    #: What is known of the hidden angles: all in "ideal", nothing in "none", and what the two
+    #: methods infer in "in-band" and "out-of-band".
     condition: Condition = "out-of-band"
-    steps: int = 256
+    steps: int = 256  #: Length of a trial in samples; a power of two, 2^20 at most.
+    #: Rounds at most, which is also the number of commands the target performs; 10,000 at most.
     rounds: int = 25
-    accurate: float | None = None
-    time_limit: float | None = None
+    accurate: float | None = None  #: Stop once the best MOD_FIT reaches this; None for never.
+    time_limit: float | None = None  #: Begin no round after so many seconds; None for no limit.
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)
     genetic: GeneticConfig = field(default_factory=GeneticConfig)
@@ -79,20 +66,18 @@ class EEAConfig:
     def _check_sizes(self) -> None:
         """Refuse numbers that exceed the populations they are taken from."""
         models = self.estimation.population
+        chosen = {"exploration.best_models": self.exploration.best_models}
         populations = {
             "exploration.population": self.exploration.population,
             "estimation.population": models,
         }
-        if self.exploration.best_models is not None:
-            best = self.exploration.best_models
-            at_most("exploration.best_models", best, "estimation.population", models)
         if self.condition == "in-band":
-            at_most("in_band.k", self.in_band.k, "estimation.population", models)
+            chosen["in_band.k"] = self.in_band.k
         if self.condition == "out-of-band":
+            chosen["out_of_band.sampled_models"] = self.out_of_band.sampled_models
             populations["out_of_band.inner_population"] = self.out_of_band.inner_population
-            sampled = self.out_of_band.sampled_models
-            if sampled is not None:
-                at_most("out_of_band.sampled_models", sampled, "estimation.population", models)
+        for name, count in chosen.items():
+            at_most(name, count or 0, "estimation.population", models)
         for name, population in populations.items():
             # With none but elites no generation would differ from the first.
             at_most("genetic.elites", self.genetic.elites, f"{name} - 1", population - 1)
@@ -111,12 +96,7 @@ PARTS: dict[str, type] = {
     "out_of_band": OutOfBandConfig,
 }
 
-RECOVERY = EEAConfig(
-    condition="out-of-band",
-    steps=256,
-    rounds=16,
-    out_of_band=OutOfBandConfig(sampled_models=5, revisit=5),
-)
+RECOVERY = EEAConfig(rounds=16, out_of_band=OutOfBandConfig(sampled_models=5, revisit=5))
 
 
 def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
@@ -128,10 +108,5 @@ def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
     replicates of docs/recovery the mean OBJ_FIT after 16 rounds is 0.979, against 0.954 without
     revisits. (On the undamaged robot, after 12 rounds, no gain is told from none:
     docs/paper_map.md.) Five sampled judges are those of Fig. 10, and save half the trials.
-
-    Parameters
-    ----------
-    steps, rounds
-        Length of a trial, and how many the damaged robot performs.
     """
     return replace(RECOVERY, steps=steps, rounds=rounds)

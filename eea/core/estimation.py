@@ -9,48 +9,27 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from eea.core.angles import Floats
 from eea.core.bits import BitLayout, Genomes
 from eea.core.checks import choice, flag, whole
-from eea.core.experiment import Experiment, Floats, Trials, perform_angles
+from eea.core.experiment import Experiment, Trials, perform_angles
 from eea.core.fitness import model_fitness
-from eea.core.genetic import (
-    MAXIMUM_GENERATIONS,
-    MAXIMUM_POPULATION,
-    GeneticConfig,
-    next_generation,
-)
+from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, next_generation
 from eea.core.inference import Inference
 from eea.core.laboratory import Laboratory
-
-CarryOver = Literal["continue", "reseed"]
 
 
 @dataclass(frozen=True)
 class EstimationConfig:
-    """The estimation phase's settings (the paper's are the defaults).
+    """The estimation phase's settings (the paper's are the defaults)."""
 
-    Attributes
-    ----------
-    population
-        How many models evolve.
-    generations
-        For how many generations they evolve in a round.
-    carry_over
-        Whether the population lives on in the next round, "continue", or each round begins with
-        a random one, "reseed".
-    remember
-        Keep the similarities of bodies seen before to experiments whose angles stand still.
-        The results are the same to the bit without; it only takes longer.
-
-    Examples
-    --------
-    >>> EstimationConfig(population=50).generations
-    100
-    """
-
-    population: int = 25
-    generations: int = 100
-    carry_over: CarryOver = "continue"
+    population: int = 25  #: How many models evolve.
+    generations: int = 100  #: For how many generations they evolve in a round.
+    #: Whether the population lives on in the next round, "continue", or each round begins with a
+    #: random one, "reseed".
+    carry_over: Literal["continue", "reseed"] = "continue"
+    #: Keep the similarities of bodies seen before to experiments whose angles stand still. The
+    #: results are the same to the bit without; it only takes longer.
     remember: bool = True
 
     def __post_init__(self) -> None:
@@ -64,12 +43,6 @@ class SimilarityTable:
     """Similarities already known: a row a genome, a column an experiment, NaN where unknown.
 
     A column belongs to one experiment from one pose, and is forgotten when either changes.
-
-    Examples
-    --------
-    >>> table = SimilarityTable()
-    >>> table.rows(np.array([[0, 1], [1, 1], [0, 1]], np.uint8))
-    array([0, 1, 0])
     """
 
     def __init__(self) -> None:
@@ -114,59 +87,27 @@ class SimilarityTable:
 
 @dataclass(frozen=True)
 class Population:
-    """N hypotheses.
+    """N hypotheses."""
 
-    Attributes
-    ----------
-    genomes
-        Shape (N, bits).
-    models
-        What they mean, shape (N, n).
-    fitness
-        Their MOD_FIT, shape (N,); NaN before the first round.
-    """
-
-    genomes: Genomes
-    models: Floats
-    fitness: Floats
+    genomes: Genomes  #: Shape (N, bits).
+    models: Floats  #: What they mean, shape (N, n).
+    fitness: Floats  #: Their MOD_FIT, shape (N,); NaN before the first round.
 
 
+@dataclass
 class Estimation:
-    """Keeps a population of models and fits it to the experiments.
+    """Keeps a population of models and fits it to the experiments."""
 
-    Parameters
-    ----------
-    layout
-        The models' genome.
-    laboratory
-        Where models are tried.
-    config, genetic
-        Settings.
-    rng
-        Its own.
+    layout: BitLayout
+    laboratory: Laboratory
+    config: EstimationConfig
+    genetic: GeneticConfig
+    rng: np.random.Generator
 
-    Attributes
-    ----------
-    population
-        The hypotheses as the last complete round left them; random at first.
-    """
-
-    def __init__(
-        self,
-        layout: BitLayout,
-        laboratory: Laboratory,
-        config: EstimationConfig,
-        genetic: GeneticConfig,
-        rng: np.random.Generator,
-    ) -> None:
-        self._layout = layout
-        self._laboratory = laboratory
-        self._config = config
-        self._genetic = genetic
-        self._rng = rng
-        genomes = layout.random(config.population, rng)
-        unknown = np.full(config.population, np.nan)
-        self.go_back(Population(genomes, layout.decode(genomes), unknown))
+    def __post_init__(self) -> None:
+        genomes = self.layout.random(self.config.population, self.rng)
+        unknown = np.full(self.config.population, np.nan)
+        self.go_back(Population(genomes, self.layout.decode(genomes), unknown))
 
     def go_back(self, population: Population) -> None:
         """Take up an earlier population, after a round that was broken off."""
@@ -176,34 +117,21 @@ class Estimation:
     def run(
         self, experiments: Sequence[Experiment], inference: Inference, rng: np.random.Generator
     ) -> tuple[Floats, float]:
-        """Evolve the models for one round.
+        """Evolve the models for a round; return the last generation's fittest and its MOD_FIT.
 
-        Parameters
-        ----------
-        experiments
-            All so far, the newest last.
-        inference
-            Sets the newest experiment's context, before and between generations.
-        rng
-            Draws the angles of contexts that leave a choice.
-
-        Returns
-        -------
-        morphology
-            The fittest of the final generation, shape (n,).
-        mod_fit
-            Its MOD_FIT (Eq. 3).
+        The newest experiment is the last; ``inference`` sets its context, and ``rng`` draws the
+        angles of contexts that leave a choice.
         """
-        config = self._config
+        config = self.config
         genomes, fitness = self.population.genomes, self.population.fitness
         if config.carry_over == "reseed" and len(experiments) > 1:
-            genomes = self._layout.random(config.population, self._rng)
+            genomes = self.layout.random(config.population, self.rng)
         self._table.keep_only(genomes)
         inference.begin(experiments, config.generations)
         for generation in range(config.generations):
             if generation:
-                genomes = next_generation(genomes, fitness, self._genetic, self._rng)
-            models = self._layout.decode(genomes)
+                genomes = next_generation(genomes, fitness, self.genetic, self.rng)
+            models = self.layout.decode(genomes)
             inference.before_generation(generation, models)
             angles = perform_angles(experiments, config.population, rng)
             similarities = self._similarities(genomes, models, experiments, angles)
@@ -216,21 +144,14 @@ class Estimation:
         return models[best], float(fitness[best])
 
     def _similarities(
-        self,
-        genomes: Genomes,
-        models: Floats,
-        experiments: Sequence[Experiment],
-        angles: Floats,
+        self, genomes: Genomes, models: Floats, experiments: Sequence[Experiment], angles: Floats
     ) -> Floats:
-        """Return sim (N, E) of every model to the target in every experiment.
-
-        All that is not yet known runs as one batch.
-        """
+        """Return sim (N, E) of every model in every experiment; what is unknown is one batch."""
         fixed = np.array([experiment.context.fixed for experiment in experiments])
         shape = (len(genomes), len(experiments))
         needed = np.ones(shape, dtype=bool)
         result = np.empty(shape)
-        if self._config.remember:
+        if self.config.remember:
             rows = self._table.rows(genomes)
             table = self._table.columns(experiments)
             first = np.zeros(len(genomes), dtype=bool)
@@ -241,8 +162,8 @@ class Estimation:
             commands = np.stack([e.command for e in experiments])
             observed = np.stack([e.behavior for e in experiments])
             trials = Trials(models[model], commands[experiment], angles[model, experiment])
-            result[model, experiment] = self._laboratory.similarities(trials, observed, experiment)
-        if self._config.remember:
+            result[model, experiment] = self.laboratory.similarities(trials, observed, experiment)
+        if self.config.remember:
             model, experiment = np.nonzero(needed & fixed)
             table[rows[model], experiment] = result[model, experiment]
             result[:, fixed] = table[rows][:, fixed]

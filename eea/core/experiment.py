@@ -16,24 +16,13 @@ from typing import Protocol, Self, TypeGuard
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.angles import sample_range
+from eea.core.angles import Floats, sample_range
 from eea.core.behavior import BehaviorConfig, Coefficients, Log
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Trials:
     """A batch of B simulations, one row each.
-
-    Attributes
-    ----------
-    models
-        Shape (B, n): the bodies.
-    commands
-        Shape (B, c): what each is told to do.
-    angles
-        Shape (B, h): where the hidden angles begin, in rad.
 
     Examples
     --------
@@ -41,9 +30,9 @@ class Trials:
     5
     """
 
-    models: Floats
-    commands: Floats
-    angles: Floats
+    models: Floats  #: Shape (B, n): the bodies.
+    commands: Floats  #: Shape (B, c): what each is told to do.
+    angles: Floats  #: Shape (B, h): where the hidden angles begin, in rad.
 
     def __len__(self) -> int:
         return len(self.commands)
@@ -52,13 +41,6 @@ class Trials:
 @dataclass(frozen=True)
 class Performed:
     """A target's answer where it says itself what it executed.
-
-    Attributes
-    ----------
-    log
-        Of one trial.
-    command
-        The command (c,) that was really executed; the log is credited to it, whatever was asked.
 
     Examples
     --------
@@ -70,7 +52,8 @@ class Performed:
     ...         return Performed(self.swim(executed), executed)
     """
 
-    log: Log
+    log: Log  #: Of one trial.
+    #: The command (c,) that was really executed; the log is credited to it, whatever was asked.
     command: Floats
 
 
@@ -149,24 +132,12 @@ class Simulator(Protocol):
 
 @dataclass(frozen=True)
 class Context:
-    """What is believed of the hidden angles when an experiment began.
+    """What is believed of the hidden angles when an experiment began."""
 
-    Attributes
-    ----------
-    min_angle, max_angle
-        The range of each angle in rad, shape (h,) each, ``min_angle <= max_angle``.
-    confidence
-        The probability, in [0, 1], that the true angles lie in that range.
-
-    Examples
-    --------
-    >>> Context.unknown(1, 0.5).fixed, Context.known(np.zeros(1)).fixed
-    (False, True)
-    """
-
+    #: The range of each angle in rad, shape (h,) each, ``min_angle <= max_angle``.
     min_angle: Floats
     max_angle: Floats
-    confidence: float
+    confidence: float  #: The probability, in [0, 1], that the true angles lie in that range.
 
     @classmethod
     def known(cls, pose: Floats) -> Self:
@@ -194,24 +165,13 @@ class Context:
 
 @dataclass
 class Experiment:
-    """One command performed on the target, its behaviour, and what is believed of its start.
+    """One command performed on the target, its behaviour, and what is believed of its start."""
 
-    Attributes
-    ----------
-    command
-        Shape (c,): what the target executed.
-    behavior
-        The target's coefficients, shape (F,).
-    context
-        Replaced by the inference as it learns.
-    true_angles
-        Where the hidden angles began, shape (h,), if the target revealed it. Only the Ideal
-        condition and the records look at it.
-    """
-
-    command: Floats
-    behavior: Coefficients
-    context: Context
+    command: Floats  #: Shape (c,): what the target executed.
+    behavior: Coefficients  #: The target's coefficients, shape (F,).
+    context: Context  #: Replaced by the inference as it learns.
+    #: Where the hidden angles began, shape (h,), if the target revealed it. Only the Ideal
+    #: condition and the records look at it.
     true_angles: Floats | None = field(default=None, repr=False)
 
 

@@ -7,40 +7,24 @@ from typing import Literal
 
 import numpy as np
 
+from eea.core.angles import Floats
 from eea.core.bits import BitLayout
 from eea.core.checks import choice, whole
-from eea.core.experiment import Floats, Trials
+from eea.core.experiment import Trials
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
 from eea.core.laboratory import Laboratory
-
-ExplorationPose = Literal["zero", "common_random"]
 
 
 @dataclass(frozen=True)
 class ExplorationConfig:
-    """The exploration phase's settings (the paper's are the defaults).
+    """The exploration phase's settings (the paper's are the defaults)."""
 
-    Attributes
-    ----------
-    population
-        How many commands evolve.
-    generations
-        For how many generations they evolve in a round.
-    pose
-        Where all the models begin: "zero", every hidden angle at zero, or "common_random", one
-        random pose a round. It is common to all, so that disagreement is the bodies'.
-    best_models
-        How many models, the fittest, enter Eq. 1; None for the whole population.
-
-    Examples
-    --------
-    >>> ExplorationConfig(best_models=5).population
-    25
-    """
-
-    population: int = 25
-    generations: int = 25
-    pose: ExplorationPose = "zero"
+    population: int = 25  #: How many commands evolve.
+    generations: int = 25  #: For how many generations they evolve in a round.
+    #: Where all the models begin: "zero", every hidden angle at zero, or "common_random", one
+    #: random pose a round. It is common to all, so that disagreement is the bodies'.
+    pose: Literal["zero", "common_random"] = "zero"
+    #: How many models, the fittest, enter Eq. 1; None for the whole population.
     best_models: int | None = None
 
     def __post_init__(self) -> None:
@@ -51,75 +35,41 @@ class ExplorationConfig:
             whole("exploration.best_models", self.best_models, 2, MAXIMUM_POPULATION)
 
 
+@dataclass
 class Exploration:
-    """Chooses the commands to perform on the target.
+    """Chooses the commands to perform on the target."""
 
-    Parameters
-    ----------
-    layout
-        The actions' genome.
-    hidden
-        How many hidden angles a pose has.
-    laboratory
-        Where models are tried.
-    config, genetic
-        Settings.
-    rng
-        Its own.
-    """
-
-    def __init__(
-        self,
-        layout: BitLayout,
-        hidden: int,
-        laboratory: Laboratory,
-        config: ExplorationConfig,
-        genetic: GeneticConfig,
-        rng: np.random.Generator,
-    ) -> None:
-        self._layout = layout
-        self._hidden = hidden
-        self._laboratory = laboratory
-        self._config = config
-        self._genetic = genetic
-        self._rng = rng
+    layout: BitLayout
+    hidden: int  #: How many hidden angles a pose has.
+    laboratory: Laboratory
+    config: ExplorationConfig
+    genetic: GeneticConfig
+    rng: np.random.Generator
 
     def first(self) -> Floats:
         """Return a random command (c,): before any experiment the models know nothing."""
-        command: Floats = self._layout.decode(self._layout.random(1, self._rng))[0]
+        command: Floats = self.layout.decode(self.layout.random(1, self.rng))[0]
         return command
 
     def run(self, models: Floats, fitness: Floats) -> tuple[Floats, float]:
-        """Evolve a command that makes the models behave differently.
+        """Evolve a command about which models (M, n) disagree; return the best and its ACT_FIT.
 
-        Parameters
-        ----------
-        models
-            The current hypotheses, shape (M, n).
-        fitness
-            Their MOD_FIT, shape (M,), by which ``best_models`` chooses.
-
-        Returns
-        -------
-        command
-            The fittest of the final generation, shape (c,).
-        act_fit
-            Its ACT_FIT (Eq. 1).
+        ``best_models`` chooses by the models' MOD_FIT, shape (M,).
         """
-        config = self._config
+        config = self.config
         if config.best_models is not None:
             models = models[np.argsort(-fitness, kind="stable")[: config.best_models]]
-        pose = np.zeros(self._hidden)
+        pose = np.zeros(self.hidden)
         if config.pose == "common_random":
-            pose = self._rng.uniform(-np.pi, np.pi, size=self._hidden)
+            pose = self.rng.uniform(-np.pi, np.pi, size=self.hidden)
         genome, act_fit = evolve(
-            self._layout.random(config.population, self._rng),
+            self.layout.random(config.population, self.rng),
             config.generations,
-            lambda genomes: self._disagreement(models, self._layout.decode(genomes), pose),
-            self._genetic,
-            self._rng,
+            lambda genomes: self._disagreement(models, self.layout.decode(genomes), pose),
+            self.genetic,
+            self.rng,
         )
-        return self._layout.decode(genome[None])[0], act_fit
+        return self.layout.decode(genome[None])[0], act_fit
 
     def _disagreement(self, models: Floats, commands: Floats, pose: Floats) -> Floats:
         """Return ACT_FIT (A,) of commands (A, c) over models (M, n).
@@ -132,5 +82,5 @@ class Exploration:
             np.repeat(commands, count, axis=0),
             np.broadcast_to(pose, (actions * count, len(pose))),
         )
-        fitness = self._laboratory.disagreements(trials, count)
+        fitness = self.laboratory.disagreements(trials, count)
         return np.where(np.isfinite(fitness), fitness, -1.0)

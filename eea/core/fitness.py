@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Coefficients
 from eea.core.bits import BitLayout
-from eea.core.checks import ConfigurationError, finite
-
-Floats = NDArray[np.float64]
+from eea.core.checks import finite
 
 
 def action_fitness(behaviors: Coefficients, config: BehaviorConfig) -> Floats:
-    """Return how much each action makes the models disagree (Eq. 1), exactly.
+    """Return ACT_FIT (A,), how much each action makes the models disagree (Eq. 1), exactly.
 
-    Parameters
-    ----------
-    behaviors
-        Shape (A, M, F): A actions by M models by F coefficients.
-    config
-        Gives MAX and the clamp.
-
-    Returns
-    -------
-    act_fit
-        The mean of 1 - sim over the C(M, 2) pairs of models, shape (A,).
-
-    Raises
-    ------
-    ConfigurationError
-        If there are fewer than two models.
+    It is the mean of 1 - sim over the C(M, 2) pairs of models; behaviours are (A, M, F), of A
+    actions by M models by F coefficients.
     """
     models = behaviors.shape[1]
-    if models < 2:
-        raise ConfigurationError(f"disagreement needs at least 2 models; got {models}")
     if np.iscomplexobj(behaviors) or config.clamp:
         sums = np.array([_pairwise_sum(action, config) for action in behaviors])
     else:
@@ -84,21 +67,7 @@ def model_fitness(similarities: Floats) -> Floats:
 
 
 def dimension_errors(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
-    """Return how far models are from the target in each dimension, as shares of the ranges.
-
-    Parameters
-    ----------
-    models
-        Shape (..., n).
-    target
-        The truth, shape (n,).
-    layout
-        Gives each dimension's range.
-
-    Returns
-    -------
-    errors
-        Shape (..., n), in [0, 1].
+    """Return how far models (..., n) are from the target (n,), as shares (..., n) of the ranges.
 
     Raises
     ------
@@ -113,7 +82,7 @@ def dimension_errors(models: ArrayLike, target: ArrayLike, layout: BitLayout) ->
 def objective_fitness(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
     """Return one less the mean dimensional error (Eq. 4): an oracle, never used in the search.
 
-    Takes and raises what :func:`dimension_errors` does; returns shape (...), in [0, 1].
+    Takes what :func:`dimension_errors` does; returns shape (...), in [0, 1].
     """
     fitness: Floats = 1.0 - dimension_errors(models, target, layout).mean(axis=-1)  # Eq. 4
     return fitness
@@ -137,7 +106,7 @@ def mid_range_level(target: ArrayLike, layout: BitLayout) -> float:
 def quantisation_errors(target: ArrayLike, layout: BitLayout) -> Floats:
     """Return the errors (n,) of the genome nearest to a target (n,), as shares of the ranges.
 
-    They are not zero where a size lies between two levels. Raises as :func:`dimension_errors`.
+    They are not zero where a size lies between two levels.
     """
     truth = finite("target", target, (len(layout),))
     return dimension_errors(layout.decode(layout.encode(truth[None]))[0], truth, layout)

@@ -25,36 +25,16 @@ MAXIMUM_GENERATIONS = 10**6
 
 @dataclass(frozen=True)
 class GeneticConfig:
-    """How the next generation is made.
+    """How the next generation is made."""
 
-    Attributes
-    ----------
-    tournament_size
-        Contestants for each parent.
-    crossover
-        What two parents swap: "uniform" each bit with probability one half, "two_point" one
-        stretch of bits.
-    crossover_rate
-        Probability that a pair of parents is crossed at all.
-    mutations
-        Mean number of flipped bits a genome.
-    elites
-        How many of the best pass on unchanged.
-    coding
-        How bits encode numbers.
-
-    Examples
-    --------
-    >>> GeneticConfig(elites=2).elites
-    2
-    """
-
-    tournament_size: int = 2
+    tournament_size: int = 2  #: Contestants for each parent.
+    #: What two parents swap: "uniform" each bit with probability one half, "two_point" one stretch
+    #: of bits.
     crossover: Crossover = "uniform"
-    crossover_rate: float = 0.75
-    mutations: float = 1.0
-    elites: int = 1
-    coding: Coding = "gray"
+    crossover_rate: float = 0.75  #: Probability that a pair of parents is crossed at all.
+    mutations: float = 1.0  #: Mean number of flipped bits a genome.
+    elites: int = 1  #: How many of the best pass on unchanged.
+    coding: Coding = "gray"  #: How bits encode numbers.
 
     def __post_init__(self) -> None:
         whole("genetic.tournament_size", self.tournament_size, 1, MAXIMUM_POPULATION)
@@ -104,24 +84,9 @@ def mutate(genomes: Genomes, mutations: float, rng: np.random.Generator) -> Geno
 
 
 def next_generation(
-    genomes: Genomes,
-    fitness: NDArray[np.floating],
-    config: GeneticConfig,
-    rng: np.random.Generator,
+    genomes: Genomes, fitness: NDArray[np.floating], config: GeneticConfig, rng: np.random.Generator
 ) -> Genomes:
-    """Return the next population, shape (N, bits), the elites first.
-
-    Parameters
-    ----------
-    genomes
-        The population, shape (N, bits).
-    fitness
-        Higher is better, shape (N,).
-    config
-        The operators' settings.
-    rng
-        Where chance comes from; nothing global is touched.
-    """
+    """Return the next population, shape (N, bits), the elites first."""
     count = len(genomes)
     pairs = (count + 1) // 2
     parents = tournament(fitness, 2 * pairs, config.tournament_size, rng)
@@ -145,27 +110,10 @@ def evolve(
     config: GeneticConfig,
     rng: np.random.Generator,
 ) -> tuple[Genomes, float]:
-    """Evolve a population under a fitness that stands still; return the last generation's best.
+    """Evolve genomes (N, bits) under a fitness that stands still; return the final best one.
 
-    Parameters
-    ----------
-    genomes
-        The first generation, shape (N, bits).
-    generations
-        How many are evaluated, the first included.
-    evaluate
-        From genomes (n, bits), all different, to their fitness (n,). None is asked for twice.
-    config
-        The operators' settings.
-    rng
-        Where chance comes from.
-
-    Returns
-    -------
-    genome
-        Shape (bits,).
-    fitness
-        Its fitness.
+    ``evaluate`` takes genomes (n, bits), all different, and returns their fitness (n,); none is
+    asked for twice. ``generations`` counts the first.
     """
     known: dict[bytes, float] = {}
     fitness = np.empty(0)

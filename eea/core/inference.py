@@ -14,10 +14,10 @@ from typing import Literal
 
 import numpy as np
 
-from eea.core.angles import Inclusion, smallest_inclusive, widen
+from eea.core.angles import Floats, Inclusion, smallest_inclusive, widen
 from eea.core.bits import BitLayout
-from eea.core.checks import TargetError, choice, flag, real, whole
-from eea.core.experiment import Context, Experiment, Floats, Trials
+from eea.core.checks import choice, flag, real, whole
+from eea.core.experiment import Context, Experiment, Trials
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
 from eea.core.laboratory import Laboratory
 
@@ -42,25 +42,13 @@ class Inference(ABC):
     def _first_context(self, newest: Experiment) -> Context:
         """Return what is believed of a new experiment's start."""
 
-    def before_generation(  # noqa: B027 - most do nothing here
-        self, generation: int, models: Floats
-    ) -> None:
+    def before_generation(self, generation: int, models: Floats) -> None:  # noqa: B027
         """Infer, before a generation (from 0) of models (N, n) is evaluated."""
 
-    def after_generation(  # noqa: B027 - most learn nothing here
+    def after_generation(  # noqa: B027
         self, generation: int, angles: Floats, similarities: Floats
     ) -> None:
-        """Learn from an evaluated generation.
-
-        Parameters
-        ----------
-        generation
-            From 0.
-        angles
-            Where each model began each experiment, shape (N, E, h), rad.
-        similarities
-            How alike each model was to the target in each experiment, shape (N, E).
-        """
+        """Learn from starts (N, E, h) and similarities (N, E) of an evaluated generation."""
 
     def end(self) -> None:  # noqa: B027 - most have nothing left to say
         """End the round: lock in what was inferred."""
@@ -77,49 +65,25 @@ class Ideal(Inference):
     """The target's angles are given to the models (Sec. 4.1): the ceiling."""
 
     def _first_context(self, newest: Experiment) -> Context:
-        if newest.true_angles is None:
-            raise TargetError(
-                "the ideal condition needs a target that reveals its hidden angles after each "
-                "command as start_angles; this one does not"
-            )
+        assert newest.true_angles is not None  # EEA refuses targets that do not reveal them
         return Context.known(newest.true_angles)
-
-
-RankBy = Literal["newest", "overall"]
 
 
 @dataclass(frozen=True)
 class InBandConfig:
-    """Settings of In-Band Inference.
+    """Settings of In-Band Inference."""
 
-    Attributes
-    ----------
-    k
-        How many of the best models' angles make the inferred range.
-    rank_by
-        Which models are the best: those that fit the "newest" experiment, whose angles are
-        sought, or those that fit all, "overall", by MOD_FIT.
-    confidence
-        Of the newest experiment: the share of models that begin in the inferred range.
-    dynamic_split
-        Raise that share evenly to 1 by the middle of the round.
-    extension
-        Share of its width by which the range is widened at each end; the paper tried 0.2.
-    inclusion
-        What range includes the best: "circular" is the shortest arc, "linear" reaches from
-        their least to their greatest angle in [-pi, pi).
-
-    Examples
-    --------
-    >>> InBandConfig(dynamic_split=True).k
-    3
-    """
-
-    k: int = 3
-    rank_by: RankBy = "newest"
+    k: int = 3  #: How many of the best models' angles make the inferred range.
+    #: Which models are the best: those that fit the "newest" experiment, whose angles are sought,
+    #: or those that fit all, "overall", by MOD_FIT.
+    rank_by: Literal["newest", "overall"] = "newest"
+    #: Of the newest experiment: the share of models that begin in the inferred range.
     confidence: float = 0.5
-    dynamic_split: bool = False
+    dynamic_split: bool = False  #: Raise that share evenly to 1 by the middle of the round.
+    #: Share of its width by which the range is widened at each end; the paper tried 0.2.
     extension: float = 0.0
+    #: What range includes the best: "circular" is the shortest arc, "linear" reaches from their
+    #: least to their greatest angle in [-pi, pi).
     inclusion: Inclusion = "circular"
 
     def __post_init__(self) -> None:
@@ -131,33 +95,28 @@ class InBandConfig:
         choice("in_band.inclusion", self.inclusion, ("circular", "linear"))
 
 
+@dataclass
 class InBand(Inference):
     """Infer the angles from how the evolving models do (Sec. 3.3).
 
     Half the models begin somewhere in the range of the K best's angles, the others anywhere, so
     that the range can move. When the round ends the range is locked in: models begin inside it,
     and are still spread over it.
-
-    Parameters
-    ----------
-    config
-        Settings.
     """
 
-    def __init__(self, config: InBandConfig) -> None:
-        self._config = config
+    config: InBandConfig
 
     def _first_context(self, newest: Experiment) -> Context:
         return Context.unknown(len(newest.context), self._confidence(0))
 
     def after_generation(self, generation: int, angles: Floats, similarities: Floats) -> None:
         """Set the newest experiment's range to that of the K best models of this generation."""
-        newest_only = self._config.rank_by == "newest"
+        newest_only = self.config.rank_by == "newest"
         scores = similarities[:, -1] if newest_only else similarities.mean(axis=1)
-        k_best = np.argsort(-scores, kind="stable")[: self._config.k]
-        low, high = smallest_inclusive(angles[k_best, -1], self._config.inclusion)
-        if self._config.extension:
-            low, high = widen(low, high, self._config.extension)
+        k_best = np.argsort(-scores, kind="stable")[: self.config.k]
+        low, high = smallest_inclusive(angles[k_best, -1], self.config.inclusion)
+        if self.config.extension:
+            low, high = widen(low, high, self.config.extension)
         self.newest.context = Context(low, high, self._confidence(generation + 1))
 
     def end(self) -> None:
@@ -166,50 +125,29 @@ class InBand(Inference):
         self.newest.context = Context(context.min_angle, context.max_angle, 1.0)
 
     def _confidence(self, generation: int) -> float:
-        start = self._config.confidence
-        if not self._config.dynamic_split:
+        start = self.config.confidence
+        if not self.config.dynamic_split:
             return start
         return start + (1.0 - start) * min(1.0, 2.0 * generation / self.generations)
 
 
-PoseFitness = Literal["mean", "best"]
-
-
 @dataclass(frozen=True)
 class OutOfBandConfig:
-    """Settings of Out-of-Band Inference.
+    """Settings of Out-of-Band Inference."""
 
-    Attributes
-    ----------
-    period
-        Generations of models between inferences: at 0, 35 and 70 of the paper's 100.
-    inner_population
-        How many poses evolve.
-    inner_generations
-        For how many generations they evolve in an inference.
-    sampled_models
-        How many models, drawn at random for each inference, judge the poses; None for all.
-    pose_fitness
-        What a pose scores: the "mean" of the judging models' similarities to the newest
-        experiment, or that of the "best" of them.
-    warm_start
-        Begin a round's later inferences with the pose inferred before among the candidates.
-    revisit
-        At each inference, infer the angles of so many earlier experiments anew too, drawn at random
-        and begun with the pose they had. The paper locks them in: 0.
-
-    Examples
-    --------
-    >>> OutOfBandConfig(sampled_models=5, revisit=5).period
-    35
-    """
-
+    #: Generations of models between inferences: at 0, 35 and 70 of the paper's 100.
     period: int = 35
-    inner_population: int = 25
-    inner_generations: int = 25
+    inner_population: int = 25  #: How many poses evolve.
+    inner_generations: int = 25  #: For how many generations they evolve in an inference.
+    #: How many models, drawn at random for each inference, judge the poses; None for all.
     sampled_models: int | None = None
-    pose_fitness: PoseFitness = "mean"
+    #: What a pose scores: the "mean" of the judging models' similarities to the newest experiment,
+    #: or that of the "best" of them.
+    pose_fitness: Literal["mean", "best"] = "mean"
+    #: Begin a round's later inferences with the pose inferred before among the candidates.
     warm_start: bool = False
+    #: At each inference, infer the angles of so many earlier experiments anew too, drawn at random
+    #: and begun with the pose they had. The paper locks them in: 0.
     revisit: int = 0
 
     def __post_init__(self) -> None:
@@ -223,36 +161,15 @@ class OutOfBandConfig:
         whole("out_of_band.revisit", self.revisit, 0, MAXIMUM_POPULATION)
 
 
+@dataclass
 class OutOfBand(Inference):
-    """Interrupt the search for models by one for the angles (Sec. 3.4).
+    """Interrupt the search for models by one for the angles (Sec. 3.4)."""
 
-    Parameters
-    ----------
-    config
-        Settings.
-    layout
-        The poses' genome.
-    laboratory
-        Where models are tried.
-    genetic
-        The operators' settings, shared with the other phases.
-    rng
-        Its own.
-    """
-
-    def __init__(
-        self,
-        config: OutOfBandConfig,
-        layout: BitLayout,
-        laboratory: Laboratory,
-        genetic: GeneticConfig,
-        rng: np.random.Generator,
-    ) -> None:
-        self._config = config
-        self._layout = layout
-        self._laboratory = laboratory
-        self._genetic = genetic
-        self._rng = rng
+    config: OutOfBandConfig
+    layout: BitLayout  #: The poses' genome.
+    laboratory: Laboratory
+    genetic: GeneticConfig
+    rng: np.random.Generator
 
     def _first_context(self, newest: Experiment) -> Context:
         # Never simulated: generation 0 begins with an inference.
@@ -260,13 +177,13 @@ class OutOfBand(Inference):
 
     def before_generation(self, generation: int, models: Floats) -> None:
         """Every ``period`` generations, replace the newest experiment's angles."""
-        if generation % self._config.period:
+        if generation % self.config.period:
             return
-        start = self.newest.context.min_angle if generation and self._config.warm_start else None
+        start = self.newest.context.min_angle if generation and self.config.warm_start else None
         self.newest.context = Context.known(self.opt_ang(models, self.newest, start))
         earlier = len(self.experiments) - 1
-        count = min(self._config.revisit, earlier)
-        for e in self._rng.choice(earlier, count, replace=False) if count else ():
+        count = min(self.config.revisit, earlier)
+        for e in self.rng.choice(earlier, count, replace=False) if count else ():
             experiment = self.experiments[e]
             pose = self.opt_ang(models, experiment, experiment.context.min_angle)
             experiment.context = Context.known(pose)
@@ -274,36 +191,24 @@ class OutOfBand(Inference):
     def opt_ang(
         self, models: Floats, experiment: Experiment, start: Floats | None = None
     ) -> Floats:
-        """Evolve the pose that best helps models reproduce an experiment.
+        """Evolve the pose (h,) with which models (N, n) best reproduce an experiment.
 
-        Parameters
-        ----------
-        models
-            Shape (N, n).
-        experiment
-            What is to be reproduced.
-        start
-            A pose (h,) to put among the first candidates, if any.
-
-        Returns
-        -------
-        pose
-            The fittest of the final generation, shape (h,), rad.
+        A pose to ``start`` with is put among the first candidates.
         """
-        config = self._config
+        config = self.config
         if config.sampled_models is not None and config.sampled_models < len(models):
-            models = models[self._rng.choice(len(models), config.sampled_models, replace=False)]
-        genomes = self._layout.random(config.inner_population, self._rng)
+            models = models[self.rng.choice(len(models), config.sampled_models, replace=False)]
+        genomes = self.layout.random(config.inner_population, self.rng)
         if start is not None:
-            genomes[0] = self._layout.encode(start[None])[0]
+            genomes[0] = self.layout.encode(start[None])[0]
         genome, _ = evolve(
             genomes,
             config.inner_generations,
-            lambda poses: self._pose_fitness(self._layout.decode(poses), models, experiment),
-            self._genetic,
-            self._rng,
+            lambda poses: self._pose_fitness(self.layout.decode(poses), models, experiment),
+            self.genetic,
+            self.rng,
         )
-        pose: Floats = self._layout.decode(genome[None])[0]
+        pose: Floats = self.layout.decode(genome[None])[0]
         return pose
 
     def _pose_fitness(self, poses: Floats, models: Floats, experiment: Experiment) -> Floats:
@@ -315,9 +220,9 @@ class OutOfBand(Inference):
             np.broadcast_to(experiment.command, (count, len(experiment.command))),
             np.repeat(poses, shape[1], axis=0),
         )
-        similarities = self._laboratory.similarities(
+        similarities = self.laboratory.similarities(
             trials, experiment.behavior[None], np.zeros(count, dtype=np.intp)
         ).reshape(shape)
-        best = self._config.pose_fitness == "best"
+        best = self.config.pose_fitness == "best"
         fitness: Floats = similarities.max(axis=1) if best else similarities.mean(axis=1)
         return fitness

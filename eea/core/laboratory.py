@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Coefficients, likeness, similarity, summarize
 from eea.core.checks import TargetError
-from eea.core.experiment import Floats, Simulator, Trials
+from eea.core.experiment import Simulator, Trials
 from eea.core.fitness import action_fitness, disagreement
 
 DIVERGED = -1e6  # far below any real similarity, and still a number that means can hold
@@ -16,19 +17,7 @@ DIVERGED = -1e6  # far below any real similarity, and still a number that means 
 class Laboratory:
     """Runs batches of models through the simulator and counts them.
 
-    Parameters
-    ----------
-    simulator
-        Runs the trials, and may compare them itself.
-    behavior
-        How logs are summarised and compared.
-    steps, axes
-        How long every log must be, and how many axes its signal must have.
-
-    Raises
-    ------
-    TargetError
-        If the simulator is none.
+    Every log must be of so many ``steps``, and its signal of so many ``axes``.
     """
 
     def __init__(
@@ -51,11 +40,6 @@ class Laboratory:
         """Return the behaviours (B, F) of B trials.
 
         A robot that left the finite numbers has coefficients that are not finite.
-
-        Raises
-        ------
-        TargetError
-            If the simulator returns another number of logs, or logs of another length or width.
         """
         with np.errstate(invalid="ignore", over="ignore"):
             log = self._simulator.simulate(trials)
@@ -71,18 +55,10 @@ class Laboratory:
     def similarities(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
     ) -> Floats:
-        """Return sim (B,) between the trials' behaviours and the observed ``observed[which]``.
+        """Return sim (B,) between B trials' behaviours and those observed, ``observed[which]``.
 
-        A robot that left the finite numbers is like nothing: its sim is ``DIVERGED``.
-
-        Parameters
-        ----------
-        trials
-            B of them.
-        observed
-            Behaviours of the target, shape (E, F).
-        which
-            The one that each is compared with, shape (B,).
+        A robot that left the finite numbers is like nothing: its sim is ``DIVERGED``. Shapes are
+        (E, F) of ``observed`` and (B,) of ``which``.
         """
         if self._comparer is not None:
             sim = likeness(self._comparer.to_observed(trials, observed, which), self.behavior)
@@ -100,19 +76,11 @@ class Laboratory:
         """Return ACT_FIT (A,) of A commands, each tried on ``models`` bodies in a row (Eq. 1).
 
         That of a command under which a robot left the finite numbers is not finite.
-
-        Parameters
-        ----------
-        trials
-            A * models of them.
-        models
-            How many, at least two.
         """
         if self._comparer is not None:
             apart = self._comparer.between_models(trials, models)
             self.trials += len(trials)
             return disagreement(apart, models, self.behavior)
-        behaviors = self.behaviors(trials)
-        actions = len(behaviors) // models
+        behaviors = self.behaviors(trials).reshape(len(trials) // models, models, -1)
         with np.errstate(invalid="ignore", over="ignore"):
-            return action_fitness(behaviors.reshape(actions, models, -1), self.behavior)
+            return action_fitness(behaviors, self.behavior)

@@ -14,24 +14,6 @@ MAXIMUM_AXES = 1000
 class Problem:
     """A robot to be modelled; the algorithm takes every width from here and from nowhere else.
 
-    Attributes
-    ----------
-    models
-        The genome of a body: what is to be found out.
-    actions
-        The genome of a command.
-    hidden
-        The names of the angles at which a trial begins, and which the robot does not tell. All
-        are circular, in rad, each over a whole turn; zero is the state taken for granted where
-        nothing is inferred.
-    axes
-        How many axes the log's signal has.
-
-    Raises
-    ------
-    ConfigurationError
-        If a genome is no ``BitLayout``, no angle is hidden, or there is no axis.
-
     Examples
     --------
     A pendulum with a motor: its length and friction are sought, and where it hung is not known.
@@ -47,10 +29,13 @@ class Problem:
     (2, 1, 1)
     """
 
-    models: BitLayout
-    actions: BitLayout
+    models: BitLayout  #: The genome of a body: what is to be found out.
+    actions: BitLayout  #: The genome of a command.
+    #: The names of the angles at which a trial begins, and which the robot does not tell. All are
+    #: circular, in rad, each over a whole turn; zero is the state taken for granted where nothing
+    #: is inferred.
     hidden: tuple[str, ...]
-    axes: int
+    axes: int  #: How many axes the log's signal has.
 
     def __post_init__(self) -> None:
         instance("models", self.models, BitLayout)

@@ -8,21 +8,15 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
+from eea.core.angles import Floats
 from eea.core.behavior import Log
 from eea.core.checks import ConfigurationError, TargetError, finite
-from eea.core.experiment import Floats, Performed
+from eea.core.experiment import Performed
 
 
 @dataclass(frozen=True)
 class RecordedLog:
     """The plainest log: samples of one or both signals.
-
-    Attributes
-    ----------
-    gyro
-        Angular velocity about the body's axes in rad/s, shape (T, axes), or (B, T, axes).
-    rpy
-        The attitude's angles in rad, unwrapped, of such a shape.
 
     Examples
     --------
@@ -31,24 +25,16 @@ class RecordedLog:
     True
     """
 
+    #: Angular velocity about the body's axes in rad/s, shape (T, axes), or (B, T, axes).
     gyro: NDArray[Any] | None = None
-    rpy: NDArray[Any] | None = None
+    rpy: NDArray[Any] | None = None  #: The attitude's angles in rad, unwrapped, of such a shape.
 
 
 class ReplayTarget:
     """A target that repeats what a robot did, whatever it is asked for, and says so.
 
-    Parameters
-    ----------
-    commands
-        What the robot executed, shape (E, c).
-    logs
-        What it logged, one trial each.
-
-    Raises
-    ------
-    ConfigurationError
-        If the commands are not finite numbers (E, c), or not as many as the logs.
+    It takes the commands (E, c) that the robot executed and their logs, of one trial each; other
+    numbers of them raise ``ConfigurationError``.
 
     Examples
     --------
@@ -76,13 +62,7 @@ class ReplayTarget:
         return len(self._logs)
 
     def perform(self, command: Floats) -> Performed:  # noqa: ARG002 - the past cannot be asked
-        """Return the session's next log, with the command that it is of.
-
-        Raises
-        ------
-        TargetError
-            If the session has no further trial.
-        """
+        """Return the session's next log, with the command that it is of; else ``TargetError``."""
         if self._next == len(self):
             raise TargetError(
                 f"the recorded session holds {len(self)} trials, and all have been replayed; "

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from eea.core.angles import Floats
 from eea.core.bits import BitLayout
 from eea.core.checks import TargetError
 from eea.core.config import EEAConfig
-from eea.core.experiment import Floats
 from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
 
 SCHEMA = "eea.result/1"
@@ -19,53 +19,30 @@ SCHEMA = "eea.result/1"
 
 @dataclass(frozen=True)
 class RoundRecord:
-    """What one round did and found; every field is ready for JSON.
+    """What one round did and found; every field is ready for JSON."""
 
-    Attributes
-    ----------
-    round
-        From 1; also the number of experiments so far.
-    command
-        What the target performed.
-    action_fitness
-        ACT_FIT of that command (Eq. 1); ``None`` for the first, which is random, and for one that
-        the target performed in place of another.
-    model_fitness
-        The best MOD_FIT (Eq. 3).
-    morphology
-        The model that has it, n numbers.
-    min_angle, max_angle
-        The range inferred for the hidden angles in this round's experiment, rad.
-    true_angles, angle_error
-        The truth, and its distance from the range's middle, rad; ``None`` if not revealed.
-    objective_fitness
-        OBJ_FIT (Eq. 4); ``None`` if the truth is not known.
-    dimension_error
-        The model's distance from the truth in each dimension, as a share of its range; ``None``
-        if the truth is not known.
-    spread
-        The standard deviation over the final population in each dimension, as such a share: what
-        the models still disagree about.
-    trials
-        Simulated in this round.
-    seconds
-        Since the run began.
-    """
-
-    round: int
-    command: tuple[float, ...]
+    round: int  #: From 1; also the number of experiments so far.
+    command: tuple[float, ...]  #: What the target performed.
+    #: ACT_FIT of that command (Eq. 1); None for the first, which is random, and for one that the
+    #: target performed in place of another.
     action_fitness: float | None
-    model_fitness: float
-    morphology: tuple[float, ...]
+    model_fitness: float  #: The best MOD_FIT (Eq. 3).
+    morphology: tuple[float, ...]  #: The model that has it, n numbers.
+    #: The range inferred for the hidden angles in this round's experiment, rad.
     min_angle: tuple[float, ...]
     max_angle: tuple[float, ...]
+    #: The truth, and its distance from the range's middle, rad; None if not revealed.
     true_angles: tuple[float, ...] | None
     angle_error: tuple[float, ...] | None
-    objective_fitness: float | None
+    objective_fitness: float | None  #: OBJ_FIT (Eq. 4); None if the truth is not known.
+    #: The model's distance from the truth in each dimension, as a share of its range; None if the
+    #: truth is not known.
     dimension_error: tuple[float, ...] | None
+    #: The standard deviation over the final population in each dimension, as such a share: what the
+    #: models still disagree about.
     spread: tuple[float, ...]
-    trials: int
-    seconds: float
+    trials: int  #: Simulated in this round.
+    seconds: float  #: Since the run began.
 
     def to_dict(self) -> dict[str, Any]:
         """Return the record for JSON."""
@@ -75,19 +52,6 @@ class RoundRecord:
 @dataclass
 class Result:
     """A run's settings, rounds and conclusion; readable after every round.
-
-    Attributes
-    ----------
-    config, seed
-        What was run.
-    layout
-        The models' genome, for the ranges of the dimensions.
-    truth
-        The target's dimensions (n,), if known: an oracle.
-    rounds
-        One record a round.
-    stopped
-        Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, or ``"interrupted"`` until then.
 
     Examples
     --------
@@ -99,20 +63,15 @@ class Result:
 
     config: EEAConfig
     seed: int
-    layout: BitLayout
-    truth: Floats | None = None
-    rounds: list[RoundRecord] = field(default_factory=list)
+    layout: BitLayout  #: The models' genome, for the ranges of the dimensions.
+    truth: Floats | None = None  #: The target's dimensions (n,), if known: an oracle.
+    rounds: list[RoundRecord] = field(default_factory=list)  #: One record a round.
+    #: Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, or ``"interrupted"`` until then.
     stopped: str = "interrupted"
 
     @property
     def model(self) -> Floats:
-        """The last round's best model, shape (n,).
-
-        Raises
-        ------
-        TargetError
-            If no round has been completed.
-        """
+        """The last round's best model, shape (n,); ``TargetError`` if there is no round."""
         if not self.rounds:
             raise TargetError("there is no model yet: no round was completed")
         return np.array(self.rounds[-1].morphology)

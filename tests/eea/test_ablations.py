@@ -17,7 +17,7 @@ from eea.core.config import PARTS
 from eea.study.ablations import ABLATIONS, BASELINES, ELSEWHERE
 from eea.study.arms import ablation_arms, arms, baseline_config, with_settings
 from eea.study.cost import asked_trials, expected_trials
-from fake_fish import ACTIONS, MODELS, TRUTH, FakeRevealingTarget, FakeSimulator
+from fake_fish import ACTIONS, MODELS, PROBLEM, TRUTH, FakeRevealingTarget, FakeSimulator
 
 # What the paper says outright, and what changes no result.
 GIVEN = {
@@ -52,7 +52,8 @@ def run(config: EEAConfig) -> Result:
     """Run the fake fish, its genomes coded as the settings say."""
     models, actions = (BitLayout(x.variables, config.genetic.coding) for x in (MODELS, ACTIONS))
     target, simulator = FakeRevealingTarget(0, config.steps), FakeSimulator(config.steps)
-    return EEA(target, simulator, models, actions, config, 0, TRUTH).run()
+    problem = replace(PROBLEM, models=models, actions=actions)
+    return EEA(target, simulator, problem, config, 0, TRUTH).run()
 
 
 def story(result: Result) -> str:

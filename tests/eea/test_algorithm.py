@@ -107,6 +107,11 @@ def test_the_truth_may_be_unknown():
     assert json.loads(result.to_json())["truth"] is None
 
 
+def test_the_ideal_condition_needs_to_be_told():
+    with pytest.raises(TargetError, match="start_angles"):
+        EEA(FakeTarget(), FakeSimulator(), PROBLEM, EEAConfig(condition="ideal"))
+
+
 def test_a_revealing_target_changes_nothing_but_the_records():
     known = fake_eea(QUICK).run()
     hidden = EEA(FakeTarget(0), FakeSimulator(), PROBLEM, QUICK, 0).run()

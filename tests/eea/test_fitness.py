@@ -53,11 +53,6 @@ def test_models_that_agree_make_an_action_worthless():
     assert action_fitness(np.ones((3, 5, 4)), BehaviorConfig()).tolist() == [0.0] * 3
 
 
-def test_one_model_cannot_disagree():
-    with pytest.raises(ConfigurationError, match="at least 2 models; got 1"):
-        action_fitness(np.ones((3, 1, 4)), BehaviorConfig())
-
-
 def test_model_fitness_is_the_mean_over_experiments():
     assert model_fitness(np.array([[1.0, 0.5], [0.0, -1.0]])).tolist() == [0.75, -0.5]
 

@@ -6,7 +6,7 @@ import pytest
 from eea.core.angles import circular_distance
 from eea.core.behavior import BehaviorConfig, summarize
 from eea.core.bits import pose_layout
-from eea.core.checks import ConfigurationError, TargetError
+from eea.core.checks import ConfigurationError
 from eea.core.experiment import Context, Experiment, Trials
 from eea.core.genetic import GeneticConfig
 from eea.core.inference import (
@@ -42,13 +42,6 @@ def test_ideal_knows_the_truth():
     Ideal().begin([newest], 100)
     assert newest.context.fixed
     assert np.array_equal(newest.context.min_angle, POSE)
-
-
-def test_ideal_needs_to_be_told():
-    newest = experiment()
-    newest.true_angles = None
-    with pytest.raises(TargetError, match="start_angles"):
-        Ideal().begin([newest], 100)
 
 
 # Five models' fits to an earlier and to the newest experiment, and where they began the newest.

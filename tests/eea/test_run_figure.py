@@ -5,8 +5,9 @@ from dataclasses import replace
 import pytest
 from matplotlib.figure import Figure
 
+from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.utils.validation import UnknownNameError
-from eea.aquafish.run_figure import fitness_figure, save_fitness_figure
+from eea.aquafish.run_figure import fitness_figure
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig
@@ -66,11 +67,11 @@ def test_a_picture_appears_whole_or_not_at_all(tmp_path, monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(Figure, "savefig", fail)
         with pytest.raises(KeyboardInterrupt):
-            save_fitness_figure(result, path)
+            save_figure(fitness_figure(result), path)
     assert path.read_bytes() == b"old"
     with pytest.raises(UnknownNameError, match=r"suffix must be one of .*; did you mean '.png'"):
-        save_fitness_figure(result, tmp_path / "a.pmg")
-    save_fitness_figure(result, path)
+        save_figure(fitness_figure(result), tmp_path / "a.pmg")
+    save_figure(fitness_figure(result), path)
     assert path.read_bytes().startswith(b"\x89PNG")
     assert list(tmp_path.iterdir()) == [path]
 
@@ -85,6 +86,6 @@ def test_a_picture_is_written_without_touching_global_state(tmp_path):
 
     backend = matplotlib.rcParams["backend"]
     for name in ("a.png", "a.svg", "a.pdf"):
-        save_fitness_figure(fake_eea(QUICK).run(), tmp_path / name)
+        save_figure(fitness_figure(fake_eea(QUICK).run()), tmp_path / name)
         assert (tmp_path / name).stat().st_size > 1000
     assert matplotlib.rcParams["backend"] == backend
