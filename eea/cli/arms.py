@@ -15,6 +15,7 @@ from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.core.inference import InBandConfig, OutOfBandConfig
+from eea.study.ablations import ABLATIONS, ablation_arms
 from eea.study.presets import FIGURE_ARMS, FIGURES
 
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
@@ -75,11 +76,8 @@ def asked_arms(
         refuse_empty("--conditions", conditions, "of " + ", ".join(get_args(Condition)))
         return {condition: EEAConfig(condition=condition) for condition in conditions}
     if ablation is not None:
-        from eea.study.ablations import ABLATIONS
-        from eea.study.arms import ablation_arms
-
         choice("ablation", ablation, [*ABLATIONS, "all"])
-        return ablation_arms(None if ablation == "all" else [ablation])
+        return ablation_arms(ABLATIONS if ablation == "all" else [ablation])
     raise ConfigurationError(f"one of {', '.join(asked)} must say what to run")
 
 

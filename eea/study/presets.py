@@ -41,8 +41,7 @@ def figure_config(name: str, steps: int = 256, rounds: int = 25) -> EEAConfig:
     Parameters
     ----------
     name
-        A key of ``FIGURES``: ``"fig5"`` to ``"fig10"``, ``"in-band-split"``,
-        ``"in-band-extended"``.
+        A key of ``FIGURES``.
     steps, rounds
         The paper's figures have steps of 128 to 1024 and 25 rounds.
 
