@@ -11,14 +11,7 @@ import pandas as pd
 from aquafish_gym.morphology import FINS
 from eea.core.fitness import chance_level, mid_range_level, quantisation_errors, quantisation_limit
 from eea.report.arms import baseline_of, comparisons, is_baseline
-from eea.report.findings import (
-    ANGLE_ERRORS,
-    DIMENSION_ERRORS,
-    LAYOUT,
-    SPREADS,
-    Findings,
-    Floats,
-)
+from eea.report.findings import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, SPREADS, Findings, Floats
 from eea.report.statistics import paired_difference, rank_correlation, summarize
 
 SCHEMA = "eea.summary/2"
@@ -159,9 +152,7 @@ def _summarize_dimensions(findings: Findings) -> dict[str, Any]:
                 "error": error,
                 "spread": summarize(last[SPREADS[i]]),
                 "mean_of_error_sds": None if np.isnan(sd) else sd,
-                "better_than_guessing": None
-                if interval is None
-                else bool(interval[1] < guesses[i]),
+                "better_than_guessing": interval and bool(interval[1] < guesses[i]),
             }
         arms[arm] = {
             "dimensions": rows,
