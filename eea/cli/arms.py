@@ -29,8 +29,6 @@ class ArmSettings:
     ----------
     accurate
         End a replicate once the best MOD_FIT reaches this; None for never.
-    exploration, estimation, genetic, behavior, in_band, out_of_band
-        Settings of the parts.
     """
 
     accurate: float | None = None
@@ -82,13 +80,7 @@ def asked_arms(
 
 
 def refuse_empty(option: str, values: Sequence[object], wanted: str) -> None:
-    """Refuse an option that says none of the values it is for.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none.
-    """
+    """Refuse an option that says none of the values it is for, with a ConfigurationError."""
     if not values:
         raise ConfigurationError(f"{option} must be one or more {wanted}; got none")
 
@@ -96,17 +88,13 @@ def refuse_empty(option: str, values: Sequence[object], wanted: str) -> None:
 def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str]) -> EEAConfig:
     """Return an arm's settings with those that a command line gives.
 
-    Parameters
-    ----------
-    base
-        The arm's own.
-    settings
-        What the command line was read as, over the defaults.
-    words
-        The command line, which is read again over the arm's own settings, for what it gives may
-        equal a default and not the arm's; without it, ``settings`` are all given if any is.
+    ``settings`` is what it was read as, over the defaults. Its ``words`` are read again over the
+    arm's own settings, for what they give may equal a default and not the arm's; without them,
+    ``settings`` are all given if any is.
     """
-    if settings == ArmSettings() and not any(_is_a_setting(word) for word in words):
+    options = [word.partition("=")[0] for word in words if word.startswith("--")]
+    given = any("." in option or option == "--accurate" for option in options)
+    if settings == ArmSettings() and not given:
         return base
     if words:
         settings, _ = tyro.cli(
@@ -115,19 +103,8 @@ def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str])
     return settings.on(base)
 
 
-def _is_a_setting(word: str) -> bool:
-    option = word.partition("=")[0]
-    return option.startswith("--") and ("." in option or option == "--accurate")
-
-
 def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
-    """Refuse a setting that no arm looks at.
-
-    Raises
-    ------
-    ConfigurationError
-        The message names it.
-    """
+    """Refuse a setting that no arm looks at, with a ConfigurationError that names it."""
     for part, condition in (("in_band", "in-band"), ("out_of_band", "out-of-band")):
         given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
         changed = [name for name in given if given[name] != usual[name]]
