@@ -52,13 +52,7 @@ class ArmSettings:
 def asked_arms(
     figure: Sequence[Figure] | None, conditions: Sequence[Condition] | None, ablation: str | None
 ) -> dict[str, EEAConfig]:
-    """Return the arms that one of the three options asks for; the others must be None.
-
-    Raises
-    ------
-    ConfigurationError
-        If none or several are given, or one is empty or unknown.
-    """
+    """Return the arms that one of the options asks for; else raise a ConfigurationError."""
     asked = {"--figure": figure, "--conditions": conditions, "--ablation": ablation}
     given = [name for name, what in asked.items() if what is not None]
     if len(given) > 1:

@@ -16,12 +16,8 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
     """Write results.csv, summary.json, summary.md and the figures of a study; return the files.
 
     They depend on nothing but what ``study.json`` says is run and what is finished: in ``runs/``,
-    or where there is no such folder in ``results.csv``, which comes out as it was.
-
-    Parameters
-    ----------
-    formats
-        Of the pictures: some of "png", "pdf" and "svg".
+    or where there is no such folder in ``results.csv``, which comes out as it was. The formats
+    of the pictures are some of "png", "pdf" and "svg".
 
     Raises
     ------

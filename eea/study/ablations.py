@@ -56,6 +56,14 @@ def _one(row: str, conditions: tuple[str, ...], name: str, values: Mapping[str, 
     return Ablation(row, conditions, {key: {part: {field: value}} for key, value in values.items()})
 
 
+def _clamp(clamp: bool, unit: str = "degrees", normalised: bool = False) -> Settings:
+    return {"behavior": {"clamp": clamp, "unit": unit, "normalised": normalised}}
+
+
+def _remedy(split: bool, extension: float) -> Settings:
+    return {"in_band": {"dynamic_split": split, "extension": extension}}
+
+
 # By the name that its arms' names begin with.
 ABLATIONS: dict[str, Ablation] = {
     "summary": _one(
@@ -73,13 +81,10 @@ ABLATIONS: dict[str, Ablation] = {
     "clamp": Ablation(
         "clamp of Eq. 2", SEEN_OR_NOT,
         {
-            name: {"behavior": {"clamp": clamp, "unit": unit, "normalised": normalised}}
-            for name, clamp, unit, normalised in (
-                ("none", False, "degrees", False),
-                ("degrees", True, "degrees", False),
-                ("radians", True, "radians", False),
-                ("normalised", True, "degrees", True),
-            )
+            "none": _clamp(False),
+            "degrees": _clamp(True),
+            "radians": _clamp(True, "radians"),
+            "normalised": _clamp(True, normalised=True),
         },
     ),
     "pose": _one(
@@ -128,13 +133,10 @@ ABLATIONS: dict[str, Ablation] = {
     "remedies": Ablation(
         "In-Band's remedies", ("in-band",),
         {
-            name: {"in_band": {"dynamic_split": split, "extension": extension}}
-            for name, split, extension in (
-                ("neither", False, 0.0),
-                ("split", True, 0.0),
-                ("wider", False, 0.2),
-                ("both", True, 0.2),
-            )
+            "neither": _remedy(False, 0.0),
+            "split": _remedy(True, 0.0),
+            "wider": _remedy(False, 0.2),
+            "both": _remedy(True, 0.2),
         },
     ),
     "optang-effort": Ablation(
