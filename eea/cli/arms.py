@@ -15,6 +15,7 @@ from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.core.inference import InBandConfig, OutOfBandConfig
+from eea.study.ablations import ABLATIONS, ablation_arms
 from eea.study.presets import FIGURE_ARMS, FIGURES
 
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
@@ -28,8 +29,6 @@ class ArmSettings:
     ----------
     accurate
         End a replicate once the best MOD_FIT reaches this; None for never.
-    exploration, estimation, genetic, behavior, in_band, out_of_band
-        Settings of the parts.
     """
 
     accurate: float | None = None
@@ -53,13 +52,7 @@ class ArmSettings:
 def asked_arms(
     figure: Sequence[Figure] | None, conditions: Sequence[Condition] | None, ablation: str | None
 ) -> dict[str, EEAConfig]:
-    """Return the arms that one of the three options asks for; the others must be None.
-
-    Raises
-    ------
-    ConfigurationError
-        If none or several are given, or one is empty or unknown.
-    """
+    """Return the arms that one of the options asks for; else raise a ConfigurationError."""
     asked = {"--figure": figure, "--conditions": conditions, "--ablation": ablation}
     given = [name for name, what in asked.items() if what is not None]
     if len(given) > 1:
@@ -75,22 +68,13 @@ def asked_arms(
         refuse_empty("--conditions", conditions, "of " + ", ".join(get_args(Condition)))
         return {condition: EEAConfig(condition=condition) for condition in conditions}
     if ablation is not None:
-        from eea.study.ablations import ABLATIONS
-        from eea.study.arms import ablation_arms
-
         choice("ablation", ablation, [*ABLATIONS, "all"])
-        return ablation_arms(None if ablation == "all" else [ablation])
+        return ablation_arms(ABLATIONS if ablation == "all" else [ablation])
     raise ConfigurationError(f"one of {', '.join(asked)} must say what to run")
 
 
 def refuse_empty(option: str, values: Sequence[object], wanted: str) -> None:
-    """Refuse an option that says none of the values it is for.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none.
-    """
+    """Refuse an option that says none of the values it is for, with a ConfigurationError."""
     if not values:
         raise ConfigurationError(f"{option} must be one or more {wanted}; got none")
 
@@ -98,17 +82,13 @@ def refuse_empty(option: str, values: Sequence[object], wanted: str) -> None:
 def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str]) -> EEAConfig:
     """Return an arm's settings with those that a command line gives.
 
-    Parameters
-    ----------
-    base
-        The arm's own.
-    settings
-        What the command line was read as, over the defaults.
-    words
-        The command line, which is read again over the arm's own settings, for what it gives may
-        equal a default and not the arm's; without it, ``settings`` are all given if any is.
+    ``settings`` is what it was read as, over the defaults. Its ``words`` are read again over the
+    arm's own settings, for what they give may equal a default and not the arm's; without them,
+    ``settings`` are all given if any is.
     """
-    if settings == ArmSettings() and not any(_is_a_setting(word) for word in words):
+    options = [word.partition("=")[0] for word in words if word.startswith("--")]
+    given = any("." in option or option == "--accurate" for option in options)
+    if settings == ArmSettings() and not given:
         return base
     if words:
         settings, _ = tyro.cli(
@@ -117,19 +97,8 @@ def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str])
     return settings.on(base)
 
 
-def _is_a_setting(word: str) -> bool:
-    option = word.partition("=")[0]
-    return option.startswith("--") and ("." in option or option == "--accurate")
-
-
 def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
-    """Refuse a setting that no arm looks at.
-
-    Raises
-    ------
-    ConfigurationError
-        The message names it.
-    """
+    """Refuse a setting that no arm looks at, with a ConfigurationError that names it."""
     for part, condition in (("in_band", "in-band"), ("out_of_band", "out-of-band")):
         given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
         changed = [name for name in given if given[name] != usual[name]]

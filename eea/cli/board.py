@@ -20,16 +20,10 @@ _REDRAW = 0.2  # s between two drawings of the table
 
 
 class Board:
-    """What is done, running and left.
+    """What is done, running and left of a study's replicates.
 
-    Parameters
-    ----------
-    jobs
-        Every replicate of the study.
-    documents
-        The results of those that were complete when the command began.
-    clock
-        Returns seconds.
+    ``documents`` are the results of those that were complete when the command began; ``clock``
+    returns seconds.
     """
 
     def __init__(
@@ -74,15 +68,10 @@ class Board:
         A replicate that runs counts by the share of its rounds, early ones being quicker.
         """
         running = sum(share * cost(job.config) for job, (_, share) in self.running.items())
-        left = sum(
-            cost(job.config)
-            for job in self.jobs
-            if job not in self.scores and job not in self.failed
-        )
+        left = [job for job in self.jobs if job not in self.scores and job not in self.failed]
+        rest = sum(cost(job.config) for job in left) - running
         done = self._done + running
-        if not left:
-            return 0.0 if done else None
-        return (left - running) / done * (self._clock() - self._start) if done else None
+        return rest / done * (self._clock() - self._start) if done else None
 
     def counts(self) -> str:
         """Return how many replicates are complete, and the time to go."""

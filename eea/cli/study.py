@@ -13,12 +13,20 @@ import tyro
 from rich.console import Console
 
 from aquafish_gym.damage import Damage
+from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.runs.executors import MOST_WORKERS, workers
 from aquafish_gym.runs.folder import held
 from aquafish_gym.runs.processes import WorkerDiedError
 from aquafish_gym.runs.runner import read_result, run_jobs
 from aquafish_gym.runs.storage import ensure_writable_directory
-from aquafish_gym.utils.command_line import read_morphology
+from aquafish_gym.utils.command_line import (
+    ModelEngine,
+    Out,
+    TargetDamage,
+    TargetEngine,
+    TargetMorphology,
+    read_morphology,
+)
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.aquafish import Orientation
 from eea.cli.arms import (
@@ -40,7 +48,7 @@ from eea.study.study import Study
 
 Format = Literal["png", "pdf", "svg"]
 _PATIENCE = 5.0  # s of silence
-PAPERS_STEPS = (128, 256, 512, 1024)
+_PAPERS_STEPS = (128, 256, 512, 1024)
 _SUFFIX = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
 
 
@@ -55,8 +63,6 @@ class StudyCommand:
 
     Attributes
     ----------
-    out
-        Directory for the study; made if need be.
     figure
         Figures of the paper to make, 5 to 10, or all of these.
     conditions
@@ -81,20 +87,10 @@ class StudyCommand:
         Commands that the target performs in each replicate; 25 if not given, for smoke 3.
     settings
         Settings of the algorithm, for all arms.
-    target_damage
-        What broke: none, or FIN:SIZE=FACTOR or FIN:missing, joined by ";". FIN is left_pectoral,
-        right_pectoral or caudal; SIZE is length, width or thickness.
-    target_morphology
-        JSON file of the body before the damage; without it, the nominal body.
-    target_engine
-        Where the target swims. In numba it swims in double precision, where it agrees with
-        pybullet to 1e-9, and needs no second engine in each worker.
     target_orientation
         How the target's body lies at the start: upright and facing +y, as the models; with any
         heading; or in any attitude. Felt by the attitude signal, or in a current: the gyroscope
         in still water reads the same.
-    engine
-        Where the candidate models swim.
     dtype
         The compiled engine's precision, for the candidates.
     current
@@ -116,7 +112,7 @@ class StudyCommand:
         study began, which is else refused. Only for changes that alter no result.
     """
 
-    out: Path
+    out: Out
     figure: tuple[Figure, ...] | None = None
     conditions: tuple[Condition, ...] | None = None
     ablation: str | None = None
@@ -127,11 +123,11 @@ class StudyCommand:
     first_seed: int = 0
     rounds: int | None = None
     settings: Annotated[ArmSettings, tyro.conf.arg(name="")] = field(default_factory=ArmSettings)
-    target_damage: str = "none"
-    target_morphology: Path | None = None
-    target_engine: Literal["numba", "pybullet"] = "numba"
+    target_damage: TargetDamage = "none"
+    target_morphology: TargetMorphology = None
+    target_engine: TargetEngine = "numba"
     target_orientation: Orientation = "upright"
-    engine: Literal["numba", "pybullet"] = "numba"
+    engine: ModelEngine = "numba"
     dtype: Literal["float32", "float64"] = "float32"
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     substeps: int = 1
@@ -157,23 +153,21 @@ class StudyCommand:
             )
         ending = f"-{self.suffix}" if self.suffix else ""
         small = self.preset == "smoke"
-        others = self.conditions is not None or self.ablation is not None
-        bases = asked_arms(
-            ("all",) if small and self.figure is None and not others else self.figure,
-            self.conditions,
-            self.ablation,
-        )
+        figure = self.figure
+        if small and figure is None and self.conditions is None and self.ablation is None:
+            figure = ("all",)
+        bases = asked_arms(figure, self.conditions, self.ablation)
+        if small:
+            bases = {name: smoke(base) for name, base in bases.items()}
         arms = {
-            f"{name}{ending}": given_settings(
-                smoke(base) if small else base, self.settings, self.words
-            )
+            f"{name}{ending}": given_settings(base, self.settings, self.words)
             for name, base in bases.items()
         }
         refuse_what_has_no_say(arms, self.settings)
         if self.steps is not None:
             refuse_empty("--steps", self.steps, "whole numbers")
         refuse_empty("--format", self.format, f"of {', '.join(get_args(Format))}")
-        usual_steps = (256,) if self.ablation is not None else PAPERS_STEPS
+        usual_steps = (256,) if self.ablation is not None else _PAPERS_STEPS
         return Study(
             arms=arms,
             steps=self.steps or ((128,) if small else usual_steps),
@@ -183,9 +177,9 @@ class StudyCommand:
             world=World(
                 read_morphology(self.target_morphology, "target_morphology"),
                 Damage.parse(self.target_damage),
-                self.target_engine,
+                resolve_engine("target_engine", self.target_engine),
                 self.target_orientation,
-                self.engine,
+                resolve_engine("engine", self.engine),
                 self.dtype,
                 self.current,
                 self.substeps,
@@ -201,8 +195,6 @@ class StudyCommand:
             If an option is wrong, or the folder holds something else; nothing has changed then.
         SystemExit
             With code 1, if a replicate could not be completed. The others are.
-        KeyboardInterrupt
-            On Ctrl-C; all finished replicates are on disk.
         """
         study = self.study()
         if self.workers is not None:
@@ -260,13 +252,7 @@ class Plot:
     format: tuple[Format, ...] = ("png",)
 
     def execute(self) -> None:
-        """Write the report.
-
-        Raises
-        ------
-        InvalidArgumentError, ConfigurationError
-            If the folder holds no study with a finished replicate, or a file is damaged.
-        """
+        """Write the report; raises as ``report``."""
         _report(self.folder, self.format, _console())
 
 
@@ -289,13 +275,7 @@ class Merge:
     other_code: bool = False
 
     def execute(self) -> None:
-        """Copy what is missing.
-
-        Raises
-        ------
-        InvalidArgumentError, ConfigurationError
-            If a folder holds no study, they are not of one study, or a file is damaged.
-        """
+        """Copy what is missing; raises as ``eea.study.folder.merge``."""
         read_description(self.folder)
         with held(self.folder):
             count = merge(self.folder, self.other, self.other_code)

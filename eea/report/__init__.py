@@ -9,41 +9,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from eea.report.findings import read_study
-    from eea.report.summary import summarize_study
-
-__all__ = ["read_study", "report", "summarize_study"]
-_HOME = {"read_study": "findings", "summarize_study": "summary"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOME:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOME[name]}"), name)
 
 
 def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Write results.csv, summary.json, summary.md and the figures of a study.
+    """Write results.csv, summary.json, summary.md and the figures of a study; return the files.
 
     They depend on nothing but what ``study.json`` says is run and what is finished: in ``runs/``,
-    or where there is no such folder in ``results.csv``, which comes out as it was.
-
-    Parameters
-    ----------
-    folder
-        The study's.
-    formats
-        Of the pictures: some of "png", "pdf" and "svg".
-
-    Returns
-    -------
-    list of Path
-        What was written.
+    or where there is no such folder in ``results.csv``, which comes out as it was. The formats
+    of the pictures are some of "png", "pdf" and "svg".
 
     Raises
     ------

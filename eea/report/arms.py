@@ -4,16 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 
+from eea.study.presets import FIGURE_ARMS
+
 BASELINE = "baseline"  # what ablations are held against; begins the names of such arms
 # The paper's arms in its order, and their figures' names; other arms follow, by name.
-FIGURES = {
-    "ideal": "fig5",
-    "none": "fig6",
-    "in-band": "fig7",
-    "in-band-200": "fig8",
-    "out-of-band": "fig9",
-    "out-of-band-100": "fig10",
-}
+FIGURES = {arm: f"fig{number}" for number, arm in FIGURE_ARMS.items()}
 LABELS = {
     "ideal": "Ideal",
     "none": "None",

@@ -60,12 +60,8 @@ class Findings:
         A row a round of each finished replicate, with ``COLUMNS``; the arms in the paper's order,
         steps, seeds and rounds ascending, numbers to 5 significant digits. ``act_fit`` is NaN in
         the first round, whose action is random.
-    rounds
-        Of each replicate.
     truth
         The target's dimensions, shape (n,).
-    plan
-        The seeds that the study is to have, for each arm and number of steps.
     labels
         Arm to its name for readers.
     conditions
@@ -116,8 +112,7 @@ class Findings:
 
     def to_csv(self) -> str:
         """Return the table as ``results.csv`` holds it."""
-        text: str = self.table.to_csv(index=False, float_format="%.5g", lineterminator="\n")
-        return text
+        return str(self.table.to_csv(index=False, float_format="%.5g", lineterminator="\n"))
 
     @cached_property
     def _rows_of(self) -> dict[str, pd.DataFrame]:
@@ -131,12 +126,7 @@ def _mean_over(rows: pd.DataFrame, durations: Sequence[int]) -> pd.DataFrame:
 
 
 def read_study(folder: str | os.PathLike[str]) -> Findings:
-    """Return a study's finished replicates.
-
-    Parameters
-    ----------
-    folder
-        It holds ``study.json`` and ``runs/``, or ``study.json`` and ``results.csv``.
+    """Return a study's finished replicates, from ``study.json`` and ``runs/`` or ``results.csv``.
 
     Raises
     ------
@@ -155,7 +145,7 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
     except (InvalidArgumentError, KeyError) as error:
         raise DamagedFileError(f"{path / STUDY} does not say what the target is: {error}") from None
     return Findings(
-        read_replicates(path, plan, header),
+        _read_replicates(path, plan, header),
         header["rounds"],
         truth,
         plan,
@@ -165,14 +155,8 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
     )
 
 
-def read_replicates(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
-    """Return the table of a study's finished replicates, from ``runs/`` or ``results.csv``.
-
-    Raises
-    ------
-    ConfigurationError, DamagedFileError
-        As ``read_study``.
-    """
+def _read_replicates(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
+    """Return the table of ``Findings``; raises as ``read_study``."""
     source = folder / CSV
     read = source.exists() and not (folder / RUNS).exists()
     if read:
@@ -242,9 +226,9 @@ def _run(
     arms = sorted(plan, key=arm_order)
     return {
         "target_changes": {
-            dimension.name: size
-            for dimension, size in zip(DIMENSIONS, morphology.to_array().tolist(), strict=True)
-            if size != dimension.nominal
+            d.name: size
+            for d, size in zip(DIMENSIONS, morphology.to_array().tolist(), strict=True)
+            if size != d.nominal
         },
         "target_damage": str(damage),
         "target_orientation": header.get("target_orientation", "upright"),

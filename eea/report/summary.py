@@ -11,14 +11,7 @@ import pandas as pd
 from aquafish_gym.morphology import FINS
 from eea.core.fitness import chance_level, mid_range_level, quantisation_errors, quantisation_limit
 from eea.report.arms import baseline_of, comparisons, is_baseline
-from eea.report.findings import (
-    ANGLE_ERRORS,
-    DIMENSION_ERRORS,
-    LAYOUT,
-    SPREADS,
-    Findings,
-    Floats,
-)
+from eea.report.findings import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, SPREADS, Findings, Floats
 from eea.report.statistics import paired_difference, rank_correlation, summarize
 
 SCHEMA = "eea.summary/2"
@@ -112,20 +105,10 @@ def _compare(findings: Findings, first: str, second: str) -> dict[str, Any]:
     for durations in [[steps] for steps in common] + ([common] if len(common) > 1 else []):
         curves = [findings.curves(arm, "obj_fit", durations) for arm in (first, second)]
         if not curves[0].index.intersection(curves[1].index).empty:
-            last, over = (
-                [values.to_dict() for values in both]
-                for both in (
-                    [c[findings.rounds] for c in curves],
-                    [c.mean(axis="columns") for c in curves],
-                )
-            )
-            rows.append(
-                {
-                    "durations": durations,
-                    "last_round": paired_difference(*last),
-                    "mean_over_rounds": paired_difference(*over),
-                }
-            )
+            last = [c[findings.rounds].to_dict() for c in curves]
+            over = [c.mean(axis="columns").to_dict() for c in curves]
+            row = {"durations": durations, "last_round": paired_difference(*last)}
+            rows.append(row | {"mean_over_rounds": paired_difference(*over)})
     # How many times the second's trials the first simulates, where both are finished.
     trials = [findings.replicates.loc[arm]["trials"] for arm in (first, second)]
     ours, theirs = pd.concat(trials, axis="columns", join="inner").sum()
@@ -159,9 +142,7 @@ def _summarize_dimensions(findings: Findings) -> dict[str, Any]:
                 "error": error,
                 "spread": summarize(last[SPREADS[i]]),
                 "mean_of_error_sds": None if np.isnan(sd) else sd,
-                "better_than_guessing": None
-                if interval is None
-                else bool(interval[1] < guesses[i]),
+                "better_than_guessing": interval and bool(interval[1] < guesses[i]),
             }
         arms[arm] = {
             "dimensions": rows,

@@ -9,11 +9,11 @@ from typing import Any
 
 from eea.report.arms import angle_label, setting_label, shown_in_full
 
-STARTS = {
+_STARTS = {
     "heading": ", and begins each trial with any heading",
     "attitude": ", and begins each trial in any attitude",
 }
-SIGNALS = {"body_rates": "gyroscope", "attitude": "attitude"}
+_SIGNALS = {"body_rates": "gyroscope", "attitude": "attitude"}
 MINUS = "\u2212"
 
 
@@ -36,35 +36,18 @@ def markdown(summary: Mapping[str, Any], figures: Sequence[str]) -> str:
         "## OBJ_FIT by condition and duration",
         "",
         *_arms(summary),
+        *_differences(summary["paired"], labels),
+        *_effects(summary["effects"], labels),
     ]
-    if any(comparison["rows"] for comparison in summary["paired"]):
-        lines += [
-            "## Paired differences",
-            "",
-            "Of OBJ_FIT within replicates: the target hides the same angles from every condition. "
-            "*p* is the sign test's.",
-            "",
-            *_differences(summary["paired"], labels),
-        ]
-    if any(comparison["rows"] for comparison in summary["effects"]):
-        lines += [
-            "## Effects against the baseline",
-            "",
-            "Of OBJ_FIT within replicates. Of twenty settings without any effect, one interval is "
-            "expected to exclude zero.",
-            "",
-            *_effects(summary["effects"], labels),
-        ]
     arms = shown_in_full(list(summary["arms"]))
-    dimensions = _dimensions(summary["dimensions"], arms, labels)
-    lines += ["## What can be known of the body", "", *dimensions]
+    lines += _dimensions(summary["dimensions"], arms, labels)
     angles = {
         angle_label(labels[arm], summary["conditions"][arm]): summary["angle_error"][arm]
         for arm in arms
         if arm in summary["angle_error"] and summary["conditions"][arm] != "ideal"
     }
     if angles:
-        lines += ["## The inferred angles", "", *_angles(angles)]
+        lines += _angles(angles)
     lines += ["## Figures", ""]
     for name in figures:
         lines += [f"![{PurePath(name).stem}]({name})", ""]
@@ -79,10 +62,10 @@ def _run(run: Mapping[str, Any], rounds: int, labels: Mapping[str, str]) -> str:
         body += f" but for {_listed(changed)} (in units of 5 cm),"
     damage = run["target_damage"]
     harm = "undamaged" if damage == "none" else f"damaged (`{damage}`)"
-    start = STARTS.get(run["target_orientation"], "")
+    start = _STARTS.get(run["target_orientation"], "")
     steps = {arm: f"{_listed([str(n) for n in own])} steps" for arm, own in run["steps"].items()}
     signals = {
-        arm: "an unknown signal" if signal is None else f"the {SIGNALS.get(signal, signal)}"
+        arm: "an unknown signal" if signal is None else f"the {_SIGNALS.get(signal, signal)}"
         for arm, signal in run["signals"].items()
     }
     text = (
@@ -91,8 +74,6 @@ def _run(run: Mapping[str, Any], rounds: int, labels: Mapping[str, str]) -> str:
         f"behaviours of {_of_arms(signals, labels)}. All settings are in `study.json`"
     )
     stamps = [f"`{stamp}`" for stamp in run["source"]]
-    if not stamps:
-        return f"{text}."
     several = "s are" if len(stamps) > 1 else " is"
     return f"{text}; the code's stamp{several} {_listed(stamps)}."
 
@@ -103,9 +84,8 @@ def _of_arms(values: Mapping[str, str], labels: Mapping[str, str]) -> str:
     for arm, value in values.items():
         arms.setdefault(value, []).append(labels[arm])
     most, *others = sorted(arms, key=lambda value: -len(arms[value]))
-    if not others:
-        return most
-    return f"{most} ({'; '.join(f'{_listed(arms[value])}: {value}' for value in others)})"
+    named = "; ".join(f"{_listed(arms[value])}: {value}" for value in others)
+    return f"{most} ({named})" if named else most
 
 
 def _missing(summary: Mapping[str, Any]) -> list[str]:
@@ -165,7 +145,12 @@ def _differences(comparisons: Sequence[Mapping[str, Any]], labels: Mapping[str, 
         for cells in _compared(comparison)
     ]
     columns = ["difference", "duration", "last round", "first is better in", "p"]
-    return _table([*columns, "mean over rounds"], rows)
+    text = (
+        "Of OBJ_FIT within replicates: the target hides the same angles from every condition. "
+        "*p* is the sign test's."
+    )
+    table = _table([*columns, "mean over rounds"], rows)
+    return ["## Paired differences", "", text, "", *table] if rows else []
 
 
 def _effects(comparisons: Sequence[Mapping[str, Any]], labels: Mapping[str, str]) -> list[str]:
@@ -174,15 +159,22 @@ def _effects(comparisons: Sequence[Mapping[str, Any]], labels: Mapping[str, str]
     lines = []
     for baseline in dict.fromkeys(comparison["second"] for comparison in comparisons):
         rows = [
-            [setting_label(found["first"], baseline, labels), *cells, _plain(ratio, 2)]
+            [
+                setting_label(found["first"], baseline, labels),
+                *cells,
+                _plain(found["trials_ratio"], 2),
+            ]
             for found in comparisons
             if found["second"] == baseline
-            for ratio in [found["trials_ratio"]]
             for cells in _compared(found)
         ]
         if rows:
             lines += [f"### From {labels[baseline]}", "", *_table(columns, rows)]
-    return lines
+    text = (
+        "Of OBJ_FIT within replicates. Of twenty settings without any effect, one interval is "
+        "expected to exclude zero."
+    )
+    return ["## Effects against the baseline", "", text, "", *lines] if lines else []
 
 
 def _compared(comparison: Mapping[str, Any]) -> list[list[str]]:
@@ -214,12 +206,15 @@ def _dimensions(
             own.append(_plain(row["mean_of_error_sds"]))
         rows.append([spoken(name), *cells])
         sds.append([spoken(name), *own])
+    found_together = {arm: numbers["rank_correlation"] for arm, numbers in arms.items()}
     spread = [
-        f"{labels[arm]} {_correlation(numbers['rank_correlation'])}"
-        for arm, numbers in arms.items()
+        f"{labels[arm]} {'unknown' if value is None else signed(value, 2)}"
+        for arm, value in found_together.items()
     ]
     names = [labels[arm] for arm in arms]
     return [
+        "## What can be known of the body",
+        "",
         "The best model's error in each dimension after the last round, as a share of the "
         "dimension's range, mean over replicates and durations; in brackets the spread (SD) of the "
         "final population. *Random* and *middle* are the errors of a random body and of the middle "
@@ -240,16 +235,15 @@ def _dimensions(
 def _angles(found: Mapping[str, Any]) -> list[str]:
     rows = []
     for name, fins in found.items():
-        cells = [name]
+        cells = []
         for error in fins.values():
-            interval = error["interval"]
-            text = f"{degrees(error['mean']):.1f}"
-            if interval is not None:
-                text += f" {_interval([degrees(end) for end in interval], 1)}"
-            cells.append(text)
-        rows.append(cells)
+            ends = error["interval"] and [degrees(end) for end in error["interval"]]
+            cells.append(f"{degrees(error['mean']):.1f} {_interval(ends, 1)}".rstrip())
+        rows.append([name, *cells])
     fins = [spoken(fin) for fin in next(iter(found.values()), {})]
     return [
+        "## The inferred angles",
+        "",
         "The distance, in degrees, of the true angle of the last round's trial from the middle of "
         "the range inferred for it, mean over replicates and durations. A guess is 90 off.",
         "",
@@ -286,10 +280,6 @@ def _plain(value: float | None, digits: int = 3) -> str:
     return "" if value is None else f"{value:.{digits}f}"
 
 
-def _correlation(value: float | None) -> str:
-    return "unknown" if value is None else signed(value, 2)
-
-
 def _signed_mean(summary: Mapping[str, Any]) -> str:
     text = signed(summary["mean"])
     if summary["interval"] is not None:
@@ -297,7 +287,5 @@ def _signed_mean(summary: Mapping[str, Any]) -> str:
     return text
 
 
-def _interval(interval: Sequence[float] | None, digits: int = 3) -> str:
-    if interval is None:
-        return ""
-    return "[" + ", ".join(f"{end:.{digits}f}" for end in interval) + "]"
+def _interval(ends: Sequence[float] | None, digits: int = 3) -> str:
+    return "" if ends is None else "[" + ", ".join(f"{end:.{digits}f}" for end in ends) + "]"

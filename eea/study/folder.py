@@ -27,14 +27,7 @@ _APART = ("replicates", "versions", "source", "arms")  # what two parts of a stu
 def read_description(
     folder: Path, checksum: Literal["required", "optional"] = "required"
 ) -> dict[str, Any]:
-    """Return what a folder's study.json says.
-
-    Parameters
-    ----------
-    folder
-        A study's.
-    checksum
-        As ``read_document``; the first studies have none.
+    """Return what a folder's study.json says; the first studies have no checksum.
 
     Raises
     ------
@@ -63,15 +56,8 @@ def read_description(
 def extended(folder: Path, study: Study, other_code: bool = False) -> dict[str, Any]:
     """Return what study.json is to say, of this study and of the one that is in its folder.
 
-    Parameters
-    ----------
-    folder
-        Nothing is changed in it.
-    study
-        What is asked for.
-    other_code
-        Whether results of other code, or of other versions of numpy and the like, are gone on
-        from.
+    Nothing is changed in the folder. Results of other code, or of other versions of numpy and the
+    like, are gone on from with ``other_code`` only.
 
     Raises
     ------
@@ -80,10 +66,16 @@ def extended(folder: Path, study: Study, other_code: bool = False) -> dict[str, 
         first difference.
     """
     ours: dict[str, Any] = json.loads(json.dumps(study.to_dict()))
-    if not (folder / STUDY).exists():
-        _refuse_others(folder)
-        return ours
-    return _joined(folder, read_description(folder), ours, other_code)
+    if (folder / STUDY).exists():
+        return _joined(folder, read_description(folder), ours, other_code)
+    rule, other = "out must be a new directory or hold a study", described(folder)
+    if other is not None:
+        raise InvalidArgumentError(f"{rule}; {folder} holds {other['kind']}")
+    if (folder / RUNS).exists():
+        raise InvalidArgumentError(
+            f"{rule}; {folder} holds {RUNS} but no {STUDY}, so what they are is not known"
+        )
+    return ours
 
 
 def claim(folder: Path, document: dict[str, Any]) -> None:
@@ -95,14 +87,7 @@ def claim(folder: Path, document: dict[str, Any]) -> None:
 def merge(folder: Path, other: Path, other_code: bool = False) -> int:
     """Add another folder's part of the same study to a folder; return how many results came.
 
-    Parameters
-    ----------
-    folder
-        It is held, and extended.
-    other
-        It stays as it is.
-    other_code
-        As ``extended``.
+    The other stays as it is; ``other_code`` is as in ``extended``.
 
     Raises
     ------
@@ -144,20 +129,11 @@ def _joined(
         **held,
         "replicates": written_plan(plan),
         "arms": {**held["arms"], **ours["arms"]},
-        "versions": _both(held["versions"], ours["versions"]),
-        "source": _both(held["source"], ours["source"]),
+        **{
+            name: [*held[name], *(one for one in ours[name] if one not in held[name])]
+            for name in ("versions", "source")
+        },
     }
-
-
-def _refuse_others(folder: Path) -> None:
-    """Refuse a folder without a study that holds something else."""
-    rule, other = "out must be a new directory or hold a study", described(folder)
-    if other is not None:
-        raise InvalidArgumentError(f"{rule}; {folder} holds {other['kind']}")
-    if (folder / RUNS).exists():
-        raise InvalidArgumentError(
-            f"{rule}; {folder} holds {RUNS} but no {STUDY}, so what they are is not known"
-        )
 
 
 def _spelled(name: str, settings: dict[str, Any]) -> str:
@@ -170,8 +146,7 @@ def _spelled(name: str, settings: dict[str, Any]) -> str:
 
 def _refuse_other_code(folder: Path, held: dict[str, Any], ours: dict[str, Any]) -> None:
     """Refuse results of other code, or of other versions of what computes them."""
-    difference = None
-    last = held["versions"][-1]
+    difference, last = None, held["versions"][-1]
     for now in ours["source"]:
         if now not in held["source"]:
             difference = f"other code (source {held['source'][-1]}, not {now})"
@@ -184,7 +159,3 @@ def _refuse_other_code(folder: Path, held: dict[str, Any], ours: dict[str, Any])
             f"out: {folder} holds results of {difference}; choose another folder, or say "
             "--other-code if no result can have changed"
         )
-
-
-def _both(held: list[Any], ours: list[Any]) -> list[Any]:
-    return [*held, *(one for one in ours if one not in held)]

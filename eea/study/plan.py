@@ -52,26 +52,17 @@ def read_plan(document: Mapping[str, Any]) -> Plan:
         raise ValueError("replicates")
     plan: Plan = {}
     for arm, durations in table.items():
-        if (
-            not isinstance(durations, dict)
-            or not durations
-            or not all(map(str.isdecimal, durations))
-        ):
+        sound = isinstance(durations, dict) and all(map(str.isdecimal, durations))
+        if not sound or not durations:
             raise ValueError(f"replicates.{arm}")
-        plan[arm] = {
-            int(steps): _span(seeds, f"replicates.{arm}.{steps}")
-            for steps, seeds in durations.items()
-        }
+        plan[arm] = {}
+        for steps, seeds in durations.items():
+            span: dict[str, Any] = seeds if isinstance(seeds, dict) else {}
+            first, count = span.get("first"), span.get("count")
+            if type(first) is not int or type(count) is not int or first < 0 or count < 1:
+                raise ValueError(f"replicates.{arm}.{steps}")
+            plan[arm][int(steps)] = range(first, first + count)
     return plan
-
-
-def _span(seeds: Any, name: str) -> range:
-    if not isinstance(seeds, dict):
-        raise ValueError(name)
-    first, count = seeds.get("first"), seeds.get("count")
-    if type(first) is not int or type(count) is not int or first < 0 or count < 1:
-        raise ValueError(name)
-    return range(first, first + count)
 
 
 def written_plan(plan: Plan) -> dict[str, Any]:
@@ -100,12 +91,8 @@ def joined(held: Plan, asked: Plan) -> Plan:
             old = own.get(steps, new)
             if max(old.start, new.start) > min(old.stop, new.stop):
                 raise ValueError(
-                    f"seeds {_spoken(old)}; {_spoken(new)} would leave a gap in those of "
-                    f"{arm} at {steps} steps"
+                    f"seeds {old.start} to {old.stop - 1}; {new.start} to {new.stop - 1} would "
+                    f"leave a gap in those of {arm} at {steps} steps"
                 )
             own[steps] = range(min(old.start, new.start), max(old.stop, new.stop))
     return plan
-
-
-def _spoken(seeds: range) -> str:
-    return f"{seeds.start} to {seeds.stop - 1}"

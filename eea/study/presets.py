@@ -36,15 +36,9 @@ FIGURE_ARMS: dict[str, str] = {
 
 
 def figure_config(name: str, steps: int = 256, rounds: int = 25) -> EEAConfig:
-    """Return the settings behind one of the paper's figures, or a variant of Sec. 4.3.
+    """Return the settings of ``FIGURES`` behind one of the paper's figures, or a variant.
 
-    Parameters
-    ----------
-    name
-        A key of ``FIGURES``: ``"fig5"`` to ``"fig10"``, ``"in-band-split"``,
-        ``"in-band-extended"``.
-    steps, rounds
-        The paper's figures have steps of 128 to 1024 and 25 rounds.
+    The paper's figures have steps of 128 to 1024 and 25 rounds.
 
     Raises
     ------

@@ -4,19 +4,38 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import aquafish_gym
+import eea
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.stamps import code_stamp
 from eea.aquafish import EngineTarget, Orientation, fish_eea
 from eea.core.algorithm import EEA, streams
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.study.plan import Place
 from eea.study.presets import smoke
-from eea.study.provenance import source_stamp
 
-Say = Callable[[str, float], None]
+# What decides a result. A study's settings are written down themselves, and the folder, the
+# commands and the reports only carry results.
+_ROBOT = ("command.py", "damage.py", "imu.py", "morphology.py", "physics", "engines")
+_ALGORITHM = ("core", "aquafish", "study/replicate.py")
+
+
+@cache
+def source_stamp() -> str:
+    """Return a hash of the code that decides the results; comments and docstrings have no say."""
+    packages = ((aquafish_gym, _ROBOT), (eea, _ALGORITHM))
+    paths = [
+        Path(str(package.__file__)).parent / name for package, names in packages for name in names
+    ]
+    return code_stamp(
+        file for path in paths for file in (sorted(path.rglob("*.py")) if path.is_dir() else [path])
+    )
 
 
 @dataclass(frozen=True)
@@ -25,14 +44,10 @@ class World:
 
     Attributes
     ----------
-    morphology
-        The target's body before the damage.
-    damage
-        What broke.
-    target_engine
-        Where the target swims.
-    target_orientation
-        How it lies at the start; see ``EngineTarget``.
+    morphology, damage
+        The target's body before the damage, and what broke.
+    target_engine, target_orientation
+        Where the target swims, and how it lies at the start; see ``EngineTarget``.
     engine, dtype
         Where the models swim.
     current
@@ -57,14 +72,10 @@ class Replicate:
 
     Attributes
     ----------
-    arm
-        The arm's name.
-    config
-        Its settings, with the steps and rounds.
+    arm, config
+        The arm's name and its settings, with the steps and rounds.
     seed
         Of everything random.
-    world
-        The target and the simulator.
     source
         The ``source_stamp`` of the code that is to run it, which a machine of a cluster may not
         have; empty for any.
@@ -126,10 +137,7 @@ class Replicate:
 def rehearse(jobs: Sequence[Replicate]) -> None:
     """Begin each job, and run one like the first in small, so that the engine is compiled.
 
-    Raises
-    ------
-    ConfigurationError, InvalidArgumentError, EngineUnavailableError
-        If a setting is wrong, or an engine is not to be had here.
+    Raises as ``Replicate.begin``.
     """
     for job in jobs:
         job.begin()
@@ -138,22 +146,16 @@ def rehearse(jobs: Sequence[Replicate]) -> None:
     replicate(replace(jobs[0], config=smoke(small)), lambda _text, _share: None)
 
 
-def replicate(job: Replicate, say: Say) -> dict[str, Any]:
+def replicate(job: Replicate, say: Callable[[str, float], None]) -> dict[str, Any]:
     """Run a replicate to its end; return what it was, why it ended, and a record a round.
 
-    The records are without their clock, so that the same job gives the same document anywhere.
-
-    Parameters
-    ----------
-    job
-        What to run. Nothing else has a say in what comes out.
-    say
-        Told the round, and the share of all rounds that is done.
+    Nothing but the job has a say in what comes out: the records are without their clock. ``say``
+    is told the round, and the share of all rounds that is done.
 
     Raises
     ------
     ConfigurationError
-        If this machine has other code than ``job.source``.
+        If this machine has other code than ``job.source``, and as ``Replicate.begin``.
     InvalidArgumentError, EngineUnavailableError
         As ``Replicate.begin``.
     """
@@ -162,10 +164,11 @@ def replicate(job: Replicate, say: Say) -> dict[str, Any]:
             f"this worker has other code (source {source_stamp()}, not {job.source}); install the "
             "same version on every machine"
         )
-    eea, rounds = job.begin(), job.config.rounds
-    for record in eea:
+    algorithm, rounds = job.begin(), job.config.rounds
+    for record in algorithm:
         say(f"{record.round}/{rounds}", record.round / rounds)
-    timeless = [record.to_dict() for record in eea.result.rounds]
+    result = algorithm.result
+    timeless = [record.to_dict() for record in result.rounds]
     for line in timeless:
         del line["seconds"]
-    return {**job.place._asdict(), "stopped": eea.result.stopped, "rounds": timeless}
+    return {**job.place._asdict(), "stopped": result.stopped, "rounds": timeless}

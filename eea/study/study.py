@@ -11,8 +11,7 @@ from aquafish_gym.runs.stamps import versions
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import EEAConfig
 from eea.study.plan import Plan, written_plan
-from eea.study.provenance import source_stamp
-from eea.study.replicate import Replicate, World
+from eea.study.replicate import Replicate, World, source_stamp
 
 # An arm's name is a folder's name, a cell of a table, and part of options and pictures' names.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -21,7 +20,6 @@ _LONGEST = 120
 _NOT_AN_ARMS = ("steps", "rounds", "time_limit")
 MOST_REPLICATES = 10_000  # of an arm; the paper has 25
 MOST_JOBS = 100_000
-MOST_SEED = 2**63 - 1
 
 
 @dataclass(frozen=True)
@@ -34,12 +32,8 @@ class Study:
         Name to settings, of which steps, rounds and time limit have no say.
     steps
         Lengths of trials; each arm has each.
-    rounds
-        Of every replicate.
     first_seed, replicates
         The seeds are as many from the first on, the same in each arm, so that arms are paired.
-    world
-        The target and the simulator.
 
     Raises
     ------
@@ -56,7 +50,7 @@ class Study:
 
     def __post_init__(self) -> None:
         whole("replicates", self.replicates, 1, MOST_REPLICATES)
-        whole("first_seed", self.first_seed, 0, MOST_SEED)
+        whole("first_seed", self.first_seed, 0, 2**63 - 1)
         whole("the number of arms", len(self.arms), 1)
         whole("the number of steps", len(self.steps), 1)
         if len(set(self.steps)) < len(self.steps):
@@ -101,16 +95,12 @@ class Study:
 
     def to_dict(self) -> dict[str, Any]:
         """Return all that decides the results, ready for JSON."""
-        world = self.world
+        world = dict(vars(self.world))
         return {
-            "target_morphology": world.morphology.to_dict(),
-            "target_damage": world.damage.to_list(),
-            "target_engine": world.target_engine,
-            "target_orientation": world.target_orientation,
-            "engine": world.engine,
-            "dtype": world.dtype,
-            "current": list(world.current),
-            "substeps": world.substeps,
+            "target_morphology": world.pop("morphology").to_dict(),
+            "target_damage": world.pop("damage").to_list(),
+            **world,
+            "current": list(self.world.current),
             "rounds": self.rounds,
             "replicates": written_plan(self.plan),
             "arms": {

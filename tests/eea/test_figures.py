@@ -7,7 +7,9 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.text import Text
 
-from eea.report import figures, read_study, summarize_study
+from eea.report import figures
+from eea.report.findings import read_study
+from eea.report.summary import summarize_study
 from study_folder import LEVELS, write_study
 
 

@@ -14,11 +14,11 @@ from aquafish_gym.runs.storage import DamagedFileError
 from aquafish_gym.utils.validation import UnknownNameError
 from eea.core.checks import ConfigurationError
 from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
-from eea.report import read_study, report, summarize_study
+from eea.report import report
 from eea.report.arms import baseline_of, comparisons
-from eea.report.figures import rounds_figure
-from eea.report.findings import COLUMNS, LAYOUT
-from eea.report.summary import chance_errors
+from eea.report.figures.rounds import rounds_figure
+from eea.report.findings import COLUMNS, LAYOUT, read_study
+from eea.report.summary import chance_errors, summarize_study
 from eea.report.tables import markdown
 from study_folder import TRUTH, make_records, write_records, write_study
 
@@ -512,7 +512,7 @@ def test_what_the_report_needs_is_loaded_when_it_is_used():
         "assert not {'matplotlib', 'pandas', 'scipy'} & set(sys.modules)\n"
         "from eea.report.statistics import interval\n"
         "assert not {'matplotlib', 'pandas'} & set(sys.modules)\n"
-        "from eea.report import read_study\n"
+        "from eea.report.findings import read_study\n"
         "assert 'matplotlib' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import pytest
 from rich.console import Console
 
-import eea.study.provenance
+import eea.study.replicate
 import eea.study.study
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
@@ -25,8 +25,7 @@ from eea.core.genetic import GeneticConfig
 from eea.study.cost import cost
 from eea.study.folder import claim, extended, merge, read_description
 from eea.study.plan import places
-from eea.study.provenance import source_stamp
-from eea.study.replicate import World
+from eea.study.replicate import World, source_stamp
 from eea.study.study import Study
 
 WORLD = World(Morphology.nominal(), Damage.parse("none"))
@@ -169,7 +168,7 @@ def test_code_that_decides_results_is_stamped_and_no_other(tmp_path, monkeypatch
     source, other = tmp_path / "eea/core/algorithm.py", tmp_path / "eea/study/folder.py"
     (tmp_path / "eea/study/replicate.py").write_text("")
     source.write_text('"""A text."""\n\ndef f(x):\n    """Another."""\n    return x + 1\n')
-    monkeypatch.setattr(eea.study.provenance.eea, "__file__", str(tmp_path / "eea" / "__init__.py"))
+    monkeypatch.setattr(eea.study.replicate.eea, "__file__", str(tmp_path / "eea" / "__init__.py"))
     stamp_now = source_stamp.__wrapped__
     stamp = stamp_now()
     assert stamp != source_stamp()

@@ -14,12 +14,10 @@ from aquafish_gym.runs.folder import held
 from aquafish_gym.runs.stamps import versions
 from eea.__main__ import Commands, main
 from eea.cli.study import StudyCommand
-from eea.study.ablations import ABLATIONS
-from eea.study.arms import ablation_arms
+from eea.study.ablations import ABLATIONS, ablation_arms
 from eea.study.folder import read_description
 from eea.study.presets import figure_config
-from eea.study.provenance import source_stamp
-from eea.study.replicate import replicate
+from eea.study.replicate import replicate, source_stamp
 
 SMALL = [
     *("--exploration.population", "4", "--exploration.generations", "2"),

@@ -18,8 +18,7 @@ from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.core.inference import OutOfBandConfig
 from eea.study.plan import Place, joined, places, read_plan, written_plan
-from eea.study.provenance import source_stamp
-from eea.study.replicate import Replicate, World, rehearse, replicate
+from eea.study.replicate import Replicate, World, rehearse, replicate, source_stamp
 
 CONFIG = EEAConfig(
     condition="none",

@@ -24,19 +24,11 @@ from eea.report.figures.rounds import (
 )
 from eea.report.findings import Findings
 
-__all__ = [
-    "angles_figure",
-    "conditions_figure",
-    "dimensions_figure",
-    "final_figure",
-    "forest_figure",
-    "rounds_figure",
-    "save_study_figures",
-    "spread_figure",
-]
-
 _MOST_LINES = 8  # that can be told apart in one picture
-_NAMES = ("final", "paired", "conditions", "dimensions", "spread", "angles", "effects")
+_NAMES = {
+    *("final", "paired", "conditions", "dimensions", "spread", "angles", "effects"),
+    *FIGURES.values(),
+}
 
 
 def save_study_figures(
@@ -47,23 +39,12 @@ def save_study_figures(
 ) -> list[Path]:
     """Draw every picture that a study has the numbers for; return the files.
 
-    Pictures of an earlier report that this one does not draw are removed.
-
-    Parameters
-    ----------
-    findings
-        The study's finished replicates.
-    summary
-        As ``eea.report.summary.summarize_study``.
-    directory
-        Where the files go; made if need be.
-    formats
-        Some of ``FORMATS``.
+    Pictures of an earlier report that this one does not draw are removed from the directory.
 
     Raises
     ------
     UnknownNameError
-        If a format is none of these.
+        If a format is none of ``FORMATS``.
     """
     for form in formats:
         one_of("format", form, FORMATS)
@@ -74,9 +55,7 @@ def save_study_figures(
             paths.append(directory / f"{name}.{form}")
             save_figure(figure, paths[-1])
     for old in directory.iterdir():
-        ours = old.stem in (*_NAMES, *FIGURES.values()) or old.stem.startswith(
-            ("rounds-", "final-", "effects-")
-        )
+        ours = old.stem in _NAMES or old.stem.startswith(("rounds-", "final-", "effects-"))
         if ours and old.suffix[1:] in FORMATS and old not in paths:
             old.unlink()
     return paths

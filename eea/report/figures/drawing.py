@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
+from scipy.optimize import isotonic_regression
 
 from eea.report.tables import MINUS
 
@@ -68,13 +69,9 @@ def draw_levels(axes: Axes, summary: Mapping[str, Any]) -> None:
 
 def _spaced(places: Floats, gap: float) -> Floats:
     """Return ascending places in [0, 1], moved the least that keeps them apart and inside."""
-    # Less a gap for each place below, they must only not fall: the nearest such row of numbers
-    # is known in closed form.
+    # Less a gap for each place below, they must only not fall, which isotonic regression gives.
     shift = gap * np.arange(len(places))
-    row, every = places - shift, range(len(places))
-    rising = [
-        max(min(row[i : k + 1].mean() for k in every[j:]) for i in every[: j + 1]) for j in every
-    ]
+    rising = isotonic_regression(places - shift).x
     spaced: Floats = np.clip(rising, gap / 2, 1.0 - gap / 2 - shift[-1]) + shift
     return spaced
 

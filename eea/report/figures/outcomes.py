@@ -75,7 +75,8 @@ def forest_figure(
     """
     shown = [comparison for comparison in comparisons if comparison["rows"]]
     against = sorted({comparison["second"] for comparison in shown})
-    if len(against) == 1:
+    alone = len(against) == 1
+    if alone:
         shown.sort(key=lambda comparison: -comparison["rows"][-1]["last_round"]["mean"])
     keys = sorted(
         {tuple(row["durations"]) for c in shown for row in c["rows"]}, key=lambda k: (len(k), *k)
@@ -83,8 +84,8 @@ def forest_figure(
     colours = {
         key: duration_colour(key[0], durations) if len(key) == 1 else "black" for key in keys
     }
-    gap = 0.3 if len(against) == 1 else 1.5  # for names of one line, and of two
-    gap = 0.8 if len(keys) > 1 else gap
+    # For names of one line, and of two, beside one row.
+    gap = 0.8 if len(keys) > 1 else 0.3 if alone else 1.5
     lines = sum(len(comparison["rows"]) + gap for comparison in shown)
     figure = new_figure(5.4, 1.3 + 0.18 * lines)
     axes = figure.add_subplot()
@@ -102,10 +103,10 @@ def forest_figure(
             fill = "white" if low <= 0.0 <= high else colour
             axes.plot([low, high], [place + i] * 2, color=colour, lw=1.6 if single else 2.4)
             axes.plot(last["mean"], place + i, mark, ms=5, color=colour, mfc=fill)
-        first, second = (labels[comparison[which]] for which in ("first", "second"))
-        name = f"{first}\nless {second}"
-        if len(against) == 1:
-            name = setting_label(comparison["first"], comparison["second"], labels)
+        first, second = comparison["first"], comparison["second"]
+        name = f"{labels[first]}\nless {labels[second]}"
+        if alone:
+            name = setting_label(first, second, labels)
         ticks.append((place + (len(rows) - 1) / 2, name))
         place += len(rows) + gap
         axes.axhline(place - (1 + gap) / 2, color="0.9", lw=0.8)
@@ -114,7 +115,7 @@ def forest_figure(
     axes.set_yticks([tick for tick, _ in ticks], [name for _, name in ticks])
     axes.tick_params(axis="y", length=0)
     grid(axes, "x")
-    origin = f"\nfrom {labels[against[0]]}" if len(against) == 1 else ""
+    origin = f"\nfrom {labels[against[0]]}" if alone else ""
     intervals = [row["last_round"]["interval"] for c in shown for row in c["rows"]]
     notes = []
     if any(interval is not None for interval in intervals):
@@ -140,11 +141,8 @@ def spread_figure(summary: Mapping[str, Any]) -> Figure:
     found = summary["dimensions"]
     names = list(found["chance_error"])
     fins, sizes = fins_and_sizes(names)
-    arms = {
-        arm: found["arms"][arm]
-        for arm in shown_in_full(list(summary["arms"]))
-        if arm in found["arms"]
-    }
+    shown = shown_in_full(list(summary["arms"]))
+    arms = {arm: found["arms"][arm] for arm in shown if arm in found["arms"]}
     columns = 2 if len(arms) == 4 else min(3, len(arms))
     rows = -(-len(arms) // columns)
     figure = new_figure(max(4.8, 0.8 + 2.1 * columns), 1.3 + 2.0 * rows)
@@ -178,7 +176,11 @@ def spread_figure(summary: Mapping[str, Any]) -> Figure:
     panels[0].set_yticks([0.0, 0.05, 0.2, 0.5, 1.0, 1.5], ["0", ".05", ".2", ".5", "1", "1.5"])
     panels[0].set_ylim(0.0, max(1.2, panels[0].get_ylim()[1]))
     panels[0].set_xlim(0.0, max(0.1, 1.05 * panels[0].get_xlim()[1]))
-    _draw_keys(panels[0], fins, sizes)
+    for fin, marker in zip(fins, MARKERS, strict=False):
+        panels[0].plot([], [], marker, ms=6, color="0.5", label=spoken(fin))
+    for size, colour in zip(sizes, _SIZES, strict=False):
+        panels[0].plot([], [], "-", lw=4, color=colour, label=size)
+    panels[0].plot([], [], "--", lw=1, color=GREY, label="random bodies")
     figure.supylabel("error of the best model,\n1 = random bodies (root scales)", fontsize="medium")
     legend_below(figure, panels[0], 4)
     return figure
@@ -198,12 +200,3 @@ def _draw_distribution(axes: Axes, place: float, width: float, values: Floats, c
     axes.fill_between([left, right], low, high, color=colour, alpha=0.22, lw=0, zorder=1)
     axes.plot([left, right], [middle, middle], color=colour, lw=2.2, zorder=2)
     axes.scatter(place + offsets, values, s=7, color=colour, alpha=0.75, lw=0, zorder=3)
-
-
-def _draw_keys(axes: Axes, fins: Sequence[str], sizes: Sequence[str]) -> None:
-    """Put markers of fins and colours of sizes into the legend."""
-    for fin, marker in zip(fins, MARKERS, strict=False):
-        axes.plot([], [], marker, ms=6, color="0.5", label=spoken(fin))
-    for size, colour in zip(sizes, _SIZES, strict=False):
-        axes.plot([], [], "-", lw=4, color=colour, label=size)
-    axes.plot([], [], "--", lw=1, color=GREY, label="random bodies")

@@ -123,10 +123,7 @@ def angles_figure(findings: Findings) -> Figure:
 
 
 def _draw_arms(axes: Axes, findings: Findings, column: str, angles: bool = False) -> None:
-    """Draw the mean over durations of each arm, with 95% intervals of the mean as bands.
-
-    Angles are drawn in degrees, of the arms that are not told them.
-    """
+    """Draw each arm's mean over durations and its 95% interval; angles in degrees, if not told."""
     arms, number = findings.arms, np.arange(1, findings.rounds + 1)
     if angles:
         arms = [arm for arm in arms if findings.conditions[arm] != "ideal"]
