@@ -11,8 +11,8 @@ SERVOS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
 
 # Pectorals turn at [-0.5, 0.5] rev/s; the caudal fin sweeps +-30 degrees at [0, 1] Hz.
 COMMAND_LOW: NDArray[np.float64] = np.array([-0.5, -0.5, 0.0])
-COMMAND_HIGH: NDArray[np.float64] = np.array([0.5, 0.5, 1.0])
 COMMAND_LOW.setflags(write=False)
+COMMAND_HIGH: NDArray[np.float64] = np.array([0.5, 0.5, 1.0])
 COMMAND_HIGH.setflags(write=False)
 
 

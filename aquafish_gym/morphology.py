@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -75,13 +75,7 @@ Size = tuple[float, float, float]
 
 
 def dimension_index(fin: str, size: str) -> int:
-    """Return the row of ``DIMENSIONS`` for a fin's ``length``, ``width`` or ``thickness``.
-
-    Raises
-    ------
-    UnknownNameError
-        If the fin or the size is unknown; the nearest valid name is offered.
-    """
+    """Return the row of ``DIMENSIONS`` for a fin and one of ``SIZES``."""
     one_of("fin", fin, FINS)
     one_of("size", size, SIZES)
     return next(i for i, d in enumerate(DIMENSIONS) if (d.fin, d.size) == (fin, size))
@@ -126,20 +120,14 @@ class Morphology:
 
     @classmethod
     def coerce(cls, value: MorphologyLike) -> Morphology:
-        """Make one from whatever a user may mean.
-
-        ``None`` is the nominal body, a mapping goes from fin to (x, y, z) with the fins left
-        out nominal, anything else is nine numbers.
-        """
+        """Make one from ``None`` (nominal), fin to (x, y, z) (others nominal) or nine numbers."""
         if value is None:
             return cls.nominal()
         if isinstance(value, Morphology):
             return value
         if isinstance(value, Mapping):
-            sizes = {f.name: getattr(cls.nominal(), f.name) for f in fields(cls)}
-            for fin, size in value.items():
-                sizes[one_of("morphology fin", fin, FINS)] = size
-            return cls(**sizes)
+            given = {one_of("morphology fin", fin, FINS): size for fin, size in value.items()}
+            return cls(**{**asdict(cls.nominal()), **given})
         return cls.from_array(value)
 
     def to_array(self) -> NDArray[np.float64]:
@@ -186,13 +174,7 @@ _FRACTIONS = {
 def change_in_words(before: Morphology, after: Morphology, tolerance: float = 0.0) -> str:
     """Return in words how one body differs from another, an estimated one from the known, say.
 
-    Parameters
-    ----------
-    before, after
-        The bodies.
-    tolerance
-        What counts as a change: a size that differs by more than this share of its range in
-        ``DIMENSIONS``. 0 names every change.
+    A size has changed that differs by more than ``tolerance``, a share of its range.
 
     Examples
     --------

@@ -174,19 +174,14 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self.frame_skip = check_frame_skip(frame_skip)
         self.render_mode = check_render_mode(render_mode)
         # The class says which modes there are, the environment which of them work here.
-        self.metadata = {
-            "render_modes": usable_modes(),
-            "render_fps": max(1, round(1 / self.dt)),
-        }
+        fps = max(1, round(1 / self.dt))
+        self.metadata = {"render_modes": usable_modes(), "render_fps": fps}
         self.action_space = action_space()
         self.observation_space = observation_space(self._observe_fins)
         self._world: World | None = None
         self._window: Window | None = None
         self._steps_left = 0
         self._episode = self._conditions
-        self._body = self._conditions.body
-        # What each step's info repeats.
-        self._told: tuple[str, NDArray[np.float64]] = ("", np.zeros(9))
         # What is now, or was before the robot diverged.
         self._fin_angles: Triple = (0.0, 0.0, 0.0)
         self._state = at_rest(self._fin_angles)
@@ -199,14 +194,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode.
+        """Begin an episode; the seed is for random fin angles.
 
-        Parameters
-        ----------
-        seed
-            For the random fin angles.
-        options
-            ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
+        ``options`` are ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
 
         Raises
         ------
@@ -215,14 +205,11 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         number = None if seed is None else integer("seed", seed, 0)
         self._episode = self._conditions.with_options(options)  # may refuse
-        self._body = self._episode.body
         super().reset(seed=number)
         if self._world is None:
             self._world = make_world(self._engine, self._reactive)
-        left, right, phase = self._episode.draw_fin_angles(1, self.np_random)[0].tolist()
-        sizes = self._body.to_array()
-        self._world.reset(sizes, (left, right, phase), self._episode.current)
-        self._told = (str(self._episode.damage), sizes)
+        left, right, phase = self._episode.draw_fin_angles(self.np_random).tolist()
+        self._world.reset(self._episode.sizes, (left, right, phase), self._episode.current)
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
         self._steps_left = episode_length(self.frame_skip)
         here = self._state.position
@@ -269,13 +256,12 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         return observe(self._state.orientation, self._state.spin, fins)
 
     def _info(self, before: Vector, after: Vector) -> dict[str, Any]:
-        damage, sizes = self._told
-        info = motion_info(before, after, self.dt)
-        info["diverged"] = False
-        info["fin_angles"] = np.array(self._fin_angles)
-        info["damage"] = damage
-        info["morphology"] = sizes.copy()
-        return info
+        return motion_info(before, after, self.dt) | {
+            "diverged": False,
+            "fin_angles": np.array(self._fin_angles),
+            "damage": self._episode.broken,
+            "morphology": self._episode.sizes.copy(),
+        }
 
     def render(self) -> Any:
         """Return a frame (480, 640, 3) uint8, or show it in the window; None without a mode."""
@@ -286,9 +272,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.render_mode == "human":
             if self._window is None:
                 self._window = Window()
-            self._window.show(self._body, pose, angles)
+            self._window.show(self._episode.body, pose, angles)
             return None
-        return render_pose(self._body, pose, angles)
+        return render_pose(self._episode.body, pose, angles)
 
     def close(self) -> None:
         """Give back what the engine and the window hold; closing twice does no harm."""

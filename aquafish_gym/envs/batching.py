@@ -20,11 +20,12 @@ def bodies(morphology: object, count: int) -> list[Any]:
         several = not isinstance(morphology[0], int | float | np.number)
     if not several:
         return [morphology]
-    if len(morphology) != count:  # type: ignore[arg-type]
+    each: list[Any] = list(morphology)  # type: ignore[call-overload]
+    if len(each) != count:
         raise InvalidArgumentError(
-            f"morphology must be one body or num_envs = {count} of them; got {len(morphology)}"  # type: ignore[arg-type]
+            f"morphology must be one body or num_envs = {count} of them; got {len(each)}"
         )
-    return list(morphology)  # type: ignore[call-overload,no-any-return]
+    return each
 
 
 def check_seeds(seed: object, count: int) -> list[int | None]:
@@ -76,9 +77,5 @@ def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -
     observations = np.full(len(ended), None, dtype=object)
     for i in np.flatnonzero(ended):
         observations[i] = last[i]
-    return info | {
-        "final_obs": observations,
-        "_final_obs": ended.copy(),
-        "final_info": final,
-        "_final_info": ended.copy(),
-    }
+    finals = masked({"final_obs": observations}, ended)
+    return info | finals | {"final_info": final, "_final_info": ended.copy()}

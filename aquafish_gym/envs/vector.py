@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -54,20 +54,8 @@ QUATERNION, POSITION, GYRO = FIELDS["orientation"], FIELDS["position"], FIELDS["
 SPEEDS = slice(FIELDS["velocity"].start, GYRO.stop)
 
 
-class _Start(NamedTuple):
-    """What an episode begins with, its sizes and words worked out once."""
-
-    conditions: Conditions
-    sizes: Floats
-    damage: str
-
-
-def _start(conditions: Conditions) -> _Start:
-    return _Start(conditions, conditions.body.to_array(), str(conditions.damage))
-
-
 class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
-    """``num_envs`` of :class:`~aquafish_gym.envs.aquafish.AquaFishEnv` in the lanes of one engine.
+    """Many of :class:`~aquafish_gym.envs.aquafish.AquaFishEnv` in the lanes of one engine.
 
     ``gym.make_vec("AquaFish-v0", num_envs=64)`` makes one. Spaces, rewards, start, end and
     ``info`` are the single environment's, with a leading axis; each key of ``info`` has its
@@ -76,8 +64,6 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     Parameters
     ----------
-    num_envs
-        How many robots.
     morphology
         As the single environment's, for all; or (num_envs, 9) sizes, one body each.
     engine
@@ -90,10 +76,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         None takes every core; no result depends on it.
     autoreset_mode
         An ``AutoresetMode`` or its name: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
-    damage, current, fin_angles, observe_fins, frame_skip
-        As the single environment's, for all.
-    forward_reward_weight, ctrl_cost_weight, reactive
-        As the single environment's, for all.
+
+    The others are as the single environment's, for all.
 
     Raises
     ------
@@ -161,17 +145,17 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
         # Robots of one body share one start.
         starts = [
-            _start(check_conditions(body, damage, current, fin_angles))
+            check_conditions(body, damage, current, fin_angles)
             for body in bodies(morphology, self.num_envs)
         ]
         self._starts = starts if len(starts) > 1 else starts * self.num_envs
         # Of the present episodes.
         self._sizes = np.stack([start.sizes for start in self._starts])
-        self._damages = np.array([start.damage for start in self._starts], dtype=object)
+        self._damages = np.array([start.broken for start in self._starts], dtype=object)
         self._lanes = LaneBatch(
             self._sizes,
             np.zeros((self.num_envs, 3)),
-            starts[0].conditions.current,
+            starts[0].current,
             getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
             threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
             reactive=flag("reactive", reactive),
@@ -195,14 +179,9 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     ) -> tuple[Observations, Info]:
         """Begin an episode of every robot, or of those under ``options["reset_mask"]``.
 
-        Parameters
-        ----------
-        seed
-            Robot i takes seed + i; or one seed each; None goes on with the generators as they
-            are, and so do the robots that are not reset.
-        options
-            ``fin_angles``, ``morphology`` and ``damage``, the same for all and for this episode
-            alone, and ``reset_mask`` (num_envs,) of bool.
+        Robot i takes seed + i, or its own of a list; without a seed the generators go on, and so
+        do robots that are not reset. ``options`` are the single environment's, the same for all,
+        and ``reset_mask`` (num_envs,) of bool.
         """
         seeds = check_seeds(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)
@@ -257,42 +236,35 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._begin(over, self._chosen(over))
             before[:, over] = now[:, over]
         ended = self._steps_left == 0
-        info = masked(
-            {**self._info(before), "diverged": diverged}, np.ones(self.num_envs, np.bool_)
-        )
+        everyone = np.ones(self.num_envs, np.bool_)
+        info = masked({**self._info(before), "diverged": diverged}, everyone)
         info |= masked(terms, ~over)
         if ended.any() and self._autoreset is AutoresetMode.SAME_STEP:
             last = self._observation()
             self._begin(ended, self._chosen(ended))
             info = put_final(info, masked(self._info(now), ended), last, ended)
-        return (
-            self._observation(),
-            np.asarray(sum(terms.values())),
-            diverged,
-            ended & ~diverged,
-            info,
-        )
+        reward = np.asarray(sum(terms.values()))
+        return self._observation(), reward, diverged, ended & ~diverged, info
 
-    def _chosen(self, mask: Mask, options: dict[str, Any] | None = None) -> list[_Start]:
+    def _chosen(self, mask: Mask, options: dict[str, Any] | None = None) -> list[Conditions]:
         """Return how the robots under ``mask`` shall begin."""
         starts = [self._starts[i] for i in np.flatnonzero(mask).tolist()]
         if options is not None:
-            special = {id(start): start.conditions for start in starts}
             made = {
-                key: _start(conditions.with_options(options, ("reset_mask",)))
-                for key, conditions in special.items()
+                key: start.with_options(options, ("reset_mask",))
+                for key, start in {id(start): start for start in starts}.items()
             }
             starts = [made[id(start)] for start in starts]
         return starts
 
-    def _begin(self, mask: Mask, starts: list[_Start]) -> None:
+    def _begin(self, mask: Mask, starts: list[Conditions]) -> None:
         """Put the robots under ``mask`` back to their starts."""
         chosen = np.flatnonzero(mask).tolist()
         angles = np.empty((len(chosen), 3))
         for row, (i, start) in enumerate(zip(chosen, starts, strict=True)):
             self._sizes[i] = start.sizes
-            self._damages[i] = start.damage
-            angles[row] = start.conditions.draw_fin_angles(1, self._rngs[i])[0]
+            self._damages[i] = start.broken
+            angles[row] = start.draw_fin_angles(self._rngs[i])
         self._lanes.replace(mask, self._sizes[mask], angles)
         self._now[:, mask] = self._lanes.rows()[:, mask]
         self._steps_left[mask] = episode_length(self.frame_skip)
@@ -316,13 +288,11 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
         if self.render_mode is None:
             return None
-        position, quaternion = self._now[POSITION].T, self._now[QUATERNION].T
-        angles = angles_of_rows(self._now).T
+        now = self._now
+        robots = (self._sizes, now[POSITION].T, now[QUATERNION].T, angles_of_rows(now).T)
         return tuple(
-            render_pose(
-                Morphology.from_array(self._sizes[i]), (position[i], quaternion[i]), angles[i]
-            )
-            for i in range(self.num_envs)
+            render_pose(Morphology.from_array(sizes), (position, quaternion), angles)
+            for sizes, position, quaternion, angles in zip(*robots, strict=True)
         )
 
 

@@ -1,6 +1,6 @@
 """Pictures and films of the robot; PyBullet, which draws, is loaded when it is first asked to."""
 
-from aquafish_gym.rendering.film import Frame, write_gif, write_mp4
+from aquafish_gym.rendering.film import Frame, write_gif
 from aquafish_gym.rendering.render import (
     RENDER_MODES,
     Window,
@@ -23,5 +23,4 @@ __all__ = [
     "render_pose",
     "usable_modes",
     "write_gif",
-    "write_mp4",
 ]

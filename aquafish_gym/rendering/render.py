@@ -13,7 +13,6 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -55,29 +54,26 @@ def check_render_mode(mode: object) -> str | None:
     name = one_of("render_mode", mode, RENDER_MODES)
     # Without one, Bullet's window code ends the whole process.
     if name == "human" and not _has_display():
+        display = os.environ.get("DISPLAY")
+        why = f"no X server answers at DISPLAY={display}" if display else "DISPLAY is not set"
         raise EngineUnavailableError(
-            f'render_mode="human" opens a window and there is no display here ({_display()}); '
+            f'render_mode="human" opens a window and there is no display here ({why}); '
             'use render_mode="rgb_array" and save the frames'
         )
-    _load_renderer()
+    _require_renderer()
     return name
 
 
-def _load_renderer() -> Any:
-    """Return PyBullet, or say that drawing needs it, whatever engine moves the robot."""
+def _require_renderer() -> None:
+    """Say that drawing needs PyBullet, whatever engine moves the robot."""
     try:
-        return load_pybullet()
+        load_pybullet()
     except EngineUnavailableError:
         raise EngineUnavailableError(
             "drawing the robot needs the package pybullet, with every engine, and it is not "
             "installed here: pip install pybullet==3.2.7 on Linux with Python 3.9 to 3.11, or "
             "leave render_mode out"
         ) from None
-
-
-def _display() -> str:
-    name = os.environ.get("DISPLAY")
-    return f"no X server answers at DISPLAY={name}" if name else "DISPLAY is not set"
 
 
 def _has_display() -> bool:
@@ -111,25 +107,9 @@ def render_pose(
     height: int = 480,
     camera: Camera | None = None,
 ) -> Frame:
-    """Return a picture of the robot.
+    """Return a picture of the robot, (height, width, 3) uint8; fins of no area are not drawn.
 
-    Parameters
-    ----------
-    morphology
-        The body; fins of no area are not drawn.
-    pose
-        Position (3,) in units of 5 cm and quaternion (4,) from body to world.
-    fin_angles
-        Left and right pectoral angle and caudal phase, rad.
-    width, height
-        In pixels.
-    camera
-        None follows the robot from behind, above and to its right.
-
-    Returns
-    -------
-    ndarray
-        (height, width, 3) uint8.
+    Without a camera it is seen from behind, above and its right.
 
     Raises
     ------
@@ -138,7 +118,7 @@ def render_pose(
     EngineUnavailableError
         If PyBullet, which draws, is not installed.
     """
-    _load_renderer()
+    _require_renderer()
     integer("width", width, 16, 4096)
     integer("height", height, 16, 4096)
     position, quaternion, angles = _check_pose(pose, fin_angles)
@@ -203,13 +183,8 @@ class Window:
         self._figure.build(morphology)
         self._figure.place(position, quaternion, angles)
         camera = Camera()
-        load_pybullet().resetDebugVisualizerCamera(
-            camera.distance,
-            camera.azimuth,
-            -camera.elevation,
-            position.tolist(),
-            physicsClientId=self._figure.client,
-        )
+        view = (camera.distance, camera.azimuth, -camera.elevation, position.tolist())
+        load_pybullet().resetDebugVisualizerCamera(*view, physicsClientId=self._figure.client)
 
     def close(self) -> None:
         """Close the window; closing twice does no harm."""
@@ -227,18 +202,12 @@ def render_motion(
     height: int = 480,
     camera: Camera | None = None,
 ) -> list[Frame]:
-    """Return a picture for each of T poses.
-
-    Parameters
-    ----------
-    positions, quaternions, fin_angles
-        (T, 3), (T, 4) and (T, 3); see :func:`render_pose`.
-    """
+    """Return :func:`render_pose` of T positions (T, 3), quaternions (T, 4) and fins (T, 3)."""
     where = finite_array("positions", positions, (None, 3))
     count = len(where)
     how = finite_array("quaternions", quaternions, (count, 4))
     angles = finite_array("fin_angles", fin_angles, (count, 3), unit="rad")
     return [
-        render_pose(morphology, (where[t], how[t]), angles[t], width, height, camera)
-        for t in range(count)
+        render_pose(morphology, (here, turn), fins, width, height, camera)
+        for here, turn, fins in zip(where, how, angles, strict=True)
     ]

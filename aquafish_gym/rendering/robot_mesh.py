@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -42,20 +43,14 @@ def fin_poses(
 ) -> list[tuple[Floats, Floats]]:
     """Return where the middle of each fin is and how it is turned, in the world."""
     left, right, phase = np.asarray(fin_angles, dtype=np.float64)
+    angles = (left, right, caudal_angle((math.cos(phase), math.sin(phase))))
     poses = []
-    for fin, hinge, axis, angle in zip(
-        FINS,
-        HINGES,
-        AXES,
-        (left, right, caudal_angle((math.cos(phase), math.sin(phase)))),
-        strict=True,
-    ):
+    for fin, hinge, axis, angle in zip(FINS, HINGES, AXES, angles, strict=True):
         turn = np.append(np.array(axis) * math.sin(angle / 2), math.cos(angle / 2))
         whole = multiply(quaternion, turn)
         middle = np.array([0.0, -getattr(morphology, fin)[1] / 2, 0.0])
-        poses.append(
-            (position + rotate(quaternion, np.array(hinge)) + rotate(whole, middle), whole)
-        )
+        place = position + rotate(quaternion, np.array(hinge)) + rotate(whole, middle)
+        poses.append((place, whole))
     return poses
 
 
@@ -127,9 +122,7 @@ class Figure:
 
 
 @functools.cache
-def _capsule_mesh(
-    around: int = 40, along: int = 10
-) -> tuple[list[list[float]], list[list[float]], list[int]]:
+def _capsule_mesh(around: int = 40, along: int = 10) -> tuple[Any, Any, Any]:
     """Return vertices, normals and triangles of the capsule, whose axis is y.
 
     Bullet's own has so few faces that its ends look like nuts.
@@ -140,25 +133,16 @@ def _capsule_mesh(
     axial = np.concatenate([-np.cos(polar), np.cos(polar[::-1])])
     shift = np.repeat([-CYLINDER / 2, CYLINDER / 2], along)
     angle = np.arange(around) * (2 * math.pi / around)
-    normals = np.stack(
-        [
-            np.outer(ring, np.cos(angle)),
-            np.repeat(axial[:, None], around, axis=1),
-            np.outer(ring, np.sin(angle)),
-        ],
-        axis=-1,
-    )
+    sides = np.repeat(axial[:, None], around, axis=1)
+    normals = np.stack([np.outer(ring, np.cos(angle)), sides, np.outer(ring, np.sin(angle))], -1)
     vertices = RADIUS * normals
     vertices[:, :, 1] += shift[:, None]
     i, j = np.meshgrid(np.arange(2 * along - 1), np.arange(around), indexing="ij")
     here, beside = i * around + j, i * around + (j + 1) % around
     above, across = here + around, beside + around
     triangles = np.stack([here, above, beside, beside, above, across], axis=-1)
-    return (
-        vertices.reshape(-1, 3).tolist(),
-        normals.reshape(-1, 3).tolist(),
-        triangles.ravel().tolist(),
-    )
+    corners, outward = vertices.reshape(-1, 3), normals.reshape(-1, 3)
+    return corners.tolist(), outward.tolist(), triangles.ravel().tolist()
 
 
 def find_window(
@@ -187,8 +171,7 @@ def draw(
 ) -> tuple[Pixels, Pixels]:
     """Draw what is in the client within a window of the picture.
 
-    Returns the colours (h, w, 3), black where there is nothing, and how much of each pixel is
-    covered (h, w, 1), 0 to 1.
+    Return colours (h, w, 3), black where nothing is, and each pixel's cover (h, w, 1), 0 to 1.
     """
     p = load_pybullet()
     left, right, top, bottom = window
@@ -197,28 +180,16 @@ def draw(
     to_eye[:3, :3] = (view.right, view.up, -view.forward)
     to_eye[:3, 3] = -to_eye[:3, :3] @ view.eye
     pixel = 2 * view.slope / height * _NEAREST
-    projection = p.computeProjectionMatrix(
-        (left - width / 2) * pixel,
-        (right - width / 2) * pixel,
-        (height / 2 - bottom) * pixel,
-        (height / 2 - top) * pixel,
-        _NEAREST,
-        _FARTHEST,
-    )
+    across = [(x - width / 2) * pixel for x in (left, right)]
+    upward = [(height / 2 - y) * pixel for y in (bottom, top)]
+    projection = p.computeProjectionMatrix(*across, *upward, _NEAREST, _FARTHEST)
+    light = view.right - 1.2 * view.forward + np.array([0.0, 0.0, 2.2])
     *_, image, _depth, mask = p.getCameraImage(
-        w,
-        h,
-        viewMatrix=to_eye.T.reshape(-1).tolist(),
-        projectionMatrix=projection,
-        lightDirection=(view.right - 1.2 * view.forward + np.array([0.0, 0.0, 2.2])).tolist(),
-        lightColor=(1.0, 1.0, 1.0),
-        lightAmbientCoeff=0.62,
-        lightDiffuseCoeff=0.45,
-        lightSpecularCoeff=0.35,
-        shadow=0,
-        renderer=p.ER_TINY_RENDERER,
+        w, h, viewMatrix=to_eye.T.reshape(-1).tolist(), projectionMatrix=projection,
+        lightDirection=light.tolist(), lightColor=(1.0, 1.0, 1.0), lightAmbientCoeff=0.62,
+        lightDiffuseCoeff=0.45, lightSpecularCoeff=0.35, shadow=0, renderer=p.ER_TINY_RENDERER,
         physicsClientId=client,
-    )
+    )  # fmt: skip
     # By build an array or a flat tuple.
     picture = np.asarray(image, dtype=np.uint8).reshape(h, w, 4)[..., :3]
     covered = (np.asarray(mask).reshape(h, w, 1) >= 0).astype(np.uint8)

@@ -29,17 +29,15 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
     Parameters
     ----------
     count
-        Processes of this machine; one for each of its cores that this process may use by default.
+        Processes of this machine; by default one for each core that this process may use.
     scheduler
         A dask scheduler's address, such as ``tcp://host:8786``; its workers, which need this
         package but no shared file system, are used in place of processes.
 
     Raises
     ------
-    InvalidArgumentError
-        If the count is none, or no scheduler answers at the address or it has no workers.
-    ClusterUnavailableError
-        If dask is not installed.
+    InvalidArgumentError, ClusterUnavailableError
+        If nobody answers at the address or it has no workers, or dask is not installed.
     """
     if scheduler is not None:
         with _cluster(scheduler) as cluster:

@@ -25,8 +25,6 @@ SCHEMA = "aquafish.folder/1"
 _PART = re.compile(r"\..+\.[a-z0-9_]{8}" + re.escape(PART))  # as write_bytes names them
 _MOST_BYTES = 4096  # of a lock
 
-Settings = dict[str, Any]
-
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
@@ -34,11 +32,6 @@ def held(folder: Path) -> Iterator[None]:
 
     The system lets go of a dead process's lock, so that it is simply taken over. Workers of a
     killed command need not be waited for: they touch no file. What it was writing is swept.
-
-    Parameters
-    ----------
-    folder
-        It exists; a file ``lock`` is in it as long as it is held.
 
     Raises
     ------
@@ -83,13 +76,7 @@ def sweep(folder: Path) -> None:
 
 
 def described(folder: Path) -> dict[str, Any] | None:
-    """Return the description that a folder has, with ``kind`` and ``settings``, or ``None``.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is damaged or cannot be read.
-    """
+    """Return a folder's description, with ``kind`` and ``settings``, or ``None`` without one."""
     path = folder / SETTINGS
     if not path.exists():
         return None
@@ -107,19 +94,16 @@ def claim(
     outputs: Iterable[str] = (),
     other_code: bool = False,
 ) -> None:
-    """Note what a folder is to hold, or refuse one that holds something else.
+    """Note what a folder, which is held, is to hold, or refuse one that holds something else.
 
     Parameters
     ----------
-    folder
-        Held.
     kind
         What it holds, in words: "a study".
     settings
         All that decides the results, ready for JSON.
     code
-        The code that they come from: names, such as of packages, to versions or stamps (see
-        ``stamps``). Results of other code are refused, unless ``other_code``.
+        What they come from: names, such as of packages, to versions or stamps (see ``stamps``).
     outputs
         Names that the command will write, which a folder without a description must not hold.
     other_code
@@ -134,13 +118,13 @@ def claim(
         If the description cannot be written.
     """
     before = described(folder)
-    asked: Settings = json.loads(json.dumps(dict(settings)))
+    asked: dict[str, Any] = json.loads(json.dumps(dict(settings)))
     codes = [dict(code)] if code is not None else []
     if before is None:
-        there = [name for name in outputs if (folder / name).exists()]
-        if there:
+        found = [name for name in outputs if (folder / name).exists()]
+        if found:
             raise InvalidArgumentError(
-                f"out must be a new directory or hold {kind}; {folder} holds {' and '.join(there)} "
+                f"out must be a new directory or hold {kind}; {folder} holds {' and '.join(found)} "
                 f"but no {SETTINGS}, so what they are is not known"
             )
     else:
@@ -148,19 +132,29 @@ def claim(
             raise InvalidArgumentError(
                 f"out must be a new directory or hold {kind}; {folder} holds {before['kind']}"
             )
-        _refuse_other_settings(folder, kind, before["settings"], asked)
+        name = first_difference(before["settings"], asked)
+        if name is not None:
+            there, here = (brief(flat(one).get(name)) for one in (before["settings"], asked))
+            raise InvalidArgumentError(
+                f"out: {folder} holds {kind} with {name} {there}, not {here}; choose another folder"
+            )
         former = before.get("code") or []
-        if not other_code:
-            _refuse_other_code(folder, former, codes)
+        if former and codes and codes[0] not in former and not other_code:
+            name = first_difference(former[-1], codes[0]) or ""
+            raise InvalidArgumentError(
+                f"out: {folder} holds results of {name} {former[-1].get(name)}, not "
+                f"{codes[0].get(name)}; choose another folder, or say --other-code if no result "
+                "can have changed"
+            )
         codes = [*former, *(one for one in codes if one not in former)]
     document = {"kind": kind, "settings": asked, "code": codes}
     if document != before:
         write_document(folder / SETTINGS, document, SCHEMA)
 
 
-def flat(settings: Mapping[str, Any], prefix: str = "") -> Settings:
+def flat(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested settings as one mapping with dotted names."""
-    found: Settings = {}
+    found: dict[str, Any] = {}
     for name, value in settings.items():
         nested = isinstance(value, Mapping)
         found |= flat(value, f"{prefix}{name}.") if nested else {f"{prefix}{name}": value}
@@ -175,28 +169,6 @@ def first_difference(held: Mapping[str, Any], asked: Mapping[str, Any]) -> str |
         if here.get(name, missing) != there.get(name, missing):
             return name
     return None
-
-
-def _refuse_other_settings(folder: Path, kind: str, held: Settings, asked: Settings) -> None:
-    name = first_difference(held, asked)
-    if name is not None:
-        raise InvalidArgumentError(
-            f"out: {folder} holds {kind} with {name} {brief(flat(held).get(name))}, not "
-            f"{brief(flat(asked).get(name))}; choose another folder"
-        )
-
-
-def _refuse_other_code(
-    folder: Path, former: list[dict[str, str]], now: list[dict[str, str]]
-) -> None:
-    if not former or not now or now[0] in former:
-        return
-    name = first_difference(former[-1], now[0])
-    assert name is not None
-    raise InvalidArgumentError(
-        f"out: {folder} holds results of {name} {former[-1].get(name)}, not {now[0].get(name)}; "
-        "choose another folder, or say --other-code if no result can have changed"
-    )
 
 
 def _is_at(handle: int, path: Path) -> bool:

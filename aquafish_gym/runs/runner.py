@@ -59,20 +59,10 @@ Job = TypeVar("Job", bound=JobLike)
 class Event(Generic[Job]):
     """What happened to a job.
 
-    Attributes
-    ----------
-    kind
-        It "began"; "said" something; is "done"; its process died and it is "retried"; or it
-        "failed" for good, by an error or because its processes died too often. A foreign executor
-        does not tell of beginnings, and what jobs say to it nobody hears.
-    job
-        The job.
-    text
-        What was said, or the reason.
-    share
-        Of the job's work that is done, in [0, 1].
-    document
-        What the work returned, once the job is done and its file written.
+    It "began"; "said" something; is "done"; its process died and it is "retried"; or it "failed"
+    for good, by an error or because its processes died too often. A foreign executor does not
+    tell of beginnings, and what jobs say to it nobody hears. ``text`` was said or is the reason,
+    ``share`` of the work in [0, 1] is done, ``document`` is what it returned, once written.
     """
 
     kind: Kind
@@ -88,30 +78,21 @@ def run_jobs(
     folder: Path,
     executor: Executor,
     on_event: Callable[[Event[Job]], None] | None = None,
-    tries: int = TRIES,
 ) -> list[str]:
     """Do the jobs whose files are not there whole, in their order, and write their files.
 
+    Return a sentence for each job that could not be done; the others' files are there.
+
     Parameters
     ----------
-    jobs
+    jobs, work
         See this module's beginning.
-    work
-        Likewise. The document that it returns must hold finite numbers, arrays, text, lists and
-        dictionaries.
     folder
         Held by ``folder.held``.
     executor
         Any; see ``executors.workers``. No result depends on it.
     on_event
         Told what happens, in this thread.
-    tries
-        How often a job is begun in all, if the processes that do it die.
-
-    Returns
-    -------
-    list of str
-        A sentence for each job that could not be done; the others' files are there.
 
     Raises
     ------
@@ -128,7 +109,7 @@ def run_jobs(
     done = finished(folder, jobs)
     with interrupts():
         left = [job for job in jobs if job not in done]
-        return _Run(work, folder, executor, on_event or (lambda _: None), tries).do(left)
+        return _Run(work, folder, executor, on_event or (lambda _: None)).do(left)
 
 
 def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
@@ -148,10 +129,8 @@ def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
 
     Raises
     ------
-    DamagedFileError
-        If the file is not what was written, or was written for another job.
-    InvalidArgumentError
-        If it cannot be read.
+    InvalidArgumentError, DamagedFileError
+        If the file cannot be read, or is not what was written for this job.
     """
     path = folder / job.file
     if not path.exists():
@@ -160,9 +139,7 @@ def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
 
 
 def merge_results(folder: Path, other: Path, jobs: Collection[Job]) -> int:
-    """Copy results that another folder of the same study has and this one lacks.
-
-    Whether the two are of the same study, the caller knows. Return how many were copied.
+    """Copy results that another folder of the same study has and this one lacks; return how many.
 
     Raises
     ------
@@ -200,10 +177,8 @@ class _Run(Generic[Job]):
         folder: Path,
         executor: Executor,
         tell: Callable[[Event[Job]], None],
-        tries: int,
     ) -> None:
-        self._work, self._folder, self._executor = work, folder, executor
-        self._tell, self._tries = tell, tries
+        self._work, self._folder, self._executor, self._tell = work, folder, executor, tell
         self._news: queue.SimpleQueue[tuple[Future[Any], str, float] | Future[Any]]
         self._news = queue.SimpleQueue()
         self._pending: dict[Future[Any], Job] = {}
@@ -249,11 +224,11 @@ class _Run(Generic[Job]):
         try:
             kind, answer = future.result()
         except WorkerDiedError as error:
-            if self._begun[job] < self._tries:
+            if self._begun[job] < TRIES:
                 self._tell(Event("retried", job, str(error)))
                 self._submit(job)
             else:
-                self._fail(job, f"{error}, {self._tries} times")
+                self._fail(job, f"{error}, {TRIES} times")
         except CancelledError:
             raise OSError("the processes that did the jobs are gone") from None
         except OSError as error:
@@ -312,8 +287,6 @@ def _check_files(jobs: Sequence[JobLike]) -> None:
         if path.is_absolute() or ".." in path.parts or not path.name:
             raise InvalidArgumentError(f"a job's file must be in the folder; got {job.file!r}")
         if job.file in seen:
-            raise InvalidArgumentError(
-                f"jobs must have a file each; {seen[job.file].name} and {job.name} both have "
-                f"{job.file}"
-            )
+            both = f"{seen[job.file].name} and {job.name} both have {job.file}"
+            raise InvalidArgumentError(f"jobs must have a file each; {both}")
         seen[job.file] = job

@@ -24,7 +24,6 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_jso
 MOST_BYTES = 32 * 2**20  # of a document; parsed, JSON takes up to 20 times its length
 PART = ".part"  # ends the name of a file that is being written
 _CHECKSUM_DIGITS = 16
-_OWN_KEYS = ("schema", "checksum")
 
 
 class DamagedFileError(InvalidArgumentError):
@@ -44,8 +43,7 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
     Raises
     ------
     InvalidArgumentError
-        If it is empty text, or cannot be made or written; the message names ``argument`` and the
-        reason.
+        If it is empty text, or cannot be made or written.
     """
     try:
         directory = Path(path)
@@ -87,7 +85,11 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
         os.chmod(name, 0o666 & ~mask)  # noqa: PTH101 - name is a str from mkstemp
         os.replace(name, target)  # noqa: PTH105
         name = None
-        _sync_directory(target.parent)
+        handle = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
     except (OSError, ValueError) as error:
         raise CannotWriteError(f"cannot write {target}: {_reason(error)}") from error
     finally:
@@ -103,10 +105,8 @@ def write_json(path: str | os.PathLike[str], document: Any) -> None:
 
     Raises
     ------
-    ValueError
-        If it holds NaN or infinity, which JSON does not have.
-    TypeError
-        If it holds something that JSON cannot.
+    ValueError, TypeError
+        If it holds NaN, infinity or something else that JSON cannot.
     CannotWriteError
         If the file cannot be written.
     """
@@ -117,13 +117,7 @@ def write_json(path: str | os.PathLike[str], document: Any) -> None:
 def write_document(
     path: str | os.PathLike[str], content: Mapping[str, Any], schema: str | None = None
 ) -> None:
-    """Write a document; see :func:`encode_document` for how it reads and :func:`write_json`.
-
-    Raises
-    ------
-    ValueError, TypeError, CannotWriteError
-        As ``write_json``.
-    """
+    """Write what :func:`encode_document` returns; see there, and :func:`write_bytes`."""
     write_bytes(path, encode_document(content, schema))
 
 
@@ -132,19 +126,16 @@ def encode_document(content: Mapping[str, Any], schema: str | None = None) -> by
 
     Raises
     ------
-    ValueError
-        If the content has a key ``checksum`` or another schema, or is not finite.
-    TypeError
-        If it holds something that JSON cannot.
+    ValueError, TypeError
+        If the content has a key ``checksum`` or another schema, or is nothing for JSON.
     """
     content = dict(content)
     held = content.pop("schema", schema)
     if "checksum" in content or (schema is not None and held != schema):
         raise ValueError("a document's schema and checksum are written by the storage")
     # Numbers as keys become text in JSON: the checksum is of what will be read.
-    text = json.dumps(content, allow_nan=False, default=_plain)
-    plain: dict[str, Any] = ({} if held is None else {"schema": held}) | json.loads(text)
-    first = {key: plain.pop(key) for key in ("schema",) if key in plain}
+    plain = json.loads(json.dumps(content, allow_nan=False, default=_plain))
+    first = {} if held is None else {"schema": held}
     whole = {**first, "checksum": _checksum(first | plain), **plain}
     return (json.dumps(whole, indent=1, allow_nan=False) + "\n").encode()
 
@@ -160,21 +151,17 @@ def read_document(
 
     Parameters
     ----------
-    path
-        The file.
     schema
         What it must say it is; ``None`` for whatever it says.
     argument
         Which argument names the file, for messages.
-    most_bytes
-        Longer files are refused before they are read.
     checksum
         "optional" for what people write by hand: it is checked where it is there.
 
     Raises
     ------
     InvalidArgumentError
-        If it cannot be read, or is no regular file.
+        If it cannot be read, is no regular file or too long.
     DamagedFileError
         If it is not what was written.
     """
@@ -188,13 +175,7 @@ def decode_document(
     schema: str | None = None,
     checksum: Literal["required", "optional"] = "required",
 ) -> dict[str, Any]:
-    """Return what :func:`encode_document` was given; ``name`` is for messages.
-
-    Raises
-    ------
-    DamagedFileError
-        If the bytes are not what it returned.
-    """
+    """Return what :func:`encode_document` was given, or raise DamagedFileError with the name."""
     try:
         whole = parse_json(name, content)
     except InvalidArgumentError as error:
@@ -217,12 +198,9 @@ def decode_document(
 
 
 def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> bytes:
-    """Return what a regular file of at most so many bytes holds.
+    """Return what a file holds, or raise InvalidArgumentError, before it is read if it is longer.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If it cannot be read, or is a device, a pipe or a directory, or longer; before it is read.
+    Devices, pipes and directories are refused.
     """
     try:
         # Without O_NONBLOCK, opening a pipe waits for somebody to write.
@@ -254,14 +232,6 @@ def _checksum(content: Any) -> str:
 
 def _reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
-
-
-def _sync_directory(directory: Path) -> None:
-    handle = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _plain(value: Any) -> Any:

@@ -27,9 +27,7 @@ from aquafish_gym.runs.storage import read_document
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, one_of
 
 BAD_INPUT: tuple[type[Exception], ...] = (InvalidArgumentError, EngineUnavailableError)
-FAILED = 1
-REFUSED = 2
-INTERRUPTED = 130
+FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 UNREAD = 141  # as of a program that SIGPIPE ends
 RESUMES = "the same command resumes"  # what a command says that was interrupted
 
@@ -104,10 +102,7 @@ def single_command(command: type[Command]) -> CommandLine:
 
 
 def subcommands(commands: Mapping[str, type[Command]]) -> CommandLine:
-    """Return the command line of a program that does several things, by name.
-
-    The nearest name is offered for an unknown one.
-    """
+    """Return the command line of a program that does several things, by name."""
     return _Several(commands)
 
 
@@ -119,22 +114,9 @@ def run_command_line(
 ) -> int:
     """Run one of an app's commands and return the exit code.
 
-    Parameters
-    ----------
-    program
-        The package's or the script's name.
-    app
-        Its commands, each a :class:`Command`; see :func:`single_command`, :func:`subcommands`.
-    arguments
-        None takes the process's own.
-    refused
-        Errors that say what is wrong with the input.
-
-    Returns
-    -------
-    int
-        0; 1 where the machine fails (a full disk, no more memory); 2 for a command or setting
-        that is wrong; 130 after Ctrl-C or SIGTERM; 141 where nobody reads what is printed.
+    It is 0; 1 where the machine fails (a full disk, no more memory); 2 for a command or setting
+    that is wrong, which errors in ``refused`` say; 130 after Ctrl-C or SIGTERM; 141 where nobody
+    reads what is printed. Without ``arguments`` the process's own are taken.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     prog = f"python -m {program}" if Path(sys.argv[0]).name == "__main__.py" else program
@@ -166,20 +148,19 @@ def _make(
 ) -> Command:
     """Return the command, or let tyro's box be seen, but for settings that we refuse ourselves."""
     box = io.StringIO()
-    cause: BaseException | None = None
     try:
         with contextlib.redirect_stderr(box):
             command: Command = app.cli(prog=prog, args=words)
     except SystemExit as leaving:
-        cause = leaving
+        cause: BaseException | None = leaving
         while cause is not None and not isinstance(cause, refused):
             cause = cause.__context__
         if cause is None:
             raise
+        box.truncate(0)
         raise cause from None
     finally:
-        if cause is None:
-            sys.stderr.write(box.getvalue())
+        sys.stderr.write(box.getvalue())
     return command
 
 
@@ -205,8 +186,7 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
     Raises
     ------
     InvalidArgumentError
-        If the file cannot be read or holds no morphology; the message names ``argument`` and the
-        file.
+        If the file, which ``argument`` names, cannot be read or holds no morphology.
     """
     if path is None:
         return Morphology.nominal()
