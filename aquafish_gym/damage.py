@@ -6,7 +6,6 @@ In text a fault is ``fin:word`` or ``fin:word=number``, and faults are joined by
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from itertools import chain
@@ -51,13 +50,9 @@ class FinScaled:
         object.__setattr__(self, "factor", float(factor))
 
     def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body with that size scaled.
+        """Return the body with that size scaled; its range is not left.
 
-        Raises
-        ------
-        InvalidArgumentError
-            If the size would leave its range: a silently clipped fault would be another one
-            than was asked for.
+        A silently clipped fault would be another one than was asked for.
         """
         index = dimension_index(self.fin, self.size)
         sizes = morphology.to_array().tolist()  # plain numbers overflow without a warning
@@ -106,6 +101,8 @@ _KINDS: dict[str, Any] = {kind.__name__: kind for kind in (FinScaled, FinMissing
 class Damage:
     """Everything that is broken, in the order in which it is applied.
 
+    What it cannot be made of, InvalidArgumentError says, and for a name UnknownNameError.
+
     Examples
     --------
     >>> damage = Damage.parse("left_pectoral:length=0.5; caudal:missing")
@@ -128,13 +125,7 @@ class Damage:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read faults joined by ``;`` or ``,``; no text, or ``none``, is no damage.
-
-        Raises
-        ------
-        InvalidArgumentError, UnknownNameError
-            If a fault is not spelled ``fin:word`` or ``fin:word=number``, or names what is unknown.
-        """
+        """Read faults joined by ``;`` or ``,``; no text, or ``none``, is no damage."""
         if not isinstance(text, str):
             raise InvalidArgumentError(f"damage must be text to be parsed; got {brief(text)}")
         if text.strip().lower() in ("", "none"):
@@ -147,11 +138,6 @@ class Damage:
 
         ``None`` is no damage; text is parsed; a fault is itself; a mapping is read as
         ``to_list`` or ``dataclasses.asdict`` wrote it; a list or tuple joins any of these.
-
-        Raises
-        ------
-        InvalidArgumentError, UnknownNameError
-            If it is none of these.
         """
         try:
             return cls._coerce(value)
@@ -175,10 +161,8 @@ class Damage:
                 return cls((_fault_from_dict(value),))
             case list() | tuple():
                 return cls(tuple(chain.from_iterable(map(cls._coerce, value))))
-        raise InvalidArgumentError(
-            f"damage must be text such as 'left_pectoral:length=0.5', a Damage, or a list; "
-            f"got {brief(value)}"
-        )
+        wanted = "text such as 'left_pectoral:length=0.5', a Damage, or a list"
+        raise InvalidArgumentError(f"damage must be {wanted}; got {brief(value)}")
 
     def apply(self, morphology: Morphology) -> Morphology:
         """Return the body with every fault, one after another.
@@ -219,19 +203,9 @@ class Damage:
         """Return the faults as objects ready for JSON."""
         return [asdict(fault) for fault in self.faults]
 
-    def to_json(self) -> str:
-        """Return one line of JSON that ``from_json`` reads back exactly."""
-        return json.dumps(self.to_list(), allow_nan=False)
-
     @classmethod
     def from_json(cls, text: str) -> Damage:
-        """Read what ``to_json`` wrote.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it is not JSON, or not a list of faults.
-        """
+        """Read what ``to_list`` gives, as JSON; anything else is refused."""
         faults = parse_json("damage", text)
         if not isinstance(faults, list) or not all(isinstance(f, dict) for f in faults):
             raise InvalidArgumentError("a damage's JSON must be a list of faults")

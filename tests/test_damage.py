@@ -30,7 +30,7 @@ damages = st.lists(faults, max_size=4).map(lambda f: Damage(tuple(f)))
 @given(damages)
 def test_text_and_json_read_back_exactly(damage: Damage) -> None:
     assert Damage.parse(str(damage)) == damage
-    assert Damage.from_json(damage.to_json()) == damage
+    assert Damage.from_json(json.dumps(damage.to_list())) == damage
     assert Damage.coerce(damage.to_list()) == damage
     assert Damage.coerce(json.loads(json.dumps(asdict(damage)))) == damage
     assert Damage.coerce(str(damage)) == damage

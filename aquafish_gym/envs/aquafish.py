@@ -224,10 +224,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
         Raises
         ------
-        InvalidArgumentError
-            If the action is not three finite numbers.
-        ResetNeeded
-            If the episode is over.
+        InvalidArgumentError, ResetNeeded
+            If the action is not three finite numbers, or the episode is over.
         """
         checked = check_single_action(action)
         world = self._world

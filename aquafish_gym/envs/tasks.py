@@ -16,17 +16,8 @@ class SwimForward:
 
     As in Gymnasium's Swimmer: speed made good over the step, less a small price on the action.
 
-    Attributes
-    ----------
-    forward_weight
-        Of the speed along +y, units/s.
-    ctrl_weight
-        Of the sum of the action's squares; 0 or more.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If a weight is not finite or over a million, or the price is negative.
+    The weights are of the speed along +y, units/s, and of the sum of the action's squares; they are
+    at most a million, and the price is not negative.
     """
 
     forward_weight: float = 1.0

@@ -15,15 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
-from aquafish_gym.envs.batching import (
-    Info,
-    Mask,
-    bodies,
-    check_mask,
-    check_seeds,
-    masked,
-    put_final,
-)
 from aquafish_gym.envs.conditions import (
     Conditions,
     action_space,
@@ -41,10 +32,12 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import check_render_mode, render_pose
-from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
 
 Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Info = dict[str, Any]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
@@ -126,8 +119,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._autoreset = AUTORESET_MODES[name]
         if isinstance(render_mode, str) and render_mode == "human":
             raise InvalidArgumentError(
-                'render_mode="human" shows one robot: use gym.make; here "rgb_array" gives a '
-                "frame for each"
+                'render_mode="human" shows one robot: use gym.make; "rgb_array" gives a frame each'
             )
         self.render_mode = check_render_mode(render_mode)
         self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
@@ -144,10 +136,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
         # Robots of one body share one start.
-        starts = [
-            check_conditions(body, damage, current, fin_angles)
-            for body in bodies(morphology, self.num_envs)
-        ]
+        several = _bodies(morphology, self.num_envs)
+        starts = [check_conditions(body, damage, current, fin_angles) for body in several]
         self._starts = starts if len(starts) > 1 else starts * self.num_envs
         # Of the present episodes.
         self._sizes = np.stack([start.sizes for start in self._starts])
@@ -183,10 +173,10 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         do robots that are not reset. ``options`` are the single environment's, the same for all,
         and ``reset_mask`` (num_envs,) of bool.
         """
-        seeds = check_seeds(seed, self.num_envs)
+        seeds = _check_seeds(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)
         if isinstance(options, Mapping) and "reset_mask" in options:
-            mask = check_mask(options["reset_mask"], self.num_envs)
+            mask = _check_mask(options["reset_mask"], self.num_envs)
         if not self._begun and not mask.all():
             raise ResetNeeded("the first reset must be of every robot")
         starts = self._chosen(mask, options)  # may refuse: nothing has changed until here
@@ -198,17 +188,16 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
         self._begin(mask, starts)
         self._begun = True
-        return self._observation(), masked(self._info(self._now), mask)
+        return self._observation(), _masked(self._info(self._now), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
 
         Raises
         ------
-        InvalidArgumentError
-            If the actions are not finite numbers of that shape.
-        ResetNeeded
-            Before the first reset, or after an episode's end with autoreset disabled.
+        InvalidArgumentError, ResetNeeded
+            If the actions are not finite numbers of that shape, before the first reset, or after
+            an episode's end with autoreset disabled.
         """
         checked = check_action(actions, (self.num_envs, 3))
         over = self._steps_left == 0
@@ -237,12 +226,12 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             before[:, over] = now[:, over]
         ended = self._steps_left == 0
         everyone = np.ones(self.num_envs, np.bool_)
-        info = masked({**self._info(before), "diverged": diverged}, everyone)
-        info |= masked(terms, ~over)
+        info = _masked({**self._info(before), "diverged": diverged}, everyone)
+        info |= _masked(terms, ~over)
         if ended.any() and self._autoreset is AutoresetMode.SAME_STEP:
             last = self._observation()
             self._begin(ended, self._chosen(ended))
-            info = put_final(info, masked(self._info(now), ended), last, ended)
+            info = _put_final(info, _masked(self._info(now), ended), last, ended)
         reward = np.asarray(sum(terms.values()))
         return self._observation(), reward, diverged, ended & ~diverged, info
 
@@ -299,3 +288,71 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 def _three(rows: Floats) -> Vector:
     x, y, z = rows
     return (x, y, z)
+
+
+def _bodies(morphology: object, count: int) -> list[Any]:
+    """Return one body for all robots, or one for each from (count, 9) sizes."""
+    several = isinstance(morphology, np.ndarray) and morphology.ndim == 2
+    if isinstance(morphology, list | tuple) and morphology:
+        several = not isinstance(morphology[0], int | float | np.number)
+    if not several:
+        return [morphology]
+    each: list[Any] = list(morphology)  # type: ignore[call-overload]
+    if len(each) != count:
+        raise InvalidArgumentError(
+            f"morphology must be one body or num_envs = {count} of them; got {len(each)}"
+        )
+    return each
+
+
+def _check_seeds(seed: object, count: int) -> list[int | None]:
+    """Return a seed for each robot, from one number, one each, or None."""
+    if seed is None:
+        return [None] * count
+    # Bytes are a sequence of whole numbers, and no seeds.
+    if not isinstance(seed, list | tuple | range) and not (
+        isinstance(seed, np.ndarray) and seed.ndim
+    ):
+        first = integer("seed", seed, 0)
+        return [first + i for i in range(count)]
+    if len(seed) != count:
+        raise InvalidArgumentError(f"seed must be one number or {count} of them; got {len(seed)}")
+    return [None if s is None else integer(f"seed[{i}]", s, 0) for i, s in enumerate(seed)]
+
+
+def _check_mask(mask: object, count: int) -> Mask:
+    """Return which robots (count,) shall be reset: at least one."""
+    try:
+        found = np.asarray(mask)
+    except (ValueError, RecursionError):  # ragged, or too deep
+        found = np.zeros(0)
+    if found.dtype.kind != "b" or found.shape != (count,) or not found.any():
+        raise InvalidArgumentError(
+            f'options["reset_mask"] must be ({count},) of bool with at least one True; '
+            f"got {brief(mask)}"
+        )
+    return found
+
+
+def _masked(info: Info, mask: Mask) -> Info:
+    """Add the mask that Gymnasium wants beside each key."""
+    return info | {f"_{name}": mask.copy() for name in info}
+
+
+def _put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -> Info:
+    """Move the ended robots' information to ``final_info`` and put the new episodes' instead."""
+    final = {name: value.copy() for name, value in info.items()}
+    for name in list(final):
+        if name.startswith("_"):
+            final[name] &= ended
+    for name, value in fresh.items():
+        if not name.startswith("_"):
+            info[name] = value
+    for name in info:
+        if name.startswith("_") and name not in fresh:
+            info[name] &= ~ended
+    observations = np.full(len(ended), None, dtype=object)
+    for i in np.flatnonzero(ended):
+        observations[i] = last[i]
+    finals = _masked({"final_obs": observations}, ended)
+    return info | finals | {"final_info": final, "_final_info": ended.copy()}

@@ -13,6 +13,8 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,9 +22,9 @@ from numpy.typing import ArrayLike
 from aquafish_gym.engines.bullet import take_client
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.rendering.film import Frame
 from aquafish_gym.rendering.robot_mesh import Figure, draw, find_window
-from aquafish_gym.rendering.scenery import Camera, Floats, water_and_floor
+from aquafish_gym.rendering.scenery import Camera, Floats, Frame, water_and_floor
+from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -44,10 +46,8 @@ def check_render_mode(mode: object) -> str | None:
 
     Raises
     ------
-    UnknownNameError
-        If there is no such mode.
-    EngineUnavailableError
-        If there is no display for ``"human"``, or no PyBullet to draw with.
+    UnknownNameError, EngineUnavailableError
+        If there is no such mode, no display for ``"human"``, or no PyBullet to draw with.
     """
     if mode is None:
         return None
@@ -113,10 +113,8 @@ def render_pose(
 
     Raises
     ------
-    InvalidArgumentError
-        If an argument is not finite, of another shape or out of range.
-    EngineUnavailableError
-        If PyBullet, which draws, is not installed.
+    InvalidArgumentError, EngineUnavailableError
+        If an argument is not finite, of another shape or out of range, or without PyBullet.
     """
     _require_renderer()
     integer("width", width, 16, 4096)
@@ -211,3 +209,27 @@ def render_motion(
         render_pose(morphology, (here, turn), fins, width, height, camera)
         for here, turn, fins in zip(where, how, angles, strict=True)
     ]
+
+
+def write_gif(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float = 20.0) -> Path:
+    """Write frames (H, W, 3) of one size as a GIF that repeats for ever; return its path.
+
+    GIF counts hundredths of a second, so that only fps of 100 / n come out exactly.
+    """
+    import imageio.v3 as iio
+
+    finite_array("fps", fps, (), 0.1, 240.0)
+    pictures = [np.asarray(frame) for frame in frames]
+    if not pictures:
+        raise InvalidArgumentError("frames must hold at least one picture; got none")
+    for picture in pictures:
+        if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+            found = f"{picture.shape} of {picture.dtype}"
+            raise InvalidArgumentError(f"frames must be (H, W, 3) pictures of uint8; got {found}")
+        if picture.shape != pictures[0].shape:
+            sizes = f"{pictures[0].shape} and {picture.shape}"
+            raise InvalidArgumentError(f"frames must all be of one size; got {sizes}")
+    pause = 10 * max(2, round(100 / fps))  # ms; viewers slow down anything shorter than 20
+    data = iio.imwrite("<bytes>", np.stack(pictures), extension=".gif", duration=pause, loop=0)
+    write_bytes(path, bytes(data))
+    return Path(path)

@@ -26,8 +26,7 @@ from aquafish_gym.physics.robot import (
     PECTORAL_Y,
     RADIUS,
 )
-from aquafish_gym.rendering.film import Frame
-from aquafish_gym.rendering.scenery import Floats, Pixels, View, multiply, rotate
+from aquafish_gym.rendering.scenery import Floats, Frame, Pixels, View, multiply, rotate
 
 _GREY = (0.62, 0.64, 0.67, 1.0)
 _DARK = (0.38, 0.40, 0.43, 1.0)

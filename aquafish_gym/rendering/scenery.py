@@ -14,6 +14,7 @@ from aquafish_gym.utils.validation import finite_array
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.float32]
+Frame = NDArray[np.uint8]
 
 _NEAR_WATER = (172.0, 219.0, 236.0)
 _FAR_WATER = (226.0, 243.0, 249.0)
@@ -33,11 +34,9 @@ class Camera:
     ----------
     distance
         From the target, in units of 5 cm.
-    azimuth
-        Of the camera about the vertical, degrees: 0 looks along the world's y from behind the
-        robot's start, 90 looks along -x from its right.
-    elevation
-        Of the camera above the target, degrees, within +-89.
+    azimuth, elevation
+        Of the camera about the vertical and above the target, degrees: azimuth 0 looks along the
+        world's y from behind the robot's start, 90 looks along -x from its right.
     target
         A point to look at, or None to follow the robot.
     field_of_view

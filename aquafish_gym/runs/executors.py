@@ -18,10 +18,6 @@ MOST_WORKERS = 1024
 _PATIENCE = 20.0  # s for a scheduler to answer
 
 
-class ClusterUnavailableError(EngineUnavailableError):
-    """A cluster was asked for, and the package for it is not installed."""
-
-
 @contextmanager
 def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
     """Give an executor; when left by an error or Ctrl-C, its processes are stopped at once.
@@ -36,7 +32,7 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
 
     Raises
     ------
-    InvalidArgumentError, ClusterUnavailableError
+    InvalidArgumentError, EngineUnavailableError
         If nobody answers at the address or it has no workers, or dask is not installed.
     """
     if scheduler is not None:
@@ -58,7 +54,7 @@ def _cluster(address: str) -> Iterator[Executor]:
     try:
         import distributed
     except ImportError as error:
-        raise ClusterUnavailableError(
+        raise EngineUnavailableError(
             f'a scheduler needs dask, which is not installed here ({error}): the extra "cluster" '
             "of this package brings it"
         ) from None

@@ -11,8 +11,9 @@ import inspect
 import io
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
@@ -72,38 +73,32 @@ class CommandLine(Protocol):
 
 
 @dataclass(frozen=True)
-class _Single:
-    command: type[Command]
-
-    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-        # The short help has a line an option; --help-verbose explains each.
-        return tyro.cli(self.command, prog=prog, args=args, compact_help=True)
-
-
-@dataclass(frozen=True)
-class _Several:
-    commands: Mapping[str, type[Command]]
-
-    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-        words = sys.argv[1:] if args is None else args
-        if not words or words[0].startswith("-"):
-            app = SubcommandApp()
-            for name, command in self.commands.items():
-                summary = (inspect.getdoc(command) or name).splitlines()[0]
-                app.command(name=name, help=summary)(command)
-            return app.cli(prog=prog, args=words)
-        name = one_of("the command", words[0], self.commands)
-        return _Single(self.commands[name]).cli(prog=f"{prog or ''} {name}".strip(), args=words[1:])
+class _CommandLine:
+    cli: Callable[..., Any]
 
 
 def single_command(command: type[Command]) -> CommandLine:
     """Return the command line of a program that does one thing."""
-    return _Single(command)
+    # The short help has a line an option; --help-verbose explains each.
+    return _CommandLine(partial(tyro.cli, command, compact_help=True))
 
 
 def subcommands(commands: Mapping[str, type[Command]]) -> CommandLine:
     """Return the command line of a program that does several things, by name."""
-    return _Several(commands)
+
+    def cli(*, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        words = sys.argv[1:] if args is None else args
+        if not words or words[0].startswith("-"):
+            app = SubcommandApp()
+            for name, command in commands.items():
+                summary = (inspect.getdoc(command) or name).splitlines()[0]
+                app.command(name=name, help=summary)(command)
+            return app.cli(prog=prog, args=words)
+        name = one_of("the command", words[0], commands)
+        one = single_command(commands[name])
+        return one.cli(prog=f"{prog or ''} {name}".strip(), args=words[1:])
+
+    return _CommandLine(cli)
 
 
 def run_command_line(
@@ -180,7 +175,7 @@ def _refuse_empty_values(words: Sequence[str]) -> None:
 def read_morphology(path: Path | None, argument: str) -> Morphology:
     """Return the body in a JSON file, or the nominal body for None.
 
-    The file holds what ``Morphology.to_json`` wrote, or an object whose ``morphology`` is that or
+    The file holds what ``Morphology.to_dict`` gives, or an object whose ``morphology`` is that or
     nine numbers in the order of ``DIMENSIONS``, as results of estimations and studies do.
 
     Raises
@@ -198,19 +193,17 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
 
 
 def _find_morphology(document: dict[str, Any]) -> Morphology:
-    if "morphology" in document:
-        body = document["morphology"]
-        if body is None:
-            raise InvalidArgumentError("its morphology is null, so it has no body yet")
-        if isinstance(body, list):
-            names = [dimension.name for dimension in DIMENSIONS]
-            if document.get("dimensions", names) != names:
-                raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
-            return Morphology.from_array(body)
-        document = body
-    if not isinstance(document, dict) or sorted(document) != sorted(FINS):
+    body = document.get("morphology", document)
+    if body is None:
+        raise InvalidArgumentError("its morphology is null, so it has no body yet")
+    if isinstance(body, list):
+        names = [dimension.name for dimension in DIMENSIONS]
+        if document.get("dimensions", names) != names:
+            raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
+        return Morphology.from_array(body)
+    if not isinstance(body, dict) or sorted(body) != sorted(FINS):
         raise InvalidArgumentError(
             f"it must hold an object with the keys {', '.join(FINS)}, "
             'or one with such an object or nine numbers under "morphology"'
         )
-    return Morphology.coerce(document)
+    return Morphology.coerce(body)

@@ -162,7 +162,7 @@ def test_bounds_belong_to_the_range(shares: list[float]) -> None:
     sizes = np.array(shares) * MAXIMA
     body = Morphology.coerce(sizes)
     assert (body.to_array() == np.abs(sizes)).all()
-    assert Morphology.from_json(body.to_json()) == body
+    assert Morphology.from_json(json.dumps(body.to_dict())) == body
 
 
 @CALM
