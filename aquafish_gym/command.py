@@ -17,13 +17,7 @@ COMMAND_HIGH.setflags(write=False)
 
 
 def check_commands(commands: ArrayLike, argument: str = "commands") -> NDArray[np.float64]:
-    """Return commands as a (B, 3) array in rev/s, rev/s and Hz; one may be given as (3,).
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the shape is neither (B, 3) nor (3,), or a speed is not finite or out of bounds.
-    """
+    """Return commands as a (B, 3) array in rev/s, rev/s and Hz; one may be given as (3,)."""
     return finite_array(
         argument, commands, (None, 3), COMMAND_LOW, COMMAND_HIGH, "rev/s or Hz", flat=True
     )

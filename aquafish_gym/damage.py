@@ -17,7 +17,6 @@ from aquafish_gym.morphology import (
     SIZES,
     Morphology,
     change_in_words,
-    dimension_index,
 )
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -30,13 +29,7 @@ from aquafish_gym.utils.validation import (
 
 @dataclass(frozen=True)
 class FinScaled:
-    """A fin's length, width or thickness is multiplied by ``factor``, which is 0 or more.
-
-    Raises
-    ------
-    InvalidArgumentError, UnknownNameError
-        If the fin or the size is unknown, or the factor is negative or not finite.
-    """
+    """A fin's length, width or thickness is multiplied by ``factor``, which is 0 or more."""
 
     fin: str
     size: str
@@ -45,7 +38,8 @@ class FinScaled:
     kind: str = field(default="FinScaled", init=False, repr=False)
 
     def __post_init__(self) -> None:
-        dimension_index(self.fin, self.size)
+        one_of("fin", self.fin, FINS)
+        one_of("size", self.size, SIZES)
         factor = finite_array(f"damage factor of {self.fin}:{self.size}", self.factor, (), 0.0)
         object.__setattr__(self, "factor", float(factor))
 
@@ -54,14 +48,14 @@ class FinScaled:
 
         A silently clipped fault would be another one than was asked for.
         """
-        index = dimension_index(self.fin, self.size)
+        name = f"{self.fin}.{self.size}"
+        index = next(i for i, dimension in enumerate(DIMENSIONS) if dimension.name == name)
         sizes = morphology.to_array().tolist()  # plain numbers overflow without a warning
         sizes[index] *= self.factor
         maximum = DIMENSIONS[index].maximum
         if sizes[index] > maximum:
             raise InvalidArgumentError(
-                f"damage {self} would make {DIMENSIONS[index].name} {sizes[index]:g}; "
-                f"it must lie in [0, {maximum:g}]"
+                f"damage {self} would make {name} {sizes[index]:g}; it must lie in [0, {maximum:g}]"
             )
         return Morphology.from_array(sizes)
 
@@ -71,13 +65,7 @@ class FinScaled:
 
 @dataclass(frozen=True)
 class FinMissing:
-    """A fin is gone: all three of its sizes are zero. Its servo turns on, moving nothing.
-
-    Raises
-    ------
-    UnknownNameError
-        If the fin is unknown.
-    """
+    """A fin is gone: all three of its sizes are zero. Its servo turns on, moving nothing."""
 
     fin: str
     kind: str = field(default="FinMissing", init=False, repr=False)
@@ -165,13 +153,7 @@ class Damage:
         raise InvalidArgumentError(f"damage must be {wanted}; got {brief(value)}")
 
     def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body with every fault, one after another.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it is no body, or a size would leave its range in ``DIMENSIONS``.
-        """
+        """Return the body with every fault, one after another."""
         if not isinstance(morphology, Morphology):
             raise InvalidArgumentError(
                 f"damage is applied to a Morphology; got {brief(morphology)}"

@@ -61,13 +61,7 @@ class ImuLog:
         return f"ImuLog(B={len(self)}, T={self.rpy.shape[1]}: rpy{gyro}{pose}{lost})"
 
     def plot(self, robot: int = 0) -> Figure:
-        """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If there is no such robot.
-        """
+        """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro."""
         # The object interface: no pyplot, no window system, no global state.
         from matplotlib.figure import Figure
 

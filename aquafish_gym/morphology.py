@@ -73,21 +73,11 @@ MAXIMA.setflags(write=False)
 Size = tuple[float, float, float]
 
 
-def dimension_index(fin: str, size: str) -> int:
-    """Return the row of ``DIMENSIONS`` for a fin and one of ``SIZES``."""
-    one_of("fin", fin, FINS)
-    one_of("size", size, SIZES)
-    return next(i for i, d in enumerate(DIMENSIONS) if (d.fin, d.size) == (fin, size))
-
-
 @dataclass(frozen=True)
 class Morphology:
     """Three fins' (x, y, z) sizes in units of 5 cm; a size of 0 is legal.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If a size is not finite or leaves its range in ``DIMENSIONS``.
+    A size that is not finite or leaves its range in ``DIMENSIONS`` raises InvalidArgumentError.
 
     Examples
     --------

@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs.conditions import (
+    EPISODE_STEPS,
     Triple,
     action_space,
     check_conditions,
     check_frame_skip,
     check_single_action,
-    episode_length,
     motion_info,
     observation_space,
     observe,
@@ -211,7 +211,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         left, right, phase = self._episode.draw_fin_angles(self.np_random).tolist()
         self._world.reset(self._episode.sizes, (left, right, phase), self._episode.current)
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
-        self._steps_left = episode_length(self.frame_skip)
+        self._steps_left = EPISODE_STEPS // self.frame_skip
         here = self._state.position
         if self.render_mode == "human":
             self.render()

@@ -124,11 +124,6 @@ def check_frame_skip(value: object) -> int:
     return skip
 
 
-def episode_length(frame_skip: int) -> int:
-    """Return the control steps of an episode of 20 s."""
-    return EPISODE_STEPS // frame_skip
-
-
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:
     """Return an action as float64 of this shape, clipped to [-1, 1]."""
     if type(action) is np.ndarray and action.shape == shape and action.dtype.char in "efd":

@@ -16,12 +16,12 @@ from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs.conditions import (
+    EPISODE_STEPS,
     Conditions,
     action_space,
     check_action,
     check_conditions,
     check_frame_skip,
-    episode_length,
     motion_info,
     observation_space,
     observe,
@@ -256,7 +256,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             angles[row] = start.draw_fin_angles(self._rngs[i])
         self._lanes.replace(mask, self._sizes[mask], angles)
         self._now[:, mask] = self._lanes.rows()[:, mask]
-        self._steps_left[mask] = episode_length(self.frame_skip)
+        self._steps_left[mask] = EPISODE_STEPS // self.frame_skip
 
     def _observation(self) -> Observations:
         now = self._now

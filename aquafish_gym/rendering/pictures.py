@@ -30,13 +30,7 @@ def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a picture, at once or not at all, in one of ``FORMATS``, which its suffix names.
-
-    Raises
-    ------
-    UnknownNameError, CannotWriteError
-        If there is no such format, or the file cannot be written.
-    """
+    """Write a picture, at once or not at all, in one of ``FORMATS``, which its suffix names."""
     form = one_of("the picture's suffix", Path(path).suffix, [f".{f}" for f in FORMATS])[1:]
     content = io.BytesIO()
     # Names within an SVG are salted with chance else; journals ask for TrueType.

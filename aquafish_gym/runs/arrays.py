@@ -26,13 +26,7 @@ _NUMBERS = "fiub"  # kinds of dtype: floats, integers and truths, which are no p
 
 
 def write_arrays(path: str | os.PathLike[str], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays of numbers as a compressed npz archive, at once or not at all.
-
-    Raises
-    ------
-    TypeError, CannotWriteError
-        If an array is of anything but numbers, or the file cannot be written.
-    """
+    """Write arrays, of numbers alone, as a compressed npz archive, at once or not at all."""
     for name, array in arrays.items():
         if np.asarray(array).dtype.kind not in _NUMBERS:
             raise TypeError(f"{name} must be an array of numbers; it is of {array.dtype}")
@@ -53,10 +47,9 @@ def read_arrays(
 
     Raises
     ------
-    InvalidArgumentError
-        If the file cannot be read or is too large.
-    DamagedFileError
-        If it is no archive of just these arrays, whole; before any of them is allocated.
+    InvalidArgumentError, DamagedFileError
+        If the file cannot be read or is too large; if it is no archive of just these arrays,
+        whole; before any of them is allocated.
     """
     name = f"{argument}: {path}"
     content = BytesIO(read_bytes(path, argument, most_bytes))

@@ -28,16 +28,10 @@ _MOST_BYTES = 4096  # of a lock
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Hold a folder for this command until it ends, in whatever way.
+    """Hold a folder for this command until it ends, in whatever way, or say who holds it.
 
     The system lets go of a dead process's lock, so that it is simply taken over. Workers of a
     killed command need not be waited for: they touch no file. What it was writing is swept.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If another command holds it (the message says which and since when), or it cannot be
-        written.
     """
     path = folder / LOCK
     while True:
@@ -96,6 +90,8 @@ def claim(
 ) -> None:
     """Note what a folder, which is held, is to hold, or refuse one that holds something else.
 
+    The message names the first difference; nothing has been changed then.
+
     Parameters
     ----------
     kind
@@ -108,30 +104,20 @@ def claim(
         Names that the command will write, which a folder without a description must not hold.
     other_code
         Whether results of other code are gone on from; the description then names both.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it holds another kind of thing, or the same with other settings or of other code; the
-        message names the first difference. Nothing has been changed then.
-    CannotWriteError
-        If the description cannot be written.
     """
     before = described(folder)
     asked: dict[str, Any] = json.loads(json.dumps(dict(settings)))
     codes = [dict(code)] if code is not None else []
+    rule = f"out must be a new directory or hold {kind}; {folder} holds"
     if before is None:
         found = [name for name in outputs if (folder / name).exists()]
         if found:
             raise InvalidArgumentError(
-                f"out must be a new directory or hold {kind}; {folder} holds {' and '.join(found)} "
-                f"but no {SETTINGS}, so what they are is not known"
+                f"{rule} {' and '.join(found)} but no {SETTINGS}, so what they are is not known"
             )
     else:
         if before["kind"] != kind:
-            raise InvalidArgumentError(
-                f"out must be a new directory or hold {kind}; {folder} holds {before['kind']}"
-            )
+            raise InvalidArgumentError(f"{rule} {before['kind']}")
         name = first_difference(before["settings"], asked)
         if name is not None:
             there, here = (brief(flat(one).get(name)) for one in (before["settings"], asked))

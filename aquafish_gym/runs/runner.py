@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import queue
 import traceback
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
@@ -125,13 +126,7 @@ def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
 
 
 def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
-    """Return what the work returned for a job; ``None`` if its file is not there.
-
-    Raises
-    ------
-    InvalidArgumentError, DamagedFileError
-        If the file cannot be read, or is not what was written for this job.
-    """
+    """Return a job's result, ``None`` without a file; DamagedFileError if it is another."""
     path = folder / job.file
     if not path.exists():
         return None
@@ -168,64 +163,60 @@ def merge_results(folder: Path, other: Path, jobs: Collection[Job]) -> int:
     return len(new)
 
 
+@dataclass
 class _Run(Generic[Job]):
     """One call of ``run_jobs``. Other threads reach it through its queue alone."""
 
-    def __init__(
-        self,
-        work: Callable[[Job, Say], dict[str, Any]],
-        folder: Path,
-        executor: Executor,
-        tell: Callable[[Event[Job]], None],
-    ) -> None:
-        self._work, self._folder, self._executor, self._tell = work, folder, executor, tell
-        self._news: queue.SimpleQueue[tuple[Future[Any], str, float] | Future[Any]]
-        self._news = queue.SimpleQueue()
-        self._pending: dict[Future[Any], Job] = {}
-        self._begun: dict[Job, int] = {}
-        self._failures: list[str] = []
+    work: Callable[[Job, Say], dict[str, Any]]
+    folder: Path
+    executor: Executor
+    tell: Callable[[Event[Job]], None]
+    news: queue.SimpleQueue[Any] = field(default_factory=queue.SimpleQueue)
+    pending: dict[Future[Any], Job] = field(default_factory=dict)
+    begun: Counter[Job] = field(default_factory=Counter)
+    failures: list[str] = field(default_factory=list)
 
     def do(self, jobs: Sequence[Job]) -> list[str]:
-        heard = self._executor if isinstance(self._executor, ProcessExecutor) else None
+        heard = self.executor if isinstance(self.executor, ProcessExecutor) else None
         try:
             if heard:
-                heard.hear(lambda *said: self._news.put(said))
+                heard.hear(lambda *said: self.news.put(said))
             for job in jobs:
                 self._submit(job)
-            while self._pending:
+            while self.pending:
                 try:
-                    news = self._news.get(timeout=_TICK)
+                    news = self.news.get(timeout=_TICK)
                 except queue.Empty:
                     continue
                 if isinstance(news, Future):
                     self._conclude(news)
-                elif news[0] in self._pending:
-                    job = self._pending[news[0]]
+                elif news[0] in self.pending:
+                    job = self.pending[news[0]]
                     kind: Kind = "said" if news[1] else "began"
-                    self._tell(Event(kind, job, *news[1:]))
+                    self.tell(Event(kind, job, *news[1:]))
         finally:
-            for future in list(self._pending):
+            for future in list(self.pending):
                 future.cancel()
             if heard:
                 heard.hear(None)
-        return self._failures
+        return self.failures
 
     def _submit(self, job: Job) -> None:
-        self._begun[job] = self._begun.get(job, 0) + 1
+        self.begun[job] += 1
         try:
-            future = self._executor.submit(do_job, self._work, job)
+            future = self.executor.submit(do_job, self.work, job)
         except BrokenExecutor as error:
             raise OSError(f"no process is left to do the jobs: {error}") from error
-        self._pending[future] = job
-        future.add_done_callback(self._news.put)
+        self.pending[future] = job
+        future.add_done_callback(self.news.put)
 
     def _conclude(self, future: Future[Any]) -> None:
-        job = self._pending.pop(future)
+        job = self.pending.pop(future)
         try:
             kind, answer = future.result()
         except WorkerDiedError as error:
-            if self._begun[job] < TRIES:
-                self._tell(Event("retried", job, str(error)))
+            if self.begun[job] < TRIES:
+                self.tell(Event("retried", job, str(error)))
                 self._submit(job)
             else:
                 self._fail(job, f"{error}, {TRIES} times")
@@ -238,18 +229,15 @@ class _Run(Generic[Job]):
         else:
             if kind == "failed":
                 self._fail(job, answer)
-            else:
-                self._keep(job, answer)
-
-    def _keep(self, job: Job, content: bytes) -> None:
-        document = _of(job, decode_document(content, job.name, SCHEMA), job.name)
-        _write(self._folder / job.file, content)
-        self._tell(Event("done", job, share=1.0, document=document))
+                return
+            document = _of(job, decode_document(answer, job.name, SCHEMA), job.name)
+            _write(self.folder / job.file, answer)
+            self.tell(Event("done", job, share=1.0, document=document))
 
     def _fail(self, job: Job, reason: str) -> None:
         reason = " ".join(reason.split())[:_LONGEST]
-        self._failures.append(f"{job.name}: {reason}")
-        self._tell(Event("failed", job, reason))
+        self.failures.append(f"{job.name}: {reason}")
+        self.tell(Event("failed", job, reason))
 
 
 def do_job(work: Callable[[Job, Say], dict[str, Any]], job: Job) -> tuple[str, Any]:

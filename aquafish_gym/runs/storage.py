@@ -38,13 +38,7 @@ class CannotWriteError(OSError):
 
 
 def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out") -> Path:
-    """Return ``path`` as a directory that exists and takes files; it is made if need be.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is empty text, or cannot be made or written.
-    """
+    """Return ``path`` as a directory that takes files; made if need be, refused if it cannot be."""
     try:
         directory = Path(path)
     except TypeError:
@@ -64,13 +58,7 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file, replacing an old one at once or not at all, also if the power fails.
-
-    Raises
-    ------
-    CannotWriteError
-        If it cannot; nothing of it is left then.
-    """
+    """Write a file at once or not at all, also if the power fails, or raise CannotWriteError."""
     target = Path(path)
     name = None
     try:
@@ -101,14 +89,8 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
 def write_json(path: str | os.PathLike[str], document: Any) -> None:
     """Write anything as indented JSON for other programs: without schema and checksum.
 
-    Numpy numbers and arrays are written as numbers and lists.
-
-    Raises
-    ------
-    ValueError, TypeError
-        If it holds NaN, infinity or something else that JSON cannot.
-    CannotWriteError
-        If the file cannot be written.
+    Numpy numbers and arrays are written as numbers and lists. ValueError and TypeError refuse NaN,
+    infinity and what else JSON cannot hold.
     """
     text = json.dumps(document, indent=2, allow_nan=False, default=_plain) + "\n"
     write_bytes(path, text.encode())
@@ -124,10 +106,7 @@ def write_document(
 def encode_document(content: Mapping[str, Any], schema: str | None = None) -> bytes:
     """Return a document as it stands in a file: its schema, its checksum, then its content.
 
-    Raises
-    ------
-    ValueError, TypeError
-        If the content has a key ``checksum`` or another schema, or is nothing for JSON.
+    ValueError refuses content with a key ``checksum`` or another schema; see also ``write_json``.
     """
     content = dict(content)
     held = content.pop("schema", schema)
@@ -149,21 +128,13 @@ def read_document(
 ) -> dict[str, Any]:
     """Return the content of a document, without its schema and checksum.
 
-    Parameters
-    ----------
-    schema
-        What it must say it is; ``None`` for whatever it says.
-    argument
-        Which argument names the file, for messages.
-    checksum
-        "optional" for what people write by hand: it is checked where it is there.
+    A ``schema`` is what it must say it is. A checksum is "optional" for what people write by hand:
+    it is checked where it is there. In messages ``argument`` names the file.
 
     Raises
     ------
-    InvalidArgumentError
-        If it cannot be read, is no regular file or too long.
-    DamagedFileError
-        If it is not what was written.
+    InvalidArgumentError, DamagedFileError
+        If it cannot be read, is no regular file or too long; if it is not what was written.
     """
     content = read_bytes(path, argument, most_bytes)
     return decode_document(content, f"{argument}: {path}", schema, checksum)

@@ -178,10 +178,7 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
     The file holds what ``Morphology.to_dict`` gives, or an object whose ``morphology`` is that or
     nine numbers in the order of ``DIMENSIONS``, as results of estimations and studies do.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the file, which ``argument`` names, cannot be read or holds no morphology.
+    Messages name the file and the argument.
     """
     if path is None:
         return Morphology.nominal()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import collections
 import enum
+import json
 import types
 from collections.abc import Callable
 from decimal import Decimal
