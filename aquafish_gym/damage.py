@@ -11,13 +11,7 @@ from dataclasses import asdict, dataclass, field, fields
 from itertools import chain
 from typing import Any, Self
 
-from aquafish_gym.morphology import (
-    DIMENSIONS,
-    FINS,
-    SIZES,
-    Morphology,
-    change_in_words,
-)
+from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES, Morphology, change_in_words
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,

@@ -1,8 +1,4 @@
-"""The robot's variable body: nine fin dimensions (Sec. 3.1 of the paper).
-
-``DIMENSIONS`` is the only statement of the dimensions' names, order, ranges and genome bits;
-whatever needs one of them reads it there.
-"""
+"""The robot's variable body: nine fin dimensions (Sec. 3.1 of the paper)."""
 
 from __future__ import annotations
 
@@ -49,10 +45,10 @@ class Dimension(NamedTuple):
         return f"{self.fin}.{self.size}"
 
 
-# Ranges: Sec. 3.1, [0, maximum] each, in units of 5 cm. Bits: Sec. 3.2 gives 5, 6, 4 for the
-# pectorals; for the caudal fin only the total of 15, which the same quantum splits 4, 6, 5.
-# Nominal sizes: Fig. 1 (flippers 2 x 8 cm, tail 7 cm long, 3 cm tall, 2 cm thick); the
-# flippers' thickness is not in the paper (assumed).
+# The only statement of names, order, ranges and genome bits. Ranges: Sec. 3.1, [0, maximum] each,
+# in units of 5 cm. Bits: Sec. 3.2 gives 5, 6, 4 for the pectorals; for the caudal fin only the
+# total of 15, which the same quantum splits 4, 6, 5. Nominal sizes: Fig. 1 (flippers 2 x 8 cm,
+# tail 7 cm long, 3 cm tall, 2 cm thick); the flippers' thickness is not in the paper (assumed).
 DIMENSIONS: tuple[Dimension, ...] = (
     Dimension("left_pectoral", 0, "width", 1.0, 0.4, 5),
     Dimension("left_pectoral", 1, "length", 2.0, 1.6, 6),
@@ -90,11 +86,9 @@ class Morphology:
     caudal: Size
 
     def __post_init__(self) -> None:
-        for i, fin in enumerate(FINS):
-            size = finite_array(
-                f"morphology.{fin}", getattr(self, fin), (3,), 0.0, MAXIMA[3 * i : 3 * i + 3]
-            )
-            object.__setattr__(self, fin, tuple(float(v) for v in size))
+        for fin, most in zip(FINS, MAXIMA.reshape(3, 3), strict=True):
+            size = finite_array(f"morphology.{fin}", getattr(self, fin), (3,), 0.0, most)
+            object.__setattr__(self, fin, tuple(size.tolist()))
 
     @classmethod
     def nominal(cls) -> Self:
@@ -132,10 +126,8 @@ class Morphology:
         """Read what ``to_dict`` gives, as JSON; anything else is refused."""
         sizes: Any = parse_json("morphology", text)
         if not isinstance(sizes, dict) or sorted(sizes) != sorted(FINS):
-            raise InvalidArgumentError(
-                f"a morphology's JSON must be an object with the keys {', '.join(FINS)}; "
-                f"got {brief(sizes)}"
-            )
+            wanted = f"an object with the keys {', '.join(FINS)}"
+            raise InvalidArgumentError(f"a morphology's JSON must be {wanted}; got {brief(sizes)}")
         return cls.coerce(sizes)
 
 

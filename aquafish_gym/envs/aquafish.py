@@ -11,18 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import World, make_world
-from aquafish_gym.envs.conditions import (
-    EPISODE_STEPS,
-    Triple,
-    action_space,
-    check_conditions,
-    check_frame_skip,
-    check_single_action,
-    motion_info,
-    observation_space,
-    observe,
-    servo_speeds,
-)
+from aquafish_gym.envs import conditions
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import at_rest
@@ -166,24 +155,24 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         ctrl_cost_weight: float = 1e-4,
         reactive: bool = False,
     ) -> None:
-        self._conditions = check_conditions(morphology, damage, current, fin_angles)
+        self._conditions = conditions.check_conditions(morphology, damage, current, fin_angles)
         self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
         self._engine = check_engine(engine)
         self._observe_fins = flag("observe_fins", observe_fins)
         self._reactive = flag("reactive", reactive)
-        self.frame_skip = check_frame_skip(frame_skip)
+        self.frame_skip = conditions.check_frame_skip(frame_skip)
         self.render_mode = check_render_mode(render_mode)
         # The class says which modes there are, the environment which of them work here.
         fps = max(1, round(1 / self.dt))
         self.metadata = {"render_modes": usable_modes(), "render_fps": fps}
-        self.action_space = action_space()
-        self.observation_space = observation_space(self._observe_fins)
+        self.action_space = conditions.action_space()
+        self.observation_space = conditions.observation_space(self._observe_fins)
         self._world: World | None = None
         self._window: Window | None = None
         self._steps_left = 0
         self._episode = self._conditions
         # What is now, or was before the robot diverged.
-        self._fin_angles: Triple = (0.0, 0.0, 0.0)
+        self._fin_angles: conditions.Triple = (0.0, 0.0, 0.0)
         self._state = at_rest(self._fin_angles)
 
     @property
@@ -211,7 +200,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         left, right, phase = self._episode.draw_fin_angles(self.np_random).tolist()
         self._world.reset(self._episode.sizes, (left, right, phase), self._episode.current)
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
-        self._steps_left = EPISODE_STEPS // self.frame_skip
+        self._steps_left = conditions.EPISODE_STEPS // self.frame_skip
         here = self._state.position
         if self.render_mode == "human":
             self.render()
@@ -227,11 +216,11 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         InvalidArgumentError, ResetNeeded
             If the action is not three finite numbers, or the episode is over.
         """
-        checked = check_single_action(action)
+        checked = conditions.check_single_action(action)
         world = self._world
         if world is None or self._steps_left == 0:
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
-        world.advance(servo_speeds(checked), self.frame_skip)
+        world.advance(conditions.servo_speeds(checked), self.frame_skip)
         self._steps_left -= 1
         before = self._state.position
         diverged = world.diverged
@@ -251,10 +240,10 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     def _observation(self) -> Observation:
         fins = self._fin_angles if self._observe_fins else None
-        return observe(self._state.orientation, self._state.spin, fins)
+        return conditions.observe(self._state.orientation, self._state.spin, fins)
 
     def _info(self, before: Vector, after: Vector) -> dict[str, Any]:
-        return motion_info(before, after, self.dt) | {
+        return conditions.motion_info(before, after, self.dt) | {
             "diverged": False,
             "fin_angles": np.array(self._fin_angles),
             "damage": self._episode.broken,

@@ -63,9 +63,7 @@ class Conditions:
         """The damage in text."""
         return str(self.damage)
 
-    def with_options(
-        self, options: Mapping[str, Any] | None, also: tuple[str, ...] = ()
-    ) -> Conditions:
+    def with_options(self, options: object, also: tuple[str, ...] = ()) -> Conditions:
         """Return one episode's, with the options of ``reset``; those in ``also`` are not read."""
         if options is None:
             return self
@@ -145,10 +143,7 @@ def check_single_action(action: object) -> Triple:
 
 
 def servo_speeds(action: Vector) -> Vector:
-    """Return the command in rev/s, rev/s, Hz of three servos' actions in [-1, 1].
-
-    It is ``scale_action`` for plain numbers, or for rows (B,), to the same bits.
-    """
+    """Return ``scale_action`` of three plain numbers, or of three rows (B,), to the same bits."""
     left, right, caudal = action
     return (
         _LOW[0] + 0.5 * (left + 1.0) * _SPAN[0],
@@ -201,6 +196,7 @@ def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
     """Return where the robot is and how fast it got there, in numbers or rows (B,)."""
     x, y, z = after
     square = x * x + y * y + z * z
+    root = math.sqrt if isinstance(square, float) else np.sqrt
     return {
         "x_position": x,
         "y_position": y,
@@ -208,7 +204,5 @@ def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
         "x_velocity": (x - before[0]) / dt,
         "y_velocity": (y - before[1]) / dt,
         "z_velocity": (z - before[2]) / dt,
-        "distance_from_origin": (
-            math.sqrt(square) if isinstance(square, float) else np.sqrt(square)
-        ),
+        "distance_from_origin": root(square),
     }

@@ -15,18 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
-from aquafish_gym.envs.conditions import (
-    EPISODE_STEPS,
-    Conditions,
-    action_space,
-    check_action,
-    check_conditions,
-    check_frame_skip,
-    motion_info,
-    observation_space,
-    observe,
-    servo_speeds,
-)
+from aquafish_gym.envs import conditions
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
@@ -124,20 +113,22 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self.render_mode = check_render_mode(render_mode)
         self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
         self._observe_fins = flag("observe_fins", observe_fins)
-        self.frame_skip = check_frame_skip(frame_skip)
+        self.frame_skip = conditions.check_frame_skip(frame_skip)
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": max(1, round(1 / self.dt)),
             "autoreset_mode": self._autoreset,
         }
-        self.single_observation_space = observation_space(self._observe_fins)
-        self.single_action_space = action_space()
+        self.single_observation_space = conditions.observation_space(self._observe_fins)
+        self.single_action_space = conditions.action_space()
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
         # Robots of one body share one start.
         several = _bodies(morphology, self.num_envs)
-        starts = [check_conditions(body, damage, current, fin_angles) for body in several]
+        starts = [
+            conditions.check_conditions(body, damage, current, fin_angles) for body in several
+        ]
         self._starts = starts if len(starts) > 1 else starts * self.num_envs
         # Of the present episodes.
         self._sizes = np.stack([start.sizes for start in self._starts])
@@ -199,11 +190,11 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             If the actions are not finite numbers of that shape, before the first reset, or after
             an episode's end with autoreset disabled.
         """
-        checked = check_action(actions, (self.num_envs, 3))
+        checked = conditions.check_action(actions, (self.num_envs, 3))
         over = self._steps_left == 0
         if not self._begun or (over.any() and self._autoreset is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        commands = np.array(servo_speeds(_three(checked.T))).T
+        commands = np.array(conditions.servo_speeds(_three(checked.T))).T
         lost = self._lanes.advance(commands, self.frame_skip).diverged
         before, now = self._now, self._lanes.rows()
         with np.errstate(over="ignore", invalid="ignore"):
@@ -235,7 +226,9 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         reward = np.asarray(sum(terms.values()))
         return self._observation(), reward, diverged, ended & ~diverged, info
 
-    def _chosen(self, mask: Mask, options: dict[str, Any] | None = None) -> list[Conditions]:
+    def _chosen(
+        self, mask: Mask, options: dict[str, Any] | None = None
+    ) -> list[conditions.Conditions]:
         """Return how the robots under ``mask`` shall begin."""
         starts = [self._starts[i] for i in np.flatnonzero(mask).tolist()]
         if options is not None:
@@ -246,7 +239,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             starts = [made[id(start)] for start in starts]
         return starts
 
-    def _begin(self, mask: Mask, starts: list[Conditions]) -> None:
+    def _begin(self, mask: Mask, starts: list[conditions.Conditions]) -> None:
         """Put the robots under ``mask`` back to their starts."""
         chosen = np.flatnonzero(mask).tolist()
         angles = np.empty((len(chosen), 3))
@@ -256,17 +249,19 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             angles[row] = start.draw_fin_angles(self._rngs[i])
         self._lanes.replace(mask, self._sizes[mask], angles)
         self._now[:, mask] = self._lanes.rows()[:, mask]
-        self._steps_left[mask] = EPISODE_STEPS // self.frame_skip
+        self._steps_left[mask] = conditions.EPISODE_STEPS // self.frame_skip
 
     def _observation(self) -> Observations:
         now = self._now
         fins = angles_of_rows(now) if self._observe_fins else None
-        return observe(now[QUATERNION], now[GYRO], fins)
+        return conditions.observe(now[QUATERNION], now[GYRO], fins)
 
     def _info(self, before: Floats) -> Info:
         """Return what is to be told, after a step from the states ``before``."""
         return {
-            **motion_info(_three(before[POSITION]), _three(self._now[POSITION].copy()), self.dt),
+            **conditions.motion_info(
+                _three(before[POSITION]), _three(self._now[POSITION].copy()), self.dt
+            ),
             "diverged": np.zeros(self.num_envs, np.bool_),
             "fin_angles": angles_of_rows(self._now).T.copy(),
             "damage": self._damages.copy(),

@@ -15,24 +15,15 @@ from numpy.typing import ArrayLike
 from aquafish_gym.engines.bullet import AXES, HINGES
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.physics import robot
 from aquafish_gym.physics.kinematics import caudal_angle
-from aquafish_gym.physics.robot import (
-    CYLINDER,
-    MOUNT_LENGTH,
-    MOUNT_WIDTH,
-    MOUNT_X,
-    NOSE,
-    PECTORAL_X,
-    PECTORAL_Y,
-    RADIUS,
-)
 from aquafish_gym.rendering.scenery import Floats, Frame, Pixels, View, multiply, rotate
 
 _GREY = (0.62, 0.64, 0.67, 1.0)
 _DARK = (0.38, 0.40, 0.43, 1.0)
 _RED = (0.86, 0.12, 0.10, 1.0)
 _THINNEST = 0.02  # a fin of no thickness is drawn this thick
-_BODY_HALF = np.array([PECTORAL_X, NOSE, RADIUS])
+_BODY_HALF = np.array([robot.PECTORAL_X, robot.NOSE, robot.RADIUS])
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _NEAREST, _FARTHEST = 0.1, 1200.0  # what the camera sees, units
 
@@ -73,12 +64,12 @@ class Figure:
             p.GEOM_MESH, vertices=vertices, normals=normals, indices=triangles, rgbaColor=_GREY,
             specularColor=[0.25] * 3, physicsClientId=client,
         )  # fmt: skip
-        mount = self._box((MOUNT_WIDTH, MOUNT_LENGTH, 0.08), _DARK)
+        mount = self._box((robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08), _DARK)
         self.body = p.createMultiBody(
             0, -1, capsule,
             linkMasses=[0, 0], linkCollisionShapeIndices=[-1, -1],
             linkVisualShapeIndices=[mount, mount],
-            linkPositions=[(-MOUNT_X, PECTORAL_Y, 0), (MOUNT_X, PECTORAL_Y, 0)],
+            linkPositions=[(x, robot.PECTORAL_Y, 0) for x in (-robot.MOUNT_X, robot.MOUNT_X)],
             linkOrientations=[(0, 0, 0, 1)] * 2, linkInertialFramePositions=[(0, 0, 0)] * 2,
             linkInertialFrameOrientations=[(0, 0, 0, 1)] * 2, linkParentIndices=[0, 0],
             linkJointTypes=[p.JOINT_FIXED] * 2, linkJointAxis=[(0, 0, 1)] * 2,
@@ -93,14 +84,12 @@ class Figure:
                 self.fins.append((i, body))
         self.morphology = morphology
 
-    def _box(self, size: Sequence[float], colour: Sequence[float]) -> int:
+    def _box(self, size: Sequence[float], colour: Sequence[float]) -> Any:
         p = load_pybullet()
-        half = [v / 2 for v in size]
-        shape: int = p.createVisualShape(
-            p.GEOM_BOX, halfExtents=half, rgbaColor=colour, specularColor=[0.1] * 3,
-            physicsClientId=self.client,
+        return p.createVisualShape(
+            p.GEOM_BOX, halfExtents=[v / 2 for v in size], rgbaColor=colour,
+            specularColor=[0.1] * 3, physicsClientId=self.client,
         )  # fmt: skip
-        return shape
 
     def place(self, position: Floats, quaternion: Floats, fin_angles: ArrayLike) -> Floats:
         """Move the parts; return points (n, 3) whose hull holds them."""
@@ -130,11 +119,11 @@ def _capsule_mesh(around: int = 40, along: int = 10) -> tuple[Any, Any, Any]:
     # From the tail's pole to the nose's: two half spheres, joined by the cylinder.
     ring = np.concatenate([np.sin(polar), np.sin(polar[::-1])])
     axial = np.concatenate([-np.cos(polar), np.cos(polar[::-1])])
-    shift = np.repeat([-CYLINDER / 2, CYLINDER / 2], along)
+    shift = np.repeat([-robot.CYLINDER / 2, robot.CYLINDER / 2], along)
     angle = np.arange(around) * (2 * math.pi / around)
     sides = np.repeat(axial[:, None], around, axis=1)
     normals = np.stack([np.outer(ring, np.cos(angle)), sides, np.outer(ring, np.sin(angle))], -1)
-    vertices = RADIUS * normals
+    vertices = robot.RADIUS * normals
     vertices[:, :, 1] += shift[:, None]
     i, j = np.meshgrid(np.arange(2 * along - 1), np.arange(around), indexing="ij")
     here, beside = i * around + j, i * around + (j + 1) % around
@@ -147,10 +136,7 @@ def _capsule_mesh(around: int = 40, along: int = 10) -> tuple[Any, Any, Any]:
 def find_window(
     corners: Floats, view: View, width: int, height: int
 ) -> tuple[int, int, int, int] | None:
-    """Return the pixels (left, right, top, bottom) that hold these points, None if none do.
-
-    Drawing only there is much faster than drawing everything.
-    """
+    """Return the pixels (left, right, top, bottom) that hold these points, None if none do."""
     from_eye = corners - view.eye
     ahead = from_eye @ view.forward
     if ahead.max() < _NEAREST:

@@ -22,13 +22,9 @@ _PATIENCE = 20.0  # s for a scheduler to answer
 def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
     """Give an executor; when left by an error or Ctrl-C, its processes are stopped at once.
 
-    Parameters
-    ----------
-    count
-        Processes of this machine; by default one for each core that this process may use.
-    scheduler
-        A dask scheduler's address, such as ``tcp://host:8786``; its workers, which need this
-        package but no shared file system, are used in place of processes.
+    It has ``count`` processes of this machine, by default one for each core that this process may
+    use; or the workers, which need this package but no shared file system, of the dask scheduler at
+    an address such as ``tcp://host:8786``.
 
     Raises
     ------

@@ -1,15 +1,12 @@
 """Processes of this machine as an executor: each may die or stand still, and only its job does.
 
 The standard library's ``ProcessPoolExecutor`` fails as a whole when one of its processes dies, and
-waits for ever for one that is stopped. Here a thread of the parent attends to each process. It is
-replaced when it dies, and its call ends with :class:`WorkerDiedError`.
-
-A second thread looks once a second for signs of life: a beat that each process sends, or processor
-time that it has used since. A process that shows neither for ``silence`` looks in a row stands
-still, as after SIGSTOP, and is killed. A compiler that holds the interpreter for a minute sends no
-beat but uses time; one that waits for a disk uses none but beats; on a crowded machine either
-comes within 20 s. Looks are counted rather than time, so that a parent that was itself stopped,
-or slept with its machine, finds nobody silent when it wakes.
+waits for ever for one that is stopped. Here a process that dies is replaced, and its call ends with
+:class:`WorkerDiedError`. One that neither sends its beat nor uses processor time for ``silence``
+looks in a row, one a second, stands still, as after SIGSTOP, and is killed. A compiler that holds
+the interpreter for a minute sends no beat but uses time; one that waits for a disk uses none but
+beats; on a crowded machine either comes within 20 s. Looks are counted rather than time, so that a
+parent that was itself stopped, or slept with its machine, finds nobody silent when it wakes.
 """
 
 from __future__ import annotations
@@ -173,10 +170,8 @@ class ProcessExecutor(Executor):
             worker.looks = 0
             if kind == "said":
                 self._tell(future, *content)
-            elif kind == "done":
-                return content[0], None
-            elif kind == "raised":
-                return None, content[0]
+            elif kind != "beat":
+                return (content[0], None) if kind == "done" else (None, content[0])
 
     def _tell(self, future: Future[Any], text: str, share: float) -> None:
         if (hear := self._hear) is not None:

@@ -42,15 +42,13 @@ Kind = Literal["began", "said", "done", "retried", "failed"]
 
 
 class JobLike(Protocol):
-    """What the runner knows of a job, which must also be hashable."""
+    """What the runner knows of a job: a name for people, and a file, with slashes, of its own."""
 
     @property
-    def name(self) -> str:
-        """For people."""
+    def name(self) -> str: ...
 
     @property
-    def file(self) -> str:
-        """Relative to the folder, with slashes; no other job's."""
+    def file(self) -> str: ...
 
 
 Job = TypeVar("Job", bound=JobLike)

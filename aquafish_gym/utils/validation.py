@@ -53,11 +53,10 @@ def finite_array(
     unit: str = "",
     flat: bool = False,
 ) -> NDArray[np.float64]:
-    """Return ``value`` as a float64 array of ``shape`` with every entry in [``low``, ``high``].
+    """Return ``value`` as a new float64 array of ``shape``, every entry in [``low``, ``high``].
 
-    ``None`` in ``shape`` stands for any length; with ``flat``, a batch of one may be given
-    without its leading axis. The array is always a copy. Text that spells numbers is refused, and
-    so are True and False, spans of time and masked entries.
+    With ``flat``, a batch of one may be given without its leading axis. Text that spells numbers
+    is refused, and so are True and False, spans of time and masked entries.
     """
     wanted = spelled(shape)
     try:
@@ -115,13 +114,7 @@ def flag(argument: str, value: object) -> bool:
 
 
 def parse_json(argument: str, text: object) -> Any:
-    """Return what a text in JSON holds.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is not text or not JSON, has too many digits, is too deep or repeats a key.
-    """
+    """Return what a text in JSON holds; too many digits, too deep and repeated keys are refused."""
     if not isinstance(text, str | bytes | bytearray):
         raise InvalidArgumentError(f"{argument} must be text in JSON; got {brief(text)}")
     try:
