@@ -11,19 +11,13 @@ SERVOS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
 
 # Pectorals turn at [-0.5, 0.5] rev/s; the caudal fin sweeps +-30 degrees at [0, 1] Hz.
 COMMAND_LOW: NDArray[np.float64] = np.array([-0.5, -0.5, 0.0])
-COMMAND_HIGH: NDArray[np.float64] = np.array([0.5, 0.5, 1.0])
 COMMAND_LOW.setflags(write=False)
+COMMAND_HIGH: NDArray[np.float64] = np.array([0.5, 0.5, 1.0])
 COMMAND_HIGH.setflags(write=False)
 
 
 def check_commands(commands: ArrayLike, argument: str = "commands") -> NDArray[np.float64]:
-    """Return commands as a (B, 3) array in rev/s, rev/s and Hz; one may be given as (3,).
-
-    Raises
-    ------
-    InvalidArgumentError
-        If the shape is neither (B, 3) nor (3,), or a speed is not finite or out of bounds.
-    """
+    """Return commands as a (B, 3) array in rev/s, rev/s and Hz; one may be given as (3,)."""
     return finite_array(
         argument, commands, (None, 3), COMMAND_LOW, COMMAND_HIGH, "rev/s or Hz", flat=True
     )

@@ -1,29 +1,17 @@
 """What can break: a body with faults is another body.
 
-A :class:`Damage` is a row of faults. Each kind of fault is one final class with the words that
-spell it, listed in ``FAULTS``; a new kind is a class more.
-
 In text a fault is ``fin:word`` or ``fin:word=number``, and faults are joined by ``;`` or
 ``,``: ``left_pectoral:length=0.5; caudal:missing``.
 """
 
 from __future__ import annotations
 
-import json
-from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from itertools import chain
-from typing import Any, ClassVar, Self, final
+from typing import Any, Self
 
-from aquafish_gym.morphology import (
-    DIMENSIONS,
-    FINS,
-    SIZES,
-    Morphology,
-    change_in_words,
-    dimension_index,
-)
+from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES, Morphology, change_in_words
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -33,85 +21,35 @@ from aquafish_gym.utils.validation import (
 )
 
 
-class Fault(ABC):
-    """One thing that is broken. Abstract; its kinds are final and immutable.
-
-    ``WORDS`` are the words by which its kind is written after the fin's name. Each kind has a
-    field ``kind`` with the name of its class, so that ``dataclasses.asdict``, and with it an
-    environment's ``spec.to_json()``, keeps what is needed to read it back.
-    """
-
-    WORDS: ClassVar[tuple[str, ...]]
-
-    @classmethod
-    @abstractmethod
-    def from_words(cls, fin: str, word: str, number: float | None) -> Fault:
-        """Make one from ``fin:word=number``; ``number`` is None where none was written."""
-
-    @abstractmethod
-    def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body with this fault."""
-
-    @abstractmethod
-    def __str__(self) -> str:
-        """Return the text that ``Damage.parse`` reads back."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fault as an object ready for JSON."""
-        return asdict(self)  # type: ignore[call-overload,no-any-return]
-
-
-@final
 @dataclass(frozen=True)
-class FinScaled(Fault):
-    """A fin's length, width or thickness is multiplied by ``factor``, which is 0 or more.
-
-    Raises
-    ------
-    UnknownNameError
-        If the fin or the size is unknown.
-    InvalidArgumentError
-        If the factor is negative or not finite.
-    """
+class FinScaled:
+    """A fin's length, width or thickness is multiplied by ``factor``, which is 0 or more."""
 
     fin: str
     size: str
     factor: float
+    # So that ``asdict``, and with it an environment's ``spec.to_json()``, can be read back.
     kind: str = field(default="FinScaled", init=False, repr=False)
 
-    WORDS: ClassVar[tuple[str, ...]] = SIZES
-
     def __post_init__(self) -> None:
-        dimension_index(self.fin, self.size)
+        one_of("fin", self.fin, FINS)
+        one_of("size", self.size, SIZES)
         factor = finite_array(f"damage factor of {self.fin}:{self.size}", self.factor, (), 0.0)
         object.__setattr__(self, "factor", float(factor))
 
-    @classmethod
-    def from_words(cls, fin: str, word: str, number: float | None) -> Self:
-        """Make one from ``fin:size=factor``."""
-        if number is None:
-            raise InvalidArgumentError(
-                f"damage {fin}:{word} needs a factor, for example {fin}:{word}=0.5"
-            )
-        return cls(fin, word, number)
-
     def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body with that size scaled.
+        """Return the body with that size scaled; its range is not left.
 
-        Raises
-        ------
-        InvalidArgumentError
-            If the size would leave its range: a silently clipped fault would be another one
-            than was asked for.
+        A silently clipped fault would be another one than was asked for.
         """
-        index = dimension_index(self.fin, self.size)
+        name = f"{self.fin}.{self.size}"
+        index = next(i for i, dimension in enumerate(DIMENSIONS) if dimension.name == name)
         sizes = morphology.to_array().tolist()  # plain numbers overflow without a warning
         sizes[index] *= self.factor
         maximum = DIMENSIONS[index].maximum
         if sizes[index] > maximum:
             raise InvalidArgumentError(
-                f"damage {self} would make {DIMENSIONS[index].name} {sizes[index]:g}; "
-                f"it must lie in [0, {maximum:g}]"
+                f"damage {self} would make {name} {sizes[index]:g}; it must lie in [0, {maximum:g}]"
             )
         return Morphology.from_array(sizes)
 
@@ -119,48 +57,33 @@ class FinScaled(Fault):
         return f"{self.fin}:{self.size}={self.factor!r}"
 
 
-@final
 @dataclass(frozen=True)
-class FinMissing(Fault):
-    """A fin is gone: all three of its sizes are zero. Its servo turns on, moving nothing.
-
-    Raises
-    ------
-    UnknownNameError
-        If the fin is unknown.
-    """
+class FinMissing:
+    """A fin is gone: all three of its sizes are zero. Its servo turns on, moving nothing."""
 
     fin: str
     kind: str = field(default="FinMissing", init=False, repr=False)
 
-    WORDS: ClassVar[tuple[str, ...]] = ("missing",)
-
     def __post_init__(self) -> None:
         one_of("fin", self.fin, FINS)
 
-    @classmethod
-    def from_words(cls, fin: str, word: str, number: float | None) -> Self:
-        """Make one from ``fin:missing``."""
-        if number is not None:
-            raise InvalidArgumentError(f"damage {fin}:{word} takes no number; got {number:g}")
-        return cls(fin)
-
     def apply(self, morphology: Morphology) -> Morphology:
         """Return the body without that fin."""
-        sizes = morphology.to_dict()
-        sizes[self.fin] = [0.0, 0.0, 0.0]
-        return Morphology.coerce(sizes)
+        return Morphology.coerce({**morphology.to_dict(), self.fin: (0.0, 0.0, 0.0)})
 
     def __str__(self) -> str:
         return f"{self.fin}:missing"
 
 
-FAULTS: tuple[type[Fault], ...] = (FinScaled, FinMissing)
+Fault = FinScaled | FinMissing
+_KINDS: dict[str, Any] = {kind.__name__: kind for kind in (FinScaled, FinMissing)}
 
 
 @dataclass(frozen=True)
 class Damage:
     """Everything that is broken, in the order in which it is applied.
+
+    What it cannot be made of, InvalidArgumentError says, and for a name UnknownNameError.
 
     Examples
     --------
@@ -174,13 +97,9 @@ class Damage:
     faults: tuple[Fault, ...] = ()
 
     def __post_init__(self) -> None:
-        # No other iterables: faults have an order, which sets lack, and an end, which generators
-        # may lack.
+        # Faults have an order, which sets lack, and an end, which generators may lack.
         if not isinstance(self.faults, list | tuple):
-            raise InvalidArgumentError(
-                "damage must be a row of faults, as Damage.coerce makes of whatever is broken; "
-                f"got {brief(self.faults)}"
-            )
+            raise InvalidArgumentError(f"damage must be a row of faults; got {brief(self.faults)}")
         for fault in self.faults:
             if not isinstance(fault, Fault):
                 raise InvalidArgumentError(f"damage must be made of faults; got {brief(fault)}")
@@ -188,15 +107,7 @@ class Damage:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read faults joined by ``;`` or ``,``; no text, or ``none``, is no damage.
-
-        Raises
-        ------
-        UnknownNameError
-            If a fin or a word is unknown; the nearest valid one is offered.
-        InvalidArgumentError
-            If a fault is not spelled ``fin:word`` or ``fin:word=number``.
-        """
+        """Read faults joined by ``;`` or ``,``; no text, or ``none``, is no damage."""
         if not isinstance(text, str):
             raise InvalidArgumentError(f"damage must be text to be parsed; got {brief(text)}")
         if text.strip().lower() in ("", "none"):
@@ -209,11 +120,6 @@ class Damage:
 
         ``None`` is no damage; text is parsed; a fault is itself; a mapping is read as
         ``to_list`` or ``dataclasses.asdict`` wrote it; a list or tuple joins any of these.
-
-        Raises
-        ------
-        InvalidArgumentError, UnknownNameError
-            If it is none of these.
         """
         try:
             return cls._coerce(value)
@@ -229,7 +135,7 @@ class Damage:
                 return value
             case str():
                 return cls.parse(value)
-            case Fault():
+            case FinScaled() | FinMissing():
                 return cls((value,))
             case {"faults": list() | tuple() as faults, **others} if not others:
                 return cls._coerce(faults)
@@ -237,19 +143,11 @@ class Damage:
                 return cls((_fault_from_dict(value),))
             case list() | tuple():
                 return cls(tuple(chain.from_iterable(map(cls._coerce, value))))
-        raise InvalidArgumentError(
-            f"damage must be text such as 'left_pectoral:length=0.5', a Damage, or a list; "
-            f"got {brief(value)}"
-        )
+        wanted = "text such as 'left_pectoral:length=0.5', a Damage, or a list"
+        raise InvalidArgumentError(f"damage must be {wanted}; got {brief(value)}")
 
     def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body with every fault, one after another.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it is no body, or a size would leave its range in ``DIMENSIONS``.
-        """
+        """Return the body with every fault, one after another."""
         if not isinstance(morphology, Morphology):
             raise InvalidArgumentError(
                 f"damage is applied to a Morphology; got {brief(morphology)}"
@@ -279,21 +177,11 @@ class Damage:
 
     def to_list(self) -> list[dict[str, Any]]:
         """Return the faults as objects ready for JSON."""
-        return [fault.to_dict() for fault in self.faults]
-
-    def to_json(self) -> str:
-        """Return one line of JSON that ``from_json`` reads back exactly."""
-        return json.dumps(self.to_list(), allow_nan=False)
+        return [asdict(fault) for fault in self.faults]
 
     @classmethod
     def from_json(cls, text: str) -> Damage:
-        """Read what ``to_json`` wrote.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it is not JSON, or not a list of faults.
-        """
+        """Read what ``to_list`` gives, as JSON; anything else is refused."""
         faults = parse_json("damage", text)
         if not isinstance(faults, list) or not all(isinstance(f, dict) for f in faults):
             raise InvalidArgumentError("a damage's JSON must be a list of faults")
@@ -304,12 +192,12 @@ def _read_fault(text: str) -> Fault:
     fin, colon, what = (part.strip() for part in text.partition(":"))
     if not colon or not what:
         raise InvalidArgumentError(
-            f"damage must be written fin:word=number, as left_pectoral:length=0.5 or "
+            "damage must be written fin:word=number, as left_pectoral:length=0.5 or "
             f"caudal:missing; got {brief(text.strip())}"
         )
     word, equals, digits = (part.strip() for part in what.partition("="))
     one_of("damage fin", fin, FINS)
-    one_of("damage", word, [w for kind in FAULTS for w in kind.WORDS])
+    one_of("damage", word, (*SIZES, "missing"))
     number = None
     if equals:
         try:
@@ -318,21 +206,25 @@ def _read_fault(text: str) -> Fault:
             raise InvalidArgumentError(
                 f"damage {fin}:{word} needs a number after '='; got {brief(digits)}"
             ) from None
-    kind = next(kind for kind in FAULTS if word in kind.WORDS)
-    return kind.from_words(fin, word, number)
-
-
-def _field_names(kind: type[Fault]) -> list[str]:
-    return [field.name for field in fields(kind) if field.init]  # type: ignore[arg-type]
+    if word == "missing":
+        if number is not None:
+            raise InvalidArgumentError(f"damage {fin}:{word} takes no number; got {number:g}")
+        return FinMissing(fin)
+    if number is None:
+        raise InvalidArgumentError(
+            f"damage {fin}:{word} needs a factor, for example {fin}:{word}=0.5"
+        )
+    return FinScaled(fin, word, number)
 
 
 def _fault_from_dict(written: Mapping[str, Any]) -> Fault:
-    kinds = {kind.__name__: kind for kind in FAULTS}
-    kind = kinds[one_of("damage kind", written.get("kind"), kinds)]
+    kind = _KINDS[one_of("damage kind", written.get("kind"), _KINDS)]
     try:
-        return kind(**{name: value for name, value in written.items() if name != "kind"})
+        fault: Fault = kind(**{name: value for name, value in written.items() if name != "kind"})
     except TypeError:
+        names = ", ".join(one.name for one in fields(kind) if one.init)
         raise InvalidArgumentError(
-            f"damage of kind {kind.__name__} must have the fields {', '.join(_field_names(kind))}; "
+            f"damage of kind {kind.__name__} must have the fields {names}; "
             f"got {brief(dict(written))}"
         ) from None
+    return fault

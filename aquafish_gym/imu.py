@@ -12,9 +12,6 @@ from aquafish_gym.physics.attitude import continue_attitude
 from aquafish_gym.utils.validation import integer
 
 if TYPE_CHECKING:
-    pass
-
-if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.floating]
@@ -30,14 +27,10 @@ class ImuLog:
         (B, T, 3) roll, pitch, yaw in rad, continuous.
     gyro
         (B, T, 3) angular velocity in body axes, rad/s; None if it was not recorded.
-    position
-        (B, T, 3) of the capsule's centre in the world, units of 5 cm; only with
-        ``record="pose"``.
-    quaternion
-        (B, T, 4) from body to world, (x, y, z, w); only with ``record="pose"``.
-    fin_angles
-        (B, T, 3) left and right pectoral angle and caudal phase in (-pi, pi]: the truth, which
-        no IMU knows; only with ``record="pose"``.
+    position, quaternion, fin_angles
+        The truth, which no IMU knows; only with ``record="pose"``: (B, T, 3) of the capsule's
+        centre in the world, units of 5 cm; (B, T, 4) from body to world, (x, y, z, w); (B, T, 3)
+        left and right pectoral angle and caudal phase in (-pi, pi].
     diverged
         (B,) whether a robot left the finite numbers; its samples are then NaN from there on.
 
@@ -62,22 +55,13 @@ class ImuLog:
         return len(self.rpy)
 
     def __repr__(self) -> str:
-        recorded = ["rpy", "gyro" if self.gyro is not None else "",
-                    "pose" if self.position is not None else ""]  # fmt: skip
-        lost = int(np.sum(self.diverged))
-        return (
-            f"ImuLog(B={len(self)}, T={self.rpy.shape[1]}: {', '.join(filter(None, recorded))}"
-            f"{f'; {lost} diverged' if lost else ''})"
-        )
+        gyro = ", gyro" if self.gyro is not None else ""
+        pose = ", pose" if self.position is not None else ""
+        lost = f"; {self.diverged.sum()} diverged" if self.diverged.any() else ""
+        return f"ImuLog(B={len(self)}, T={self.rpy.shape[1]}: rpy{gyro}{pose}{lost})"
 
     def plot(self, robot: int = 0) -> Figure:
-        """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If there is no such robot.
-        """
+        """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro."""
         # The object interface: no pyplot, no window system, no global state.
         from matplotlib.figure import Figure
 
@@ -96,11 +80,7 @@ class ImuLog:
 
 
 def unwrap_rpy(rpy: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Make a log of attitudes (T, 3), in rad, continuous; the first sample is kept.
-
-    The engines' logs are so already. This is for a physical robot's, before it is compared with
-    theirs.
-    """
+    """Make a physical robot's attitudes (T, 3), in rad, continuous, as the engines' logs are."""
     out = np.array(rpy, dtype=np.float64)
     for t in range(1, len(out)):
         out[t] = continue_attitude(tuple(out[t - 1]), tuple(out[t]))

@@ -1,14 +1,9 @@
-"""The robot's variable body: nine fin dimensions (Sec. 3.1 of the paper).
-
-``DIMENSIONS`` is the only statement of the dimensions' names, order, ranges and genome bits;
-whatever needs one of them reads it there.
-"""
+"""The robot's variable body: nine fin dimensions (Sec. 3.1 of the paper)."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -50,10 +45,10 @@ class Dimension(NamedTuple):
         return f"{self.fin}.{self.size}"
 
 
-# Ranges: Sec. 3.1, [0, maximum] each, in units of 5 cm. Bits: Sec. 3.2 gives 5, 6, 4 for the
-# pectorals; for the caudal fin only the total of 15, which the same quantum splits 4, 6, 5.
-# Nominal sizes: Fig. 1 (flippers 2 x 8 cm, tail 7 cm long, 3 cm tall, 2 cm thick); the
-# flippers' thickness is not in the paper (assumed).
+# The only statement of names, order, ranges and genome bits. Ranges: Sec. 3.1, [0, maximum] each,
+# in units of 5 cm. Bits: Sec. 3.2 gives 5, 6, 4 for the pectorals; for the caudal fin only the
+# total of 15, which the same quantum splits 4, 6, 5. Nominal sizes: Fig. 1 (flippers 2 x 8 cm,
+# tail 7 cm long, 3 cm tall, 2 cm thick); the flippers' thickness is not in the paper (assumed).
 DIMENSIONS: tuple[Dimension, ...] = (
     Dimension("left_pectoral", 0, "width", 1.0, 0.4, 5),
     Dimension("left_pectoral", 1, "length", 2.0, 1.6, 6),
@@ -74,27 +69,11 @@ MAXIMA.setflags(write=False)
 Size = tuple[float, float, float]
 
 
-def dimension_index(fin: str, size: str) -> int:
-    """Return the row of ``DIMENSIONS`` for a fin's ``length``, ``width`` or ``thickness``.
-
-    Raises
-    ------
-    UnknownNameError
-        If the fin or the size is unknown; the nearest valid name is offered.
-    """
-    one_of("fin", fin, FINS)
-    one_of("size", size, SIZES)
-    return next(i for i, d in enumerate(DIMENSIONS) if (d.fin, d.size) == (fin, size))
-
-
 @dataclass(frozen=True)
 class Morphology:
     """Three fins' (x, y, z) sizes in units of 5 cm; a size of 0 is legal.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If a size is not finite or leaves its range in ``DIMENSIONS``.
+    A size that is not finite or leaves its range in ``DIMENSIONS`` raises InvalidArgumentError.
 
     Examples
     --------
@@ -107,11 +86,9 @@ class Morphology:
     caudal: Size
 
     def __post_init__(self) -> None:
-        for i, fin in enumerate(FINS):
-            size = finite_array(
-                f"morphology.{fin}", getattr(self, fin), (3,), 0.0, MAXIMA[3 * i : 3 * i + 3]
-            )
-            object.__setattr__(self, fin, tuple(float(v) for v in size))
+        for fin, most in zip(FINS, MAXIMA.reshape(3, 3), strict=True):
+            size = finite_array(f"morphology.{fin}", getattr(self, fin), (3,), 0.0, most)
+            object.__setattr__(self, fin, tuple(size.tolist()))
 
     @classmethod
     def nominal(cls) -> Self:
@@ -126,20 +103,14 @@ class Morphology:
 
     @classmethod
     def coerce(cls, value: MorphologyLike) -> Morphology:
-        """Make one from whatever a user may mean.
-
-        ``None`` is the nominal body, a mapping goes from fin to (x, y, z) with the fins left
-        out nominal, anything else is nine numbers.
-        """
+        """Make one from ``None`` (nominal), fin to (x, y, z) (others nominal) or nine numbers."""
         if value is None:
             return cls.nominal()
         if isinstance(value, Morphology):
             return value
         if isinstance(value, Mapping):
-            sizes = {f.name: getattr(cls.nominal(), f.name) for f in fields(cls)}
-            for fin, size in value.items():
-                sizes[one_of("morphology fin", fin, FINS)] = size
-            return cls(**sizes)
+            given = {one_of("morphology fin", fin, FINS): size for fin, size in value.items()}
+            return cls(**{**asdict(cls.nominal()), **given})
         return cls.from_array(value)
 
     def to_array(self) -> NDArray[np.float64]:
@@ -150,25 +121,13 @@ class Morphology:
         """Return fin -> [x, y, z], ready for JSON."""
         return {fin: list(getattr(self, fin)) for fin in FINS}
 
-    def to_json(self) -> str:
-        """Return one line of JSON that ``from_json`` reads back exactly."""
-        return json.dumps(self.to_dict(), allow_nan=False)
-
     @classmethod
     def from_json(cls, text: str) -> Morphology:
-        """Read what ``to_json`` wrote.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it is not JSON, or not a full morphology.
-        """
+        """Read what ``to_dict`` gives, as JSON; anything else is refused."""
         sizes: Any = parse_json("morphology", text)
         if not isinstance(sizes, dict) or sorted(sizes) != sorted(FINS):
-            raise InvalidArgumentError(
-                f"a morphology's JSON must be an object with the keys {', '.join(FINS)}; "
-                f"got {brief(sizes)}"
-            )
+            wanted = f"an object with the keys {', '.join(FINS)}"
+            raise InvalidArgumentError(f"a morphology's JSON must be {wanted}; got {brief(sizes)}")
         return cls.coerce(sizes)
 
 
@@ -186,13 +145,7 @@ _FRACTIONS = {
 def change_in_words(before: Morphology, after: Morphology, tolerance: float = 0.0) -> str:
     """Return in words how one body differs from another, an estimated one from the known, say.
 
-    Parameters
-    ----------
-    before, after
-        The bodies.
-    tolerance
-        What counts as a change: a size that differs by more than this share of its range in
-        ``DIMENSIONS``. 0 names every change.
+    A size has changed that differs by more than ``tolerance``, a share of its range.
 
     Examples
     --------

@@ -218,7 +218,7 @@ def test_a_reader_that_leaves_is_no_error() -> None:
 def test_a_morphology_comes_from_a_file_or_is_nominal(tmp_path: Path) -> None:
     body = Morphology.coerce({"caudal": (0.1, 0.2, 0.3)})
     path = tmp_path / "body.json"
-    path.write_text(body.to_json())
+    path.write_text(json.dumps(body.to_dict()))
     assert read_morphology(path, "body") == body
     assert read_morphology(None, "body") == Morphology.nominal()
     with pytest.raises(InvalidArgumentError, match="body must be a file that can be read"):

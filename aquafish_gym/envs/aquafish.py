@@ -11,18 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import World, make_world
-from aquafish_gym.envs.conditions import (
-    Triple,
-    action_space,
-    check_conditions,
-    check_frame_skip,
-    check_single_action,
-    episode_length,
-    motion_info,
-    observation_space,
-    observe,
-    servo_speeds,
-)
+from aquafish_gym.envs import conditions
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import at_rest
@@ -166,29 +155,24 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         ctrl_cost_weight: float = 1e-4,
         reactive: bool = False,
     ) -> None:
-        self._conditions = check_conditions(morphology, damage, current, fin_angles)
+        self._conditions = conditions.check_conditions(morphology, damage, current, fin_angles)
         self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
         self._engine = check_engine(engine)
         self._observe_fins = flag("observe_fins", observe_fins)
         self._reactive = flag("reactive", reactive)
-        self.frame_skip = check_frame_skip(frame_skip)
+        self.frame_skip = conditions.check_frame_skip(frame_skip)
         self.render_mode = check_render_mode(render_mode)
         # The class says which modes there are, the environment which of them work here.
-        self.metadata = {
-            "render_modes": usable_modes(),
-            "render_fps": max(1, round(1 / self.dt)),
-        }
-        self.action_space = action_space()
-        self.observation_space = observation_space(self._observe_fins)
+        fps = max(1, round(1 / self.dt))
+        self.metadata = {"render_modes": usable_modes(), "render_fps": fps}
+        self.action_space = conditions.action_space()
+        self.observation_space = conditions.observation_space(self._observe_fins)
         self._world: World | None = None
         self._window: Window | None = None
         self._steps_left = 0
         self._episode = self._conditions
-        self._body = self._conditions.body
-        # What each step's info repeats.
-        self._told: tuple[str, NDArray[np.float64]] = ("", np.zeros(9))
         # What is now, or was before the robot diverged.
-        self._fin_angles: Triple = (0.0, 0.0, 0.0)
+        self._fin_angles: conditions.Triple = (0.0, 0.0, 0.0)
         self._state = at_rest(self._fin_angles)
 
     @property
@@ -199,14 +183,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode.
+        """Begin an episode; the seed is for random fin angles.
 
-        Parameters
-        ----------
-        seed
-            For the random fin angles.
-        options
-            ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
+        ``options`` are ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
 
         Raises
         ------
@@ -215,16 +194,13 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         """
         number = None if seed is None else integer("seed", seed, 0)
         self._episode = self._conditions.with_options(options)  # may refuse
-        self._body = self._episode.body
         super().reset(seed=number)
         if self._world is None:
             self._world = make_world(self._engine, self._reactive)
-        left, right, phase = self._episode.draw_fin_angles(1, self.np_random)[0].tolist()
-        sizes = self._body.to_array()
-        self._world.reset(sizes, (left, right, phase), self._episode.current)
-        self._told = (str(self._episode.damage), sizes)
+        left, right, phase = self._episode.draw_fin_angles(self.np_random).tolist()
+        self._world.reset(self._episode.sizes, (left, right, phase), self._episode.current)
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
-        self._steps_left = episode_length(self.frame_skip)
+        self._steps_left = conditions.EPISODE_STEPS // self.frame_skip
         here = self._state.position
         if self.render_mode == "human":
             self.render()
@@ -237,16 +213,14 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
         Raises
         ------
-        InvalidArgumentError
-            If the action is not three finite numbers.
-        ResetNeeded
-            If the episode is over.
+        InvalidArgumentError, ResetNeeded
+            If the action is not three finite numbers, or the episode is over.
         """
-        checked = check_single_action(action)
+        checked = conditions.check_single_action(action)
         world = self._world
         if world is None or self._steps_left == 0:
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
-        world.advance(servo_speeds(checked), self.frame_skip)
+        world.advance(conditions.servo_speeds(checked), self.frame_skip)
         self._steps_left -= 1
         before = self._state.position
         diverged = world.diverged
@@ -266,16 +240,15 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     def _observation(self) -> Observation:
         fins = self._fin_angles if self._observe_fins else None
-        return observe(self._state.orientation, self._state.spin, fins)
+        return conditions.observe(self._state.orientation, self._state.spin, fins)
 
     def _info(self, before: Vector, after: Vector) -> dict[str, Any]:
-        damage, sizes = self._told
-        info = motion_info(before, after, self.dt)
-        info["diverged"] = False
-        info["fin_angles"] = np.array(self._fin_angles)
-        info["damage"] = damage
-        info["morphology"] = sizes.copy()
-        return info
+        return conditions.motion_info(before, after, self.dt) | {
+            "diverged": False,
+            "fin_angles": np.array(self._fin_angles),
+            "damage": self._episode.broken,
+            "morphology": self._episode.sizes.copy(),
+        }
 
     def render(self) -> Any:
         """Return a frame (480, 640, 3) uint8, or show it in the window; None without a mode."""
@@ -286,9 +259,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.render_mode == "human":
             if self._window is None:
                 self._window = Window()
-            self._window.show(self._body, pose, angles)
+            self._window.show(self._episode.body, pose, angles)
             return None
-        return render_pose(self._body, pose, angles)
+        return render_pose(self._episode.body, pose, angles)
 
     def close(self) -> None:
         """Give back what the engine and the window hold; closing twice does no harm."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -26,10 +28,9 @@ EPISODE_STEPS = round(EPISODE_SECONDS / TIMESTEP)
 # Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
 GYRO_RANGE = math.radians(2000.0)
 # What a sensor cannot exceed: up, north, gyro, and the fins' sines and cosines.
-LIMITS: Floats = np.ones(15)
-LIMITS[6:9] = np.float32(GYRO_RANGE)  # the space's bound
-_LEAST = -LIMITS
-LIMITS.setflags(write=False)
+_LIMITS: Floats = np.ones(15)
+_LIMITS[6:9] = np.float32(GYRO_RANGE)  # the space's bound
+_LEAST = -_LIMITS
 _LOW: list[float] = COMMAND_LOW.tolist()
 _SPAN: list[float] = (COMMAND_HIGH - COMMAND_LOW).tolist()
 OPTIONS = ("fin_angles", "morphology", "damage")
@@ -47,23 +48,23 @@ class Conditions:
     fin_angles: str | Triple
     current: Triple
 
-    @property
+    @cached_property
     def body(self) -> Morphology:
         """The damaged body."""
         return self.damage.apply(self.morphology)
 
-    def with_options(
-        self, options: Mapping[str, Any] | None, also: tuple[str, ...] = ()
-    ) -> Conditions:
-        """Return the conditions of one episode, with the options given to ``reset``.
+    @cached_property
+    def sizes(self) -> Floats:
+        """The damaged body's nine sizes."""
+        return self.body.to_array()
 
-        ``also`` names options that are allowed but not read here.
+    @cached_property
+    def broken(self) -> str:
+        """The damage in text."""
+        return str(self.damage)
 
-        Raises
-        ------
-        InvalidArgumentError, UnknownNameError
-            If an option is unknown or bad.
-        """
+    def with_options(self, options: object, also: tuple[str, ...] = ()) -> Conditions:
+        """Return one episode's, with the options of ``reset``; those in ``also`` are not read."""
         if options is None:
             return self
         if not isinstance(options, Mapping):
@@ -79,30 +80,20 @@ class Conditions:
         found.body  # noqa: B018  # raises if the damage does not fit the body
         return found
 
-    def draw_fin_angles(self, count: int, rng: np.random.Generator) -> Floats:
-        """Return initial angles (count, 3) in rad."""
+    def draw_fin_angles(self, rng: np.random.Generator) -> Floats:
+        """Return initial angles (3,) in rad."""
         if isinstance(self.fin_angles, str):
-            return rng.uniform(-math.pi, math.pi, (count, 3))
-        return np.array([self.fin_angles] * count)
+            return rng.uniform(-math.pi, math.pi, 3)
+        return np.array(self.fin_angles)
 
 
 def check_conditions(
     morphology: object, damage: object, current: ArrayLike, fin_angles: object
 ) -> Conditions:
-    """Return conditions from an environment's arguments.
-
-    Raises
-    ------
-    InvalidArgumentError, UnknownNameError
-        The message names the argument, what was expected and what came.
-    """
+    """Return conditions from an environment's arguments."""
     water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
-    whole = Conditions(
-        Morphology.nominal(),
-        Damage(),
-        (0.0, 0.0, 0.0),
-        (water[0].item(), water[1].item(), water[2].item()),
-    )
+    x, y, z = water.tolist()
+    whole = Conditions(Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), (x, y, z))
     return whole.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )
@@ -113,22 +104,17 @@ def check_fin_angles(value: object) -> str | Triple:
     if isinstance(value, str):
         name = one_of("fin_angles", value, ("zero", "random"))
         return name if name == "random" else (0.0, 0.0, 0.0)
-    angles = finite_array("fin_angles", value, (3,), unit="rad")  # type: ignore[arg-type]
-    return (float(angles[0]), float(angles[1]), float(angles[2]))
+    left, right, phase = finite_array("fin_angles", value, (3,)).tolist()  # type: ignore[arg-type]
+    return (left, right, phase)
 
 
 def check_frame_skip(value: object) -> int:
-    """Return the physics steps in each control step.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If an episode, which lasts 20 s for everybody, is not a whole number of control steps.
-    """
+    """Return the physics steps in each control step, of which an episode is a whole number."""
     skip = integer("frame_skip", value, 1, EPISODE_STEPS)
     if EPISODE_STEPS % skip:
-        low = next(n for n in range(skip, 0, -1) if EPISODE_STEPS % n == 0)
-        high = next(n for n in range(skip, EPISODE_STEPS + 1) if EPISODE_STEPS % n == 0)
+        divisors = [n for n in range(1, EPISODE_STEPS + 1) if EPISODE_STEPS % n == 0]
+        after = bisect(divisors, skip)
+        low, high = divisors[after - 1 : after + 1]
         raise InvalidArgumentError(
             f"frame_skip must divide {EPISODE_STEPS}, the physics steps of an episode of "
             f"{EPISODE_SECONDS:g} s; got {skip}; the nearest are {low} and {high}"
@@ -136,19 +122,8 @@ def check_frame_skip(value: object) -> int:
     return skip
 
 
-def episode_length(frame_skip: int) -> int:
-    """Return the control steps of an episode of 20 s."""
-    return EPISODE_STEPS // frame_skip
-
-
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:
-    """Return an action as float64 of this shape, clipped to [-1, 1].
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it has another shape or is not finite.
-    """
+    """Return an action as float64 of this shape, clipped to [-1, 1]."""
     if type(action) is np.ndarray and action.shape == shape and action.dtype.char in "efd":
         checked = action.astype(np.float64, "F")  # whose columns batches work on
         if np.isfinite(checked).all():
@@ -168,10 +143,7 @@ def check_single_action(action: object) -> Triple:
 
 
 def servo_speeds(action: Vector) -> Vector:
-    """Return the command in rev/s, rev/s, Hz of three servos' actions in [-1, 1].
-
-    It is ``scale_action`` for plain numbers, or for rows (B,), to the same bits.
-    """
+    """Return ``scale_action`` of three plain numbers, or of three rows (B,), to the same bits."""
     left, right, caudal = action
     return (
         _LOW[0] + 0.5 * (left + 1.0) * _SPAN[0],
@@ -187,26 +159,18 @@ def action_space() -> Box[np.float32]:
 
 def observation_space(observe_fins: bool) -> Box[np.float32]:
     """Return the space of observations; see ``AquaFishEnv``."""
-    high = LIMITS[: 15 if observe_fins else 9].astype(np.float32)
+    high = _LIMITS[: 15 if observe_fins else 9].astype(np.float32)
     return Box(-high, high, dtype=np.float32)
 
 
 def observe(
     quaternion: Iterable[Number], gyro: Iterable[Number], fin_angles: ArrayLike | None
 ) -> NDArray[np.float32]:
-    """Return what the IMU says, shape (9,), or (15,) with the fins' angles.
+    """Return what the IMU says, shape (9,), or (15,) with the fins' angles unless they are None.
 
     Every number may be a row (B,) instead; the answer is then (B, 9) or (B, 15). What leaves
-    the observation space saturates.
-
-    Parameters
-    ----------
-    quaternion
-        x, y, z and w, from body to world.
-    gyro
-        Angular velocity about the body's three axes, rad/s.
-    fin_angles
-        The three servos' angles in rad, (3,) or (3, B), or None to hide them.
+    the observation space saturates. The quaternion is x, y, z, w, from body to world; the gyro
+    about the body's axes, rad/s; the angles in rad.
     """
     x, y, z, w = quaternion
     xx, yz, wx = x * x, y * z, w * x
@@ -224,17 +188,15 @@ def observe(
         senses += [*np.sin(fin_angles), *np.cos(fin_angles)]
     seen = np.array(senses).T
     np.maximum(seen, _LEAST[: len(senses)], out=seen)
-    np.minimum(seen, LIMITS[: len(senses)], out=seen)
+    np.minimum(seen, _LIMITS[: len(senses)], out=seen)
     return seen.astype(np.float32, "C")
 
 
 def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
-    """Return where the robot is and how fast it got there.
-
-    The positions are three numbers each, or three rows (B,), which are not copied.
-    """
+    """Return where the robot is and how fast it got there, in numbers or rows (B,)."""
     x, y, z = after
     square = x * x + y * y + z * z
+    root = math.sqrt if isinstance(square, float) else np.sqrt
     return {
         "x_position": x,
         "y_position": y,
@@ -242,7 +204,5 @@ def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
         "x_velocity": (x - before[0]) / dt,
         "y_velocity": (y - before[1]) / dt,
         "z_velocity": (z - before[2]) / dt,
-        "distance_from_origin": (
-            math.sqrt(square) if isinstance(square, float) else np.sqrt(square)
-        ),
+        "distance_from_origin": root(square),
     }

@@ -1,37 +1,13 @@
-"""What a robot is rewarded for. The physics measures, a task judges.
-
-A task sees one robot's plain numbers, or a whole batch's rows in their place.
-"""
+"""What a robot is rewarded for. The physics measures, a task judges."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 from aquafish_gym.physics.arithmetic import Number, Vector
 from aquafish_gym.utils.validation import finite_array
 
 MOST = 1e6  # of a weight: a reward must stay finite
-
-
-class Task(Protocol):
-    """Turns what happened within one control step into named terms of reward."""
-
-    def reward_terms(
-        self, before: Vector, after: Vector, action: Vector, dt: float
-    ) -> dict[str, Number]:
-        """Return the terms, a number or a row (B,) each; their sum is the reward.
-
-        Parameters
-        ----------
-        before, after
-            x, y, z of the capsule's centre in the world at the step's two ends, units of 5 cm:
-            three numbers, or three rows (B,).
-        action
-            Likewise the three servos' in [-1, 1].
-        dt
-            The step's length, s.
-        """
 
 
 @dataclass(frozen=True)
@@ -40,17 +16,8 @@ class SwimForward:
 
     As in Gymnasium's Swimmer: speed made good over the step, less a small price on the action.
 
-    Attributes
-    ----------
-    forward_weight
-        Of the speed along +y, units/s.
-    ctrl_weight
-        Of the sum of the action's squares; 0 or more.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If a weight is not finite or over a million, or the price is negative.
+    The weights are of the speed along +y, units/s, and of the sum of the action's squares; they are
+    at most a million, and the price is not negative.
     """
 
     forward_weight: float = 1.0
@@ -65,7 +32,11 @@ class SwimForward:
     def reward_terms(
         self, before: Vector, after: Vector, action: Vector, dt: float
     ) -> dict[str, Number]:
-        """Return ``reward_forward`` and ``reward_ctrl``; see :class:`Task`."""
+        """Return ``reward_forward`` and ``reward_ctrl``, whose sum is the reward.
+
+        Positions ``before`` and ``after`` the step, units of 5 cm, and the servos' actions in
+        [-1, 1] are three numbers each, or a batch's three rows (B,); ``dt`` is in s.
+        """
         left, right, caudal = action
         effort = left * left + right * right + caudal * caudal
         return {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -15,36 +15,18 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
-from aquafish_gym.envs.batching import (
-    Info,
-    Mask,
-    bodies,
-    check_mask,
-    check_seeds,
-    masked,
-    put_final,
-)
-from aquafish_gym.envs.conditions import (
-    Conditions,
-    action_space,
-    check_action,
-    check_conditions,
-    check_frame_skip,
-    episode_length,
-    motion_info,
-    observation_space,
-    observe,
-    servo_speeds,
-)
+from aquafish_gym.envs import conditions
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import check_render_mode, render_pose
-from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
 
 Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+Info = dict[str, Any]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
@@ -54,20 +36,8 @@ QUATERNION, POSITION, GYRO = FIELDS["orientation"], FIELDS["position"], FIELDS["
 SPEEDS = slice(FIELDS["velocity"].start, GYRO.stop)
 
 
-class _Start(NamedTuple):
-    """What an episode begins with, its sizes and words worked out once."""
-
-    conditions: Conditions
-    sizes: Floats
-    damage: str
-
-
-def _start(conditions: Conditions) -> _Start:
-    return _Start(conditions, conditions.body.to_array(), str(conditions.damage))
-
-
 class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
-    """``num_envs`` of :class:`~aquafish_gym.envs.aquafish.AquaFishEnv` in the lanes of one engine.
+    """Many of :class:`~aquafish_gym.envs.aquafish.AquaFishEnv` in the lanes of one engine.
 
     ``gym.make_vec("AquaFish-v0", num_envs=64)`` makes one. Spaces, rewards, start, end and
     ``info`` are the single environment's, with a leading axis; each key of ``info`` has its
@@ -76,8 +46,6 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     Parameters
     ----------
-    num_envs
-        How many robots.
     morphology
         As the single environment's, for all; or (num_envs, 9) sizes, one body each.
     engine
@@ -90,10 +58,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         None takes every core; no result depends on it.
     autoreset_mode
         An ``AutoresetMode`` or its name: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
-    damage, current, fin_angles, observe_fins, frame_skip
-        As the single environment's, for all.
-    forward_reward_weight, ctrl_cost_weight, reactive
-        As the single environment's, for all.
+
+    The others are as the single environment's, for all.
 
     Raises
     ------
@@ -142,36 +108,35 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._autoreset = AUTORESET_MODES[name]
         if isinstance(render_mode, str) and render_mode == "human":
             raise InvalidArgumentError(
-                'render_mode="human" shows one robot: use gym.make; here "rgb_array" gives a '
-                "frame for each"
+                'render_mode="human" shows one robot: use gym.make; "rgb_array" gives a frame each'
             )
         self.render_mode = check_render_mode(render_mode)
         self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
         self._observe_fins = flag("observe_fins", observe_fins)
-        self.frame_skip = check_frame_skip(frame_skip)
+        self.frame_skip = conditions.check_frame_skip(frame_skip)
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": max(1, round(1 / self.dt)),
             "autoreset_mode": self._autoreset,
         }
-        self.single_observation_space = observation_space(self._observe_fins)
-        self.single_action_space = action_space()
+        self.single_observation_space = conditions.observation_space(self._observe_fins)
+        self.single_action_space = conditions.action_space()
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
         # Robots of one body share one start.
+        several = _bodies(morphology, self.num_envs)
         starts = [
-            _start(check_conditions(body, damage, current, fin_angles))
-            for body in bodies(morphology, self.num_envs)
+            conditions.check_conditions(body, damage, current, fin_angles) for body in several
         ]
         self._starts = starts if len(starts) > 1 else starts * self.num_envs
         # Of the present episodes.
         self._sizes = np.stack([start.sizes for start in self._starts])
-        self._damages = np.array([start.damage for start in self._starts], dtype=object)
+        self._damages = np.array([start.broken for start in self._starts], dtype=object)
         self._lanes = LaneBatch(
             self._sizes,
             np.zeros((self.num_envs, 3)),
-            starts[0].conditions.current,
+            starts[0].current,
             getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
             threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
             reactive=flag("reactive", reactive),
@@ -195,19 +160,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     ) -> tuple[Observations, Info]:
         """Begin an episode of every robot, or of those under ``options["reset_mask"]``.
 
-        Parameters
-        ----------
-        seed
-            Robot i takes seed + i; or one seed each; None goes on with the generators as they
-            are, and so do the robots that are not reset.
-        options
-            ``fin_angles``, ``morphology`` and ``damage``, the same for all and for this episode
-            alone, and ``reset_mask`` (num_envs,) of bool.
+        Robot i takes seed + i, or its own of a list; without a seed the generators go on, and so
+        do robots that are not reset. ``options`` are the single environment's, the same for all,
+        and ``reset_mask`` (num_envs,) of bool.
         """
-        seeds = check_seeds(seed, self.num_envs)
+        seeds = _check_seeds(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)
         if isinstance(options, Mapping) and "reset_mask" in options:
-            mask = check_mask(options["reset_mask"], self.num_envs)
+            mask = _check_mask(options["reset_mask"], self.num_envs)
         if not self._begun and not mask.all():
             raise ResetNeeded("the first reset must be of every robot")
         starts = self._chosen(mask, options)  # may refuse: nothing has changed until here
@@ -219,23 +179,22 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
         self._begin(mask, starts)
         self._begun = True
-        return self._observation(), masked(self._info(self._now), mask)
+        return self._observation(), _masked(self._info(self._now), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
 
         Raises
         ------
-        InvalidArgumentError
-            If the actions are not finite numbers of that shape.
-        ResetNeeded
-            Before the first reset, or after an episode's end with autoreset disabled.
+        InvalidArgumentError, ResetNeeded
+            If the actions are not finite numbers of that shape, before the first reset, or after
+            an episode's end with autoreset disabled.
         """
-        checked = check_action(actions, (self.num_envs, 3))
+        checked = conditions.check_action(actions, (self.num_envs, 3))
         over = self._steps_left == 0
         if not self._begun or (over.any() and self._autoreset is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        commands = np.array(servo_speeds(_three(checked.T))).T
+        commands = np.array(conditions.servo_speeds(_three(checked.T))).T
         lost = self._lanes.advance(commands, self.frame_skip).diverged
         before, now = self._now, self._lanes.rows()
         with np.errstate(over="ignore", invalid="ignore"):
@@ -257,55 +216,52 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._begin(over, self._chosen(over))
             before[:, over] = now[:, over]
         ended = self._steps_left == 0
-        info = masked(
-            {**self._info(before), "diverged": diverged}, np.ones(self.num_envs, np.bool_)
-        )
-        info |= masked(terms, ~over)
+        everyone = np.ones(self.num_envs, np.bool_)
+        info = _masked({**self._info(before), "diverged": diverged}, everyone)
+        info |= _masked(terms, ~over)
         if ended.any() and self._autoreset is AutoresetMode.SAME_STEP:
             last = self._observation()
             self._begin(ended, self._chosen(ended))
-            info = put_final(info, masked(self._info(now), ended), last, ended)
-        return (
-            self._observation(),
-            np.asarray(sum(terms.values())),
-            diverged,
-            ended & ~diverged,
-            info,
-        )
+            info = _put_final(info, _masked(self._info(now), ended), last, ended)
+        reward = np.asarray(sum(terms.values()))
+        return self._observation(), reward, diverged, ended & ~diverged, info
 
-    def _chosen(self, mask: Mask, options: dict[str, Any] | None = None) -> list[_Start]:
+    def _chosen(
+        self, mask: Mask, options: dict[str, Any] | None = None
+    ) -> list[conditions.Conditions]:
         """Return how the robots under ``mask`` shall begin."""
         starts = [self._starts[i] for i in np.flatnonzero(mask).tolist()]
         if options is not None:
-            special = {id(start): start.conditions for start in starts}
             made = {
-                key: _start(conditions.with_options(options, ("reset_mask",)))
-                for key, conditions in special.items()
+                key: start.with_options(options, ("reset_mask",))
+                for key, start in {id(start): start for start in starts}.items()
             }
             starts = [made[id(start)] for start in starts]
         return starts
 
-    def _begin(self, mask: Mask, starts: list[_Start]) -> None:
+    def _begin(self, mask: Mask, starts: list[conditions.Conditions]) -> None:
         """Put the robots under ``mask`` back to their starts."""
         chosen = np.flatnonzero(mask).tolist()
         angles = np.empty((len(chosen), 3))
         for row, (i, start) in enumerate(zip(chosen, starts, strict=True)):
             self._sizes[i] = start.sizes
-            self._damages[i] = start.damage
-            angles[row] = start.conditions.draw_fin_angles(1, self._rngs[i])[0]
+            self._damages[i] = start.broken
+            angles[row] = start.draw_fin_angles(self._rngs[i])
         self._lanes.replace(mask, self._sizes[mask], angles)
         self._now[:, mask] = self._lanes.rows()[:, mask]
-        self._steps_left[mask] = episode_length(self.frame_skip)
+        self._steps_left[mask] = conditions.EPISODE_STEPS // self.frame_skip
 
     def _observation(self) -> Observations:
         now = self._now
         fins = angles_of_rows(now) if self._observe_fins else None
-        return observe(now[QUATERNION], now[GYRO], fins)
+        return conditions.observe(now[QUATERNION], now[GYRO], fins)
 
     def _info(self, before: Floats) -> Info:
         """Return what is to be told, after a step from the states ``before``."""
         return {
-            **motion_info(_three(before[POSITION]), _three(self._now[POSITION].copy()), self.dt),
+            **conditions.motion_info(
+                _three(before[POSITION]), _three(self._now[POSITION].copy()), self.dt
+            ),
             "diverged": np.zeros(self.num_envs, np.bool_),
             "fin_angles": angles_of_rows(self._now).T.copy(),
             "damage": self._damages.copy(),
@@ -316,16 +272,82 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
         if self.render_mode is None:
             return None
-        position, quaternion = self._now[POSITION].T, self._now[QUATERNION].T
-        angles = angles_of_rows(self._now).T
+        now = self._now
+        robots = (self._sizes, now[POSITION].T, now[QUATERNION].T, angles_of_rows(now).T)
         return tuple(
-            render_pose(
-                Morphology.from_array(self._sizes[i]), (position[i], quaternion[i]), angles[i]
-            )
-            for i in range(self.num_envs)
+            render_pose(Morphology.from_array(sizes), (position, quaternion), angles)
+            for sizes, position, quaternion, angles in zip(*robots, strict=True)
         )
 
 
 def _three(rows: Floats) -> Vector:
     x, y, z = rows
     return (x, y, z)
+
+
+def _bodies(morphology: object, count: int) -> list[Any]:
+    """Return one body for all robots, or one for each from (count, 9) sizes."""
+    several = isinstance(morphology, np.ndarray) and morphology.ndim == 2
+    if isinstance(morphology, list | tuple) and morphology:
+        several = not isinstance(morphology[0], int | float | np.number)
+    if not several:
+        return [morphology]
+    each: list[Any] = list(morphology)  # type: ignore[call-overload]
+    if len(each) != count:
+        raise InvalidArgumentError(
+            f"morphology must be one body or num_envs = {count} of them; got {len(each)}"
+        )
+    return each
+
+
+def _check_seeds(seed: object, count: int) -> list[int | None]:
+    """Return a seed for each robot, from one number, one each, or None."""
+    if seed is None:
+        return [None] * count
+    # Bytes are a sequence of whole numbers, and no seeds.
+    if not isinstance(seed, list | tuple | range) and not (
+        isinstance(seed, np.ndarray) and seed.ndim
+    ):
+        first = integer("seed", seed, 0)
+        return [first + i for i in range(count)]
+    if len(seed) != count:
+        raise InvalidArgumentError(f"seed must be one number or {count} of them; got {len(seed)}")
+    return [None if s is None else integer(f"seed[{i}]", s, 0) for i, s in enumerate(seed)]
+
+
+def _check_mask(mask: object, count: int) -> Mask:
+    """Return which robots (count,) shall be reset: at least one."""
+    try:
+        found = np.asarray(mask)
+    except (ValueError, RecursionError):  # ragged, or too deep
+        found = np.zeros(0)
+    if found.dtype.kind != "b" or found.shape != (count,) or not found.any():
+        raise InvalidArgumentError(
+            f'options["reset_mask"] must be ({count},) of bool with at least one True; '
+            f"got {brief(mask)}"
+        )
+    return found
+
+
+def _masked(info: Info, mask: Mask) -> Info:
+    """Add the mask that Gymnasium wants beside each key."""
+    return info | {f"_{name}": mask.copy() for name in info}
+
+
+def _put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -> Info:
+    """Move the ended robots' information to ``final_info`` and put the new episodes' instead."""
+    final = {name: value.copy() for name, value in info.items()}
+    for name in list(final):
+        if name.startswith("_"):
+            final[name] &= ended
+    for name, value in fresh.items():
+        if not name.startswith("_"):
+            info[name] = value
+    for name in info:
+        if name.startswith("_") and name not in fresh:
+            info[name] &= ~ended
+    observations = np.full(len(ended), None, dtype=object)
+    for i in np.flatnonzero(ended):
+        observations[i] = last[i]
+    finals = _masked({"final_obs": observations}, ended)
+    return info | finals | {"final_info": final, "_final_info": ended.copy()}

@@ -1,6 +1,5 @@
 """Pictures and films of the robot; PyBullet, which draws, is loaded when it is first asked to."""
 
-from aquafish_gym.rendering.film import Frame, write_gif, write_mp4
 from aquafish_gym.rendering.render import (
     RENDER_MODES,
     Window,
@@ -8,9 +7,10 @@ from aquafish_gym.rendering.render import (
     render_motion,
     render_pose,
     usable_modes,
+    write_gif,
 )
 from aquafish_gym.rendering.robot_mesh import fin_poses
-from aquafish_gym.rendering.scenery import Camera
+from aquafish_gym.rendering.scenery import Camera, Frame
 
 __all__ = [
     "RENDER_MODES",
@@ -23,5 +23,4 @@ __all__ = [
     "render_pose",
     "usable_modes",
     "write_gif",
-    "write_mp4",
 ]

@@ -13,13 +13,13 @@ from matplotlib.figure import Figure
 from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import one_of
 
-FORMATS = ("png", "pdf", "svg")
 # Without versions and dates a file says nothing but the picture.
 _UNSAID: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
     "svg": {"Creator": None, "Date": None},
 }
+FORMATS = tuple(_UNSAID)
 
 
 def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
@@ -30,17 +30,7 @@ def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a picture in the format that its suffix names: ``.png``, ``.pdf`` or ``.svg``.
-
-    The file is replaced at once or not at all.
-
-    Raises
-    ------
-    UnknownNameError
-        If there is no such format.
-    CannotWriteError
-        If the file cannot be written.
-    """
+    """Write a picture, at once or not at all, in one of ``FORMATS``, which its suffix names."""
     form = one_of("the picture's suffix", Path(path).suffix, [f".{f}" for f in FORMATS])[1:]
     content = io.BytesIO()
     # Names within an SVG are salted with chance else; journals ask for TrueType.

@@ -13,7 +13,8 @@ from __future__ import annotations
 import ctypes
 import functools
 import os
-from typing import Any
+from collections.abc import Iterable
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,9 +22,9 @@ from numpy.typing import ArrayLike
 from aquafish_gym.engines.bullet.world import take_client
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.rendering.film import Frame
 from aquafish_gym.rendering.robot_mesh import Figure, draw, find_window
-from aquafish_gym.rendering.scenery import Camera, Floats, water_and_floor
+from aquafish_gym.rendering.scenery import Camera, Floats, Frame, water_and_floor
+from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -45,39 +46,34 @@ def check_render_mode(mode: object) -> str | None:
 
     Raises
     ------
-    UnknownNameError
-        If there is no such mode.
-    EngineUnavailableError
-        If there is no display for ``"human"``, or no PyBullet to draw with.
+    UnknownNameError, EngineUnavailableError
+        If there is no such mode, no display for ``"human"``, or no PyBullet to draw with.
     """
     if mode is None:
         return None
     name = one_of("render_mode", mode, RENDER_MODES)
     # Without one, Bullet's window code ends the whole process.
     if name == "human" and not _has_display():
+        display = os.environ.get("DISPLAY")
+        why = f"no X server answers at DISPLAY={display}" if display else "DISPLAY is not set"
         raise EngineUnavailableError(
-            f'render_mode="human" opens a window and there is no display here ({_display()}); '
+            f'render_mode="human" opens a window and there is no display here ({why}); '
             'use render_mode="rgb_array" and save the frames'
         )
-    _load_renderer()
+    _require_renderer()
     return name
 
 
-def _load_renderer() -> Any:
-    """Return PyBullet, or say that drawing needs it, whatever engine moves the robot."""
+def _require_renderer() -> None:
+    """Say that drawing needs PyBullet, whatever engine moves the robot."""
     try:
-        return load_pybullet()
+        load_pybullet()
     except EngineUnavailableError:
         raise EngineUnavailableError(
             "drawing the robot needs the package pybullet, with every engine, and it is not "
             "installed here: pip install pybullet==3.2.7 on Linux with Python 3.9 to 3.11, or "
             "leave render_mode out"
         ) from None
-
-
-def _display() -> str:
-    name = os.environ.get("DISPLAY")
-    return f"no X server answers at DISPLAY={name}" if name else "DISPLAY is not set"
 
 
 def _has_display() -> bool:
@@ -111,34 +107,16 @@ def render_pose(
     height: int = 480,
     camera: Camera | None = None,
 ) -> Frame:
-    """Return a picture of the robot.
+    """Return a picture of the robot, (height, width, 3) uint8; fins of no area are not drawn.
 
-    Parameters
-    ----------
-    morphology
-        The body; fins of no area are not drawn.
-    pose
-        Position (3,) in units of 5 cm and quaternion (4,) from body to world.
-    fin_angles
-        Left and right pectoral angle and caudal phase, rad.
-    width, height
-        In pixels.
-    camera
-        None follows the robot from behind, above and to its right.
-
-    Returns
-    -------
-    ndarray
-        (height, width, 3) uint8.
+    Without a camera it is seen from behind, above and its right.
 
     Raises
     ------
-    InvalidArgumentError
-        If an argument is not finite, of another shape or out of range.
-    EngineUnavailableError
-        If PyBullet, which draws, is not installed.
+    InvalidArgumentError, EngineUnavailableError
+        If an argument is not finite, of another shape or out of range, or without PyBullet.
     """
-    _load_renderer()
+    _require_renderer()
     integer("width", width, 16, 4096)
     integer("height", height, 16, 4096)
     position, quaternion, angles = _check_pose(pose, fin_angles)
@@ -203,13 +181,8 @@ class Window:
         self._figure.build(morphology)
         self._figure.place(position, quaternion, angles)
         camera = Camera()
-        load_pybullet().resetDebugVisualizerCamera(
-            camera.distance,
-            camera.azimuth,
-            -camera.elevation,
-            position.tolist(),
-            physicsClientId=self._figure.client,
-        )
+        view = (camera.distance, camera.azimuth, -camera.elevation, position.tolist())
+        load_pybullet().resetDebugVisualizerCamera(*view, physicsClientId=self._figure.client)
 
     def close(self) -> None:
         """Close the window; closing twice does no harm."""
@@ -227,18 +200,36 @@ def render_motion(
     height: int = 480,
     camera: Camera | None = None,
 ) -> list[Frame]:
-    """Return a picture for each of T poses.
-
-    Parameters
-    ----------
-    positions, quaternions, fin_angles
-        (T, 3), (T, 4) and (T, 3); see :func:`render_pose`.
-    """
+    """Return :func:`render_pose` of T positions (T, 3), quaternions (T, 4) and fins (T, 3)."""
     where = finite_array("positions", positions, (None, 3))
     count = len(where)
     how = finite_array("quaternions", quaternions, (count, 4))
     angles = finite_array("fin_angles", fin_angles, (count, 3), unit="rad")
     return [
-        render_pose(morphology, (where[t], how[t]), angles[t], width, height, camera)
-        for t in range(count)
+        render_pose(morphology, (here, turn), fins, width, height, camera)
+        for here, turn, fins in zip(where, how, angles, strict=True)
     ]
+
+
+def write_gif(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float = 20.0) -> Path:
+    """Write frames (H, W, 3) of one size as a GIF that repeats for ever; return its path.
+
+    GIF counts hundredths of a second, so that only fps of 100 / n come out exactly.
+    """
+    import imageio.v3 as iio
+
+    finite_array("fps", fps, (), 0.1, 240.0)
+    pictures = [np.asarray(frame) for frame in frames]
+    if not pictures:
+        raise InvalidArgumentError("frames must hold at least one picture; got none")
+    for picture in pictures:
+        if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
+            found = f"{picture.shape} of {picture.dtype}"
+            raise InvalidArgumentError(f"frames must be (H, W, 3) pictures of uint8; got {found}")
+        if picture.shape != pictures[0].shape:
+            sizes = f"{pictures[0].shape} and {picture.shape}"
+            raise InvalidArgumentError(f"frames must all be of one size; got {sizes}")
+    pause = 10 * max(2, round(100 / fps))  # ms; viewers slow down anything shorter than 20
+    data = iio.imwrite("<bytes>", np.stack(pictures), extension=".gif", duration=pause, loop=0)
+    write_bytes(path, bytes(data))
+    return Path(path)

@@ -7,6 +7,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,25 +15,15 @@ from numpy.typing import ArrayLike
 from aquafish_gym.engines.bullet.world import AXES, HINGES
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.physics import robot
 from aquafish_gym.physics.kinematics import caudal_angle
-from aquafish_gym.physics.robot import (
-    CYLINDER,
-    MOUNT_LENGTH,
-    MOUNT_WIDTH,
-    MOUNT_X,
-    NOSE,
-    PECTORAL_X,
-    PECTORAL_Y,
-    RADIUS,
-)
-from aquafish_gym.rendering.film import Frame
-from aquafish_gym.rendering.scenery import Floats, Pixels, View, multiply, rotate
+from aquafish_gym.rendering.scenery import Floats, Frame, Pixels, View, multiply, rotate
 
 _GREY = (0.62, 0.64, 0.67, 1.0)
 _DARK = (0.38, 0.40, 0.43, 1.0)
 _RED = (0.86, 0.12, 0.10, 1.0)
 _THINNEST = 0.02  # a fin of no thickness is drawn this thick
-_BODY_HALF = np.array([PECTORAL_X, NOSE, RADIUS])
+_BODY_HALF = np.array([robot.PECTORAL_X, robot.NOSE, robot.RADIUS])
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 _NEAREST, _FARTHEST = 0.1, 1200.0  # what the camera sees, units
 
@@ -42,20 +33,14 @@ def fin_poses(
 ) -> list[tuple[Floats, Floats]]:
     """Return where the middle of each fin is and how it is turned, in the world."""
     left, right, phase = np.asarray(fin_angles, dtype=np.float64)
+    angles = (left, right, caudal_angle((math.cos(phase), math.sin(phase))))
     poses = []
-    for fin, hinge, axis, angle in zip(
-        FINS,
-        HINGES,
-        AXES,
-        (left, right, caudal_angle((math.cos(phase), math.sin(phase)))),
-        strict=True,
-    ):
+    for fin, hinge, axis, angle in zip(FINS, HINGES, AXES, angles, strict=True):
         turn = np.append(np.array(axis) * math.sin(angle / 2), math.cos(angle / 2))
         whole = multiply(quaternion, turn)
         middle = np.array([0.0, -getattr(morphology, fin)[1] / 2, 0.0])
-        poses.append(
-            (position + rotate(quaternion, np.array(hinge)) + rotate(whole, middle), whole)
-        )
+        place = position + rotate(quaternion, np.array(hinge)) + rotate(whole, middle)
+        poses.append((place, whole))
     return poses
 
 
@@ -79,12 +64,12 @@ class Figure:
             p.GEOM_MESH, vertices=vertices, normals=normals, indices=triangles, rgbaColor=_GREY,
             specularColor=[0.25] * 3, physicsClientId=client,
         )  # fmt: skip
-        mount = self._box((MOUNT_WIDTH, MOUNT_LENGTH, 0.08), _DARK)
+        mount = self._box((robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08), _DARK)
         self.body = p.createMultiBody(
             0, -1, capsule,
             linkMasses=[0, 0], linkCollisionShapeIndices=[-1, -1],
             linkVisualShapeIndices=[mount, mount],
-            linkPositions=[(-MOUNT_X, PECTORAL_Y, 0), (MOUNT_X, PECTORAL_Y, 0)],
+            linkPositions=[(x, robot.PECTORAL_Y, 0) for x in (-robot.MOUNT_X, robot.MOUNT_X)],
             linkOrientations=[(0, 0, 0, 1)] * 2, linkInertialFramePositions=[(0, 0, 0)] * 2,
             linkInertialFrameOrientations=[(0, 0, 0, 1)] * 2, linkParentIndices=[0, 0],
             linkJointTypes=[p.JOINT_FIXED] * 2, linkJointAxis=[(0, 0, 1)] * 2,
@@ -99,14 +84,12 @@ class Figure:
                 self.fins.append((i, body))
         self.morphology = morphology
 
-    def _box(self, size: Sequence[float], colour: Sequence[float]) -> int:
+    def _box(self, size: Sequence[float], colour: Sequence[float]) -> Any:
         p = load_pybullet()
-        half = [v / 2 for v in size]
-        shape: int = p.createVisualShape(
-            p.GEOM_BOX, halfExtents=half, rgbaColor=colour, specularColor=[0.1] * 3,
-            physicsClientId=self.client,
+        return p.createVisualShape(
+            p.GEOM_BOX, halfExtents=[v / 2 for v in size], rgbaColor=colour,
+            specularColor=[0.1] * 3, physicsClientId=self.client,
         )  # fmt: skip
-        return shape
 
     def place(self, position: Floats, quaternion: Floats, fin_angles: ArrayLike) -> Floats:
         """Move the parts; return points (n, 3) whose hull holds them."""
@@ -127,9 +110,7 @@ class Figure:
 
 
 @functools.cache
-def _capsule_mesh(
-    around: int = 40, along: int = 10
-) -> tuple[list[list[float]], list[list[float]], list[int]]:
+def _capsule_mesh(around: int = 40, along: int = 10) -> tuple[Any, Any, Any]:
     """Return vertices, normals and triangles of the capsule, whose axis is y.
 
     Bullet's own has so few faces that its ends look like nuts.
@@ -138,36 +119,24 @@ def _capsule_mesh(
     # From the tail's pole to the nose's: two half spheres, joined by the cylinder.
     ring = np.concatenate([np.sin(polar), np.sin(polar[::-1])])
     axial = np.concatenate([-np.cos(polar), np.cos(polar[::-1])])
-    shift = np.repeat([-CYLINDER / 2, CYLINDER / 2], along)
+    shift = np.repeat([-robot.CYLINDER / 2, robot.CYLINDER / 2], along)
     angle = np.arange(around) * (2 * math.pi / around)
-    normals = np.stack(
-        [
-            np.outer(ring, np.cos(angle)),
-            np.repeat(axial[:, None], around, axis=1),
-            np.outer(ring, np.sin(angle)),
-        ],
-        axis=-1,
-    )
-    vertices = RADIUS * normals
+    sides = np.repeat(axial[:, None], around, axis=1)
+    normals = np.stack([np.outer(ring, np.cos(angle)), sides, np.outer(ring, np.sin(angle))], -1)
+    vertices = robot.RADIUS * normals
     vertices[:, :, 1] += shift[:, None]
     i, j = np.meshgrid(np.arange(2 * along - 1), np.arange(around), indexing="ij")
     here, beside = i * around + j, i * around + (j + 1) % around
     above, across = here + around, beside + around
     triangles = np.stack([here, above, beside, beside, above, across], axis=-1)
-    return (
-        vertices.reshape(-1, 3).tolist(),
-        normals.reshape(-1, 3).tolist(),
-        triangles.ravel().tolist(),
-    )
+    corners, outward = vertices.reshape(-1, 3), normals.reshape(-1, 3)
+    return corners.tolist(), outward.tolist(), triangles.ravel().tolist()
 
 
 def find_window(
     corners: Floats, view: View, width: int, height: int
 ) -> tuple[int, int, int, int] | None:
-    """Return the pixels (left, right, top, bottom) that hold these points, None if none do.
-
-    Drawing only there is much faster than drawing everything.
-    """
+    """Return the pixels (left, right, top, bottom) that hold these points, None if none do."""
     from_eye = corners - view.eye
     ahead = from_eye @ view.forward
     if ahead.max() < _NEAREST:
@@ -187,8 +156,7 @@ def draw(
 ) -> tuple[Pixels, Pixels]:
     """Draw what is in the client within a window of the picture.
 
-    Returns the colours (h, w, 3), black where there is nothing, and how much of each pixel is
-    covered (h, w, 1), 0 to 1.
+    Return colours (h, w, 3), black where nothing is, and each pixel's cover (h, w, 1), 0 to 1.
     """
     p = load_pybullet()
     left, right, top, bottom = window
@@ -197,28 +165,16 @@ def draw(
     to_eye[:3, :3] = (view.right, view.up, -view.forward)
     to_eye[:3, 3] = -to_eye[:3, :3] @ view.eye
     pixel = 2 * view.slope / height * _NEAREST
-    projection = p.computeProjectionMatrix(
-        (left - width / 2) * pixel,
-        (right - width / 2) * pixel,
-        (height / 2 - bottom) * pixel,
-        (height / 2 - top) * pixel,
-        _NEAREST,
-        _FARTHEST,
-    )
+    across = [(x - width / 2) * pixel for x in (left, right)]
+    upward = [(height / 2 - y) * pixel for y in (bottom, top)]
+    projection = p.computeProjectionMatrix(*across, *upward, _NEAREST, _FARTHEST)
+    light = view.right - 1.2 * view.forward + np.array([0.0, 0.0, 2.2])
     *_, image, _depth, mask = p.getCameraImage(
-        w,
-        h,
-        viewMatrix=to_eye.T.reshape(-1).tolist(),
-        projectionMatrix=projection,
-        lightDirection=(view.right - 1.2 * view.forward + np.array([0.0, 0.0, 2.2])).tolist(),
-        lightColor=(1.0, 1.0, 1.0),
-        lightAmbientCoeff=0.62,
-        lightDiffuseCoeff=0.45,
-        lightSpecularCoeff=0.35,
-        shadow=0,
-        renderer=p.ER_TINY_RENDERER,
+        w, h, viewMatrix=to_eye.T.reshape(-1).tolist(), projectionMatrix=projection,
+        lightDirection=light.tolist(), lightColor=(1.0, 1.0, 1.0), lightAmbientCoeff=0.62,
+        lightDiffuseCoeff=0.45, lightSpecularCoeff=0.35, shadow=0, renderer=p.ER_TINY_RENDERER,
         physicsClientId=client,
-    )
+    )  # fmt: skip
     # By build an array or a flat tuple.
     picture = np.asarray(image, dtype=np.uint8).reshape(h, w, 4)[..., :3]
     covered = (np.asarray(mask).reshape(h, w, 1) >= 0).astype(np.uint8)

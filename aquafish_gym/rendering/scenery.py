@@ -14,6 +14,7 @@ from aquafish_gym.utils.validation import finite_array
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.float32]
+Frame = NDArray[np.uint8]
 
 _NEAR_WATER = (172.0, 219.0, 236.0)
 _FAR_WATER = (226.0, 243.0, 249.0)
@@ -33,11 +34,9 @@ class Camera:
     ----------
     distance
         From the target, in units of 5 cm.
-    azimuth
-        Of the camera about the vertical, degrees: 0 looks along the world's y from behind the
-        robot's start, 90 looks along -x from its right.
-    elevation
-        Of the camera above the target, degrees, within +-89.
+    azimuth, elevation
+        Of the camera about the vertical and above the target, degrees: azimuth 0 looks along the
+        world's y from behind the robot's start, 90 looks along -x from its right.
     target
         A point to look at, or None to follow the robot.
     field_of_view
@@ -70,14 +69,8 @@ class Camera:
         back = np.array([math.sin(a) * math.cos(e), -math.cos(a) * math.cos(e), math.sin(e)])
         right = np.array([math.cos(a), math.sin(a), 0.0])
         slope = math.tan(math.radians(self.field_of_view) / 2)
-        return View(
-            target + self.distance * back,
-            right,
-            np.cross(back, right),
-            -back,
-            slope,
-            self.distance,
-        )
+        eye, up = target + self.distance * back, np.cross(back, right)
+        return View(eye, right, up, -back, slope, self.distance)
 
 
 class View(NamedTuple):
@@ -161,10 +154,7 @@ def water_and_floor(
 
 
 def _shade(u: Pixels, v: Pixels, quaternion: Floats) -> Pixels:
-    """Return the capsule's soft shadow on the floor under it, 0 to 1.
-
-    ``u`` and ``v`` are horizontal distances from the robot.
-    """
+    """Return the capsule's soft shadow, 0 to 1, on the floor at (u, v) from under it."""
     x, y = (float(c) for c in rotate(quaternion, np.array([0.0, CYLINDER / 2, 0.0]))[:2])
     t = np.clip((u * x + v * y) / (x * x + y * y + 1e-9), -1, 1)
     away = np.square(u - t * x) + np.square(v - t * y)

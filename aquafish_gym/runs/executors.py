@@ -18,28 +18,18 @@ MOST_WORKERS = 1024
 _PATIENCE = 20.0  # s for a scheduler to answer
 
 
-class ClusterUnavailableError(EngineUnavailableError):
-    """A cluster was asked for, and the package for it is not installed."""
-
-
 @contextmanager
 def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
     """Give an executor; when left by an error or Ctrl-C, its processes are stopped at once.
 
-    Parameters
-    ----------
-    count
-        Processes of this machine; one for each of its cores that this process may use by default.
-    scheduler
-        A dask scheduler's address, such as ``tcp://host:8786``; its workers, which need this
-        package but no shared file system, are used in place of processes.
+    It has ``count`` processes of this machine, by default one for each core that this process may
+    use; or the workers, which need this package but no shared file system, of the dask scheduler at
+    an address such as ``tcp://host:8786``.
 
     Raises
     ------
-    InvalidArgumentError
-        If the count is none, or no scheduler answers at the address or it has no workers.
-    ClusterUnavailableError
-        If dask is not installed.
+    InvalidArgumentError, EngineUnavailableError
+        If nobody answers at the address or it has no workers, or dask is not installed.
     """
     if scheduler is not None:
         with _cluster(scheduler) as cluster:
@@ -60,7 +50,7 @@ def _cluster(address: str) -> Iterator[Executor]:
     try:
         import distributed
     except ImportError as error:
-        raise ClusterUnavailableError(
+        raise EngineUnavailableError(
             f'a scheduler needs dask, which is not installed here ({error}): the extra "cluster" '
             "of this package brings it"
         ) from None

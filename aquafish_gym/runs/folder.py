@@ -25,26 +25,13 @@ SCHEMA = "aquafish.folder/1"
 _PART = re.compile(r"\..+\.[a-z0-9_]{8}" + re.escape(PART))  # as write_bytes names them
 _MOST_BYTES = 4096  # of a lock
 
-Settings = dict[str, Any]
-
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Hold a folder for this command until it ends, in whatever way.
+    """Hold a folder for this command until it ends, in whatever way, or say who holds it.
 
     The system lets go of a dead process's lock, so that it is simply taken over. Workers of a
     killed command need not be waited for: they touch no file. What it was writing is swept.
-
-    Parameters
-    ----------
-    folder
-        It exists; a file ``lock`` is in it as long as it is held.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If another command holds it (the message says which and since when), or it cannot be
-        written.
     """
     path = folder / LOCK
     while True:
@@ -83,13 +70,7 @@ def sweep(folder: Path) -> None:
 
 
 def described(folder: Path) -> dict[str, Any] | None:
-    """Return the description that a folder has, with ``kind`` and ``settings``, or ``None``.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is damaged or cannot be read.
-    """
+    """Return a folder's description, with ``kind`` and ``settings``, or ``None`` without one."""
     path = folder / SETTINGS
     if not path.exists():
         return None
@@ -107,60 +88,59 @@ def claim(
     outputs: Iterable[str] = (),
     other_code: bool = False,
 ) -> None:
-    """Note what a folder is to hold, or refuse one that holds something else.
+    """Note what a folder, which is held, is to hold, or refuse one that holds something else.
+
+    The message names the first difference; nothing has been changed then.
 
     Parameters
     ----------
-    folder
-        Held.
     kind
         What it holds, in words: "a study".
     settings
         All that decides the results, ready for JSON.
     code
-        The code that they come from: names, such as of packages, to versions or stamps (see
-        ``stamps``). Results of other code are refused, unless ``other_code``.
+        What they come from: names, such as of packages, to versions or stamps (see ``stamps``).
     outputs
         Names that the command will write, which a folder without a description must not hold.
     other_code
         Whether results of other code are gone on from; the description then names both.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it holds another kind of thing, or the same with other settings or of other code; the
-        message names the first difference. Nothing has been changed then.
-    CannotWriteError
-        If the description cannot be written.
     """
     before = described(folder)
-    asked: Settings = json.loads(json.dumps(dict(settings)))
+    asked: dict[str, Any] = json.loads(json.dumps(dict(settings)))
     codes = [dict(code)] if code is not None else []
+    rule = f"out must be a new directory or hold {kind}; {folder} holds"
     if before is None:
-        there = [name for name in outputs if (folder / name).exists()]
-        if there:
+        found = [name for name in outputs if (folder / name).exists()]
+        if found:
             raise InvalidArgumentError(
-                f"out must be a new directory or hold {kind}; {folder} holds {' and '.join(there)} "
-                f"but no {SETTINGS}, so what they are is not known"
+                f"{rule} {' and '.join(found)} but no {SETTINGS}, so what they are is not known"
             )
     else:
         if before["kind"] != kind:
+            raise InvalidArgumentError(f"{rule} {before['kind']}")
+        name = first_difference(before["settings"], asked)
+        if name is not None:
+            there, here = (brief(flat(one).get(name)) for one in (before["settings"], asked))
             raise InvalidArgumentError(
-                f"out must be a new directory or hold {kind}; {folder} holds {before['kind']}"
+                f"out: {folder} holds {kind} with {name} {there}, not {here}; choose another folder"
             )
-        _refuse_other_settings(folder, kind, before["settings"], asked)
         former = before.get("code") or []
-        if not other_code:
-            _refuse_other_code(folder, former, codes)
+        if former and codes and codes[0] not in former and not other_code:
+            name = first_difference(former[-1], codes[0]) or ""
+            raise InvalidArgumentError(
+                f"out: {folder} holds results of {name} {former[-1].get(name)}, not "
+                f"{codes[0].get(name)}; choose another folder, or say --other-code if no result "
+                "can have changed"
+            )
         codes = [*former, *(one for one in codes if one not in former)]
     document = {"kind": kind, "settings": asked, "code": codes}
     if document != before:
         write_document(folder / SETTINGS, document, SCHEMA)
 
 
-def flat(settings: Mapping[str, Any], prefix: str = "") -> Settings:
+def flat(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     """Return nested settings as one mapping with dotted names."""
-    found: Settings = {}
+    found: dict[str, Any] = {}
     for name, value in settings.items():
         nested = isinstance(value, Mapping)
         found |= flat(value, f"{prefix}{name}.") if nested else {f"{prefix}{name}": value}
@@ -175,28 +155,6 @@ def first_difference(held: Mapping[str, Any], asked: Mapping[str, Any]) -> str |
         if here.get(name, missing) != there.get(name, missing):
             return name
     return None
-
-
-def _refuse_other_settings(folder: Path, kind: str, held: Settings, asked: Settings) -> None:
-    name = first_difference(held, asked)
-    if name is not None:
-        raise InvalidArgumentError(
-            f"out: {folder} holds {kind} with {name} {brief(flat(held).get(name))}, not "
-            f"{brief(flat(asked).get(name))}; choose another folder"
-        )
-
-
-def _refuse_other_code(
-    folder: Path, former: list[dict[str, str]], now: list[dict[str, str]]
-) -> None:
-    if not former or not now or now[0] in former:
-        return
-    name = first_difference(former[-1], now[0])
-    assert name is not None
-    raise InvalidArgumentError(
-        f"out: {folder} holds results of {name} {former[-1].get(name)}, not {now[0].get(name)}; "
-        "choose another folder, or say --other-code if no result can have changed"
-    )
 
 
 def _is_at(handle: int, path: Path) -> bool:

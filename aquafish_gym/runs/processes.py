@@ -1,15 +1,12 @@
 """Processes of this machine as an executor: each may die or stand still, and only its job does.
 
 The standard library's ``ProcessPoolExecutor`` fails as a whole when one of its processes dies, and
-waits for ever for one that is stopped. Here a thread of the parent attends to each process. It is
-replaced when it dies, and its call ends with :class:`WorkerDiedError`.
-
-A second thread looks once a second for signs of life: a beat that each process sends, or processor
-time that it has used since. A process that shows neither for ``silence`` looks in a row stands
-still, as after SIGSTOP, and is killed. A compiler that holds the interpreter for a minute sends no
-beat but uses time; one that waits for a disk uses none but beats; on a crowded machine either
-comes within 20 s. Looks are counted rather than time, so that a parent that was itself stopped,
-or slept with its machine, finds nobody silent when it wakes.
+waits for ever for one that is stopped. Here a process that dies is replaced, and its call ends with
+:class:`WorkerDiedError`. One that neither sends its beat nor uses processor time for ``silence``
+looks in a row, one a second, stands still, as after SIGSTOP, and is killed. A compiler that holds
+the interpreter for a minute sends no beat but uses time; one that waits for a disk uses none but
+beats; on a crowded machine either comes within 20 s. Looks are counted rather than time, so that a
+parent that was itself stopped, or slept with its machine, finds nobody silent when it wakes.
 """
 
 from __future__ import annotations
@@ -36,6 +33,7 @@ _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA
 _CONTEXT = multiprocessing.get_context("spawn")
 
 Hear = Callable[["Future[Any]", str, float], None]
+_Message = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 
 
 class WorkerDiedError(RuntimeError):
@@ -53,24 +51,17 @@ class _Worker:
 
 
 class ProcessExecutor(Executor):
-    """An executor of spawned processes, one call each at a time.
+    """An executor of at most ``count`` spawned processes, one call each at a time.
 
-    The processes do not hear Ctrl-C, which their parent answers, have one thread each for
-    numerics, and end when their parent does, even by SIGKILL.
-
-    Parameters
-    ----------
-    count
-        Processes at most; they begin as calls come, so that a first call has one of them, and can
-        compile what all of them then find compiled.
-    silence
-        Looks, one a second, after which a process without a sign of life is killed.
+    They begin as calls come, so that a first call has one of them, and can compile what all of
+    them then find compiled. They do not hear Ctrl-C, which their parent answers, have one thread
+    each for numerics, and end when their parent does, even by SIGKILL.
     """
 
     def __init__(self, count: int, silence: int = SILENCE) -> None:
         self._count = count
         self._silence = silence
-        self._calls: queue.SimpleQueue[_Call | None] = queue.SimpleQueue()
+        self._calls: queue.SimpleQueue[tuple[Future[Any], _Message] | None] = queue.SimpleQueue()
         self._hear: Hear | None = None
         self._lock = threading.Lock()
         self._threads: list[threading.Thread] = []
@@ -79,10 +70,7 @@ class ProcessExecutor(Executor):
         self._over = threading.Event()
 
     def hear(self, hear: Hear | None) -> None:
-        """Have what calls say (see :func:`say`) told to ``hear(future, text, share)``.
-
-        It is told the empty text when a call begins, and called in threads of this executor.
-        """
+        """Have what calls :func:`say`, and "" when one begins, told to it, in other threads."""
         self._hear = hear
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
@@ -91,7 +79,7 @@ class ProcessExecutor(Executor):
         with self._lock:
             if self._closed:
                 raise RuntimeError("cannot submit a call to an executor that was shut down")
-            self._calls.put(_Call(future, fn, args, kwargs))
+            self._calls.put((future, (fn, args, kwargs)))
             if len(self._threads) < self._count:
                 if not self._threads:
                     threading.Thread(target=self._look_after, daemon=True).start()
@@ -134,19 +122,19 @@ class ProcessExecutor(Executor):
             except queue.Empty:
                 return
             if call is not None:
-                call.future.cancel()
+                call[0].cancel()
 
     def _attend(self) -> None:
         """Have calls done in one process after another, in a thread of its own."""
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         worker: _Worker | None = None
         while (call := self._calls.get()) is not None:
-            if call.future.set_running_or_notify_cancel():
-                worker = self._do(call, worker)
+            if call[0].set_running_or_notify_cancel():
+                worker = self._do(*call, worker)
         if worker is not None:
             self._end(worker)
 
-    def _do(self, call: _Call, worker: _Worker | None) -> _Worker | None:
+    def _do(self, future: Future[Any], message: _Message, worker: _Worker | None) -> _Worker | None:
         """Have a call done, by a new worker if there is none; return the worker if it lives."""
         try:
             if worker is not None and not worker.process.is_alive():  # it died while it was idle
@@ -155,7 +143,7 @@ class ProcessExecutor(Executor):
             worker = worker or self._begin()
             worker.looks, worker.busy = 0, True
             try:
-                result, error = self._converse(call, worker)
+                result, error = self._converse(future, message, worker)
             finally:
                 worker.busy = False
         except (EOFError, ConnectionError):
@@ -166,24 +154,24 @@ class ProcessExecutor(Executor):
         except BaseException as caught:
             result, error = None, caught
         if error is None:
-            call.future.set_result(result)
+            future.set_result(result)
         else:
-            call.future.set_exception(error)
+            future.set_exception(error)
         return worker
 
-    def _converse(self, call: _Call, worker: _Worker) -> tuple[Any, BaseException | None]:
+    def _converse(
+        self, future: Future[Any], message: _Message, worker: _Worker
+    ) -> tuple[Any, BaseException | None]:
         """Return the call's result and what it raised."""
-        worker.connection.send((call.function, call.args, call.kwargs))
-        self._tell(call.future, "", 0.0)
+        worker.connection.send(message)
+        self._tell(future, "", 0.0)
         while True:
             kind, *content = worker.connection.recv()
             worker.looks = 0
             if kind == "said":
-                self._tell(call.future, *content)
-            elif kind == "done":
-                return content[0], None
-            elif kind == "raised":
-                return None, content[0]
+                self._tell(future, *content)
+            elif kind != "beat":
+                return (content[0], None) if kind == "done" else (None, content[0])
 
     def _tell(self, future: Future[Any], text: str, share: float) -> None:
         if (hear := self._hear) is not None:
@@ -223,27 +211,17 @@ class ProcessExecutor(Executor):
                         worker.process.kill()
 
 
-@dataclass(frozen=True)
-class _Call:
-    future: Future[Any]
-    function: Callable[..., Any]
-    args: tuple[Any, ...]
-    kwargs: dict[str, Any]
-
-
 @contextmanager
 def _single_threaded() -> Iterator[None]:
     """Let processes begin with one thread for numerics."""
-    before = {name: os.environ.get(name) for name in _THREADS}
+    before = {name: os.environ[name] for name in _THREADS if name in os.environ}
     try:
         os.environ.update(dict.fromkeys(_THREADS, "1"))
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in _THREADS:
+            os.environ.pop(name, None)
+        os.environ.update(before)
 
 
 def _processor_time(process: int | None) -> float | None:

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import queue
 import traceback
+from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Sequence
 from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any, Generic, Literal, Protocol, TypeVar
 
@@ -41,15 +42,13 @@ Kind = Literal["began", "said", "done", "retried", "failed"]
 
 
 class JobLike(Protocol):
-    """What the runner knows of a job, which must also be hashable."""
+    """What the runner knows of a job: a name for people, and a file, with slashes, of its own."""
 
     @property
-    def name(self) -> str:
-        """For people."""
+    def name(self) -> str: ...
 
     @property
-    def file(self) -> str:
-        """Relative to the folder, with slashes; no other job's."""
+    def file(self) -> str: ...
 
 
 Job = TypeVar("Job", bound=JobLike)
@@ -59,20 +58,10 @@ Job = TypeVar("Job", bound=JobLike)
 class Event(Generic[Job]):
     """What happened to a job.
 
-    Attributes
-    ----------
-    kind
-        It "began"; "said" something; is "done"; its process died and it is "retried"; or it
-        "failed" for good, by an error or because its processes died too often. A foreign executor
-        does not tell of beginnings, and what jobs say to it nobody hears.
-    job
-        The job.
-    text
-        What was said, or the reason.
-    share
-        Of the job's work that is done, in [0, 1].
-    document
-        What the work returned, once the job is done and its file written.
+    It "began"; "said" something; is "done"; its process died and it is "retried"; or it "failed"
+    for good, by an error or because its processes died too often. A foreign executor does not
+    tell of beginnings, and what jobs say to it nobody hears. ``text`` was said or is the reason,
+    ``share`` of the work in [0, 1] is done, ``document`` is what it returned, once written.
     """
 
     kind: Kind
@@ -88,30 +77,21 @@ def run_jobs(
     folder: Path,
     executor: Executor,
     on_event: Callable[[Event[Job]], None] | None = None,
-    tries: int = TRIES,
 ) -> list[str]:
     """Do the jobs whose files are not there whole, in their order, and write their files.
 
+    Return a sentence for each job that could not be done; the others' files are there.
+
     Parameters
     ----------
-    jobs
+    jobs, work
         See this module's beginning.
-    work
-        Likewise. The document that it returns must hold finite numbers, arrays, text, lists and
-        dictionaries.
     folder
         Held by ``folder.held``.
     executor
         Any; see ``executors.workers``. No result depends on it.
     on_event
         Told what happens, in this thread.
-    tries
-        How often a job is begun in all, if the processes that do it die.
-
-    Returns
-    -------
-    list of str
-        A sentence for each job that could not be done; the others' files are there.
 
     Raises
     ------
@@ -128,7 +108,7 @@ def run_jobs(
     done = finished(folder, jobs)
     with interrupts():
         left = [job for job in jobs if job not in done]
-        return _Run(work, folder, executor, on_event or (lambda _: None), tries).do(left)
+        return _Run(work, folder, executor, on_event or (lambda _: None)).do(left)
 
 
 def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
@@ -144,15 +124,7 @@ def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
 
 
 def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
-    """Return what the work returned for a job; ``None`` if its file is not there.
-
-    Raises
-    ------
-    DamagedFileError
-        If the file is not what was written, or was written for another job.
-    InvalidArgumentError
-        If it cannot be read.
-    """
+    """Return a job's result, ``None`` without a file; DamagedFileError if it is another."""
     path = folder / job.file
     if not path.exists():
         return None
@@ -160,9 +132,7 @@ def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
 
 
 def merge_results(folder: Path, other: Path, jobs: Collection[Job]) -> int:
-    """Copy results that another folder of the same study has and this one lacks.
-
-    Whether the two are of the same study, the caller knows. Return how many were copied.
+    """Copy results that another folder of the same study has and this one lacks; return how many.
 
     Raises
     ------
@@ -191,69 +161,63 @@ def merge_results(folder: Path, other: Path, jobs: Collection[Job]) -> int:
     return len(new)
 
 
+@dataclass
 class _Run(Generic[Job]):
     """One call of ``run_jobs``. Other threads reach it through its queue alone."""
 
-    def __init__(
-        self,
-        work: Callable[[Job, Say], dict[str, Any]],
-        folder: Path,
-        executor: Executor,
-        tell: Callable[[Event[Job]], None],
-        tries: int,
-    ) -> None:
-        self._work, self._folder, self._executor = work, folder, executor
-        self._tell, self._tries = tell, tries
-        self._news: queue.SimpleQueue[tuple[Future[Any], str, float] | Future[Any]]
-        self._news = queue.SimpleQueue()
-        self._pending: dict[Future[Any], Job] = {}
-        self._begun: dict[Job, int] = {}
-        self._failures: list[str] = []
+    work: Callable[[Job, Say], dict[str, Any]]
+    folder: Path
+    executor: Executor
+    tell: Callable[[Event[Job]], None]
+    news: queue.SimpleQueue[Any] = field(default_factory=queue.SimpleQueue)
+    pending: dict[Future[Any], Job] = field(default_factory=dict)
+    begun: Counter[Job] = field(default_factory=Counter)
+    failures: list[str] = field(default_factory=list)
 
     def do(self, jobs: Sequence[Job]) -> list[str]:
-        heard = self._executor if isinstance(self._executor, ProcessExecutor) else None
+        heard = self.executor if isinstance(self.executor, ProcessExecutor) else None
         try:
             if heard:
-                heard.hear(lambda *said: self._news.put(said))
+                heard.hear(lambda *said: self.news.put(said))
             for job in jobs:
                 self._submit(job)
-            while self._pending:
+            while self.pending:
                 try:
-                    news = self._news.get(timeout=_TICK)
+                    news = self.news.get(timeout=_TICK)
                 except queue.Empty:
                     continue
                 if isinstance(news, Future):
                     self._conclude(news)
-                elif news[0] in self._pending:
-                    job = self._pending[news[0]]
+                elif news[0] in self.pending:
+                    job = self.pending[news[0]]
                     kind: Kind = "said" if news[1] else "began"
-                    self._tell(Event(kind, job, *news[1:]))
+                    self.tell(Event(kind, job, *news[1:]))
         finally:
-            for future in list(self._pending):
+            for future in list(self.pending):
                 future.cancel()
             if heard:
                 heard.hear(None)
-        return self._failures
+        return self.failures
 
     def _submit(self, job: Job) -> None:
-        self._begun[job] = self._begun.get(job, 0) + 1
+        self.begun[job] += 1
         try:
-            future = self._executor.submit(do_job, self._work, job)
+            future = self.executor.submit(do_job, self.work, job)
         except BrokenExecutor as error:
             raise OSError(f"no process is left to do the jobs: {error}") from error
-        self._pending[future] = job
-        future.add_done_callback(self._news.put)
+        self.pending[future] = job
+        future.add_done_callback(self.news.put)
 
     def _conclude(self, future: Future[Any]) -> None:
-        job = self._pending.pop(future)
+        job = self.pending.pop(future)
         try:
             kind, answer = future.result()
         except WorkerDiedError as error:
-            if self._begun[job] < self._tries:
-                self._tell(Event("retried", job, str(error)))
+            if self.begun[job] < TRIES:
+                self.tell(Event("retried", job, str(error)))
                 self._submit(job)
             else:
-                self._fail(job, f"{error}, {self._tries} times")
+                self._fail(job, f"{error}, {TRIES} times")
         except CancelledError:
             raise OSError("the processes that did the jobs are gone") from None
         except OSError as error:
@@ -263,18 +227,15 @@ class _Run(Generic[Job]):
         else:
             if kind == "failed":
                 self._fail(job, answer)
-            else:
-                self._keep(job, answer)
-
-    def _keep(self, job: Job, content: bytes) -> None:
-        document = _of(job, decode_document(content, job.name, SCHEMA), job.name)
-        _write(self._folder / job.file, content)
-        self._tell(Event("done", job, share=1.0, document=document))
+                return
+            document = _of(job, decode_document(answer, job.name, SCHEMA), job.name)
+            _write(self.folder / job.file, answer)
+            self.tell(Event("done", job, share=1.0, document=document))
 
     def _fail(self, job: Job, reason: str) -> None:
         reason = " ".join(reason.split())[:_LONGEST]
-        self._failures.append(f"{job.name}: {reason}")
-        self._tell(Event("failed", job, reason))
+        self.failures.append(f"{job.name}: {reason}")
+        self.tell(Event("failed", job, reason))
 
 
 def do_job(work: Callable[[Job, Say], dict[str, Any]], job: Job) -> tuple[str, Any]:
@@ -312,8 +273,6 @@ def _check_files(jobs: Sequence[JobLike]) -> None:
         if path.is_absolute() or ".." in path.parts or not path.name:
             raise InvalidArgumentError(f"a job's file must be in the folder; got {job.file!r}")
         if job.file in seen:
-            raise InvalidArgumentError(
-                f"jobs must have a file each; {seen[job.file].name} and {job.name} both have "
-                f"{job.file}"
-            )
+            both = f"{seen[job.file].name} and {job.name} both have {job.file}"
+            raise InvalidArgumentError(f"jobs must have a file each; {both}")
         seen[job.file] = job

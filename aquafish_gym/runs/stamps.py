@@ -8,17 +8,12 @@ from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from platform import python_version_tuple
-from typing import Any
 
 
 def code_stamp(sources: Iterable[Path]) -> str:
-    """Return a hash of source files and of their names; comments and docstrings have no say.
+    """Return a hash of source files, of their names and of the folder that each is in.
 
-    Parameters
-    ----------
-    sources
-        Python files, and others that count byte by byte. Their order has no say, nor has where
-        they are, but for the folder that each is in.
+    Comments and docstrings of Python files have no say; other files count byte by byte.
     """
     digest = hashlib.sha256()
     named = sorted((source.parts[-2:], source.read_bytes()) for source in sources)
@@ -37,15 +32,7 @@ def versions(packages: Iterable[str] = ("aquafish-gym", "numba", "numpy")) -> di
 def _meaning(code: bytes) -> bytes:
     tree = ast.parse(code)
     for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list) and body and _is_text(body[0]):
-            del body[0]
+        match getattr(node, "body", None):
+            case [ast.Expr(ast.Constant(str())), *_] as body:
+                del body[0]
     return ast.dump(tree).encode()
-
-
-def _is_text(statement: Any) -> bool:
-    return (
-        isinstance(statement, ast.Expr)
-        and isinstance(statement.value, ast.Constant)
-        and isinstance(statement.value.value, str)
-    )

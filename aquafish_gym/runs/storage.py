@@ -24,7 +24,6 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_jso
 MOST_BYTES = 32 * 2**20  # of a document; parsed, JSON takes up to 20 times its length
 PART = ".part"  # ends the name of a file that is being written
 _CHECKSUM_DIGITS = 16
-_OWN_KEYS = ("schema", "checksum")
 
 
 class DamagedFileError(InvalidArgumentError):
@@ -39,14 +38,7 @@ class CannotWriteError(OSError):
 
 
 def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out") -> Path:
-    """Return ``path`` as a directory that exists and takes files; it is made if need be.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is empty text, or cannot be made or written; the message names ``argument`` and the
-        reason.
-    """
+    """Return ``path`` as a directory that takes files; made if need be, refused if it cannot be."""
     try:
         directory = Path(path)
     except TypeError:
@@ -66,13 +58,7 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file, replacing an old one at once or not at all, also if the power fails.
-
-    Raises
-    ------
-    CannotWriteError
-        If it cannot; nothing of it is left then.
-    """
+    """Write a file at once or not at all, also if the power fails, or raise CannotWriteError."""
     target = Path(path)
     name = None
     try:
@@ -87,7 +73,11 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
         os.chmod(name, 0o666 & ~mask)  # noqa: PTH101 - name is a str from mkstemp
         os.replace(name, target)  # noqa: PTH105
         name = None
-        _sync_directory(target.parent)
+        handle = os.open(target.parent, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
     except (OSError, ValueError) as error:
         raise CannotWriteError(f"cannot write {target}: {_reason(error)}") from error
     finally:
@@ -99,16 +89,8 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
 def write_json(path: str | os.PathLike[str], document: Any) -> None:
     """Write anything as indented JSON for other programs: without schema and checksum.
 
-    Numpy numbers and arrays are written as numbers and lists.
-
-    Raises
-    ------
-    ValueError
-        If it holds NaN or infinity, which JSON does not have.
-    TypeError
-        If it holds something that JSON cannot.
-    CannotWriteError
-        If the file cannot be written.
+    Numpy numbers and arrays are written as numbers and lists. ValueError and TypeError refuse NaN,
+    infinity and what else JSON cannot hold.
     """
     text = json.dumps(document, indent=2, allow_nan=False, default=_plain) + "\n"
     write_bytes(path, text.encode())
@@ -117,34 +99,22 @@ def write_json(path: str | os.PathLike[str], document: Any) -> None:
 def write_document(
     path: str | os.PathLike[str], content: Mapping[str, Any], schema: str | None = None
 ) -> None:
-    """Write a document; see :func:`encode_document` for how it reads and :func:`write_json`.
-
-    Raises
-    ------
-    ValueError, TypeError, CannotWriteError
-        As ``write_json``.
-    """
+    """Write what :func:`encode_document` returns; see there, and :func:`write_bytes`."""
     write_bytes(path, encode_document(content, schema))
 
 
 def encode_document(content: Mapping[str, Any], schema: str | None = None) -> bytes:
     """Return a document as it stands in a file: its schema, its checksum, then its content.
 
-    Raises
-    ------
-    ValueError
-        If the content has a key ``checksum`` or another schema, or is not finite.
-    TypeError
-        If it holds something that JSON cannot.
+    ValueError refuses content with a key ``checksum`` or another schema; see also ``write_json``.
     """
     content = dict(content)
     held = content.pop("schema", schema)
     if "checksum" in content or (schema is not None and held != schema):
         raise ValueError("a document's schema and checksum are written by the storage")
     # Numbers as keys become text in JSON: the checksum is of what will be read.
-    text = json.dumps(content, allow_nan=False, default=_plain)
-    plain: dict[str, Any] = ({} if held is None else {"schema": held}) | json.loads(text)
-    first = {key: plain.pop(key) for key in ("schema",) if key in plain}
+    plain = json.loads(json.dumps(content, allow_nan=False, default=_plain))
+    first = {} if held is None else {"schema": held}
     whole = {**first, "checksum": _checksum(first | plain), **plain}
     return (json.dumps(whole, indent=1, allow_nan=False) + "\n").encode()
 
@@ -158,25 +128,13 @@ def read_document(
 ) -> dict[str, Any]:
     """Return the content of a document, without its schema and checksum.
 
-    Parameters
-    ----------
-    path
-        The file.
-    schema
-        What it must say it is; ``None`` for whatever it says.
-    argument
-        Which argument names the file, for messages.
-    most_bytes
-        Longer files are refused before they are read.
-    checksum
-        "optional" for what people write by hand: it is checked where it is there.
+    A ``schema`` is what it must say it is. A checksum is "optional" for what people write by hand:
+    it is checked where it is there. In messages ``argument`` names the file.
 
     Raises
     ------
-    InvalidArgumentError
-        If it cannot be read, or is no regular file.
-    DamagedFileError
-        If it is not what was written.
+    InvalidArgumentError, DamagedFileError
+        If it cannot be read, is no regular file or too long; if it is not what was written.
     """
     content = read_bytes(path, argument, most_bytes)
     return decode_document(content, f"{argument}: {path}", schema, checksum)
@@ -188,13 +146,7 @@ def decode_document(
     schema: str | None = None,
     checksum: Literal["required", "optional"] = "required",
 ) -> dict[str, Any]:
-    """Return what :func:`encode_document` was given; ``name`` is for messages.
-
-    Raises
-    ------
-    DamagedFileError
-        If the bytes are not what it returned.
-    """
+    """Return what :func:`encode_document` was given, or raise DamagedFileError with the name."""
     try:
         whole = parse_json(name, content)
     except InvalidArgumentError as error:
@@ -217,12 +169,9 @@ def decode_document(
 
 
 def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> bytes:
-    """Return what a regular file of at most so many bytes holds.
+    """Return what a file holds, or raise InvalidArgumentError, before it is read if it is longer.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If it cannot be read, or is a device, a pipe or a directory, or longer; before it is read.
+    Devices, pipes and directories are refused.
     """
     try:
         # Without O_NONBLOCK, opening a pipe waits for somebody to write.
@@ -254,14 +203,6 @@ def _checksum(content: Any) -> str:
 
 def _reason(error: Exception) -> str:
     return getattr(error, "strerror", None) or str(error)
-
-
-def _sync_directory(directory: Path) -> None:
-    handle = os.open(directory, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
 
 
 def _plain(value: Any) -> Any:

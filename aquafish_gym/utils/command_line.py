@@ -11,8 +11,9 @@ import inspect
 import io
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal, Protocol
@@ -27,9 +28,7 @@ from aquafish_gym.runs.storage import read_document
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, one_of
 
 BAD_INPUT: tuple[type[Exception], ...] = (InvalidArgumentError, EngineUnavailableError)
-FAILED = 1
-REFUSED = 2
-INTERRUPTED = 130
+FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 UNREAD = 141  # as of a program that SIGPIPE ends
 RESUMES = "the same command resumes"  # what a command says that was interrupted
 
@@ -74,41 +73,32 @@ class CommandLine(Protocol):
 
 
 @dataclass(frozen=True)
-class _Single:
-    command: type[Command]
-
-    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-        # The short help has a line an option; --help-verbose explains each.
-        return tyro.cli(self.command, prog=prog, args=args, compact_help=True)
-
-
-@dataclass(frozen=True)
-class _Several:
-    commands: Mapping[str, type[Command]]
-
-    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-        words = sys.argv[1:] if args is None else args
-        if not words or words[0].startswith("-"):
-            app = SubcommandApp()
-            for name, command in self.commands.items():
-                summary = (inspect.getdoc(command) or name).splitlines()[0]
-                app.command(name=name, help=summary)(command)
-            return app.cli(prog=prog, args=words)
-        name = one_of("the command", words[0], self.commands)
-        return _Single(self.commands[name]).cli(prog=f"{prog or ''} {name}".strip(), args=words[1:])
+class _CommandLine:
+    cli: Callable[..., Any]
 
 
 def single_command(command: type[Command]) -> CommandLine:
     """Return the command line of a program that does one thing."""
-    return _Single(command)
+    # The short help has a line an option; --help-verbose explains each.
+    return _CommandLine(partial(tyro.cli, command, compact_help=True))
 
 
 def subcommands(commands: Mapping[str, type[Command]]) -> CommandLine:
-    """Return the command line of a program that does several things, by name.
+    """Return the command line of a program that does several things, by name."""
 
-    The nearest name is offered for an unknown one.
-    """
-    return _Several(commands)
+    def cli(*, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
+        words = sys.argv[1:] if args is None else args
+        if not words or words[0].startswith("-"):
+            app = SubcommandApp()
+            for name, command in commands.items():
+                summary = (inspect.getdoc(command) or name).splitlines()[0]
+                app.command(name=name, help=summary)(command)
+            return app.cli(prog=prog, args=words)
+        name = one_of("the command", words[0], commands)
+        one = single_command(commands[name])
+        return one.cli(prog=f"{prog or ''} {name}".strip(), args=words[1:])
+
+    return _CommandLine(cli)
 
 
 def run_command_line(
@@ -119,22 +109,9 @@ def run_command_line(
 ) -> int:
     """Run one of an app's commands and return the exit code.
 
-    Parameters
-    ----------
-    program
-        The package's or the script's name.
-    app
-        Its commands, each a :class:`Command`; see :func:`single_command`, :func:`subcommands`.
-    arguments
-        None takes the process's own.
-    refused
-        Errors that say what is wrong with the input.
-
-    Returns
-    -------
-    int
-        0; 1 where the machine fails (a full disk, no more memory); 2 for a command or setting
-        that is wrong; 130 after Ctrl-C or SIGTERM; 141 where nobody reads what is printed.
+    It is 0; 1 where the machine fails (a full disk, no more memory); 2 for a command or setting
+    that is wrong, which errors in ``refused`` say; 130 after Ctrl-C or SIGTERM; 141 where nobody
+    reads what is printed. Without ``arguments`` the process's own are taken.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     prog = f"python -m {program}" if Path(sys.argv[0]).name == "__main__.py" else program
@@ -166,20 +143,19 @@ def _make(
 ) -> Command:
     """Return the command, or let tyro's box be seen, but for settings that we refuse ourselves."""
     box = io.StringIO()
-    cause: BaseException | None = None
     try:
         with contextlib.redirect_stderr(box):
             command: Command = app.cli(prog=prog, args=words)
     except SystemExit as leaving:
-        cause = leaving
+        cause: BaseException | None = leaving
         while cause is not None and not isinstance(cause, refused):
             cause = cause.__context__
         if cause is None:
             raise
+        box.truncate(0)
         raise cause from None
     finally:
-        if cause is None:
-            sys.stderr.write(box.getvalue())
+        sys.stderr.write(box.getvalue())
     return command
 
 
@@ -199,14 +175,10 @@ def _refuse_empty_values(words: Sequence[str]) -> None:
 def read_morphology(path: Path | None, argument: str) -> Morphology:
     """Return the body in a JSON file, or the nominal body for None.
 
-    The file holds what ``Morphology.to_json`` wrote, or an object whose ``morphology`` is that or
+    The file holds what ``Morphology.to_dict`` gives, or an object whose ``morphology`` is that or
     nine numbers in the order of ``DIMENSIONS``, as results of estimations and studies do.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If the file cannot be read or holds no morphology; the message names ``argument`` and the
-        file.
+    Messages name the file and the argument.
     """
     if path is None:
         return Morphology.nominal()
@@ -218,19 +190,17 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
 
 
 def _find_morphology(document: dict[str, Any]) -> Morphology:
-    if "morphology" in document:
-        body = document["morphology"]
-        if body is None:
-            raise InvalidArgumentError("its morphology is null, so it has no body yet")
-        if isinstance(body, list):
-            names = [dimension.name for dimension in DIMENSIONS]
-            if document.get("dimensions", names) != names:
-                raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
-            return Morphology.from_array(body)
-        document = body
-    if not isinstance(document, dict) or sorted(document) != sorted(FINS):
+    body = document.get("morphology", document)
+    if body is None:
+        raise InvalidArgumentError("its morphology is null, so it has no body yet")
+    if isinstance(body, list):
+        names = [dimension.name for dimension in DIMENSIONS]
+        if document.get("dimensions", names) != names:
+            raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
+        return Morphology.from_array(body)
+    if not isinstance(body, dict) or sorted(body) != sorted(FINS):
         raise InvalidArgumentError(
             f"it must hold an object with the keys {', '.join(FINS)}, "
             'or one with such an object or nine numbers under "morphology"'
         )
-    return Morphology.coerce(document)
+    return Morphology.coerce(body)

@@ -1,7 +1,7 @@
 """Refusing bad input at the door: what was expected, what came, the nearest valid choice.
 
-Every public function checks its arguments with these few helpers, so that every message
-names the argument and reads alike.
+Every public function checks its arguments with these few helpers, which raise InvalidArgumentError,
+so that every message names the argument and reads alike.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 _DEEPEST = 64  # lists and objects within each other, of JSON
+Shape = tuple[int | None, ...]  # None is any length
 
 
 class InvalidArgumentError(ValueError):
@@ -33,13 +34,7 @@ class EngineUnavailableError(ImportError):
 
 
 def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
-    """Return ``name`` if it is one of ``choices``.
-
-    Raises
-    ------
-    UnknownNameError
-        With the nearest valid choice, if any resembles ``name``.
-    """
+    """Return ``name`` if it is one of ``choices``; UnknownNameError offers the nearest."""
     known = list(choices)
     if isinstance(name, str) and name in known:
         return name
@@ -52,24 +47,18 @@ def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
 def finite_array(
     argument: str,
     value: ArrayLike,
-    shape: tuple[int | None, ...],
+    shape: Shape,
     low: ArrayLike = -np.inf,
     high: ArrayLike = np.inf,
     unit: str = "",
     flat: bool = False,
 ) -> NDArray[np.float64]:
-    """Return ``value`` as a float64 array of ``shape`` with every entry in [``low``, ``high``].
+    """Return ``value`` as a new float64 array of ``shape``, every entry in [``low``, ``high``].
 
-    ``None`` in ``shape`` stands for any length; with ``flat``, a batch of one may be given
-    without its leading axis. The array is always a copy.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is not real numbers (text that spells them is not, nor are True and False, spans
-        of time or masked entries), has another shape, is not finite or leaves the range.
+    With ``flat``, a batch of one may be given without its leading axis. Text that spells numbers
+    is refused, and so are True and False, spans of time and masked entries.
     """
-    wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+    wanted = spelled(shape)
     try:
         array = _real(value)
     except (TypeError, ValueError, OverflowError, RecursionError):
@@ -78,9 +67,7 @@ def finite_array(
         ) from None
     if flat and array.ndim == len(shape) - 1 and array.size:
         array = array[None]
-    if len(array.shape) != len(shape) or any(
-        n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
-    ):
+    if not fits(array.shape, shape):
         raise InvalidArgumentError(f"{argument} must have shape {wanted}; got {array.shape}")
     if not np.isfinite(array).all():
         raise InvalidArgumentError(f"{argument} must be finite; got {brief(value)}")
@@ -96,14 +83,20 @@ def finite_array(
     return array
 
 
-def integer(argument: str, value: object, low: int, high: int | None = None) -> int:
-    """Return ``value`` as an int in [``low``, ``high``].
+def fits(shape: tuple[int, ...], wanted: Shape) -> bool:
+    """Return whether a shape is the wanted one."""
+    return len(shape) == len(wanted) and all(
+        there in (None, here) for here, there in zip(shape, wanted, strict=True)
+    )
 
-    Raises
-    ------
-    InvalidArgumentError
-        If it is not a whole number or leaves the range. Booleans are not numbers here.
-    """
+
+def spelled(shape: Shape) -> str:
+    """Return a shape in words, such as "(any, 3)"."""
+    return "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+
+
+def integer(argument: str, value: object, low: int, high: int | None = None) -> int:
+    """Return ``value`` as an int in [``low``, ``high``]; booleans are not numbers here."""
     wanted = f"a whole number of at least {low}" + ("" if high is None else f" and at most {high}")
     # numpy counts spans of time among its integers.
     if isinstance(value, bool | np.timedelta64) or not isinstance(value, int | np.integer):
@@ -114,39 +107,24 @@ def integer(argument: str, value: object, low: int, high: int | None = None) -> 
 
 
 def flag(argument: str, value: object) -> bool:
-    """Return ``value`` as a bool.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is not True or False: ``"no"`` would count as True.
-    """
+    """Return ``value`` as a bool, which it must be: ``"no"`` would count as True."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidArgumentError(f"{argument} must be True or False; got {brief(value)}")
     return bool(value)
 
 
 def parse_json(argument: str, text: object) -> Any:
-    """Return what a text in JSON holds.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it is not text or not JSON, has more digits or deeper nesting than can be read, or
-        says two things under one key.
-    """
+    """Return what a text in JSON holds; too many digits, too deep and repeated keys are refused."""
     if not isinstance(text, str | bytes | bytearray):
         raise InvalidArgumentError(f"{argument} must be text in JSON; got {brief(text)}")
     try:
         value = json.loads(text, object_pairs_hook=_without_repeats)
+        deep = _is_deeper(value, _DEEPEST)
     except ValueError as error:  # of too many digits, too
         reason = str(error).partition(";")[0]  # without Python's advice to itself
         raise InvalidArgumentError(f"{argument} is not JSON: {reason}") from None
     except RecursionError:
-        value = None
         deep = True
-    else:
-        deep = _is_deeper(value, _DEEPEST)
     if deep:
         raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep")
     return value

@@ -38,7 +38,7 @@ def test_evolve_writes_a_controller_for_the_body(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     body = tmp_path / "body.json"
-    body.write_text(Morphology.nominal().to_json())
+    body.write_text(json.dumps(Morphology.nominal().to_dict()))
     out = tmp_path / "out"
     damage = "right_pectoral:missing"
     assert (

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import collections
 import enum
+import json
 import types
 from collections.abc import Callable
 from decimal import Decimal
@@ -162,7 +163,7 @@ def test_bounds_belong_to_the_range(shares: list[float]) -> None:
     sizes = np.array(shares) * MAXIMA
     body = Morphology.coerce(sizes)
     assert (body.to_array() == np.abs(sizes)).all()
-    assert Morphology.from_json(body.to_json()) == body
+    assert Morphology.from_json(json.dumps(body.to_dict())) == body
 
 
 @CALM
