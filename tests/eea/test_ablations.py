@@ -9,13 +9,13 @@ import re
 from dataclasses import fields, replace
 
 import pytest
+from eea.study.arms import ablation_arms, arms, baseline_config, with_settings
 
 from eea import ConfigurationError, EEAConfig, estimate_morphology
 from eea.core.algorithm import EEA, Result
 from eea.core.bits import BitLayout
 from eea.core.config import PARTS
 from eea.study.ablations import ABLATIONS, BASELINES, ELSEWHERE
-from eea.study.arms import ablation_arms, arms, baseline_config, with_settings
 from eea.study.cost import asked_trials, expected_trials
 from fake_fish import ACTIONS, MODELS, PROBLEM, TRUTH, FakeRevealingTarget, FakeSimulator
 
