@@ -6,6 +6,8 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import subprocess
+import sys
 import tempfile
 from collections.abc import Generator
 from importlib.util import find_spec
@@ -30,6 +32,33 @@ def pytest_runtest_call() -> Generator[None, None, None]:
         if "pybullet" in str(error) and find_spec("pybullet") is None:
             pytest.skip(f"PyBullet is not installed: {error}")
         raise
+
+
+# What compiles the kernels that most tests use, in two halves for two processes.
+_KERNELS = (
+    """
+import gymnasium, aquafish_gym
+for dtype in ("float32", "float64"):
+    aquafish_gym.simulate(None, [[0.1, 0.1, 0.5]], steps=4, engine="numba", dtype=dtype)
+env = gymnasium.make("AquaFish-v0", engine="numba")
+env.reset()
+env.step(env.action_space.sample())
+""",
+    """
+from eea import EEAConfig, estimate_morphology
+from gait import EvolveConfig, evolve_gait, swim_all
+gait = evolve_gait(config=EvolveConfig(generations=1, population=10, seconds=1))
+swim_all([gait.controller], None, seconds=1, dtype="float64")
+estimate_morphology(config=EEAConfig(rounds=2, steps=16))
+""",
+)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """Compile before processes share the tests, so that none waits for another's kernels."""
+    if session.config.getoption("numprocesses", None):
+        processes = [subprocess.Popen([sys.executable, "-c", code]) for code in _KERNELS]
+        assert [process.wait() for process in processes] == [0, 0]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -110,7 +110,8 @@ def claim(
     codes = [dict(code)] if code is not None else []
     rule = f"out must be a new directory or hold {kind}; {folder} holds"
     if before is None:
-        found = [name for name in outputs if (folder / name).exists()]
+        # A study describes itself in study.json, which grows with it.
+        found = [n for n in ("study.json", *outputs) if (folder / n).exists()]
         if found:
             raise InvalidArgumentError(
                 f"{rule} {' and '.join(found)} but no {SETTINGS}, so what they are is not known"
