@@ -198,22 +198,19 @@ def _read_fault(text: str) -> Fault:
     word, equals, digits = (part.strip() for part in what.partition("="))
     one_of("damage fin", fin, FINS)
     one_of("damage", word, (*SIZES, "missing"))
-    number = None
+    damage, number = f"damage {fin}:{word}", None
     if equals:
         try:
             number = float(digits)
         except ValueError:
-            raise InvalidArgumentError(
-                f"damage {fin}:{word} needs a number after '='; got {brief(digits)}"
-            ) from None
+            got = brief(digits)
+            raise InvalidArgumentError(f"{damage} needs a number after '='; got {got}") from None
     if word == "missing":
         if number is not None:
-            raise InvalidArgumentError(f"damage {fin}:{word} takes no number; got {number:g}")
+            raise InvalidArgumentError(f"{damage} takes no number; got {number:g}")
         return FinMissing(fin)
     if number is None:
-        raise InvalidArgumentError(
-            f"damage {fin}:{word} needs a factor, for example {fin}:{word}=0.5"
-        )
+        raise InvalidArgumentError(f"{damage} needs a factor, for example {fin}:{word}=0.5")
     return FinScaled(fin, word, number)
 
 

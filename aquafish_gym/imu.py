@@ -62,8 +62,7 @@ class ImuLog:
 
     def plot(self, robot: int = 0) -> Figure:
         """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro."""
-        # The object interface: no pyplot, no window system, no global state.
-        from matplotlib.figure import Figure
+        from matplotlib.figure import Figure  # no pyplot, no window system, no global state
 
         which = integer("robot", robot, 0, len(self) - 1)
         parts = [("rad", self.rpy, ("roll", "pitch", "yaw"))]

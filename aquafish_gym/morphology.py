@@ -21,10 +21,9 @@ from aquafish_gym.utils.validation import (
 class Dimension(NamedTuple):
     """One of the nine morphological variables.
 
-    ``axis`` 0, 1, 2 is x (the robot's width), y (along the body) and z (vertical); ``size`` is
-    what that axis means for this fin. The pectoral flippers lie flat, so x is their width and
-    z their thickness; the caudal fin stands upright, so z is its width (its height) and x its
-    thickness.
+    ``axis`` 0, 1, 2 is x, y (along the body) and z (vertical); ``size`` is what it means for this
+    fin: the pectoral flippers lie flat, so z is their thickness; the caudal fin stands upright, so
+    z is its width.
 
     Examples
     --------

@@ -186,11 +186,6 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         """Begin an episode; the seed is for random fin angles.
 
         ``options`` are ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
-
-        Raises
-        ------
-        InvalidArgumentError, UnknownNameError
-            If an option is unknown or bad.
         """
         number = None if seed is None else integer("seed", seed, 0)
         self._episode = self._conditions.with_options(options)  # may refuse

@@ -102,8 +102,8 @@ def check_conditions(
 def check_fin_angles(value: object) -> str | Triple:
     """Return ``"random"`` or three angles in rad from ``"zero"``, ``"random"`` or three angles."""
     if isinstance(value, str):
-        name = one_of("fin_angles", value, ("zero", "random"))
-        return name if name == "random" else (0.0, 0.0, 0.0)
+        random = one_of("fin_angles", value, ("zero", "random")) == "random"
+        return "random" if random else (0.0, 0.0, 0.0)
     left, right, phase = finite_array("fin_angles", value, (3,)).tolist()  # type: ignore[arg-type]
     return (left, right, phase)
 

@@ -61,11 +61,6 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     The others are as the single environment's, for all.
 
-    Raises
-    ------
-    InvalidArgumentError, UnknownNameError
-        The message names the argument, what was expected and what came.
-
     Examples
     --------
     >>> envs = AquaFishVectorEnv(num_envs=3, fin_angles="random")
@@ -231,13 +226,11 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     ) -> list[conditions.Conditions]:
         """Return how the robots under ``mask`` shall begin."""
         starts = [self._starts[i] for i in np.flatnonzero(mask).tolist()]
-        if options is not None:
-            made = {
-                key: start.with_options(options, ("reset_mask",))
-                for key, start in {id(start): start for start in starts}.items()
-            }
-            starts = [made[id(start)] for start in starts]
-        return starts
+        if options is None:
+            return starts
+        different = {id(start): start for start in starts}
+        made = {key: one.with_options(options, ("reset_mask",)) for key, one in different.items()}
+        return [made[id(start)] for start in starts]
 
     def _begin(self, mask: Mask, starts: list[conditions.Conditions]) -> None:
         """Put the robots under ``mask`` back to their starts."""
@@ -258,10 +251,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     def _info(self, before: Floats) -> Info:
         """Return what is to be told, after a step from the states ``before``."""
-        return {
-            **conditions.motion_info(
-                _three(before[POSITION]), _three(self._now[POSITION].copy()), self.dt
-            ),
+        here, there = _three(before[POSITION]), _three(self._now[POSITION].copy())
+        return conditions.motion_info(here, there, self.dt) | {
             "diverged": np.zeros(self.num_envs, np.bool_),
             "fin_angles": angles_of_rows(self._now).T.copy(),
             "damage": self._damages.copy(),
@@ -336,16 +327,10 @@ def _masked(info: Info, mask: Mask) -> Info:
 
 def _put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -> Info:
     """Move the ended robots' information to ``final_info`` and put the new episodes' instead."""
-    final = {name: value.copy() for name, value in info.items()}
-    for name in list(final):
-        if name.startswith("_"):
-            final[name] &= ended
-    for name, value in fresh.items():
-        if not name.startswith("_"):
-            info[name] = value
-    for name in info:
-        if name.startswith("_") and name not in fresh:
-            info[name] &= ~ended
+    masks = [name for name in info if name.startswith("_")]
+    final = {name: info[name] & ended if name in masks else info[name].copy() for name in info}
+    info |= {name: value for name, value in fresh.items() if name not in masks}
+    info |= {name: info[name] & ~ended for name in masks if name not in fresh}
     observations = np.full(len(ended), None, dtype=object)
     for i in np.flatnonzero(ended):
         observations[i] = last[i]

@@ -42,13 +42,7 @@ def usable_modes() -> list[str]:
 
 
 def check_render_mode(mode: object) -> str | None:
-    """Return a render mode that works here.
-
-    Raises
-    ------
-    UnknownNameError, EngineUnavailableError
-        If there is no such mode, no display for ``"human"``, or no PyBullet to draw with.
-    """
+    """Return a render mode that works here, or say what is missing: a display, or PyBullet."""
     if mode is None:
         return None
     name = one_of("render_mode", mode, RENDER_MODES)
@@ -109,12 +103,8 @@ def render_pose(
 ) -> Frame:
     """Return a picture of the robot, (height, width, 3) uint8; fins of no area are not drawn.
 
-    Without a camera it is seen from behind, above and its right.
-
-    Raises
-    ------
-    InvalidArgumentError, EngineUnavailableError
-        If an argument is not finite, of another shape or out of range, or without PyBullet.
+    Without a camera it is seen from behind, above and its right. Without PyBullet, which draws,
+    EngineUnavailableError is raised.
     """
     _require_renderer()
     integer("width", width, 16, 4096)

@@ -90,20 +90,11 @@ def claim(
 ) -> None:
     """Note what a folder, which is held, is to hold, or refuse one that holds something else.
 
-    The message names the first difference; nothing has been changed then.
-
-    Parameters
-    ----------
-    kind
-        What it holds, in words: "a study".
-    settings
-        All that decides the results, ready for JSON.
-    code
-        What they come from: names, such as of packages, to versions or stamps (see ``stamps``).
-    outputs
-        Names that the command will write, which a folder without a description must not hold.
-    other_code
-        Whether results of other code are gone on from; the description then names both.
+    The message names the first difference; nothing has been changed then. The kind is in words,
+    "a study"; the settings are all that decides the results, ready for JSON; ``code``, from names,
+    such as of packages, to versions or stamps (see ``stamps``), is what they come from; with
+    ``other_code`` results of other code are gone on from, and the description then names both.
+    A folder without a description must not hold ``outputs``, which the command will write.
     """
     before = described(folder)
     asked: dict[str, Any] = json.loads(json.dumps(dict(settings)))

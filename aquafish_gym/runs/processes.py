@@ -36,6 +36,10 @@ Hear = Callable[["Future[Any]", str, float], None]
 _Message = tuple[Callable[..., Any], tuple[Any, ...], dict[str, Any]]
 
 
+def _ignore(*_: object) -> None:
+    """Hear what nobody is told."""
+
+
 class WorkerDiedError(RuntimeError):
     """The process that did a call has died, or was killed because it stood still."""
 
@@ -62,7 +66,7 @@ class ProcessExecutor(Executor):
         self._count = count
         self._silence = silence
         self._calls: queue.SimpleQueue[tuple[Future[Any], _Message] | None] = queue.SimpleQueue()
-        self._hear: Hear | None = None
+        self._tell: Hear = _ignore
         self._lock = threading.Lock()
         self._threads: list[threading.Thread] = []
         self._workers: list[_Worker] = []
@@ -71,7 +75,7 @@ class ProcessExecutor(Executor):
 
     def hear(self, hear: Hear | None) -> None:
         """Have what calls :func:`say`, and "" when one begins, told to it, in other threads."""
-        self._hear = hear
+        self._tell = hear or _ignore
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         """Have a module's function called in a process; see ``concurrent.futures.Executor``."""
@@ -173,10 +177,6 @@ class ProcessExecutor(Executor):
             elif kind != "beat":
                 return (content[0], None) if kind == "done" else (None, content[0])
 
-    def _tell(self, future: Future[Any], text: str, share: float) -> None:
-        if (hear := self._hear) is not None:
-            hear(future, text, share)
-
     def _begin(self) -> _Worker:
         ours, theirs = _CONTEXT.Pipe()
         process = _CONTEXT.Process(target=_serve, args=(theirs,), daemon=True)
@@ -271,26 +271,21 @@ def _serve(connection: Connection) -> None:
     threading.Thread(target=beat, daemon=True).start()
     _said = lambda text, share: send("said", text, share)  # noqa: E731
     while True:
+        answer: tuple[str, Any]
         try:
-            message = connection.recv()
+            function, args, kwargs = connection.recv()
         except EOFError:
             return
         except BaseException as error:  # such as a function that this process cannot find
-            answer: tuple[str, Any] = ("raised", error)
+            answer = ("raised", error)
         else:
-            answer = _answer(*message)
+            try:
+                answer = ("done", function(*args, **kwargs))
+            except BaseException as error:
+                answer = ("raised", error)
         try:
             send(*answer)
         except OSError:
             return
         except Exception as error:  # it cannot be pickled
             send("raised", RuntimeError(f"{type(error).__name__}: {error}"))
-
-
-def _answer(
-    function: Callable[..., Any], args: tuple[Any, ...], kwargs: dict[str, Any]
-) -> tuple[str, Any]:
-    try:
-        return "done", function(*args, **kwargs)
-    except BaseException as error:
-        return "raised", error

@@ -82,16 +82,8 @@ def run_jobs(
 
     Return a sentence for each job that could not be done; the others' files are there.
 
-    Parameters
-    ----------
-    jobs, work
-        See this module's beginning.
-    folder
-        Held by ``folder.held``.
-    executor
-        Any; see ``executors.workers``. No result depends on it.
-    on_event
-        Told what happens, in this thread.
+    For jobs and work see this module's beginning. The folder is held by ``folder.held``; no result
+    depends on the executor, see ``executors.workers``; ``on_event`` is told in this thread.
 
     Raises
     ------
@@ -134,14 +126,8 @@ def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
 def merge_results(folder: Path, other: Path, jobs: Collection[Job]) -> int:
     """Copy results that another folder of the same study has and this one lacks; return how many.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If both have a job, and not the same bytes; nothing has been copied then.
-    DamagedFileError
-        If one of the other's results is damaged; one that is damaged here is replaced.
-    CannotWriteError
-        If a file cannot be written.
+    Nothing has been copied if both have a job, and not the same bytes (InvalidArgumentError), or
+    one of the other's results is damaged (DamagedFileError). One that is damaged here is replaced.
     """
     _check_files(list(jobs))
     ours = finished(folder, jobs)

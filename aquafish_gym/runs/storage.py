@@ -31,10 +31,7 @@ class DamagedFileError(InvalidArgumentError):
 
 
 class CannotWriteError(OSError):
-    """A file cannot be written, as on a full disk; the message names it and the reason.
-
-    A file of that name which was there before still is.
-    """
+    """A file cannot be written, as on a full disk; an old one of that name is still there."""
 
 
 def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out") -> Path:
@@ -129,12 +126,8 @@ def read_document(
     """Return the content of a document, without its schema and checksum.
 
     A ``schema`` is what it must say it is. A checksum is "optional" for what people write by hand:
-    it is checked where it is there. In messages ``argument`` names the file.
-
-    Raises
-    ------
-    InvalidArgumentError, DamagedFileError
-        If it cannot be read, is no regular file or too long; if it is not what was written.
+    it is checked where it is there. In messages ``argument`` names the file. DamagedFileError says
+    that it is not what was written, InvalidArgumentError that it cannot be read.
     """
     content = read_bytes(path, argument, most_bytes)
     return decode_document(content, f"{argument}: {path}", schema, checksum)
@@ -178,17 +171,16 @@ def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> 
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(handle, "rb") as file:
             status = os.fstat(file.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                raise InvalidArgumentError(f"{argument} must be a regular file; {path} is none")
+            regular = stat.S_ISREG(status.st_mode)
             # read() first takes the memory that it is told, so it is not told most_bytes.
             size = status.st_size
-            content = file.read(size + 1) if size <= most_bytes else None
+            content = file.read(size + 1) if regular and size <= most_bytes else None
     except (OSError, ValueError, TypeError) as error:
-        if isinstance(error, InvalidArgumentError):
-            raise
         raise InvalidArgumentError(
             f"{argument} must be a file that can be read; {path}: {_reason(error)}"
         ) from None
+    if not regular:
+        raise InvalidArgumentError(f"{argument} must be a regular file; {path} is none")
     if content is None or len(content) > most_bytes:  # it may have grown meanwhile
         raise InvalidArgumentError(
             f"{argument} must have at most {most_bytes} bytes; {path} has more"

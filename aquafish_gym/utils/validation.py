@@ -99,11 +99,11 @@ def integer(argument: str, value: object, low: int, high: int | None = None) -> 
     """Return ``value`` as an int in [``low``, ``high``]; booleans are not numbers here."""
     wanted = f"a whole number of at least {low}" + ("" if high is None else f" and at most {high}")
     # numpy counts spans of time among its integers.
-    if isinstance(value, bool | np.timedelta64) or not isinstance(value, int | np.integer):
-        raise InvalidArgumentError(f"{argument} must be {wanted}; got {brief(value)}")
-    if value < low or (high is not None and value > high):
-        raise InvalidArgumentError(f"{argument} must be {wanted}; got {brief(int(value))}")
-    return int(value)
+    if isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64):
+        value = int(value)
+        if value >= low and (high is None or value <= high):
+            return value
+    raise InvalidArgumentError(f"{argument} must be {wanted}; got {brief(value)}")
 
 
 def flag(argument: str, value: object) -> bool:
