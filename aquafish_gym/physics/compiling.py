@@ -23,13 +23,12 @@ from typing import Any
 from numba import njit
 from numba.core import event
 
-from aquafish_gym import physics
 from aquafish_gym.physics.simd import PRIMITIVES, inlined
 
 # All but the two that compile the others.
 PHYSICS_MODULES = [
-    import_module(f"{physics.__name__}.{found.name}")
-    for found in pkgutil.iter_modules(physics.__path__)
+    import_module(f"{__package__}.{found.name}")
+    for found in pkgutil.iter_modules([str(Path(__file__).parent)])
     if found.name not in ("simd", "compiling")
 ]
 

@@ -102,7 +102,8 @@ def claim(
     rule = f"out must be a new directory or hold {kind}; {folder} holds"
     if before is None:
         # A study describes itself in study.json, which grows with it.
-        found = [n for n in ("study.json", *outputs) if (folder / n).exists()]
+        names = dict.fromkeys(("study.json", *outputs))
+        found = [name for name in names if (folder / name).exists()]
         if found:
             raise InvalidArgumentError(
                 f"{rule} {' and '.join(found)} but no {SETTINGS}, so what they are is not known"

@@ -301,6 +301,7 @@ def test_an_ablation_is_arms_of_256_steps():
     assert dict(asked("--ablation", "all").arms) == ablation_arms()
 
 
+@pytest.mark.slow
 def test_the_smoke_preset_makes_every_figure_and_gives_way_to_options(tmp_path, capsys):
     smaller = ["--replicates", "1", "--rounds", "2", "--estimation.generations", "4"]
     study = asked("--preset", "smoke", *smaller)
@@ -334,6 +335,7 @@ def test_plot_needs_a_study(tmp_path, capsys):
     assert "Required options" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_study_of_unequal_arms_is_complete(tmp_path):
     with_report = [word for word in TINY if word != "--no-draw"]
     more = ["--conditions", "ideal", "--steps", "16", "32", "--replicates", "2"]

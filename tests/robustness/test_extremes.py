@@ -117,6 +117,7 @@ def test_reactive_water_is_finite_in_pybullet() -> None:
     world.close()
 
 
+@pytest.mark.slow
 def test_a_hundred_thousand_pybullet_steps_of_extreme_robots_are_finite() -> None:
     """50 episodes of 2000 physics steps."""
     rng = np.random.default_rng(1)

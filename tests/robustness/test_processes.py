@@ -51,7 +51,7 @@ def test_asynchronous_environments_answer_as_in_process(context: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "method", [pytest.param("spawn", marks=pytest.mark.slow), "forkserver"]
+    "method", [pytest.param(m, marks=pytest.mark.slow) for m in ("spawn", "forkserver")]
 )  # each worker imports torch
 def test_stable_baselines_workers_answer_as_in_process(method: str) -> None:
     pytest.importorskip("stable_baselines3")
