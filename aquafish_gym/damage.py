@@ -6,6 +6,7 @@ In text a fault is ``fin:word`` or ``fin:word=number``, and faults are joined by
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from itertools import chain
@@ -178,6 +179,10 @@ class Damage:
     def to_list(self) -> list[dict[str, Any]]:
         """Return the faults as objects ready for JSON."""
         return [asdict(fault) for fault in self.faults]
+
+    def to_json(self) -> str:
+        """Return one line of JSON that ``from_json`` reads back exactly."""
+        return json.dumps(self.to_list(), allow_nan=False)
 
     @classmethod
     def from_json(cls, text: str) -> Damage:

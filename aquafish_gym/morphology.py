@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple, Self
@@ -120,9 +121,13 @@ class Morphology:
         """Return fin -> [x, y, z], ready for JSON."""
         return {fin: list(getattr(self, fin)) for fin in FINS}
 
+    def to_json(self) -> str:
+        """Return one line of JSON that ``from_json`` reads back exactly."""
+        return json.dumps(self.to_dict(), allow_nan=False)
+
     @classmethod
     def from_json(cls, text: str) -> Morphology:
-        """Read what ``to_dict`` gives, as JSON; anything else is refused."""
+        """Read what ``to_json`` wrote; anything else is refused."""
         sizes: Any = parse_json("morphology", text)
         if not isinstance(sizes, dict) or sorted(sizes) != sorted(FINS):
             wanted = f"an object with the keys {', '.join(FINS)}"

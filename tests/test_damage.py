@@ -30,7 +30,7 @@ damages = st.lists(faults, max_size=4).map(lambda f: Damage(tuple(f)))
 @given(damages)
 def test_text_and_json_read_back_exactly(damage: Damage) -> None:
     assert Damage.parse(str(damage)) == damage
-    assert Damage.from_json(json.dumps(damage.to_list())) == damage
+    assert Damage.from_json(damage.to_json()) == damage
     assert Damage.coerce(damage.to_list()) == damage
     assert Damage.coerce(json.loads(json.dumps(asdict(damage)))) == damage
     assert Damage.coerce(str(damage)) == damage
@@ -174,3 +174,8 @@ def test_an_estimate_within_the_tolerance_is_no_damage() -> None:
     assert change_in_words(whole, near).endswith("tail: 104% of its length, 1.45 where it was 1.40")
     grown = Morphology.coerce({"caudal": (0.0, 0.0, 0.0)})
     assert change_in_words(grown, whole).count("instead of none") == 3
+
+
+def test_a_body_reads_back_from_its_json_exactly() -> None:
+    body = Damage.parse("caudal:width=0.3").apply(Morphology.nominal())
+    assert Morphology.from_json(body.to_json()) == body
