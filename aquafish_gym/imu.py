@@ -60,6 +60,18 @@ class ImuLog:
         lost = f"; {self.diverged.sum()} diverged" if self.diverged.any() else ""
         return f"ImuLog(B={len(self)}, T={self.rpy.shape[1]}: rpy{gyro}{pose}{lost})"
 
+    def _repr_html_(self) -> str:
+        """Return the least and the greatest of each signal over all robots, as a table."""
+        rows = ""
+        names = ("roll", "pitch", "yaw", "spin about x", "spin about y", "spin about z")
+        signals = [self.rpy] if self.gyro is None else [self.rpy, self.gyro]
+        for name, felt in zip(names, np.concatenate(signals, axis=2).T, strict=False):
+            known = felt[np.isfinite(felt)]
+            ends = f"{known.min():.3f}</td><td>{known.max():.3f}" if known.size else "</td><td>"
+            rows += f"<tr><td>{name}</td><td>{ends}</td></tr>"
+        head = "<tr><th>rad, rad/s</th><th>least</th><th>greatest</th></tr>"
+        return f"<p>{self!r}</p><table>{head}{rows}</table>"
+
     def plot(self, robot: int = 0) -> Figure:
         """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro."""
         from matplotlib.figure import Figure  # no pyplot, no window system, no global state
