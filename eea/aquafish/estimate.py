@@ -13,7 +13,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
 from eea.aquafish.target import EngineTarget, Orientation
-from eea.core.algorithm import EEA, streams
+from eea.core.algorithm import EEA
 from eea.core.behavior import Log, signal_samples
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
 from eea.core.checks import at_most, instance
@@ -22,6 +22,7 @@ from eea.core.experiment import Target
 from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
 from eea.core.result import Result, RoundRecord
+from eea.core.rounds import streams
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -31,9 +31,10 @@ from aquafish_gym.utils.command_line import (
 )
 from eea.aquafish import EngineTarget, fish_eea
 from eea.aquafish.simulator import SimulatorOptions
-from eea.core.algorithm import EEA, streams
+from eea.core.algorithm import EEA
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
+from eea.core.rounds import streams
 
 KIND = "a run of the algorithm"
 RESULT, MODEL, PICTURE = "result.json", "morphology.json", "rounds.png"
