@@ -1,4 +1,4 @@
-"""What is believed after some trials: hypotheses, each with its posterior over all that is unknown."""
+"""What is believed after some trials: hypotheses, each with a posterior over all unknowns."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ class JointBelief:
         return rows
 
     def angles(self, trial: int, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (h,) of the intervals of a trial's hidden angles, rad; it counts from 0."""
+        """Return the ends (h,) of a trial's hidden angles' intervals, rad; trials count from 0."""
         best = self.branches[0].parameters
         table = self.table(mass)
         rows = [table[best.names[entry]] for entry in best.angle_entries(trial)]

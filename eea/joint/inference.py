@@ -123,7 +123,7 @@ class JointInference(Rounds):
         return answer, Conclusion(
             value,
             belief.model,
-            self._model_fitness(),
+            self._model_fitness(self._optima[belief.branches[0].hypothesis.name]),
             context,
             belief.spread,
             self._simulated - simulated,
@@ -195,11 +195,9 @@ class JointInference(Rounds):
         ]
         return any(optima.theta[0, part].min() < ABSENT for part in parts)
 
-    def _model_fitness(self) -> float:
+    def _model_fitness(self, best: Optima) -> float:
         """Return the MOD_FIT (Eq. 3) of the best fit, its angles and nuisances included."""
-        assert self.result.belief is not None
         config = self.result.config
-        best = self._optima[self.result.belief.branches[0].hypothesis.name]
         simulated = summarize(
             RecordedLog(gyro=self._observed.signal + best.residuals()), config.behavior
         )
