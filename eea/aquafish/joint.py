@@ -12,10 +12,9 @@ from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.aquafish.simulator import EngineSimulator
 from eea.core.angles import Floats
 from eea.core.problem import Problem
-from eea.joint.problem import Hypothesis, JointProblem, Nuisance
+from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
 FIN_WORDS = dict(zip(FINS, ("left flipper", "right flipper", "tail"), strict=True))
-HINTS = {fin: f"more trials with a fast {word} would tell" for fin, word in FIN_WORDS.items()}
 
 # The order of the columns of ``nuisances`` in ``fish_signal``. The priors' widths are what a
 # laboratory's robot may have; the ranges, what it can hardly have.
@@ -100,7 +99,11 @@ def fish_joint(problem: Problem, simulator: EngineSimulator) -> JointProblem:
         NUISANCES,
         HYPOTHESES,
         {
-            word: (tuple(d.name for d in DIMENSIONS if d.fin == fin), HINTS[fin])
+            word: Part(
+                {d.name: d.size for d in DIMENSIONS if d.fin == fin},
+                ("length", "width"),
+                f"a faster {word} would tell",
+            )
             for fin, word in FIN_WORDS.items()
         },
     )

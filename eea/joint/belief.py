@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
-from eea.core.angles import Floats, wrap
-from eea.core.checks import real, whole
+from eea.core.angles import Floats
+from eea.core.checks import whole
+from eea.joint.findings import Group, findings
 from eea.joint.goodness import Goodness
-from eea.joint.identify import findings
 from eea.joint.parameters import Parameters
-from eea.joint.posterior import Posterior
-from eea.joint.problem import AS_COMMANDED, Hypothesis
+from eea.joint.posterior import Posterior, intervals
+from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
 
 SAMPLES = 4000  # that medians and intervals are taken from
 LEAST_PROBABILITY = 1e-4  # what is less probable is left out
@@ -31,19 +31,18 @@ class Branch:
     parameters: Parameters
     posterior: Posterior
 
-    def natural(self, theta: Floats) -> dict[str, Floats]:
-        """Return all that a vector (S, P) says, by name, in natural units, (S,) each.
-
-        The body, the nuisances that were inferred, and the hidden angles of each trial.
-        """
+    def summary(self, mass: float) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval of each unknown, by name, in natural units."""
         parameters, joint = self.parameters, self.parameters.joint
-        values = dict(zip(parameters.names, parameters.into_bounds(theta).T, strict=True))
         ranges = {v.name: (v.low, v.high) for v in joint.problem.models.variables}
         ranges |= {n.name: (n.low, n.high) for n in joint.nuisances}
-        for name in values:
+        rows = {}
+        columns = (self.posterior.median(), *self.posterior.interval(mass))
+        for name, *shares in zip(parameters.names, *columns, strict=True):
             low, high = ranges.get(name.partition("@")[0], (0.0, 1.0))
-            values[name] = low + (high - low) * values[name]
-        return values
+            middle, least, most = (low + (high - low) * float(share) for share in shares)
+            rows[name] = (middle, least, most)
+        return rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,11 +84,6 @@ class JointBelief:
     def _bodies(self) -> Floats:
         return self.sample(SAMPLES, np.random.default_rng(0))
 
-    @cached_property
-    def _unknowns(self) -> dict[str, Floats]:
-        best = self.branches[0]
-        return best.natural(best.posterior.sample(SAMPLES, np.random.default_rng(0)))
-
     @property
     def model(self) -> Floats:
         """The median body (n,)."""
@@ -104,30 +98,18 @@ class JointBelief:
         return spread
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (n,) of each dimension's equal-tailed interval, in natural units."""
-        real("mass", mass, 0.0, 1.0)
-        tail = 0.5 * (1.0 - mass)
-        low, high = np.quantile(self._bodies, [tail, 1.0 - tail], axis=0)
-        return low, high
+        """Return the ends (n,) of each dimension's interval; see ``Posterior.interval``."""
+        layout = self.branches[0].parameters.joint.problem.models
+        straight = np.zeros(len(layout), dtype=np.bool_)
+        return intervals(self._bodies, layout.low, layout.high, straight, mass)
 
     def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
         """Return the median and the interval of everything, by name, in natural units.
 
-        Dimensions, nuisances, and hidden angles, those of trial e with ``@e`` after their names,
-        as of the most probable hypothesis. An angle's ends are about its circular mean and may
-        lie beyond pi.
+        Dimensions, nuisances, and hidden angles in rad, those of trial e with ``@e`` after their
+        names, as of the most probable hypothesis. An angle's interval may end beyond pi.
         """
-        real("mass", mass, 0.0, 1.0)
-        tail = 0.5 * (1.0 - mass)
-        best, rows = self.branches[0], {}
-        for entry, (name, values) in enumerate(self._unknowns.items()):
-            centre = 0.0
-            if best.parameters.circular[entry]:
-                centre = float(np.angle(np.exp(1j * values).mean()))
-                values = wrap(values - centre)
-            middle, low, high = np.quantile(values, [0.5, tail, 1.0 - tail])
-            rows[name] = (centre + float(middle), centre + float(low), centre + float(high))
-        return rows
+        return self.branches[0].summary(mass)
 
     def angles(self, trial: int, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (h,) of a trial's hidden angles' intervals, rad; trials count from 0."""
@@ -139,23 +121,18 @@ class JointBelief:
     @property
     def findings(self) -> list[str]:
         """What a person should know, in sentences: most important first."""
-        said = [] if self.goodness.good else [self.goodness.sentence]
-        odd = [b for b in self.branches if b.hypothesis is not AS_COMMANDED]
-        said += [f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01]
         best = self.branches[0]
-        names = best.parameters.joint.problem.models.names
-        groups = {
-            part: (tuple(names.index(name) for name in dimensions), hint)
-            for part, (dimensions, hint) in best.parameters.joint.parts.items()
-        }
-        return said + findings(best.posterior, groups)
+        said = [] if self.goodness.good else [self.goodness.verdict]
+        odd = [b for b in self.branches if b.hypothesis.name != AS_COMMANDED.name]
+        said += [f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01]
+        return said + findings(best.posterior, groups(best.parameters.joint))
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
         best = self.branches[0].parameters
         return {
             "sigma": self.sigma,
-            "goodness": self.goodness.to_dict(),
+            "goodness": asdict(self.goodness),
             "hypotheses": {b.hypothesis.name: b.probability for b in self.branches},
             "findings": self.findings,
             "intervals": {
@@ -165,6 +142,17 @@ class JointBelief:
             "dimensions": list(best.joint.problem.models.names),
             "posteriors": {b.hypothesis.name: b.posterior.to_dict() for b in self.branches},
         }
+
+
+def groups(joint: JointProblem) -> list[Group]:
+    """Return the robot's parts as the findings take them."""
+    models, found = joint.problem.models, []
+    for name, part in joint.parts.items():
+        indices = tuple(models.names.index(dimension) for dimension in part.dimensions)
+        low, high = (tuple(ends[list(indices)].tolist()) for ends in (models.low, models.high))
+        area = None if part.area is None else tuple(map(part.labels.index, part.area))
+        found.append(Group(f"the {name}", part.labels, indices, low, high, area, part.hint))
+    return found
 
 
 def weigh(

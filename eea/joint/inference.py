@@ -21,12 +21,13 @@ from eea.core.replay import RecordedLog
 from eea.core.rounds import Answer, Conclusion, Rounds
 from eea.joint.belief import JointBelief, weigh
 from eea.joint.fitting import Observed
-from eea.joint.goodness import Goodness, effective_count, judge
+from eea.joint.goodness import Goodness, effective_count, goodness_of_fit
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
-from eea.joint.search import LEAST_SIGMA, Optima, pose, search
+from eea.joint.search import Optima, pose, search
 
+FEWEST_STEPS = 32
 ABSENT = 0.02  # of a range: a part this small may as well be one that does not move
 HOPELESS = 50.0  # in log evidence: what is so much worse is not fitted again
 
@@ -66,6 +67,11 @@ class JointInference(Rounds):
     ) -> None:
         super().__init__(target, joint.problem, config, seed, truth)
         settings = config.joint
+        if config.steps < FEWEST_STEPS:
+            raise ConfigurationError(
+                f"steps must be at least {FEWEST_STEPS} under the joint condition, which tells noise "
+                f"from error by it; got {config.steps}"
+            )
         if config.behavior.signal != "body_rates":
             raise ConfigurationError(
                 "behavior.signal must be body_rates under the joint condition, which compares the "
@@ -184,8 +190,9 @@ class JointInference(Rounds):
         return found
 
     def _judged(self, optima: Optima) -> Goodness:
-        noise = self.result.config.joint.noise
-        return judge(optima.residuals(), len(optima.parameters), noise, LEAST_SIGMA)
+        return goodness_of_fit(
+            optima.residuals(), len(optima.parameters), self.result.config.joint.noise
+        )
 
     def _part_is_absent(self, optima: Optima) -> bool:
         """Return whether a part of the best body has next to no size, as if it did nothing."""

@@ -83,6 +83,32 @@ class Hypothesis:
     shared_angles: tuple[str, ...] = ()
 
 
+@dataclass(frozen=True)
+class Part:
+    """Dimensions that belong together, such as a fin's, for what is said of them.
+
+    Examples
+    --------
+    >>> Part({"tail.length": "length", "tail.width": "width"}, ("length", "width")).labels
+    ('length', 'width')
+    """
+
+    sizes: Mapping[str, str]  #: Dimension -> what it is called beside the part.
+    #: Which two of those make an area by their product, without which the part is absent.
+    area: tuple[str, str] | None = None
+    hint: str = ""  #: What trial would tell them apart.
+
+    @property
+    def dimensions(self) -> tuple[str, ...]:
+        """The dimensions' names."""
+        return tuple(self.sizes)
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """What they are called."""
+        return tuple(self.sizes.values())
+
+
 AS_COMMANDED = Hypothesis("every servo does as it is told")
 
 
@@ -119,8 +145,7 @@ class JointProblem:
     simulate: Simulate
     nuisances: tuple[Nuisance, ...] = ()
     hypotheses: tuple[Hypothesis, ...] = ()  #: Besides that every servo does as it is told.
-    #: What belongs together in a report: name -> (its dimensions, what would tell more of it).
-    parts: Mapping[str, tuple[tuple[str, ...], str]] = field(default_factory=dict)
+    parts: Mapping[str, Part] = field(default_factory=dict)  #: By name, for the findings.
 
     def __post_init__(self) -> None:
         instance("problem", self.problem, Problem)
@@ -137,9 +162,9 @@ class JointProblem:
                 choice(f"a nuisance of {hypothesis.name!r}", name, nuisances)
             for name in hypothesis.shared_angles:
                 choice(f"an angle of {hypothesis.name!r}", name, self.problem.hidden)
-        for part, (dimensions, _) in self.parts.items():
-            for name in dimensions:
-                choice(f"a dimension of {part!r}", name, self.problem.models.names)
+        for name, part in self.parts.items():
+            for dimension in part.dimensions:
+                choice(f"a dimension of {name!r}", dimension, self.problem.models.names)
 
     @property
     def groups(self) -> tuple[str, ...]:
