@@ -69,8 +69,8 @@ class JointInference(Rounds):
         settings = config.joint
         if config.steps < FEWEST_STEPS:
             raise ConfigurationError(
-                f"steps must be at least {FEWEST_STEPS} under the joint condition, which tells noise "
-                f"from error by it; got {config.steps}"
+                f"steps must be at least {FEWEST_STEPS} under the joint condition; "
+                f"got {config.steps}"
             )
         if config.behavior.signal != "body_rates":
             raise ConfigurationError(
@@ -197,10 +197,10 @@ class JointInference(Rounds):
     def _part_is_absent(self, optima: Optima) -> bool:
         """Return whether a part of the best body has next to no size, as if it did nothing."""
         names = self._problem.models.names
-        parts = [
-            [names.index(n) for n in dimensions] for dimensions, _ in self._joint.parts.values()
-        ]
-        return any(optima.theta[0, part].min() < ABSENT for part in parts)
+        return any(
+            optima.theta[0, [names.index(name) for name in part.dimensions]].min() < ABSENT
+            for part in self._joint.parts.values()
+        )
 
     def _model_fitness(self, best: Optima) -> float:
         """Return the MOD_FIT (Eq. 3) of the best fit, its angles and nuisances included."""
