@@ -19,7 +19,7 @@ from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
 from eea.core.rounds import Answer, Conclusion, Rounds
-from eea.joint.belief import JointBelief, weigh
+from eea.joint.belief import JointBelief, groups, weigh
 from eea.joint.fitting import Observed
 from eea.joint.goodness import Goodness, effective_count, goodness_of_fit
 from eea.joint.parameters import Parameters
@@ -93,7 +93,7 @@ class JointInference(Rounds):
         )
         self._optima: dict[str, Optima] = {}  # by the hypothesis's name
         self._dropped: set[str] = set()
-        self._unexplained: set[str] = set()
+        self._unexplained = False  # whether no body explained the trials so far
 
     def _counted(
         self, bodies: Floats, nuisances: Floats, commands: Floats, angles: Floats, fine: bool
@@ -103,7 +103,7 @@ class JointInference(Rounds):
 
     @contextmanager
     def _undone_if_broken_off(self) -> Iterator[None]:
-        before = self._observed, dict(self._optima), set(self._dropped), set(self._unexplained)
+        before = self._observed, dict(self._optima), set(self._dropped), self._unexplained
         belief = self.result.belief
         try:
             yield
@@ -166,6 +166,9 @@ class JointInference(Rounds):
         parameters = Parameters.of(
             self._joint, len(self._observed), self._groups, hypothesis, settings.per_trial
         )
+        # A world that no body explains is not searched through again and again, nor are the
+        # alternatives: most of them are wrong.
+        once = self._unexplained or hypothesis is not AS_COMMANDED
         earlier, known = self._optima.get(hypothesis.name), None
         if earlier is not None:
             known = _carried_over(earlier, parameters)
@@ -179,13 +182,10 @@ class JointInference(Rounds):
             rng,
             settings,
             known,
-            lambda optima: hypothesis.name in self._unexplained or self._judged(optima).good,
+            lambda optima: once or self._judged(optima).good,
         )
-        # A world that no body explains is not searched through again and again.
-        if not self._judged(found).good:
-            self._unexplained.add(hypothesis.name)
-        else:
-            self._unexplained.discard(hypothesis.name)
+        if hypothesis is AS_COMMANDED:
+            self._unexplained = not self._judged(found).good
         self._optima[hypothesis.name] = found
         return found
 
@@ -195,12 +195,10 @@ class JointInference(Rounds):
         )
 
     def _part_is_absent(self, optima: Optima) -> bool:
-        """Return whether a part of the best body has next to no size, as if it did nothing."""
-        names = self._problem.models.names
-        return any(
-            optima.theta[0, [names.index(name) for name in part.dimensions]].min() < ABSENT
-            for part in self._joint.parts.values()
-        )
+        """Return whether a part of the best body has next to no area, as if it did nothing."""
+        parts = (part for part in groups(self._joint) if part.area is not None)
+        theta = optima.theta[0]
+        return any(min(theta[part.indices[side]] for side in part.area) < ABSENT for part in parts)
 
     def _model_fitness(self, best: Optima) -> float:
         """Return the MOD_FIT (Eq. 3) of the best fit, its angles and nuisances included."""
