@@ -151,15 +151,19 @@ class Posterior:
         return tuple(shapes)
 
     @cached_property
+    def _logs(self) -> Floats:
+        parts = zip(self.components, self.modes, strict=True)
+        return np.array([part.log_volume - mode.cost for part, mode in parts])
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """The log of exp(-cost) integrated over the box."""
+        return float(np.logaddexp.reduce(self._logs))
+
+    @cached_property
     def weights(self) -> Floats:
         """The modes' probabilities, shape (modes,)."""
-        logs = np.array(
-            [
-                part.log_volume - mode.cost
-                for part, mode in zip(self.components, self.modes, strict=True)
-            ]
-        )
-        shares = np.exp(logs - logs.max())
+        shares = np.exp(self._logs - self.log_evidence)
         return np.asarray(shares / shares.sum())
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
@@ -192,21 +196,7 @@ class Posterior:
         ConfigurationError
             If ``mass`` is not between 0 and 1.
         """
-        real("mass", mass, 0.0, 1.0)
-        draws = self.draws
-        tail = 0.5 * (1.0 - mass)
-        low, high = np.quantile(draws, [tail, 1.0 - tail], axis=0)
-        near, far = np.quantile(draws, [0.1, 0.9], axis=0)
-        down, before, after, up = np.quantile(draws, [0.05, 0.15, 0.85, 0.95], axis=0)
-        at_low = up - after > PILED * (near - self.low)
-        at_high = before - down > PILED * (self.high - far)
-        one_sided = (at_low != at_high) & ~self.circular
-        to, since = np.quantile(draws, [mass, 1.0 - mass], axis=0)
-        low = np.where(one_sided, np.where(at_low, self.low, since), low)
-        high = np.where(one_sided, np.where(at_low, to, self.high), high)
-        for k in np.flatnonzero(self.circular):
-            low[k], high[k] = _shortest_arc(draws[:, k], mass)
-        return low, high
+        return intervals(self.draws, self.low, self.high, self.circular, mass)
 
     def median(self) -> Floats:
         """Return the point estimate, (P,): the median, which errs least in Eq. 4's absolute error;
@@ -297,6 +287,29 @@ class Posterior:
         )
         low, high = (finite(end, arrays[end], (size,)) for end in ("low", "high"))
         return cls(tuple(names), low, high, np.asarray(arrays["circular"]), modes)
+
+
+def intervals(
+    draws: Floats, lowest: Floats, highest: Floats, circular: NDArray[np.bool_], mass: float
+) -> tuple[Floats, Floats]:
+    """Return the ends, (P,) and (P,), of intervals of draws (count, P) within their bounds (P,).
+
+    ``Posterior.interval`` says how.
+    """
+    real("mass", mass, 0.0, 1.0)
+    tail = 0.5 * (1.0 - mass)
+    low, high = np.quantile(draws, [tail, 1.0 - tail], axis=0)
+    near, far = np.quantile(draws, [0.1, 0.9], axis=0)
+    down, before, after, up = np.quantile(draws, [0.05, 0.15, 0.85, 0.95], axis=0)
+    at_low = up - after > PILED * (near - lowest)
+    at_high = before - down > PILED * (highest - far)
+    one_sided = (at_low != at_high) & ~circular
+    to, since = np.quantile(draws, [mass, 1.0 - mass], axis=0)
+    low = np.where(one_sided, np.where(at_low, lowest, since), low)
+    high = np.where(one_sided, np.where(at_low, to, highest), high)
+    for k in np.flatnonzero(circular):
+        low[k], high[k] = _shortest_arc(draws[:, k], mass)
+    return low, high
 
 
 def _shortest_arc(angles: Floats, mass: float) -> tuple[float, float]:
