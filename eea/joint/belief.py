@@ -150,7 +150,9 @@ def groups(joint: JointProblem) -> list[Group]:
     for name, part in joint.parts.items():
         indices = tuple(models.names.index(dimension) for dimension in part.dimensions)
         low, high = (tuple(ends[list(indices)].tolist()) for ends in (models.low, models.high))
-        area = None if part.area is None else tuple(map(part.labels.index, part.area))
+        area = None
+        if part.area is not None:
+            area = (part.labels.index(part.area[0]), part.labels.index(part.area[1]))
         found.append(Group(f"the {name}", part.labels, indices, low, high, area, part.hint))
     return found
 

@@ -196,9 +196,12 @@ class JointInference(Rounds):
 
     def _part_is_absent(self, optima: Optima) -> bool:
         """Return whether a part of the best body has next to no area, as if it did nothing."""
-        parts = (part for part in groups(self._joint) if part.area is not None)
-        theta = optima.theta[0]
-        return any(min(theta[part.indices[side]] for side in part.area) < ABSENT for part in parts)
+        sides = (
+            optima.theta[0, part.indices[side]]
+            for part in groups(self._joint)
+            for side in part.area or ()
+        )
+        return min(sides, default=1.0) < ABSENT
 
     def _model_fitness(self, best: Optima) -> float:
         """Return the MOD_FIT (Eq. 3) of the best fit, its angles and nuisances included."""
@@ -228,7 +231,7 @@ def posterior_of(optima: Optima, sigma: float, share: float = 1.0) -> Posterior:
     parameters, linear = optima.parameters, optima.linear()
     weight = share / sigma**2
     away = optima.theta - parameters.prior_mean
-    modes = [
+    modes = tuple(
         Mode(
             theta,
             weight * linear.normal[k] + np.diag(parameters.prior_precision),
@@ -236,7 +239,7 @@ def posterior_of(optima: Optima, sigma: float, share: float = 1.0) -> Posterior:
             weight * linear.gradient[k] + parameters.prior_precision * away[k],
         )
         for k, theta in enumerate(optima.theta)
-    ]
+    )
     return Posterior(parameters.names, parameters.low, parameters.high, parameters.circular, modes)
 
 
