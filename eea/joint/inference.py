@@ -14,7 +14,7 @@ from scipy.special import log_ndtr
 from eea.core.angles import Floats
 from eea.core.behavior import similarity, summarize
 from eea.core.checks import ConfigurationError, choice
-from eea.core.config import EEAConfig
+from eea.core.config import EEAConfig, JointConfig
 from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
@@ -163,6 +163,8 @@ class JointInference(Rounds):
     def _fit(self, hypothesis: Hypothesis) -> Optima:
         """Fit all trials under a hypothesis, also from what the trials before have taught."""
         settings, rng = self.result.config.joint, self._rngs["estimation"]
+        if hypothesis is not AS_COMMANDED:  # most of them are wrong, and each takes its time
+            settings = halved(settings)
         parameters = Parameters.of(
             self._joint, len(self._observed), self._groups, hypothesis, settings.per_trial
         )
@@ -221,6 +223,17 @@ class JointInference(Rounds):
             np.where(actions.low < 0, actions.low, 0.5 * (actions.low + actions.high)),
         )
         return fast, None
+
+
+def halved(settings: JointConfig) -> JointConfig:
+    """Return settings for a search of half the effort."""
+    return replace(
+        settings,
+        bodies=max(2, settings.bodies // 2),
+        poses=max(1, settings.poses // 2),
+        descents=max(1, settings.descents // 2),
+        polished=max(1, settings.polished // 2),
+    )
 
 
 def posterior_of(optima: Optima, sigma: float, share: float = 1.0) -> Posterior:
