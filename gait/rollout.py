@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.kinematics import State, rotation
-from aquafish_gym.utils.validation import finite_array, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait import network
 from gait.controller import MAXIMUM_SEED, Controller
 from gait.policy import ControllerLike, new_policy
@@ -34,9 +35,6 @@ ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 # seed, and one seed often serves them all: without this, a run's random poses would be the very
 # angles that the target hides, or that a baseline was trained from.
 _GAIT = 0x67616974
-
-# How far P controllers swim from Q initial fin angles (Q, 3): distances (P, Q).
-Scorer = Callable[[Sequence[Controller], NDArray[np.float64]], NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
@@ -95,7 +93,7 @@ def random_poses(count: int, seed: int | np.random.SeedSequence) -> NDArray[np.f
 
 def swim_all(
     controllers: Sequence[Controller],
-    morphology: MorphologyLike,
+    morphologies: MorphologiesLike,
     fin_angles: ArrayLike = (ZERO_POSE,),
     seconds: float = SECONDS,
     dtype: str = "float32",
@@ -103,14 +101,20 @@ def swim_all(
 ) -> NDArray[np.float64]:
     """Return how far each controller swims from each pose, all at once in the lanes.
 
+    Bodies and poses go in pairs, the i-th body from the i-th pose, so that several bodies cost no
+    more than one; ``fitness.every_pair`` makes the pairs of each body with each pose.
+
     Parameters
     ----------
     controllers
         P of them.
-    morphology, seconds
-        As for :func:`swim`.
+    morphologies
+        Q bodies, or one for all poses: one as ``Morphology.coerce`` takes it, a list of such, or
+        (Q, 9) sizes.
     fin_angles
-        (Q, 3) initial left and right pectoral angle and caudal phase, rad.
+        (Q, 3) initial left and right pectoral angle and caudal phase, rad; (1, 3) for all bodies.
+    seconds
+        How long they swim.
     dtype
         ``"float32"`` or ``"float64"``.
     threads
@@ -120,38 +124,54 @@ def swim_all(
     -------
     ndarray
         (P, Q) progress along the world's +y, in units of 5 cm; NaN where a robot diverged.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError
+        If an argument does not fit.
+
+    Examples
+    --------
+    >>> swim_all([], [Morphology.nominal(), {"caudal": (0.0, 0.0, 0.0)}]).shape
+    (0, 2)
     """
     # numba comes with its engine: importing this package stays quick.
     from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 
     _register_network()
-    body = Morphology.coerce(morphology).to_array()
+    bodies = body_array(morphologies)
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
     poses = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
+    swims = len(bodies) if len(poses) == 1 else len(poses)
+    if len(bodies) not in (1, swims):
+        raise InvalidArgumentError(
+            "morphologies and fin_angles must be equally many, or one for all; "
+            f"got {len(bodies)} and {len(poses)}"
+        )
     steps = step_count(seconds)
     kind = np.float32 if one_of("dtype", dtype, ("float32", "float64")) == "float32" else np.float64
-    batch = len(controllers) * len(poses)
+    batch = len(controllers) * swims
     if batch == 0:
-        return np.zeros((len(controllers), len(poses)))
+        return np.zeros((len(controllers), swims))
     nodes = max(c.nodes for c in controllers)
     genes = np.stack([c.genes(nodes) for c in controllers], axis=1)
     lanes = LaneBatch(
-        np.broadcast_to(body, (batch, 9)),
-        np.tile(poses, (len(controllers), 1)),
+        np.tile(np.broadcast_to(bodies, (swims, 9)), (len(controllers), 1)),
+        np.tile(np.broadcast_to(poses, (swims, 3)), (len(controllers), 1)),
         dtype=kind,
         threads=threads,
     )
     log = lanes.run(
         network.steer,
-        pack_rows(np.repeat(genes, len(poses), axis=1), kind, lanes.width),
+        pack_rows(np.repeat(genes, swims, axis=1), kind, lanes.width),
         np.array([nodes], dtype=np.int64),
         network.INPUT_COUNT + nodes,
         steps,
         INTERVAL,
     )
     distances = np.where(log.diverged, np.nan, lanes.state()["position"][:, 1])
-    return distances.reshape(len(controllers), len(poses))
+    return distances.reshape(len(controllers), swims)
 
 
 def swim(

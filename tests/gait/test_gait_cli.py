@@ -21,7 +21,7 @@ from aquafish_gym.runs.storage import CannotWriteError
 from gait import baselines, cli, evolve
 from gait.cli import _bar, _line, main
 from gait.controller import Controller
-from gait.evolve import Generation, finished_generations
+from gait.records import Generation, finished_generations
 from gait_fakes import contents, make_controller, read_history
 
 QUICK = ["--generations", "3", "--population", "12", "--seconds", "1", "--seed", "1000"]
