@@ -16,7 +16,7 @@ from aquafish_gym.runs.folder import SETTINGS
 from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controller import Controller
-from gait.evolve import FINAL_POSES, EvolveConfig, evolve_gait
+from gait.evolve import EvolveConfig, evolve_gait
 from gait.fitness import DIVERGED_SPEED
 from gait.records import (
     CHECKPOINT_FILE,
