@@ -179,7 +179,7 @@ def test_a_sample_that_cannot_be_told_apart_is_refused() -> None:
 
 
 def test_a_setting_without_a_say_is_refused() -> None:
-    with pytest.raises(InvalidArgumentError, match="quantile has a say only with .*; got 0.1"):
+    with pytest.raises(InvalidArgumentError, match=r"quantile has a say only with .*; got 0.1"):
         EvolveConfig(quantile=0.1)
     with pytest.raises(InvalidArgumentError, match="poses must be at least 1 with aggregate"):
         EvolveConfig(aggregate="quantile", poses=0)
