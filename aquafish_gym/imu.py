@@ -16,6 +16,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating]
 
+_AXES = {
+    "rpy": ("rad", ("roll", "pitch", "yaw")),
+    "gyro": ("rad/s", ("spin about x", "spin about y", "spin about z")),
+}
+
 
 @dataclass(frozen=True, repr=False)
 class ImuLog:
@@ -24,7 +29,7 @@ class ImuLog:
     Attributes
     ----------
     rpy
-        (B, T, 3) roll, pitch, yaw in rad, continuous.
+        (B, T, 3) roll, pitch, yaw in rad, continuous; None if they were not recorded.
     gyro
         (B, T, 3) angular velocity in body axes, rad/s; None if it was not recorded.
     position, quaternion, fin_angles
@@ -44,7 +49,7 @@ class ImuLog:
     2
     """
 
-    rpy: Floats
+    rpy: Floats | None
     gyro: Floats | None
     position: Floats | None
     quaternion: Floats | None
@@ -52,38 +57,40 @@ class ImuLog:
     diverged: NDArray[np.bool_]
 
     def __len__(self) -> int:
-        return len(self.rpy)
+        return len(self.diverged)
+
+    def _felt(self) -> dict[str, Floats]:
+        """Return what was recorded of what the IMU feels."""
+        return {n: x for n, x in (("rpy", self.rpy), ("gyro", self.gyro)) if x is not None}
 
     def __repr__(self) -> str:
-        gyro = ", gyro" if self.gyro is not None else ""
-        pose = ", pose" if self.position is not None else ""
+        names = [*self._felt(), *(["pose"] if self.position is not None else [])]
+        steps = max((samples.shape[1] for samples in self._felt().values()), default=0)
         lost = f"; {self.diverged.sum()} diverged" if self.diverged.any() else ""
-        return f"ImuLog(B={len(self)}, T={self.rpy.shape[1]}: rpy{gyro}{pose}{lost})"
+        return f"ImuLog(B={len(self)}, T={steps}: {', '.join(names) or 'nothing'}{lost})"
 
     def _repr_html_(self) -> str:
         """Return the least and the greatest of each signal over all robots, as a table."""
         rows = ""
-        names = ("roll", "pitch", "yaw", "spin about x", "spin about y", "spin about z")
-        signals = [self.rpy] if self.gyro is None else [self.rpy, self.gyro]
-        for name, felt in zip(names, np.concatenate(signals, axis=2).T, strict=False):
-            known = felt[np.isfinite(felt)]
-            ends = f"{known.min():.3f}</td><td>{known.max():.3f}" if known.size else "</td><td>"
-            rows += f"<tr><td>{name}</td><td>{ends}</td></tr>"
+        for signal, samples in self._felt().items():
+            for name, felt in zip(_AXES[signal][1], samples.T, strict=True):
+                known = felt[np.isfinite(felt)]
+                ends = f"{known.min():.3f}</td><td>{known.max():.3f}" if known.size else "</td><td>"
+                rows += f"<tr><td>{name}</td><td>{ends}</td></tr>"
         head = "<tr><th>rad, rad/s</th><th>least</th><th>greatest</th></tr>"
         return f"<p>{self!r}</p><table>{head}{rows}</table>"
 
     def plot(self, robot: int = 0) -> Figure:
-        """Return a picture of what one robot felt: roll, pitch, yaw and, if recorded, the gyro."""
+        """Return a picture of what one robot felt: roll, pitch and yaw, and the gyro."""
         from matplotlib.figure import Figure  # no pyplot, no window system, no global state
 
         which = integer("robot", robot, 0, len(self) - 1)
-        parts = [("rad", self.rpy, ("roll", "pitch", "yaw"))]
-        if self.gyro is not None:
-            parts.append(("rad/s", self.gyro, ("spin about x", "y", "z")))
-        figure = Figure(figsize=(6, 2.2 * len(parts)), layout="constrained")
-        axes = np.ravel(figure.subplots(len(parts), sharex=True))
-        for ax, (unit, signals, names) in zip(axes, parts, strict=True):
-            ax.plot(0.01 * np.arange(1, signals.shape[1] + 1), signals[which], label=names)
+        felt = self._felt()
+        figure = Figure(figsize=(6, 2.2 * len(felt)), layout="constrained")
+        axes = np.ravel(figure.subplots(len(felt), sharex=True))
+        for ax, (signal, samples) in zip(axes, felt.items(), strict=True):
+            unit, names = _AXES[signal]
+            ax.plot(0.01 * np.arange(1, samples.shape[1] + 1), samples[which], label=names)
             ax.set_ylabel(unit)
             ax.legend(loc="upper left", fontsize="small")
         axes[-1].set_xlabel("s")

@@ -31,6 +31,7 @@ from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumen
 pytest.importorskip("pybullet")
 
 Floats = NDArray[np.float64]
+Vector = tuple[float, float, float]
 STILL = (0.0, 0.0, 0.0)
 NOMINAL = Morphology.nominal().to_array()
 
@@ -42,7 +43,7 @@ def world() -> Iterator[BulletWorld]:
     one.close()
 
 
-def random_trials(batch: int, seed: int, without: float = 0.0) -> Trials:
+def random_trials(batch: int, seed: int, without: float = 0.0, current: Vector = STILL) -> Trials:
     """Draw trials; each dimension is zero with the probability ``without``."""
     rng = np.random.default_rng(seed)
     bodies = rng.uniform(0, MAXIMA, (batch, 9))
@@ -51,13 +52,12 @@ def random_trials(batch: int, seed: int, without: float = 0.0) -> Trials:
         bodies,
         rng.uniform(COMMAND_LOW, COMMAND_HIGH, (batch, 3)),
         rng.uniform(-math.pi, math.pi, (batch, 3)),
+        current,
     )
 
 
-def settings(
-    steps: int, substeps: int = 1, current: tuple[float, float, float] = STILL
-) -> Settings:
-    return Settings(steps, substeps, current, np.float64, None, "pose")
+def settings(steps: int, substeps: int = 1) -> Settings:
+    return Settings(steps, substeps, np.float64, None, "pose")
 
 
 def by_hand(trials: Trials, how: Settings) -> tuple[Floats, Floats, Floats]:
@@ -73,7 +73,7 @@ def by_hand(trials: Trials, how: Settings) -> tuple[Floats, Floats, Floats]:
         rpy, rows_here = (0.0, 0.0, 0.0), []
         for _ in range(how.steps):
             for _ in range(how.substeps):
-                state = step(robot, state, by, how.current, h)
+                state = step(robot, state, by, trials.current, h)
             rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
             rows_here.append((rpy, state.spin, state.position))
         rows.append(rows_here)
@@ -86,7 +86,7 @@ def by_hand(trials: Trials, how: Settings) -> tuple[Floats, Floats, Floats]:
     [
         (random_trials(20, 0), settings(512)),
         (random_trials(6, 1, without=0.5), settings(256)),
-        (random_trials(4, 2), settings(128, substeps=4, current=(0.3, -0.5, 0.2))),
+        (random_trials(4, 2, current=(0.3, -0.5, 0.2)), settings(128, substeps=4)),
     ],
     ids=["20 random bodies, 5.12 s", "fins of no size", "current and substeps"],
 )
@@ -119,7 +119,7 @@ def test_bodies_were_given_their_masses_and_inertias(world: BulletWorld) -> None
     """Trap: an inertia set beside damping lands on the base; without a shape it is zero."""
     body = random_trials(1, 3).morphologies[0]
     world.reset(body, STILL, STILL)
-    p, column = load_pybullet(), robot_parameters(body[None])[:, 0].reshape(3, 7)
+    p, column = load_pybullet(), robot_parameters(body[None])[:, 0][:-1].reshape(3, 8)
     for link in range(3):
         info = p.getDynamicsInfo(world._robot, link, physicsClientId=world._client)
         inertia = column[link, 4:7] if link < 2 else column[link, 6:3:-1]
@@ -206,8 +206,8 @@ def test_a_second_command_takes_over(world: BulletWorld) -> None:
 
 def test_divergence_is_caught_and_fills_with_nan() -> None:
     """A current of 1 km/s makes explicit drag explode; such a robot must not hide."""
-    trials = Trials(np.stack([MAXIMA, NOMINAL]), np.full((2, 3), 0.5), np.zeros((2, 3)))
-    log = simulate_bullet(trials, settings(200, current=(2e4, 2e4, 2e4)))
+    trials = Trials(np.stack([MAXIMA, NOMINAL]), np.full((2, 3), 0.5), np.zeros((2, 3)), (2e4,) * 3)
+    log = simulate_bullet(trials, settings(200))
     assert log.diverged[0]
     finite = np.isfinite(log.rpy[0]).all(axis=1)
     assert not finite[-1]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
+from decimal import Decimal
+from numbers import Real
 from pkgutil import resolve_name
 
 import numpy as np
@@ -19,20 +21,30 @@ from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, fl
 
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
+MAXIMUM_DRAG = 10.0  # times the law's
+MAXIMUM_GAIN = 2.0
+MAXIMUM_LAG = 1.0  # s
 MAXIMUM_SUBSTEPS = 64
 MAXIMUM_THREADS = 1024
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
 # How many numbers a sample has.
-RECORDS: dict[str, int] = {"rpy": 3, "attitude": 6, "pose": 16}
+RECORDS: dict[str, int] = {"rpy": 3, "gyro": 3, "attitude": 6, "pose": 16}
 
 
 @dataclass(frozen=True)
 class Trials:
-    """B trials: a body, a command and initial fin angles each."""
+    """B trials: a body, a command and initial fin angles each, and what differs from the model.
+
+    Of the latter there may be one for all; :func:`simulate` says what they are.
+    """
 
     morphologies: NDArray[np.float64]  # (B, 9) sizes in the order of ``DIMENSIONS``
     commands: NDArray[np.float64]  # (B, 3) rev/s, rev/s, Hz; held for the whole trial
     fin_angles: NDArray[np.float64]  # (B, 3) left and right pectoral angle, caudal phase, rad
+    current: ArrayLike = (0.0, 0.0, 0.0)  # (3,) or (B, 3) units/s
+    drag: ArrayLike = (1.0, 1.0)  # (2,) or (B, 2) scales of the fins' and of the body's
+    servo_gain: ArrayLike = (1.0, 1.0, 1.0)  # (3,) or (B, 3)
+    lag: ArrayLike = 0.0  # () or (B,) s
 
     def __len__(self) -> int:
         return len(self.morphologies)
@@ -44,7 +56,6 @@ class Settings:
 
     steps: int
     substeps: int = 1
-    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     dtype: type[np.floating] = np.float32
     threads: int | None = None
     record: str = "attitude"
@@ -67,7 +78,15 @@ def find_engine(name: str) -> Engine:
     return found
 
 
-def check_trials(morphologies: object, commands: object, fin_angles: object) -> Trials:
+def check_trials(
+    morphologies: object,
+    commands: object,
+    fin_angles: object,
+    current: ArrayLike = (0.0, 0.0, 0.0),
+    drag: ArrayLike = (1.0, 1.0),
+    servo_gain: object = 1.0,
+    lag: ArrayLike = 0.0,
+) -> Trials:
     """Return trials from whatever describes them; a batch of one is spread over the others."""
     if morphologies is None or isinstance(morphologies, Morphology | dict):
         morphologies = Morphology.coerce(morphologies).to_array()
@@ -75,18 +94,33 @@ def check_trials(morphologies: object, commands: object, fin_angles: object) -> 
         isinstance(m, Morphology) for m in morphologies
     ):
         morphologies = [Morphology.coerce(m).to_array() for m in morphologies]
-    bodies = finite_array("morphologies", morphologies, (None, 9), 0.0, MAXIMA, flat=True)  # type: ignore[arg-type]
-    speeds = check_commands(commands)  # type: ignore[arg-type]
-    angles = finite_array("fin_angles", fin_angles, (None, 3), unit="rad", flat=True)  # type: ignore[arg-type]
-    lengths = {len(bodies), len(speeds), len(angles)}
+    gain = [servo_gain] * 3 if isinstance(servo_gain, Real | Decimal) else servo_gain
+    rows = {
+        "morphologies": _rows("morphologies", morphologies, (9,), 0.0, MAXIMA),
+        "commands": check_commands(commands),  # type: ignore[arg-type]
+        "fin_angles": _rows("fin_angles", fin_angles, (3,), -np.inf, np.inf, "rad"),
+        "current": _rows("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"),
+        "drag": _rows("drag", drag, (2,), 0.0, MAXIMUM_DRAG),
+        "servo_gain": _rows("servo_gain", gain, (3,), 0.0, MAXIMUM_GAIN),
+        "lag": _rows("lag", lag, (), 0.0, MAXIMUM_LAG, "s"),
+    }
+    lengths = {len(table) for table in rows.values()}
     batch = 0 if 0 in lengths else max(lengths)
     if lengths - {1, batch}:
+        *most, last = rows
         raise InvalidArgumentError(
-            "morphologies, commands and fin_angles must be equally many, or one for all; "
-            f"got {len(bodies)}, {len(speeds)} and {len(angles)}"
+            f"{', '.join(most)} and {last} must be equally many, or one for all; "
+            f"got {', '.join(str(len(table)) for table in rows.values())}"
         )
-    spread = (np.broadcast_to(a, (batch, a.shape[1])) for a in (bodies, speeds, angles))
+    spread = (np.broadcast_to(table, (batch, *table.shape[1:])) for table in rows.values())
     return Trials(*map(np.ascontiguousarray, spread))
+
+
+def _rows(
+    name: str, value: object, row: tuple[int, ...], low: ArrayLike, high: ArrayLike, unit: str = ""
+) -> NDArray[np.float64]:
+    """Return an argument with a row for each trial; that of one may be given without its axis."""
+    return finite_array(name, value, (None, *row), low, high, unit, flat=True)  # type: ignore[arg-type]
 
 
 def simulate(
@@ -101,6 +135,9 @@ def simulate(
     threads: int | None = None,
     record: str = "attitude",
     reactive: bool = False,
+    drag: ArrayLike = (1.0, 1.0),
+    servo_gain: ArrayLike = 1.0,
+    lag: ArrayLike = 0.0,
 ) -> ImuLog:
     """Swim B robots from rest and return what their IMUs log.
 
@@ -125,17 +162,25 @@ def simulate(
         ``"float32"`` or ``"float64"``, for the compiled engine; PyBullet always computes in
         double precision.
     current
-        (3,) the water's own velocity in the world, units/s.
+        (3,) or (B, 3) the water's own velocity in the world, units/s, up to 20 each way.
     substeps
         Physics steps a sample.
     threads
         For the compiled engine: how many; None takes every core. No result depends on it.
     record
-        ``"rpy"``, ``"attitude"`` (rpy and gyro) or ``"pose"`` (these, position,
-        quaternion and fin angles).
+        ``"rpy"``, ``"gyro"``, ``"attitude"`` (both) or ``"pose"`` (these, position, quaternion
+        and fin angles). What is not recorded is None in the log.
     reactive
         Whether the water also resists acceleration (added mass of fins and body) and leaves the
         tail's edge with momentum; see ``docs/physics.md``. The paper's experiments need it not.
+    drag
+        (2,) or (B, 2) what the drag of the fins, and that of the body, is multiplied by: 0 to 10.
+    servo_gain
+        A number, (3,) or (B, 3), 0 to 2: the servos' speeds are gain times command. One that is
+        seized has gain 0.
+    lag
+        A number or (B,), 0 to 1 s: the servos begin to move so late. A servo's speed is steady
+        within a sample: in the one in which a lag ends it is the share of it that then remains.
 
     Returns
     -------
@@ -154,15 +199,15 @@ def simulate(
     >>> log = simulate(None, (0.4, 0.4, 0.5), steps=100)
     >>> log.rpy.shape
     (1, 100, 3)
+    >>> simulate(None, (0.4, 0.4, 0.5), steps=100, servo_gain=(1, 0, 1), record="gyro")
+    ImuLog(B=1, T=100: gyro)
     """
     engine = resolve_engine("engine", engine)
     answer = find_engine(engine)
-    trials = check_trials(morphologies, commands, fin_angles)
-    water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
+    trials = check_trials(morphologies, commands, fin_angles, current, drag, servo_gain, lag)
     settings = Settings(
         steps=integer("steps", steps, 1, MAXIMUM_STEPS),
         substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
-        current=(float(water[0]), float(water[1]), float(water[2])),
         dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
         threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         record=one_of("record", record, RECORDS),

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+from collections import deque
 from pkgutil import resolve_name
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.engines.base import (
+    MAXIMUM_DRAG,
+    MAXIMUM_GAIN,
+    MAXIMUM_LAG,
+    MAXIMUM_SUBSTEPS,
+    TIMESTEP,
+)
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State
+from aquafish_gym.utils.validation import finite_array, flag, integer
 
 Triple = tuple[float, float, float]
 
@@ -20,9 +29,11 @@ RUNAWAY = 1e12
 
 
 class World(Protocol):
-    """One robot in the water. ``diverged`` says whether it ran away; see ``RUNAWAY``."""
+    """One robot in the water."""
 
-    diverged: bool
+    @property
+    def diverged(self) -> bool:
+        """Whether it ran away; see ``RUNAWAY``."""
 
     def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
         """Put a robot of nine sizes at the origin, at rest, upright, facing +y.
@@ -52,10 +63,118 @@ WORLDS: dict[str, str] = {
 }
 
 
-def make_world(engine: str, reactive: bool = False) -> World:
+class ServoWorld:
+    """A world whose servos turn at gain times the command that was given ``lag`` seconds before.
+
+    A servo's speed is steady within a step of 0.01 s: it is the mean, over the step, of what the
+    command was then. Before the first command it is nothing.
+
+    Parameters
+    ----------
+    world
+        The world that it all happens in; it is closed with this one.
+    servo_gain
+        (3,) of the left, the right and the caudal servo; one that is seized has 0.
+    lag
+        In s.
+    """
+
+    def __init__(self, world: World, servo_gain: Triple, lag: float) -> None:
+        self.world = world
+        self._gain = np.array(servo_gain)
+        whole, self._rest = divmod(lag / TIMESTEP, 1.0)
+        # The commands that lie less than lag and a step back, of which the first two count.
+        self._given: deque[NDArray[np.float64]] = deque(maxlen=int(whole) + 2)
+        self._forget()
+
+    def _forget(self) -> None:
+        self._given.extend(np.zeros((self._given.maxlen or 0, 3)))
+
+    @property
+    def diverged(self) -> bool:
+        """Whether the robot ran away."""
+        return self.world.diverged
+
+    def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
+        """See :class:`World`; the servos stand still again."""
+        self._forget()
+        self.world.reset(morphology, fin_angles, current)
+
+    def advance(self, command: Vector, steps: int = 1) -> None:
+        """See :class:`World`."""
+        for _ in range(steps):
+            self._given.append(np.array(command))
+            older, newer = self._given[0], self._given[1]
+            told = self._gain * (self._rest * older + (1.0 - self._rest) * newer)
+            left, right, caudal = told.tolist()
+            self.world.advance((left, right, caudal))
+
+    def state(self) -> State:
+        """See :class:`World`."""
+        return self.world.state()
+
+    @property
+    def fin_angles(self) -> Vector:
+        """See :class:`World`."""
+        return self.world.fin_angles
+
+    def close(self) -> None:
+        """See :class:`World`."""
+        self.world.close()
+
+
+def with_servos(world: World, servo_gain: Triple, lag: float) -> World:
+    """Return the world itself if its servos do what they are told, else a :class:`ServoWorld`."""
+    ideal = lag == 0.0 and servo_gain == (1.0, 1.0, 1.0)
+    return world if ideal else ServoWorld(world, servo_gain, lag)
+
+
+def make_world(
+    engine: str,
+    reactive: bool = False,
+    *,
+    drag: ArrayLike = (1.0, 1.0),
+    servo_gain: ArrayLike = (1.0, 1.0, 1.0),
+    lag: float = 0.0,
+    substeps: int = 1,
+) -> World:
     """Return a world of an engine that ``check_engine`` allowed; reset it before its first step.
 
-    ``reactive`` says whether the water has the terms of ``physics/reactive.py``.
+    Parameters
+    ----------
+    engine
+        A name in ``WORLDS``.
+    reactive
+        Whether the water has the terms of ``physics/reactive.py``.
+    drag
+        (2,) what the drag of the fins, and that of the body, is multiplied by: 0 to 10.
+    servo_gain
+        (3,) the servos' speeds are gain times command, 0 to 2.
+    lag
+        How long after it was given a command is obeyed, 0 to 1 s; see :class:`ServoWorld`.
+    substeps
+        Physics steps in 0.01 s.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If one of these is not as it should be.
+
+    Examples
+    --------
+    >>> world = make_world("numba", servo_gain=(1.0, 0.0, 1.0))  # the right flipper is seized
+    >>> world.reset(np.full(9, 0.3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    >>> world.advance((0.5, 0.5, 0.0), steps=50)
+    >>> [round(angle, 3) for angle in world.fin_angles]
+    [1.571, 0.0, 0.0]
     """
-    found: World = resolve_name(WORLDS[engine])(reactive=reactive)
-    return found
+    fins, body = finite_array("drag", drag, (2,), 0.0, MAXIMUM_DRAG).tolist()
+    gain = finite_array("servo_gain", servo_gain, (3,), 0.0, MAXIMUM_GAIN)
+    late = float(finite_array("lag", lag, (), 0.0, MAXIMUM_LAG, "s"))
+    world: World = resolve_name(WORLDS[engine])(
+        reactive=flag("reactive", reactive),
+        substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
+        drag=(fins, body),
+    )
+    left, right, caudal = gain.tolist()
+    return with_servos(world, (left, right, caudal), late)

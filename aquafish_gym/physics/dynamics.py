@@ -206,11 +206,12 @@ def forces(robot: Robot, state: State, current: Vector) -> Water:
     left = _at_hinge(-PECTORAL_X, velocity, spin)
     right = _at_hinge(PECTORAL_X, velocity, spin)
     tail, tail_joint = _to_caudal(velocity), caudal_joint(state.phase)
+    force, torque = body_drag(velocity, spin)
     return Water(
         _fin_water(robot.left, PECTORAL_Y, state.left, rates[0], left, spin),
         _fin_water(robot.right, PECTORAL_Y, state.right, rates[1], right, spin),
         _fin_water(robot.caudal, CAUDAL_Y, tail_joint, rates[2], tail, _to_caudal(spin)),
-        body_drag(velocity, spin),
+        (scale(robot.drag, force), scale(robot.drag, torque)),
     )
 
 

@@ -93,9 +93,9 @@ def fin_drag(fin: Fin, velocity: Vector, spin: Vector) -> tuple[Vector, Vector]:
     over_width = fin.length * fin.thickness  # the plate whose normal is the width axis
     over_length = fin.width * fin.thickness
     over_normal = fin.width * fin.length
-    ka = -plate_coefficient(over_width, over_length + over_normal)
-    kb = -plate_coefficient(over_length, over_width + over_normal)
-    kc = -plate_coefficient(over_normal, over_width + over_length)
+    ka = -fin.drag * plate_coefficient(over_width, over_length + over_normal)
+    kb = -fin.drag * plate_coefficient(over_length, over_width + over_normal)
+    kc = -fin.drag * plate_coefficient(over_normal, over_width + over_length)
 
     force = (
         ka * (near_a + middle_a + far_a),

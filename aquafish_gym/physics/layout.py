@@ -6,7 +6,9 @@ robot on plain floats is group 0 of 1. The functions of one group are straight-l
 scalar backend (``arithmetic.py``).
 
 - A **state** has 25 rows: the numbers of ``State`` in its order, then roll, pitch and yaw.
-- A **robot** has 21 rows: left, right and caudal ``Fin``, the numbers of each in its order.
+- A **robot** has 25 rows: left, right and caudal ``Fin``, the numbers of each in its order, and
+  the scale of the body's drag.
+- Its **conditions** have 6 rows: the water's own velocity, and the gains of the three servos.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ from itertools import accumulate
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.physics.arithmetic import Number, Vector, fetch, put
 from aquafish_gym.physics.kinematics import Joints, Pair, State
@@ -32,8 +34,9 @@ _STATE_FIELDS = [FIELDS[name] for name in State._fields]
 # (cos, sin) of left, right and phase follow each other.
 _COSINES, _SINES = slice(LEFT, RATES, 2), slice(LEFT + 1, RATES, 2)
 
-FIN_ROWS = 7
-ROBOT_ROWS = 3 * FIN_ROWS
+FIN_ROWS = 8
+ROBOT_ROWS = 3 * FIN_ROWS + 1
+CURRENT, SERVO_GAIN, CONDITION_ROWS = 0, 3, 6
 # Where (width, length, thickness) of each fin stand among the nine dimensions.
 _COLUMNS: NDArray[np.intp] = np.array([(0, 1, 2), (3, 4, 5), (8, 7, 6)])
 
@@ -59,18 +62,21 @@ def put_vector(rows: Any, first: int, group: int, groups: int, value: Vector) ->
 
 
 def fetch_fin(rows: Any, first: int, group: int, groups: int, like: Number) -> Fin:
-    """Read one fin's seven rows."""
+    """Read one fin's eight rows."""
     width, length, thickness = fetch_vector(rows, first, group, groups, like)
     mass = fetch(rows, (first + 3) * groups + group, like)
-    return Fin(width, length, thickness, mass, fetch_vector(rows, first + 4, group, groups, like))
+    inertia = fetch_vector(rows, first + 4, group, groups, like)
+    drag = fetch(rows, (first + 7) * groups + group, like)
+    return Fin(width, length, thickness, mass, inertia, drag)
 
 
 def fetch_robot(rows: Any, first: int, group: int, groups: int, like: Number) -> Robot:
-    """Read a robot's 21 rows."""
+    """Read a robot's 25 rows."""
     return Robot(
         fetch_fin(rows, first, group, groups, like),
         fetch_fin(rows, first + FIN_ROWS, group, groups, like),
         fetch_fin(rows, first + 2 * FIN_ROWS, group, groups, like),
+        fetch(rows, (first + 3 * FIN_ROWS) * groups + group, like),
     )
 
 
@@ -121,27 +127,42 @@ def state_from_numbers(numbers: list[float]) -> State:
 
 
 def robot_from_column(column: NDArray[np.float64]) -> Robot:
-    """Return one robot on plain floats from a column (21,) of :func:`robot_parameters`."""
+    """Return one robot on plain floats from a column (25,) of :func:`robot_parameters`."""
     found: Robot = fetch_robot(column.tolist(), 0, 0, 1, 0.0)
     return found
 
 
-def robot_parameters(morphologies: NDArray[np.float64]) -> NDArray[np.float64]:
+def robot_parameters(
+    morphologies: NDArray[np.float64], drag: ArrayLike = (1.0, 1.0)
+) -> NDArray[np.float64]:
     """Return what bodies (B, 9), in the order of ``DIMENSIONS``, are to the equations of motion.
 
-    (21, B): for each fin width, length, thickness, mass and the three inertias.
+    (25, B): for each fin width, length, thickness, mass, the three inertias and the scale of its
+    drag; and that of the body's. ``drag`` is (2,) or (B, 2): of the fins, and of the body.
     """
+    fins, body = np.moveaxis(np.asarray(drag, dtype=np.float64), -1, 0)
     sizes = morphologies.T[_COLUMNS]  # (fin, width or length or thickness, B)
     squares = sizes**2 / 12
     mass = np.maximum(sizes[:, 0] * sizes[:, 1] * sizes[:, 2], MINIMUM_FIN_MASS)
-    rows = np.empty((len(sizes), FIN_ROWS, sizes.shape[2]))
+    table = np.empty((ROBOT_ROWS, sizes.shape[2]))
+    rows = table[:-1].reshape(len(sizes), FIN_ROWS, sizes.shape[2])
     rows[:, 0:3] = sizes
     rows[:, 3] = mass
     rows[:, 4] = squares[:, 1] + squares[:, 2]
     rows[:, 5] = squares[:, 0] + squares[:, 2]
     rows[:, 6] = squares[:, 0] + squares[:, 1]
     rows[:, 4:7] = mass[:, None] * np.maximum(rows[:, 4:7], MINIMUM_GYRATION**2)
-    return rows.reshape(ROBOT_ROWS, sizes.shape[2])
+    rows[:, 7] = fins
+    table[-1] = body
+    return table
+
+
+def condition_rows(current: ArrayLike, servo_gain: ArrayLike, batch: int) -> NDArray[np.float64]:
+    """Return the conditions (6, B) of a batch; each of the two is (3,) for all, or (B, 3)."""
+    rows = np.empty((CONDITION_ROWS, batch))
+    rows[CURRENT : CURRENT + 3] = np.broadcast_to(current, (batch, 3)).T
+    rows[SERVO_GAIN : SERVO_GAIN + 3] = np.broadcast_to(servo_gain, (batch, 3)).T
+    return rows
 
 
 def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -55,7 +55,7 @@ class Fin(NamedTuple):
     """One fin's sizes and mass properties, in its fin frame (width, length, normal).
 
     Each entry is a number, or a SIMD lane of numbers where the lanes call. ``inertia`` is
-    about the fin's centre.
+    about the fin's centre, and ``drag`` multiplies the drag law's coefficients.
     """
 
     width: Any
@@ -63,14 +63,16 @@ class Fin(NamedTuple):
     thickness: Any
     mass: Any
     inertia: tuple[Any, Any, Any]
+    drag: Any = 1.0
 
 
 class Robot(NamedTuple):
-    """The three fins; the capsule is the same for every robot."""
+    """The three fins, and what the body's drag is multiplied by; its capsule is always the same."""
 
     left: Fin
     right: Fin
     caudal: Fin
+    drag: Any = 1.0
 
 
 # The capsule's Gauss stations for its own diameter as weight: (y, integral of the diameter over

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from aquafish_gym.engines.base import simulate
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
+from aquafish_gym.utils.validation import finite_array
 from eea.core.behavior import BehaviorConfig
 from eea.core.experiment import Comparer, Simulator, Trials
 
@@ -59,6 +60,7 @@ class EngineSimulator(Simulator):
         )
 
     def __post_init__(self) -> None:
+        finite_array("current", self.current, (3,))  # one a robot would fit one batch alone
         # One motionless robot, so that a wrong setting is refused here and not in mid-run.
         self.simulate(Trials(np.zeros((1, 9)), np.zeros((1, 3)), np.zeros((1, 3))))
 

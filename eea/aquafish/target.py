@@ -41,8 +41,8 @@ def turn_log(log: ImuLog, start: Floats) -> ImuLog:
     Neither the water nor the neutrally buoyant fish knows up from down, so to begin turned is to
     do the same, turned.
     """
-    if log.diverged.any():
-        return log  # no attitude is left to turn
+    if log.rpy is None or log.diverged.any():
+        return log  # there is no attitude to turn
     turned = start @ rotations(np.asarray(log.rpy[0], dtype=np.float64))
     rpy = np.array([attitude(r) for r in [start.tolist(), *turned.tolist()]])
     return replace(log, rpy=unwrap_rpy(rpy)[None, 1:])

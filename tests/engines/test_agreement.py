@@ -21,6 +21,14 @@ Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 STILL = (0.0, 0.0, 0.0)
 
+_rng = np.random.default_rng(9)
+NUISANCES: dict[str, np.ndarray] = {
+    "current": _rng.uniform(-0.5, 0.5, (24, 3)),
+    "drag": _rng.uniform(0.0, 3.0, (24, 2)),
+    "servo_gain": _rng.uniform(0.0, 2.0, (24, 3)),
+    "lag": _rng.uniform(0.0, 0.5, 24),
+}
+
 
 def fifty_cases() -> Trial:
     """Return random trials, among them fins of no size, of full size, and next to nothing."""
@@ -74,6 +82,17 @@ def test_lanes_equal_pybullet_in_currents_and_substeps(
     bodies, commands, angles = fifty_cases()
     trials = bodies[cases], commands[cases], angles[cases]
     assert largest_gap(trials, steps, substeps=substeps, current=current) < 1e-9
+
+
+@pytest.mark.parametrize("reactive", [False, True])
+@pytest.mark.parametrize("names", [*NUISANCES, "all"])
+def test_lanes_equal_pybullet_in_what_differs_from_robot_to_robot(
+    names: str, reactive: bool
+) -> None:
+    trials = tuple(part[:24] for part in fifty_cases())
+    chosen = {n: value for n, value in NUISANCES.items() if names in (n, "all")}
+    substeps = 2 if names == "all" else 1
+    assert largest_gap(trials, 96, **chosen, reactive=reactive, substeps=substeps) < 1e-9  # type: ignore[arg-type]
 
 
 def test_lanes_equal_pybullet_for_twenty_seconds() -> None:

@@ -98,7 +98,7 @@ BAD = {
     "spelled": ({"commands": ("0.1", "0", "0")}, "commands must be numbers"),
     "spelled object": ({"commands": np.array(["0", 0, 0], dtype=object)}, "commands must be num"),
     "text": ({"fin_angles": "left"}, "fin_angles must be numbers"),
-    "current": ({"current": (1, 2)}, r"current must have shape \(3\)"),
+    "current": ({"current": (1, 2)}, r"current must have shape \(any, 3\)"),
     "record": ({"record": "poses"}, "did you mean 'pose'"),
     "threads": ({"threads": 0}, "threads must be a whole number of at least 1"),
     "substeps": ({"substeps": 1.5}, "substeps must be a whole number"),

@@ -21,11 +21,13 @@ from bad_values import (
     STRANGERS,
     Text,
     Values,
+    beyond,
     near,
     no_array,
     no_flag,
     no_name,
     no_whole,
+    spoiled,
     strangers,
 )
 from gymnasium.vector import AutoresetMode
@@ -34,6 +36,7 @@ from hypothesis import strategies as st
 
 import aquafish_gym
 from aquafish_gym.damage import Damage, FinMissing, FinScaled
+from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import FINS, Morphology
@@ -215,11 +218,27 @@ SIMULATE = {
     "steps": whole("steps", 1, 1_000_000),
     "engine": ENVIRONMENT["engine"],
     "dtype": DTYPE,
-    "current": CURRENT,
+    "current": array("current", (3,), -20.0, 20.0, "[-20, 20] units/s", "(any, 3)"),
     "substeps": whole("substeps", 1, 64),
     "threads": whole("threads", 1, 1024, None),
-    "record": names("record", ("rpy", "attitude", "pose")),
+    "record": names("record", ("rpy", "gyro", "attitude", "pose")),
     "reactive": flag("reactive"),
+    "drag": array("drag", (2,), 0.0, 10.0, "[0, 10]", "(any, 2)"),
+    "servo_gain": array("servo_gain", (3,), 0.0, 2.0, "[0, 2]", "(any, 3)"),
+    "lag": Bad(
+        no_array((), 0.0, 1.0).filter(lambda value: not isinstance(value, np.ndarray | list))
+        | no_array((2, 3), 0.0, 1.0).filter(lambda v: not isinstance(v, np.ndarray) or v.ndim > 1)
+        | spoiled((3,), beyond(0.0, 1.0)),
+        r"^lag(\[\d\])? must (be numbers of shape \(any\)|have shape \(any\)|be finite"
+        r"|lie in \[0, 1\] s); got ",
+    ),
+}
+MAKE_WORLD = {
+    "reactive": flag("reactive"),
+    "drag": array("drag", (2,), 0.0, 10.0, "[0, 10]"),
+    "servo_gain": array("servo_gain", (3,), 0.0, 2.0, "[0, 2]"),
+    "lag": array("lag", (), 0.0, 1.0, "[0, 1] s"),
+    "substeps": whole("substeps", 1, 64),
 }
 OPTIONS = {name: ENVIRONMENT[name] for name in ("morphology", "damage", "fin_angles")}
 WRONG_OPTIONS = Bad(
@@ -357,6 +376,7 @@ DOORS: dict[str, Door] = {
         ),
         SIMULATE,
     ),
+    "make_world": Door(lambda name, value: make_world("numba", **{name: value}), MAKE_WORLD),
     "reset": Door(
         lambda name, value: standing_env().reset(**{name: value}),
         {"seed": whole("seed", 0, None, None), "options": WRONG_OPTIONS},

@@ -23,6 +23,7 @@ from aquafish_gym.physics.hydrodynamics import fin_drag
 from aquafish_gym.physics.kinematics import State, drive
 from aquafish_gym.physics.layout import (
     FIELDS,
+    FIN_ROWS,
     STATE_ROWS,
     fetch_fin,
     fetch_robot,
@@ -177,7 +178,7 @@ def drag(backend: str, fins: Array, motion: Array) -> Array:
         (6, B) the hinge's velocity and the fin's angular velocity, in the fin frame.
     """
     one_of("backend", backend, BACKENDS)
-    table = np.concatenate([fins, np.ones((4, fins.shape[1]))])
+    table = np.concatenate([fins, np.ones((FIN_ROWS - 3, fins.shape[1]))])
     if backend == "floats":
         columns = []
         for sizes, moving in zip(table.T.tolist(), motion.T.tolist(), strict=True):

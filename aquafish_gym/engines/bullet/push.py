@@ -41,7 +41,7 @@ def _turn_joints(joints: Any, state: State, by: Drive, h: Number) -> Number:
 def push(column: Any, joints: Any, base: Base, current: Vector, by: Drive, h: Number) -> Push:
     """Return the water's wrench (world axes) now and the tail's speed over the next step.
 
-    ``column`` (21,) is the robot's of ``robot_parameters``; ``joints`` (9,) is of
+    ``column`` (25,) is the robot's of ``robot_parameters``; ``joints`` (9,) is of
     ``fetch_joints``, and is moved one step on. ``base`` is the capsule's orientation, velocity
     and spin in the world.
     """

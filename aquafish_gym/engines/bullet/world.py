@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
 from aquafish_gym.engines.bullet.push import compiled, follow, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.engines.worlds import RUNAWAY, Triple
+from aquafish_gym.engines.worlds import RUNAWAY, Triple, with_servos
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
@@ -93,8 +93,11 @@ class BulletWorld:
     Without pybullet it raises :class:`EngineUnavailableError`.
     """
 
-    def __init__(self, substeps: int = 1, reactive: bool = False) -> None:
+    def __init__(
+        self, substeps: int = 1, reactive: bool = False, drag: tuple[float, float] = (1.0, 1.0)
+    ) -> None:
         self.timestep = TIMESTEP / substeps
+        self._substeps, self._drag = substeps, drag
         self._bullet = load_pybullet()
         self._process = os.getpid()
         self._client = take_client()
@@ -138,7 +141,8 @@ class BulletWorld:
     def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
         """See :class:`~aquafish_gym.engines.worlds.World`; the sizes are already checked."""
         self._check_process()
-        column = np.ascontiguousarray(robot_parameters(np.asarray(morphology)[None])[:, 0])
+        bodies = np.asarray(morphology)[None]
+        column = np.ascontiguousarray(robot_parameters(bodies, self._drag)[:, 0])
         numbers = np.concatenate([column, fin_angles, current])
         if not np.isfinite(numbers).all() or (column < 0).any():
             raise InvalidArgumentError(
@@ -167,7 +171,8 @@ class BulletWorld:
             solverResidualThreshold=0.0,
             physicsClientId=client,
         )
-        fins = robot_from_column(self._column)
+        left, right, caudal, _ = robot_from_column(self._column)
+        fins = (left, right, caudal)
         turns = [(0.0, 0.0, 0.0, 1.0)] * 3
         self._robot = robot = p.createMultiBody(
             baseMass=BODY_MASS,
@@ -190,7 +195,7 @@ class BulletWorld:
             raise RuntimeError("PyBullet could not build the robot")
         # By link, the base's, -1, being last. The caudal fin's width axis is the body's z, its
         # normal the body's x.
-        inertias = [fins.left.inertia, fins.right.inertia, fins.caudal.inertia[::-1], BODY_INERTIA]
+        inertias = [left.inertia, right.inertia, caudal.inertia[::-1], BODY_INERTIA]
         # Each in a call of its own: some of these arguments, given together, silently move
         # the others to the base.
         for link in range(-1, 3):
@@ -226,7 +231,7 @@ class BulletWorld:
             self._turn(joint, rate)
 
     def advance(self, command: Vector, steps: int = 1) -> None:
-        """Hold a command (rev/s, rev/s, Hz) for some physics steps.
+        """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s.
 
         A robot that leaves the finite numbers is ``diverged`` and stays so until it is reset.
         """
@@ -238,7 +243,7 @@ class BulletWorld:
         p, client, robot, push = self._bullet, self._client, self._robot, self._push
         column, joints, current = self._column, self._joints, self._current
         by, h, caudal = self._drive, self.timestep, 2
-        for _ in range(steps):
+        for _ in range(steps * self._substeps):
             if self.diverged:
                 return
             base = (self.orientation, self.velocity, self.world_spin)
@@ -294,30 +299,34 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
     position, quaternion = np.empty((batch, steps, 3)), np.empty((batch, steps, 4))
     fin_angles = np.empty((batch, steps, 3))
     spins = np.empty((steps, 3))
+    water, gains = (np.broadcast_to(a, (batch, 3)) for a in (trials.current, trials.servo_gain))
+    drags, lags = np.broadcast_to(trials.drag, (batch, 2)), np.broadcast_to(trials.lag, batch)
     diverged = np.zeros(batch, dtype=np.bool_)
     fill = compiled(follow)
-    world = BulletWorld(settings.substeps, settings.reactive)
-    try:
-        for i in range(batch):
-            world.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), settings.current)
+    for i in range(batch):
+        fins, body = drags[i].tolist()
+        world = BulletWorld(settings.substeps, settings.reactive, (fins, body))
+        told = with_servos(world, _triple(gains[i]), float(lags[i]))
+        try:
+            told.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), _triple(water[i]))
             command = _triple(trials.commands[i])
             for t in range(steps):
-                world.advance(command, settings.substeps)
+                told.advance(command)
                 position[i, t] = world.position
                 quaternion[i, t] = world.orientation
                 spins[t] = world.world_spin
                 fin_angles[i, t] = world.fin_angles
-            good = steps
-            if world.diverged:
-                diverged[i] = True
-                good = int(np.isfinite(quaternion[i]).all(axis=1).sum())
-                rpy[i, good:] = gyro[i, good:] = math.nan
-            fill(quaternion[i, :good], spins[:good], rpy[i, :good], gyro[i, :good])
-    finally:
-        world.close()
+            diverged[i] = world.diverged
+        finally:
+            world.close()
+        good = steps
+        if diverged[i]:
+            good = int(np.isfinite(quaternion[i]).all(axis=1).sum())
+            rpy[i, good:] = gyro[i, good:] = math.nan
+        fill(quaternion[i, :good], spins[:good], rpy[i, :good], gyro[i, :good])
     pose = settings.record == "pose"
     return ImuLog(
-        rpy=rpy,
+        rpy=None if settings.record == "gyro" else rpy,
         gyro=None if settings.record == "rpy" else gyro,
         position=position if pose else None,
         quaternion=quaternion if pose else None,

@@ -6,13 +6,14 @@ shall do; :func:`compile_kernel` compiles it, and the physics, into one loop. It
     policy(weights, layout, scratch, group, groups, time, rpy, gyro) -> (left, right, caudal)
 
 ``rpy`` (continuous roll, pitch, yaw, rad) and ``gyro`` (body axes, rad/s) are what the IMU
-says now, and the answer is a command in rev/s, rev/s and Hz. ``weights`` is a flat array of
-the scalar backend's numbers, read with ``fetch(weights, i, like)``, ``layout`` an int64 array
-of the policy's own, ``scratch`` a flat array to ``put`` to and ``fetch`` from, and ``time`` a
-plain float in seconds. Robots share the instructions of their vector register, so no branch
-may depend on lanes (branches on ``layout`` are fine). The robots of one register are group
-``group`` of ``groups``; row r of a table of P rows is entry ``r * groups + group``. Functions
-that a policy calls must be registered with ``simd.inlined``.
+says now, and the answer is a command in rev/s, rev/s and Hz, which each servo multiplies by its
+gain. ``weights`` is a flat array of the scalar backend's numbers, read with
+``fetch(weights, i, like)``, ``layout`` an int64 array of the policy's own, ``scratch`` a flat
+array to ``put`` to and ``fetch`` from, and ``time`` a plain float in seconds. Robots share the
+instructions of their vector register, so no branch may depend on lanes (branches on ``layout``
+are fine). The robots of one register are group ``group`` of ``groups``; row r of a table of P
+rows is entry ``r * groups + group``. Functions that a policy calls must be registered with
+``simd.inlined``.
 
 On plain floats the same function serves one robot: ``group`` 0 of 1.
 """
@@ -20,20 +21,24 @@ On plain floats the same function serves one robot: ``group`` 0 of 1.
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
+from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.engines.compiled.spectrum import write_spectrum
 from aquafish_gym.physics import simd
-from aquafish_gym.physics.arithmetic import Vector, put
+from aquafish_gym.physics.arithmetic import Vector, fetch, put, scale, where_less
 from aquafish_gym.physics.attitude import attitude, continue_attitude
 from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import drive, joint_angles, rotation
 from aquafish_gym.physics.layout import (
+    CURRENT,
     ROBOT_ROWS,
+    SERVO_GAIN,
     fetch_robot,
     fetch_state,
     fetch_vector,
@@ -50,7 +55,7 @@ BLOCK = 16  # samples gathered before they are written out, in the fastest cache
 WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
 
 # What to record, as bits. SPECTRUM alone is that of roll, pitch and yaw; with GYRO it is that of
-# the rates, and the attitude in the state is left as it was.
+# the rates. Where GYRO is all that is asked for, the attitude is worked out at the end alone.
 RPY, GYRO, POSE, SPECTRUM = 1, 2, 4, 8
 
 
@@ -61,6 +66,26 @@ def hold(
 ) -> Vector:  # fmt: skip
     """Hold the command that stands in the three rows of ``weights``: the open-loop policy."""
     return fetch_vector(weights, 0, group, groups, rpy[0])
+
+
+@simd.inlined
+def hold_late(
+    weights: Any, _layout: Any, _scratch: Any, group: int, groups: int, time: float, rpy: Vector,
+    _gyro: Vector,
+) -> Vector:  # fmt: skip
+    """Hold the command of :func:`hold`, once the lag in a fourth row (in samples) has passed.
+
+    In the sample in which it does, the servos turn for a part of it: here at that share of their
+    speed for the whole of it, so that their angles are continuous in the lag.
+    """
+    late = fetch(weights, 3 * groups + group, rpy[0])
+    share = (math.floor(time / TIMESTEP + 0.5) + 1.0) - late
+    share = where_less(share, 0.0, 0.0, where_less(share, 1.0, share, 1.0))
+    return scale(share, fetch_vector(weights, 0, group, groups, rpy[0]))
+
+
+# Policies that do not ask for the attitude.
+OPEN_LOOP = (hold, hold_late)
 
 
 @simd.inlined
@@ -97,13 +122,13 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
     swim = step_reactive if reactive else step
 
     def kernel(
-        parameters: Any, states: Any, program: Any, current: Vector, h: float, clock: Any,
+        parameters: Any, states: Any, conditions: Any, program: Any, h: float, clock: Any,
         output: Any, record: int, begin: int, end: int,
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  # part of the cache's key; see source_stamp
         weights, layout, scratch_size = program
         first_step, steps, substeps, interval = clock
-        logs, spectra, roots, scale = output
+        logs, spectra, roots, unit = output
         zero = simd.zero_lanes(parameters, width)
         groups = parameters.size // (ROBOT_ROWS * width)
         scratch = np.empty(scratch_size * width, parameters.dtype)
@@ -111,26 +136,27 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
         block_gyro = np.empty(3 * BLOCK * width, parameters.dtype)
         block_pose = np.empty(10 * BLOCK * width, parameters.dtype)
         series = np.empty(3 * steps * width if record & SPECTRUM else 0, parameters.dtype)
-        rates_only = record == SPECTRUM | GYRO  # nothing then asks for the attitude
+        rates_only = record & ~SPECTRUM == GYRO
         for group in range(begin, end):
             robot = fetch_robot(parameters, 0, group, groups, zero)
             state = fetch_state(states, group, groups, zero)
             rpy = fetch_vector(states, RPY_ROWS, group, groups, zero)
+            current = fetch_vector(conditions, CURRENT, group, groups, zero)
+            gain = fetch_vector(conditions, SERVO_GAIN, group, groups, zero)
             by = drive((zero, zero, zero), h)
             in_block = 0
             for t in range(steps):
                 if t % interval == 0:
                     time = (first_step + t) * (h * substeps)
-                    command = policy(weights, layout, scratch, group, groups, time, rpy, state.spin)
-                    by = drive(command, h)
+                    told = policy(weights, layout, scratch, group, groups, time, rpy, state.spin)
+                    by = drive((gain[0] * told[0], gain[1] * told[1], gain[2] * told[2]), h)
                 for _ in range(substeps):
                     state = swim(robot, state, by, current, h)
                 if not rates_only:
                     rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
                 if record & SPECTRUM:
                     felt = state.spin if rates_only else rpy
-                    scaled = (scale * felt[0], scale * felt[1], scale * felt[2])
-                    put_vector(series, 0, t, steps, scaled)
+                    put_vector(series, 0, t, steps, scale(unit, felt))
                 elif record:
                     if record & RPY:
                         put_vector(block_rpy, 0, in_block, BLOCK, rpy)
@@ -154,6 +180,8 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
                         in_block = 0
             if record & SPECTRUM:
                 write_spectrum(series, roots, steps, spectra, group, zero)
+            if rates_only:
+                rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
             put_state(states, group, groups, state)
             put_vector(states, RPY_ROWS, group, groups, rpy)
 

@@ -9,17 +9,19 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.base import MAXIMUM_THREADS, TIMESTEP, Settings, Trials, available_cores
 from aquafish_gym.engines.compiled.kernel import (
     GYRO,
+    OPEN_LOOP,
     POSE,
     RPY,
     SPECTRUM,
     Policy,
     compile_kernel,
     hold,
+    hold_late,
 )
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.imu import ImuLog
@@ -28,6 +30,7 @@ from aquafish_gym.physics.layout import (
     ROBOT_ROWS,
     STATE_ROWS,
     angles_of_rows,
+    condition_rows,
     rest_rows,
     robot_parameters,
 )
@@ -36,7 +39,9 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 
 Floats = NDArray[np.floating]
 
-_RECORDS = {"nothing": 0, "rpy": RPY, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE}
+_RECORDS = {
+    "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
+}  # fmt: skip
 _NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
 # Under this many steps of a group, a second thread costs more than it brings.
 _WORTH_A_THREAD = 1000
@@ -73,33 +78,37 @@ _ready: set[tuple[Any, str]] = set()  # kernels that are compiled for a type
 class LaneBatch:
     """B robots that live in the lanes between calls.
 
-    ``morphologies`` (B, 9) and ``fin_angles`` (B, 3) are already checked; the keywords are those
-    of :func:`~aquafish_gym.simulate`. ``width`` is robots a register; None takes what the
-    machine has. No result depends on it.
+    ``morphologies`` (B, 9), ``fin_angles`` (B, 3) and the keywords, which are those of
+    :func:`~aquafish_gym.simulate`, are already checked. ``width`` is robots a register; None
+    takes what the machine has. No result depends on it.
     """
 
     def __init__(
         self,
         morphologies: NDArray[np.float64],
         fin_angles: NDArray[np.float64],
-        current: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        current: ArrayLike = (0.0, 0.0, 0.0),
         dtype: type[np.floating] = np.float32,
         substeps: int = 1,
         threads: int | None = None,
         width: int | None = None,
         reactive: bool = False,
+        drag: ArrayLike = (1.0, 1.0),
+        servo_gain: ArrayLike = (1.0, 1.0, 1.0),
     ) -> None:
         self.batch = len(morphologies)
         self.dtype = dtype
         self._dtype_name = np.dtype(dtype).name
         self.width = width or lane_width(dtype)
         self.groups = -(-self.batch // self.width)
-        self.current = current
         self.reactive = reactive
         self.substeps = substeps
         self.threads = threads or available_cores()
         self.steps_done = 0
-        self._parameters = pack_rows(robot_parameters(morphologies), dtype, self.width)
+        self._drag = np.broadcast_to(drag, (self.batch, 2))
+        self._parameters = pack_rows(robot_parameters(morphologies, drag), dtype, self.width)
+        conditions = condition_rows(current, servo_gain, self.batch)
+        self._conditions = pack_rows(conditions, dtype, self.width)
         self._states = pack_rows(rest_rows(fin_angles), dtype, self.width)
 
     def replace(
@@ -110,15 +119,31 @@ class LaneBatch:
     ) -> None:
         """Put the robots under ``mask`` (B,) back to rest, with these bodies and fin angles.
 
-        ``morphologies`` (n, 9) and ``fin_angles`` (n, 3) hold the n replaced robots only.
+        ``morphologies`` (n, 9) and ``fin_angles`` (n, 3) hold the n replaced robots only. Their
+        water and servos stay as they are.
         """
-        self._table(self._parameters, ROBOT_ROWS)[:, mask] = robot_parameters(morphologies)
+        parameters = robot_parameters(morphologies, self._drag[mask])
+        self._table(self._parameters, ROBOT_ROWS)[:, mask] = parameters
         self._table(self._states, STATE_ROWS)[:, mask] = rest_rows(fin_angles)
 
-    def advance(self, commands: NDArray[np.float64], steps: int, record: str = "nothing") -> ImuLog:
-        """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s."""
-        weights = self._pack_commands(commands)
-        return self.run(hold, weights, _NO_LAYOUT, 0, steps, steps, record)
+    def advance(
+        self,
+        commands: NDArray[np.float64],
+        steps: int,
+        record: str = "nothing",
+        lag: ArrayLike = 0.0,
+    ) -> ImuLog:
+        """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s.
+
+        ``lag`` () or (B,), in s, is how long after this batch's beginning the servos begin to move.
+        """
+        if not np.any(lag):
+            return self.run(
+                hold, self._pack_commands(commands), _NO_LAYOUT, 0, steps, steps, record
+            )
+        samples = np.broadcast_to(np.asarray(lag) / TIMESTEP, (1, self.batch))
+        weights = self._pack_commands(commands, samples)
+        return self.run(hold_late, weights, _NO_LAYOUT, 0, steps, 1, record)
 
     def run(
         self,
@@ -132,10 +157,14 @@ class LaneBatch:
     ) -> ImuLog:
         """Let a policy (see ``kernel.py``) command the robots every ``interval`` steps.
 
-        ``scratch_size`` is how many numbers a robot the policy may ``put``. Samples of what
-        is not recorded are missing from the log: its arrays are then of no length.
+        ``scratch_size`` is how many numbers a robot the policy may ``put``. What is not recorded
+        is None in the log. If the gyroscope alone is, and the policy asks for no attitude, none
+        is computed until the end: that of ``state()`` is then, of all triples that describe it,
+        the one nearest to where it began, and may lie whole turns off a log's.
         """
         bits = _RECORDS[record]
+        if bits == GYRO and policy not in OPEN_LOOP:
+            bits |= RPY
         logs = self._logs(steps, bits)
         # Read-only, as those of a spectrum are: numba would compile the loop twice for them.
         spectra, roots = np.empty((0, 2, 0), self.dtype), roots_of_unity(0, self._dtype_name)
@@ -143,7 +172,7 @@ class LaneBatch:
         self._run(policy, (weights, layout, scratch_size), steps, interval, output, bits)
         rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
         return ImuLog(
-            rpy=rpy,
+            rpy=rpy if bits & RPY and record != "gyro" else None,
             gyro=gyro if bits & GYRO else None,
             position=pose[:, :, :3] if bits & POSE else None,
             quaternion=pose[:, :, 3:7] if bits & POSE else None,
@@ -157,9 +186,9 @@ class LaneBatch:
         """Hold commands (B, 3) for ``steps``, a power of two; return spectra of what was felt.
 
         They are (B, 2, F') as ``spectrum.py`` says, of ``scale`` times roll, pitch and yaw in
-        rad; or, if ``rates``, of the gyroscope's rad/s about x, y and z, and no attitude is
-        then computed: that of ``state()`` stays as it was, so afterwards this batch's attitude
-        must not be logged. Spectra of robots that diverged are not finite.
+        rad; or, if ``rates``, of the gyroscope's rad/s about x, y and z, and the attitude is
+        then computed at the end alone, as in :meth:`run`. Spectra of robots that diverged are
+        not finite.
 
         Raises
         ------
@@ -180,13 +209,14 @@ class LaneBatch:
             for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
         )
 
-    def _pack_commands(self, commands: NDArray[np.float64]) -> Floats:
+    def _pack_commands(self, commands: NDArray[np.float64], *more: NDArray[np.float64]) -> Floats:
+        """Return a policy's weights: the commands (B, 3), and ``more`` tables (rows, B)."""
         # A shorter table would be read beyond its end.
         if commands.shape != (self.batch, 3):
             raise InvalidArgumentError(
                 f"commands must have shape ({self.batch}, 3); got {commands.shape}"
             )
-        return pack_rows(commands.T, self.dtype, self.width)
+        return pack_rows(np.concatenate([commands.T, *more]), self.dtype, self.width)
 
     def _run(
         self, policy: Policy, program: Any, steps: int, interval: int, output: Any, bits: int
@@ -197,8 +227,8 @@ class LaneBatch:
         clock = (self.steps_done, steps, self.substeps, interval)
 
         def part(begin: int, end: int) -> None:
-            tables = self._parameters, self._states
-            kernel(*tables, program, self.current, h, clock, output, bits, begin, end)
+            tables = self._parameters, self._states, self._conditions
+            kernel(*tables, program, h, clock, output, bits, begin, end)
 
         work = self.groups * steps * self.substeps
         parts = max(1, min(self.threads, self.groups, work // _WORTH_A_THREAD))
@@ -251,7 +281,8 @@ class LaneBatch:
 def simulate_lanes(trials: Trials, settings: Settings) -> ImuLog:
     """Answer :func:`aquafish_gym.simulate` with the compiled engine."""
     lanes = LaneBatch(
-        trials.morphologies, trials.fin_angles, settings.current, settings.dtype,
-        settings.substeps, settings.threads, reactive=settings.reactive,
+        trials.morphologies, trials.fin_angles, trials.current, settings.dtype,
+        settings.substeps, settings.threads, reactive=settings.reactive, drag=trials.drag,
+        servo_gain=trials.servo_gain,
     )  # fmt: skip
-    return lanes.advance(trials.commands, settings.steps, settings.record)
+    return lanes.advance(trials.commands, settings.steps, settings.record, trials.lag)

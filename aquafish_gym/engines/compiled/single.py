@@ -48,21 +48,21 @@ _FIRST_OF_ROBOT, _FIRST_OF_CURRENT = ROBOT.start, CURRENT.start
 def compile_single(reactive: bool = False) -> Any:
     """Return the compiled loop; compilation itself is lazy.
 
-    It is ``(v, left, right, caudal, steps) -> well``: hold a command (rev/s, rev/s, Hz) for some
-    steps of 0.01 s, and say whether the robot has not diverged.
+    It is ``(v, left, right, caudal, steps, h) -> well``: hold a command (rev/s, rev/s, Hz) for
+    some steps of ``h`` seconds, and say whether the robot has not diverged.
     """
     register()
     stamp = source_stamp(compile_single)
     swim = step_reactive if reactive else step
 
-    def advance(v: Any, left: float, right: float, caudal: float, steps: int) -> bool:
+    def advance(v: Any, left: float, right: float, caudal: float, steps: int, h: float) -> bool:
         stamp  # noqa: B018  # part of the cache's key; see source_stamp
         robot = fetch_robot(v, _FIRST_OF_ROBOT, 0, 1, 0.0)
         current = fetch_vector(v, _FIRST_OF_CURRENT, 0, 1, 0.0)
-        by = drive((left, right, caudal), TIMESTEP)
+        by = drive((left, right, caudal), h)
         state = fetch_state(v, 0, 1, 0.0)
         for _ in range(steps):
-            state = swim(robot, state, by, current, TIMESTEP)
+            state = swim(robot, state, by, current, h)
         put_state(v, 0, 1, state)
         nothing, squares = 0.0, 0.0  # nothing stays 0 unless a number is infinite or NaN
         for i in range(STATE_NUMBERS):
@@ -82,22 +82,25 @@ class CompiledWorld:
     and carried across a fork.
     """
 
-    def __init__(self, reactive: bool = False) -> None:
-        self._reactive = reactive
+    def __init__(
+        self, reactive: bool = False, substeps: int = 1, drag: tuple[float, float] = (1.0, 1.0)
+    ) -> None:
+        self._reactive, self._substeps, self._drag = reactive, substeps, drag
         # The whole robot. No views of it are kept: a copy's would show the original.
         self._numbers = np.zeros(SIZE)
         self.diverged = False
 
     def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
         self._numbers[STATE] = rest_rows(np.array([fin_angles]))[STATE, 0]
-        self._numbers[ROBOT] = robot_parameters(morphology[None])[:, 0]
+        self._numbers[ROBOT] = robot_parameters(morphology[None], self._drag)[:, 0]
         self._numbers[CURRENT] = current
         self.diverged = False
 
     def advance(self, command: Vector, steps: int = 1) -> None:
         left, right, caudal = command
         swim = compile_single(self._reactive)
-        self.diverged = not swim(self._numbers, left, right, caudal, steps)
+        h, count = TIMESTEP / self._substeps, steps * self._substeps
+        self.diverged = not swim(self._numbers, left, right, caudal, count, h)
 
     def state(self) -> State:
         return state_from_numbers(self._numbers.tolist())
