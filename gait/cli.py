@@ -17,6 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from aquafish_gym.bodies import read_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import check_engine
+from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import SETTINGS, claim, held
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
@@ -68,6 +69,7 @@ class Evolve:
     out: Out
     morphology: BodiesFile = None
     damage: BodyDamage = "none"
+    world: WorldConfig = field(default_factory=WorldConfig)
     config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
 
     def execute(self) -> None:
@@ -83,6 +85,7 @@ class Evolve:
                     [damage.apply(Morphology.coerce(body)) for body in bodies],
                     self.config,
                     out=self.out,
+                    world=self.world,
                     on_generation=lambda row: show(row.generation + 1, _line(row)),
                 )
         except KeyboardInterrupt:
@@ -113,6 +116,7 @@ class TransferCommand:
     controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     target_morphology: TargetMorphology = None
     target_damage: TargetDamage = "none"
+    target_world: WorldConfig = field(default_factory=WorldConfig)
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
         default_factory=TransferConfig
@@ -126,7 +130,7 @@ class TransferCommand:
         out = self.out and ensure_writable_directory(self.out)
         swims = 2 * (self.config.poses + 1)
         with Console(stderr=True).status(f"{swims} swims of {self.config.seconds:g} s"):
-            result = transfer(controller, target, self.config)
+            result = transfer(controller, target, self.config, world=self.target_world)
         print(result)
         if out:
             from gait.plots import plot_trajectories
@@ -136,6 +140,7 @@ class TransferCommand:
                 "target_morphology": target.to_dict(),
                 "native_engine": check_engine(self.config.native_engine),
                 "target_engine": check_engine(self.config.target_engine),
+                "target_world": asdict(self.target_world),
                 "seconds": self.config.seconds,
                 "seed": self.config.seed,
                 **result.to_dict(),

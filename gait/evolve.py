@@ -18,6 +18,7 @@ from aquafish_gym.bodies import (
     sample_stamp,
     write_bodies,
 )
+from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.storage import (
     DamagedFileError,
@@ -42,6 +43,7 @@ from gait.records import (
 from gait.records import Generation as Generation
 from gait.rollout import (
     ZERO_POSE,
+    lane_world,
     random_poses,
     stream,
     swim_all,
@@ -104,8 +106,13 @@ class _Run:
     """One evolution, a generation at a time."""
 
     def __init__(
-        self, bodies: NDArray[np.float64], config: EvolveConfig, scorer: Scorer | None
+        self,
+        bodies: NDArray[np.float64],
+        config: EvolveConfig,
+        scorer: Scorer | None,
+        world: WorldConfig,
     ) -> None:
+        self.world = world
         self.bodies = bodies
         self.morphology = median_body(bodies)
         self.sample = sample_stamp(bodies) if len(bodies) > 1 else None
@@ -115,7 +122,7 @@ class _Run:
         self.fitness = -np.inf
         self._scorer = scorer or (
             lambda controllers, bodies, poses: swim_all(
-                controllers, bodies, poses, config.seconds, threads=config.threads
+                controllers, bodies, poses, config.seconds, threads=config.threads, world=world
             )
         )
         # Streams of their own, found by name, so that a run taken up again needs no generator.
@@ -136,7 +143,8 @@ class _Run:
         if self.config.aggregate == "mean":
             del config["aggregate"], config["quantile"]
         sample = {} if self.sample is None else {"sample": self.sample}
-        return {"morphology": self.morphology.to_dict(), **sample, **config}
+        world = {} if self.world == WorldConfig() else {"world": asdict(self.world)}
+        return {"morphology": self.morphology.to_dict(), **sample, **world, **config}
 
     def step(self) -> Generation:
         """Let one generation swim, and breed the next."""
@@ -231,6 +239,7 @@ def evolve_gait(
     *,
     out: Path | str | None = None,
     scorer: Scorer | None = None,
+    world: WorldConfig | None = None,
     on_generation: Callable[[Generation], None] | None = None,
 ) -> Evolved:
     """Evolve a controller that swims a body forward, or a sample of bodies.
@@ -255,13 +264,17 @@ def evolve_gait(
         run is taken up, and ends in the same files as if it had never stopped.
     scorer
         Says how far networks swim on which body from which pose; by default in the lanes.
+    world
+        The water and the servos that a gait is wanted for, such as a servo that is seized, without
+        a lag; None is ``WorldConfig()``.
     on_generation
         Called with every generation, those already in ``out`` included.
 
     Raises
     ------
     InvalidArgumentError
-        If a body is none, a sample has no ``poses`` to swim from, or ``out`` cannot be written, is
+        If a body is none, a sample has no ``poses`` to swim from, the ``world`` has a lag, or a
+        ``scorer`` that would not ask it, or ``out`` cannot be written, is
         in use by another command, or holds another run or a damaged checkpoint.
     """
     config = config or EvolveConfig()
@@ -275,7 +288,9 @@ def evolve_gait(
             f"poses must be at least 1 for a sample of {len(bodies)} bodies, since each swim is on "
             "another body; got 0"
         )
-    run = _Run(bodies, config, scorer)
+    if scorer is not None and world is not None:
+        raise InvalidArgumentError("world has no say where a scorer is given: give one of them")
+    run = _Run(bodies, config, scorer, lane_world(world))
     tell = on_generation or (lambda _row: None)
     directory = None if out is None else ensure_writable_directory(out)
     with held(directory) if directory else nullcontext():

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
+from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 from gait.controller import Controller
 from gait.rollout import SECONDS, ZERO_POSE, swim_all
@@ -70,6 +71,7 @@ def distances(
     poses: ArrayLike = (ZERO_POSE,),
     seconds: float = SECONDS,
     threads: int | None = None,
+    world: WorldConfig | None = None,
 ) -> NDArray[np.float64]:
     """Return how far each controller swims on each body, in the mean over some poses.
 
@@ -88,12 +90,14 @@ def distances(
         How long a swim lasts, in s.
     threads
         None takes every core; no result depends on it.
+    world
+        The water and the servos, without a lag; None is ``WorldConfig()``.
 
     Returns
     -------
     ndarray
-        (K, M) in units of 5 cm along the world's +y. A robot that diverged counts as one that
-        swam backwards at 5 units/s.
+        (K, M) in units of 5 cm, as :func:`gait.swim_all` measures them. A robot that diverged
+        counts as one that swam backwards at 5 units/s.
 
     Raises
     ------
@@ -113,5 +117,5 @@ def distances(
     if not len(angles):
         raise InvalidArgumentError("poses must be one or more; got none")
     swims = every_pair(sizes, angles)
-    far = worth(swim_all(controllers, *swims, seconds, threads=threads), seconds)
+    far = worth(swim_all(controllers, *swims, seconds, threads=threads, world=world), seconds)
     return np.asarray(far.reshape(len(controllers), len(sizes), len(angles)).mean(axis=2))

@@ -457,7 +457,7 @@ def test_a_single_swim_that_diverged_ends_in_nan(
                 command = (1e250, 1e250, 0.0)  # a servo that turns that fast
             self.world.advance(command, steps)
 
-    monkeypatch.setattr(rollout, "make_world", lambda _: SickWorld())
+    monkeypatch.setattr(rollout, "make_world", lambda *_, **__: SickWorld())
     swim = rollout.swim(steady(), None, engine=engine, seconds=1.0)
     assert math.isnan(swim.distance)
     assert swim.time[-1] == 1.0
