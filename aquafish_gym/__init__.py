@@ -8,10 +8,11 @@ import gymnasium as _gymnasium
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
 
-__all__ = ["DIMENSIONS", "Damage", "Dimension", "ImuLog", "Morphology", "simulate"]
+__all__ = ["DIMENSIONS", "Damage", "Dimension", "ImuLog", "Morphology", "WorldConfig", "simulate"]
 __version__ = "0.1.0"
 
 # The environment itself counts to 20 s, whatever frame_skip is, so no limit is set here.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from gait.controller import Controller
     from gait.evolve import EvolveConfig, Evolved, evolve_gait
+    from gait.fitness import distances
     from gait.policy import ControllerLike, HasPolicy, Policy
     from gait.rollout import Swim, random_poses, swim, swim_all
 
@@ -21,6 +22,7 @@ __all__ = [
     "HasPolicy",
     "Policy",
     "Swim",
+    "distances",
     "evolve_gait",
     "random_poses",
     "swim",
@@ -30,7 +32,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a name when it is first used, so that a command answers Ctrl-C from the start."""
-    for room in ("controller", "evolve", "policy", "rollout") if name in __all__ else ():
+    for room in ("controller", "evolve", "fitness", "policy", "rollout") if name in __all__ else ():
         module = import_module(f"gait.{room}")
         if hasattr(module, name):
             return getattr(module, name)

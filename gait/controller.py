@@ -44,6 +44,9 @@ class Controller:
         Frequency of the clock, in Hz.
     morphology, seed
         The body it was evolved on, and the seed of that run.
+    sample
+        Of a sample of bodies, of which ``morphology`` is then the median, how many they were and a
+        hash of them, as ``aquafish_gym.bodies.sample_stamp`` says it; None of one body.
 
     Raises
     ------
@@ -66,6 +69,7 @@ class Controller:
     clock: float
     morphology: Morphology
     seed: int
+    sample: str | None = None
 
     def __post_init__(self) -> None:
         bias = finite_array("controller.bias", self.bias, (None,))
@@ -86,6 +90,10 @@ class Controller:
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
         object.__setattr__(self, "clock", clock)
         object.__setattr__(self, "seed", integer("controller.seed", self.seed, 0, MAXIMUM_SEED))
+        if not isinstance(self.sample, str | None):
+            raise InvalidArgumentError(
+                f"controller.sample must be text or None; got {brief(self.sample)}"
+            )
 
     @property
     def nodes(self) -> int:
@@ -153,6 +161,7 @@ class Controller:
             "clock": self.clock,
             "seed": self.seed,
             "morphology": self.morphology.to_dict(),
+            **({} if self.sample is None else {"sample": self.sample}),
             "bias": self.bias.tolist(),
             "response": self.response.tolist(),
             "weights": self.weights.tolist(),
@@ -161,6 +170,8 @@ class Controller:
     @classmethod
     def from_dict(cls, data: object) -> Controller:
         """Read what :meth:`to_dict` returned; InvalidArgumentError if a field is not that."""
+        if isinstance(data, dict):
+            data = {"sample": None, **data}  # which one body has not
         fields = dict(
             check_fields("controller", data, ("inputs", "outputs", *cls.__dataclass_fields__))
         )

@@ -1,36 +1,50 @@
-"""Evolving a gait for a body: NEAT, scored in the lanes, stopped and taken up anywhere."""
+"""Evolving a gait for a body, or a sample of them: NEAT, scored in the lanes, taken up anywhere."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.bodies import (
+    MorphologiesLike,
+    body_array,
+    median_body,
+    sample_stamp,
+    write_bodies,
+)
+from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.storage import (
     DamagedFileError,
     ensure_writable_directory,
-    read_document,
-    write_bytes,
     write_document,
 )
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from gait.controller import MAXIMUM_SEED, Controller
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.config import EvolveConfig as EvolveConfig
+from gait.controller import Controller
 from gait.evolution import Evolution, genome_to_controller
+from gait.fitness import Scorer, Swims, draw_swims, every_pair, worth
+from gait.records import (
+    BODIES_FILE,
+    CHECKPOINT_FILE,
+    CHECKPOINT_SCHEMA,
+    CONTROLLER_FILE,
+    FILES,
+    HISTORY_FILE,
+    read_checkpoint,
+    write_history,
+)
+from gait.records import Generation as Generation
 from gait.rollout import (
-    MAXIMUM_THREADS,
-    SECONDS,
     ZERO_POSE,
-    Scorer,
+    lane_world,
     random_poses,
-    step_count,
     stream,
     swim_all,
 )
@@ -38,73 +52,12 @@ from gait.rollout import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-CONTROLLER_FILE = "controller.json"
-HISTORY_FILE = "history.csv"
-CHECKPOINT_FILE = "checkpoint.json"
-# 1 drew from streams that were not this package's own, 2 had no schema of the storage's
-CHECKPOINT_SCHEMA = "gait.checkpoint/3"
-FILES = (CHECKPOINT_FILE, CONTROLLER_FILE, HISTORY_FILE)
-MOST_CHECKPOINT_BYTES = 512 * 2**20  # a generation of 10,000 networks
-
 # With random poses, fitness is noisy, and the best of many is the luckiest. So the leaders of
-# each generation swim once more, from poses that are the same throughout the run, and that
-# tells which is the best of all.
+# each generation swim once more, from poses that are the same throughout the run, each body of a
+# sample equally often, and that tells which is the best of all.
 FINALISTS = 8
 FINAL_POSES = 32
-
-# A robot that left the finite numbers is worse than any that swam, backwards or not: it scores
-# as if it had swum backwards at this speed (units/s), faster than any body does.
-DIVERGED_SPEED = -5.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvolveConfig:
-    """How to evolve a gait.
-
-    Examples
-    --------
-    >>> EvolveConfig(generations=200, seed=3).population
-    150
-    """
-
-    seed: int = 0
-    """The run follows from it alone."""
-    generations: int = 60
-    """How many in all, those that the directory already holds included."""
-    population: int = 150
-    """Controllers in a generation."""
-    poses: int = 8
-    """Random fin poses to swim from besides the zero pose, others in every generation."""
-    clock: float = 0.7
-    """Frequency of the controllers' clock, in Hz."""
-    seconds: float = SECONDS
-    """How long a swim lasts, in s."""
-    threads: int | None = None
-    """How many threads swim; every core if not given. No result depends on it."""
-
-    def __post_init__(self) -> None:
-        integer("seed", self.seed, 0, MAXIMUM_SEED)
-        integer("generations", self.generations, 1, 100_000)
-        integer("population", self.population, 10, 10_000)
-        integer("poses", self.poses, 0, 1000)
-        finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
-        step_count(self.seconds)
-        if self.threads is not None:
-            integer("threads", self.threads, 1, MAXIMUM_THREADS)
-
-
-@dataclass(frozen=True)
-class Generation:
-    """One row of ``history.csv``, whose columns ``gait evolve --help`` explains."""
-
-    generation: int
-    best: float
-    mean: float
-    species: int
-    final: float
-    distance: float
-    nodes: int
-    connections: int
+MAXIMUM_BODIES = 1000
 
 
 @dataclass(frozen=True)
@@ -114,11 +67,15 @@ class Evolved:
     Attributes
     ----------
     controller
-        The best of all generations' winners.
+        The best of all generations' winners. Of a sample, its ``morphology`` is the median body.
     fitness
-        Its mean distance over the zero pose and the run's fixed poses, in units.
+        Its mean distance, or the quantile asked for, over the run's fixed swims, in units: from
+        the zero pose and 32 random ones, and of a sample so many that each body has equally many.
     history
         One row a generation.
+    distances
+        (M,) its mean distance on each body over the zero pose and the run's first 32 random poses
+        (only the zero pose without ``poses``), in units: how it holds over a sample.
 
     Examples
     --------
@@ -129,10 +86,12 @@ class Evolved:
     controller: Controller
     fitness: float
     history: tuple[Generation, ...]
+    distances: NDArray[np.float64]
 
     def __repr__(self) -> str:
+        bodies = f" on {len(self.distances)} bodies" if len(self.distances) > 1 else ""
         return (
-            f"Evolved(fitness {self.fitness:.2f} after {len(self.history)} generations, "
+            f"Evolved(fitness {self.fitness:.2f}{bodies} after {len(self.history)} generations, "
             f"{self.controller!r})"
         )
 
@@ -146,29 +105,46 @@ class Evolved:
 class _Run:
     """One evolution, a generation at a time."""
 
-    def __init__(self, morphology: Morphology, config: EvolveConfig, scorer: Scorer | None) -> None:
-        self.morphology = morphology
+    def __init__(
+        self,
+        bodies: NDArray[np.float64],
+        config: EvolveConfig,
+        scorer: Scorer | None,
+        world: WorldConfig,
+    ) -> None:
+        self.world = world
+        self.bodies = bodies
+        self.morphology = median_body(bodies)
+        self.sample = sample_stamp(bodies) if len(bodies) > 1 else None
         self.config = config
         self.history: list[Generation] = []
         self.best: Controller | None = None
         self.fitness = -np.inf
         self._scorer = scorer or (
-            lambda controllers, poses: swim_all(
-                controllers, morphology, poses, config.seconds, threads=config.threads
+            lambda controllers, bodies, poses: swim_all(
+                controllers, bodies, poses, config.seconds, threads=config.threads, world=world
             )
         )
         # Streams of their own, found by name, so that a run taken up again needs no generator.
         self._evolution = Evolution(
             config.population, int(stream(config.seed, 0).generate_state(1)[0])
         )
-        self._final_poses = self._poses(FINAL_POSES if config.poses else 0, 1)
+        swims = 1 + (FINAL_POSES if config.poses else 0)
+        rounds = -(-swims // len(bodies))
+        poses = self._poses(max(swims, rounds * len(bodies)) - 1, 1)
+        self._final_poses = poses[:swims]
+        self._finals = Swims(np.resize(bodies, (len(poses), 9)), poses)
 
     @property
     def settings(self) -> dict[str, Any]:
         """All that decides what each generation comes to."""
         config = asdict(self.config)
         del config["generations"], config["threads"]
-        return {"morphology": self.morphology.to_dict(), **config}
+        if self.config.aggregate == "mean":
+            del config["aggregate"], config["quantile"]
+        sample = {} if self.sample is None else {"sample": self.sample}
+        world = {} if self.world == WorldConfig() else {"world": asdict(self.world)}
+        return {"morphology": self.morphology.to_dict(), **sample, **world, **config}
 
     def step(self) -> Generation:
         """Let one generation swim, and breed the next."""
@@ -177,33 +153,44 @@ class _Run:
             genome_to_controller(genome, c.clock, self.morphology, c.seed)
             for genome in self._evolution.ask()
         ]
-        poses = self._poses(c.poses, 2, len(self.history))
-        fitness = self._score(controllers, poses).mean(axis=1)
+        now = len(self.history)
+        swims = draw_swims(self.bodies, self._poses(c.poses, 2, now), stream(c.seed, 3, now))
+        fitness = self._fitness(self._score(controllers, swims))
         leaders = [controllers[i] for i in np.argsort(-fitness, kind="stable")[:FINALISTS]]
-        finals = self._score(leaders, self._final_poses)
-        first = int(finals.mean(axis=1).argmax())
+        finals = self._score(leaders, self._finals)
+        final = self._fitness(finals)
+        first = int(final.argmax())
         winner = leaders[first]
         row = Generation(
             generation=len(self.history),
             best=float(fitness.max()),
             mean=float(fitness.mean()),
             species=self._evolution.species,
-            final=float(finals[first].mean()),
+            final=float(final[first]),
             distance=float(finals[first, 0]),
             nodes=winner.nodes,
             connections=winner.connections,
         )
         self._evolution.tell(fitness.tolist())
         if row.final > self.fitness:
-            self.best, self.fitness = winner, row.final
+            self.best, self.fitness = replace(winner, sample=self.sample), row.final
         self.history.append(row)
         return row
 
-    def _score(
-        self, controllers: list[Controller], poses: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        distances = self._scorer(controllers, poses)
-        return np.where(np.isfinite(distances), distances, DIVERGED_SPEED * self.config.seconds)
+    def result(self) -> Evolved:
+        """Return what the run has come to, once there is a generation."""
+        assert self.best is not None
+        swims = self._score([self.best], every_pair(self.bodies, self._final_poses))
+        distances = swims.reshape(len(self.bodies), -1).mean(axis=1)
+        return Evolved(self.best, self.fitness, tuple(self.history), distances)
+
+    def _fitness(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
+        if self.config.aggregate == "mean":
+            return np.asarray(distances.mean(axis=1))
+        return np.asarray(np.quantile(distances, self.config.quantile, axis=1))
+
+    def _score(self, controllers: list[Controller], swims: Swims) -> NDArray[np.float64]:
+        return worth(self._scorer(controllers, *swims), self.config.seconds)
 
     def _poses(self, count: int, *key: int) -> NDArray[np.float64]:
         return np.vstack([ZERO_POSE, random_poses(count, stream(self.config.seed, *key))])
@@ -226,7 +213,7 @@ class _Run:
         """Go on from what :meth:`write` wrote for the same settings."""
         path = directory / CHECKPOINT_FILE
         try:
-            checkpoint = _read_checkpoint(directory)
+            checkpoint = read_checkpoint(directory)
             if checkpoint["settings"] != self.settings:
                 raise InvalidArgumentError("out holds another run's checkpoint")
             self.history = [Generation(**row) for row in checkpoint["history"]]
@@ -247,43 +234,70 @@ class _Run:
 
 
 def evolve_gait(
-    morphology: MorphologyLike = None,
+    morphologies: MorphologiesLike = None,
     config: EvolveConfig | None = None,
     *,
     out: Path | str | None = None,
     scorer: Scorer | None = None,
+    world: WorldConfig | None = None,
     on_generation: Callable[[Generation], None] | None = None,
 ) -> Evolved:
-    """Evolve a controller that swims a body forward.
+    """Evolve a controller that swims a body forward, or a sample of bodies.
+
+    A sample, of a posterior, makes a gait for what is not known, at the cost of one body: each
+    swim has a body and a pose of its own (see ``gait.fitness`` for why). Only the leaders of each
+    generation swim on every body, so that some fifty bodies are as good as free, and hundreds are
+    not.
 
     Parameters
     ----------
-    morphology
-        The body, as ``Morphology.coerce`` takes it; None is the nominal one.
+    morphologies
+        The body, as ``Morphology.coerce`` takes it; None is the nominal one. Or a list of such, or
+        (M, 9) sizes: a sample, of 1000 at most. Equally likely ones: likelier bodies stand there
+        more often.
     config
         How; None is ``EvolveConfig()``.
     out
         A directory for ``controller.json`` (the best so far), ``history.csv`` and
-        ``checkpoint.json``, all brought up to date with every generation. If it holds an
-        unfinished run of the same body and configuration, that run is taken up, and ends in
-        the same files as if it had never stopped.
+        ``checkpoint.json``, all brought up to date with every generation, and a sample's
+        ``bodies.json``. If it holds an unfinished run of the same bodies and configuration, that
+        run is taken up, and ends in the same files as if it had never stopped.
     scorer
-        Says how far networks swim; by default that body in the lanes.
+        Says how far networks swim on which body from which pose; by default in the lanes.
+    world
+        The water and the servos that a gait is wanted for, such as a servo that is seized, without
+        a lag; None is ``WorldConfig()``.
     on_generation
         Called with every generation, those already in ``out`` included.
 
     Raises
     ------
     InvalidArgumentError
-        If the body is none, or ``out`` cannot be written, is in use by another command, or holds
-        another run or a damaged checkpoint.
+        If a body is none, a sample has no ``poses`` to swim from, the ``world`` has a lag, or a
+        ``scorer`` that would not ask it, or ``out`` cannot be written, is
+        in use by another command, or holds another run or a damaged checkpoint.
     """
-    run = _Run(Morphology.coerce(morphology), config or EvolveConfig(), scorer)
+    config = config or EvolveConfig()
+    bodies = body_array(morphologies)
+    if not 1 <= len(bodies) <= MAXIMUM_BODIES:
+        raise InvalidArgumentError(
+            f"morphologies must be 1 to {MAXIMUM_BODIES} bodies; got {len(bodies)}"
+        )
+    if len(bodies) > 1 and not config.poses:
+        raise InvalidArgumentError(
+            f"poses must be at least 1 for a sample of {len(bodies)} bodies, since each swim is on "
+            "another body; got 0"
+        )
+    if scorer is not None and world is not None:
+        raise InvalidArgumentError("world has no say where a scorer is given: give one of them")
+    run = _Run(bodies, config, scorer, lane_world(world))
     tell = on_generation or (lambda _row: None)
     directory = None if out is None else ensure_writable_directory(out)
     with held(directory) if directory else nullcontext():
         if directory:
             claim(directory, "a gait", run.settings, outputs=FILES)
+            if run.sample:
+                write_bodies(directory / BODIES_FILE, bodies)
             if (directory / CHECKPOINT_FILE).exists():
                 run.read(directory)
                 run.write(directory)  # a kill may have left the results a generation behind
@@ -294,28 +308,4 @@ def evolve_gait(
             if directory:
                 run.write(directory)
             tell(row)
-    assert run.best is not None
-    return Evolved(run.best, run.fitness, tuple(run.history))
-
-
-def finished_generations(out: Path) -> tuple[Generation, ...]:
-    """Return the generations that a directory's checkpoint holds; none if it cannot be read.
-
-    ``history.csv`` may be one behind, if the run broke off in between.
-    """
-    try:
-        return tuple(Generation(**row) for row in _read_checkpoint(out)["history"])
-    except (InvalidArgumentError, KeyError, TypeError):
-        return ()
-
-
-def _read_checkpoint(directory: Path) -> dict[str, Any]:
-    path = directory / CHECKPOINT_FILE
-    return read_document(path, CHECKPOINT_SCHEMA, "out", MOST_CHECKPOINT_BYTES)
-
-
-def write_history(path: Path, history: Sequence[Generation]) -> None:
-    """Write a ``history.csv``, whole or not at all; every number reads back exactly."""
-    lines = [",".join(field.name for field in fields(Generation))]
-    lines += [",".join(map(json.dumps, asdict(row).values())) for row in history]
-    write_bytes(path, ("\n".join(lines) + "\n").encode())
+        return run.result()

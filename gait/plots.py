@@ -12,7 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from gait.evolve import Generation
+    from gait.records import Generation
     from gait.rollout import Swim
 
 DPI = 150

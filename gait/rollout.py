@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.base import TIMESTEP, check_engine
-from aquafish_gym.engines.worlds import make_world
+from aquafish_gym.engines.worlds import Triple, WorldConfig, make_world
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.kinematics import State, rotation
-from aquafish_gym.utils.validation import finite_array, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait import network
 from gait.controller import MAXIMUM_SEED, Controller
 from gait.policy import ControllerLike, new_policy
@@ -35,9 +36,6 @@ ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 # angles that the target hides, or that a baseline was trained from.
 _GAIT = 0x67616974
 
-# How far P controllers swim from Q initial fin angles (Q, 3): distances (P, Q).
-Scorer = Callable[[Sequence[Controller], NDArray[np.float64]], NDArray[np.float64]]
-
 
 @dataclass(frozen=True)
 class Swim:
@@ -53,6 +51,8 @@ class Swim:
         (T, 4) from body to world, (x, y, z, w).
     fin_angles
         (T, 3) left and right pectoral angle and caudal phase, in rad.
+    current
+        The water's own velocity in the world, in units/s.
 
     Examples
     --------
@@ -65,11 +65,17 @@ class Swim:
     position: NDArray[np.float64]
     quaternion: NDArray[np.float64]
     fin_angles: NDArray[np.float64]
+    current: Triple = field(default=(0.0, 0.0, 0.0), kw_only=True)
 
     @property
     def distance(self) -> float:
-        """Progress forward, along the world's +y, in units; NaN if the robot diverged."""
-        return float(self.position[-1, 1])
+        """Progress forward through the water, in units; NaN if the robot diverged.
+
+        That is along the world's +y, less what the water itself has drifted: a gait is not better
+        for a current that carries it. (It starts at rest over ground, so that a current from behind
+        costs it something at first.) The path in ``position`` is over ground.
+        """
+        return float(self.position[-1, 1] - self.current[1] * self.time[-1])
 
     def __repr__(self) -> str:
         return f"Swim(distance {self.distance:.2f} units in {self.time[-1]:g} s)"
@@ -95,63 +101,96 @@ def random_poses(count: int, seed: int | np.random.SeedSequence) -> NDArray[np.f
 
 def swim_all(
     controllers: Sequence[Controller],
-    morphology: MorphologyLike,
+    morphologies: MorphologiesLike,
     fin_angles: ArrayLike = (ZERO_POSE,),
     seconds: float = SECONDS,
     dtype: str = "float32",
     threads: int | None = None,
+    world: WorldConfig | None = None,
 ) -> NDArray[np.float64]:
     """Return how far each controller swims from each pose, all at once in the lanes.
+
+    Bodies and poses go in pairs, the i-th body from the i-th pose, so that several bodies cost no
+    more than one; ``fitness.every_pair`` makes the pairs of each body with each pose.
 
     Parameters
     ----------
     controllers
         P of them.
-    morphology, seconds
-        As for :func:`swim`.
+    morphologies
+        Q bodies, or one for all poses: one as ``Morphology.coerce`` takes it, a list of such, or
+        (Q, 9) sizes.
     fin_angles
-        (Q, 3) initial left and right pectoral angle and caudal phase, rad.
+        (Q, 3) initial left and right pectoral angle and caudal phase, rad; (1, 3) for all bodies.
+    seconds
+        How long they swim.
     dtype
         ``"float32"`` or ``"float64"``.
     threads
         None takes every core; no result depends on it.
+    world
+        The water and the servos, without a lag; None is ``WorldConfig()``.
 
     Returns
     -------
     ndarray
-        (P, Q) progress along the world's +y, in units of 5 cm; NaN where a robot diverged.
+        (P, Q) progress through the water along the world's +y (see :class:`Swim`), in units of
+        5 cm; NaN where a robot diverged.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError
+        If an argument does not fit.
+
+    Examples
+    --------
+    >>> swim_all([], [Morphology.nominal(), {"caudal": (0.0, 0.0, 0.0)}]).shape
+    (0, 2)
     """
     # numba comes with its engine: importing this package stays quick.
     from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 
     _register_network()
-    body = Morphology.coerce(morphology).to_array()
+    world = lane_world(world)
+    bodies = body_array(morphologies)
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
     poses = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
+    swims = len(bodies) if len(poses) == 1 else len(poses)
+    if len(bodies) not in (1, swims):
+        raise InvalidArgumentError(
+            "morphologies and fin_angles must be equally many, or one for all; "
+            f"got {len(bodies)} and {len(poses)}"
+        )
     steps = step_count(seconds)
     kind = np.float32 if one_of("dtype", dtype, ("float32", "float64")) == "float32" else np.float64
-    batch = len(controllers) * len(poses)
+    batch = len(controllers) * swims
     if batch == 0:
-        return np.zeros((len(controllers), len(poses)))
+        return np.zeros((len(controllers), swims))
     nodes = max(c.nodes for c in controllers)
     genes = np.stack([c.genes(nodes) for c in controllers], axis=1)
     lanes = LaneBatch(
-        np.broadcast_to(body, (batch, 9)),
-        np.tile(poses, (len(controllers), 1)),
+        np.tile(np.broadcast_to(bodies, (swims, 9)), (len(controllers), 1)),
+        np.tile(np.broadcast_to(poses, (swims, 3)), (len(controllers), 1)),
+        current=world.current,
         dtype=kind,
+        substeps=world.substeps,
         threads=threads,
+        reactive=world.reactive,
+        drag=world.drag,
+        servo_gain=world.servo_gain,
     )
     log = lanes.run(
         network.steer,
-        pack_rows(np.repeat(genes, len(poses), axis=1), kind, lanes.width),
+        pack_rows(np.repeat(genes, swims, axis=1), kind, lanes.width),
         np.array([nodes], dtype=np.int64),
         network.INPUT_COUNT + nodes,
         steps,
         INTERVAL,
     )
-    distances = np.where(log.diverged, np.nan, lanes.state()["position"][:, 1])
-    return distances.reshape(len(controllers), len(poses))
+    ground = lanes.state()["position"][:, 1]
+    distances = np.where(log.diverged, np.nan, ground - world.current[1] * (steps * TIMESTEP))
+    return distances.reshape(len(controllers), swims)
 
 
 def swim(
@@ -160,6 +199,7 @@ def swim(
     fin_angles: ArrayLike = ZERO_POSE,
     engine: str = "auto",
     seconds: float = SECONDS,
+    world: WorldConfig | None = None,
 ) -> Swim:
     """Swim one robot and return its path.
 
@@ -177,6 +217,8 @@ def swim(
         PyBullet where it is installed.
     seconds
         How long it swims.
+    world
+        What the water and the servos are like; None is ``WorldConfig()``.
 
     Raises
     ------
@@ -188,28 +230,46 @@ def swim(
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
     steps, policy = step_count(seconds), new_policy(controller)
-    world = make_world(check_engine(engine))
+    config = world or WorldConfig()
+    place = make_world(
+        check_engine(engine),
+        config.reactive,
+        drag=config.drag,
+        servo_gain=config.servo_gain,
+        lag=config.lag,
+        substeps=config.substeps,
+    )
     samples: list[tuple[float, ...]] = []
     try:
         left, right, phase = angles.tolist()
-        world.reset(body, (left, right, phase), (0.0, 0.0, 0.0))
+        place.reset(body, (left, right, phase), config.current)
         for t in range(0, steps, INTERVAL):
-            state = world.state()
+            state = place.state()
             samples.append(_sample(t, state))
             turn = rotation(state.orientation)
             felt = np.array([*turn[2], *turn[1], *state.spin])
             action = finite_array("action", policy(felt, t * TIMESTEP), (3,))
             left, right, caudal = scale_action(action).tolist()
-            world.advance((left, right, caudal), min(INTERVAL, steps - t))
-            if world.diverged:
+            place.advance((left, right, caudal), min(INTERVAL, steps - t))
+            if place.diverged:
                 samples.append((steps * TIMESTEP,) + (math.nan,) * 10)
                 break
         else:
-            samples.append(_sample(steps, world.state()))
+            samples.append(_sample(steps, place.state()))
     finally:
-        world.close()
+        place.close()
     table = np.array(samples)
-    return Swim(table[:, 0], table[:, 1:4], table[:, 4:8], table[:, 8:11])
+    return Swim(table[:, 0], table[:, 1:4], table[:, 4:8], table[:, 8:11], current=config.current)
+
+
+def lane_world(world: WorldConfig | None) -> WorldConfig:
+    """Return a world that the lanes have, or raise InvalidArgumentError; None is the default."""
+    world = world or WorldConfig()
+    if world.lag:
+        raise InvalidArgumentError(
+            f"world.lag must be 0 where many swim at once; got {world.lag:g} s. gait.swim has lags"
+        )
+    return world
 
 
 def step_count(seconds: float) -> int:

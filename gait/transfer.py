@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.base import ENGINES, check_engine, resolve_engine
 from aquafish_gym.engines.packages import AUTO
+from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait.controller import MAXIMUM_SEED, Controller
@@ -144,6 +145,7 @@ def transfer(
     target: MorphologyLike,
     config: TransferConfig | None = None,
     native: MorphologyLike = None,
+    world: WorldConfig | None = None,
 ) -> Transfer:
     """Swim a controller on the body it was made for, and on the target.
 
@@ -154,7 +156,10 @@ def transfer(
     config
         How; None is ``TransferConfig()``.
     native
-        The body it was made for; None is the controller's own ``morphology``, if it has one.
+        The body it was made for; None is the controller's own ``morphology``, if it has one: of a
+        controller that was evolved on a sample, the median body.
+    world
+        The target's water and servos; None is ``WorldConfig()``, as the native body has it.
 
     Raises
     ------
@@ -175,7 +180,7 @@ def transfer(
     poses = random_poses(c.poses, c.seed)
     return Transfer(
         native=score(controller, home, poses, engines[0], c.seconds),
-        target=score(controller, away, poses, engines[1], c.seconds),
+        target=score(controller, away, poses, engines[1], c.seconds, world),
         poses=poses,
     )
 
@@ -186,19 +191,24 @@ def score(
     poses: ArrayLike,
     engine: str = "auto",
     seconds: float = SECONDS,
+    world: WorldConfig | None = None,
 ) -> Scored:
     """Swim a controller on one body, from the zero pose and from each of ``poses`` (Q, 3).
 
-    Evolved networks swim side by side in the compiled engine; any other controller, and any in
-    PyBullet, one pose after the other. Raises as :func:`gait.swim`.
+    Evolved networks swim side by side in the compiled engine; any other controller, any in
+    PyBullet, and any in a ``world`` with a lag, one pose after the other. Raises as
+    :func:`gait.swim`.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
-    if isinstance(controller, Controller) and resolve_engine("engine", engine) == "numba":
-        distances = swim_all([controller], morphology, angles, seconds, "float64")[0]
+    world = world or WorldConfig()
+    at_once = resolve_engine("engine", engine) == "numba" and not world.lag
+    if isinstance(controller, Controller) and at_once:
+        distances = swim_all([controller], morphology, angles, seconds, "float64", world=world)[0]
     else:
-        swims = (swim(controller, morphology, pose, engine, seconds) for pose in angles)
+        swims = (swim(controller, morphology, pose, engine, seconds, world) for pose in angles)
         distances = np.array([one.distance for one in swims])
-    return Scored(swim(controller, morphology, engine=engine, seconds=seconds), distances)
+    zero = swim(controller, morphology, engine=engine, seconds=seconds, world=world)
+    return Scored(zero, distances)
 
 
 def _finite(value: float) -> float | None:

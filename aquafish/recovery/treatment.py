@@ -141,7 +141,7 @@ def rehearse(job: Treatment) -> None:
         estimation=replace(job.eea.estimation, generations=1),
         out_of_band=replace(job.eea.out_of_band, inner_generations=1, revisit=0),
     )
-    brief = replace(job.gait, generations=1, population=10, poses=0, seconds=0.1)
+    brief = replace(job.gait, generations=1, population=10, poses=1, seconds=0.1)
     swims = replace(job.transfer, poses=1, seconds=0.1)
     small = replace(job, treatment="out-of-band", eea=few, gait=brief, transfer=swims)
     treat(small, lambda _text, _share: None)

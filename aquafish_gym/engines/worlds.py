@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from pkgutil import resolve_name
 from typing import Protocol
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.base import (
+    MAXIMUM_CURRENT,
     MAXIMUM_DRAG,
     MAXIMUM_GAIN,
     MAXIMUM_LAG,
@@ -129,6 +131,49 @@ def with_servos(world: World, servo_gain: Triple, lag: float) -> World:
     return world if ideal else ServoWorld(world, servo_gain, lag)
 
 
+@dataclass(frozen=True, kw_only=True)
+class WorldConfig:
+    """What a world is like besides the robot's body; by default, as all models have it.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a field is not as it should be.
+
+    Examples
+    --------
+    >>> WorldConfig(servo_gain=(1.0, 0.0, 1.0), drag=(1.2, 0.9)).current
+    (0.0, 0.0, 0.0)
+    """
+
+    current: Triple = (0.0, 0.0, 0.0)
+    """The water's own velocity in the world, x, y and z in units/s, up to 20 each way."""
+    drag: tuple[float, float] = (1.0, 1.0)
+    """What the drag of the fins, and that of the body, is multiplied by: 0 to 10."""
+    servo_gain: Triple = (1.0, 1.0, 1.0)
+    """The left, right and caudal servo's speeds are gain times command, 0 to 2; a seized one's
+    gain is 0."""
+    lag: float = 0.0
+    """How long after it was given a command is obeyed, in s: 0 to 1."""
+    reactive: bool = False
+    """Whether the water also resists acceleration; see docs/physics.md."""
+    substeps: int = 1
+    """Physics steps in 0.01 s: 1 to 64."""
+
+    def __post_init__(self) -> None:
+        for name, count, low, high, unit in (
+            ("current", 3, -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"),
+            ("drag", 2, 0.0, MAXIMUM_DRAG, ""),
+            ("servo_gain", 3, 0.0, MAXIMUM_GAIN, ""),
+        ):
+            values = finite_array(name, getattr(self, name), (count,), low, high, unit)
+            object.__setattr__(self, name, tuple(values.tolist()))
+        late = float(finite_array("lag", self.lag, (), 0.0, MAXIMUM_LAG, "s"))
+        object.__setattr__(self, "lag", late)
+        flag("reactive", self.reactive)
+        integer("substeps", self.substeps, 1, MAXIMUM_SUBSTEPS)
+
+
 def make_world(
     engine: str,
     reactive: bool = False,
@@ -168,13 +213,14 @@ def make_world(
     >>> [round(angle, 3) for angle in world.fin_angles]
     [1.571, 0.0, 0.0]
     """
-    fins, body = finite_array("drag", drag, (2,), 0.0, MAXIMUM_DRAG).tolist()
-    gain = finite_array("servo_gain", servo_gain, (3,), 0.0, MAXIMUM_GAIN)
-    late = float(finite_array("lag", lag, (), 0.0, MAXIMUM_LAG, "s"))
-    world: World = resolve_name(WORLDS[engine])(
-        reactive=flag("reactive", reactive),
-        substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
-        drag=(fins, body),
+    config = WorldConfig(
+        drag=drag,  # type: ignore[arg-type]  # whatever makes two numbers
+        servo_gain=servo_gain,  # type: ignore[arg-type]
+        lag=lag,
+        reactive=reactive,
+        substeps=substeps,
     )
-    left, right, caudal = gain.tolist()
-    return with_servos(world, (left, right, caudal), late)
+    world: World = resolve_name(WORLDS[engine])(
+        reactive=config.reactive, substeps=config.substeps, drag=config.drag
+    )
+    return with_servos(world, config.servo_gain, config.lag)

@@ -22,7 +22,8 @@ import tyro
 from tyro.conf import arg
 from tyro.extras import SubcommandApp
 
-from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from aquafish_gym.bodies import morphology_of
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.executors import interrupts
 from aquafish_gym.runs.storage import read_document
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, one_of
@@ -43,6 +44,10 @@ _BODY = (
 )
 Out = Annotated[Path, arg(metavar="DIR", help="Directory for the results; made if need be.")]
 BodyFile = Annotated[Path | None, arg(metavar="FILE", help=f"JSON file of the body: {_BODY}")]
+BodiesFile = Annotated[
+    Path | None,
+    arg(metavar="FILE", help=f"bodies.json of a sample of bodies, or JSON file of one: {_BODY}"),
+]
 BodyDamage = Annotated[str, arg(metavar="DAMAGE", help=f"What broke on the body: {_DAMAGE}")]
 TargetMorphology = Annotated[
     Path | None, arg(metavar="FILE", help=f"JSON file of the target before its damage: {_BODY}")
@@ -184,23 +189,6 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
         return Morphology.nominal()
     document = read_document(path, argument=argument, checksum="optional")
     try:
-        return _find_morphology(document)
+        return morphology_of(document)
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
-
-
-def _find_morphology(document: dict[str, Any]) -> Morphology:
-    body = document.get("morphology", document)
-    if body is None:
-        raise InvalidArgumentError("its morphology is null, so it has no body yet")
-    if isinstance(body, list):
-        names = [dimension.name for dimension in DIMENSIONS]
-        if document.get("dimensions", names) != names:
-            raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
-        return Morphology.from_array(body)
-    if not isinstance(body, dict) or sorted(body) != sorted(FINS):
-        raise InvalidArgumentError(
-            f"it must hold an object with the keys {', '.join(FINS)}, "
-            'or one with such an object or nine numbers under "morphology"'
-        )
-    return Morphology.coerce(body)

@@ -23,7 +23,8 @@ from aquafish_gym.morphology import Morphology
 from gait.baselines import BaselineConfig
 from gait.controller import Controller
 from gait.evolution import Evolution, genome_to_controller, load_config
-from gait.evolve import DIVERGED_SPEED, EvolveConfig
+from gait.evolve import EvolveConfig
+from gait.fitness import DIVERGED_SPEED
 from gait.network import GYRO_SCALE
 from gait.rollout import INTERVAL, SECONDS, random_poses, step_count, swim_all
 from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from aquafish_gym.morphology import Morphology
 from gait import evolution
 from gait.controller import Controller
-from gait.evolve import Generation
+from gait.records import Generation
 
 
 def random_genome(seed: int, mutations: int) -> tuple[Any, Any]:
@@ -48,20 +48,27 @@ def make_controller(seed: int = 3, mutations: int = 12) -> Controller:
 
 
 class WeightScorer:
-    """Stands in for the water: a distance that depends on every gene and pose."""
+    """Stands in for the water: a distance that depends on every gene, pose and body.
+
+    Bodies that are as wide as the nominal one swim alike.
+    """
 
     def __init__(self, interrupt_at: int | None = None) -> None:
         self.calls = 0
         self.interrupt_at = interrupt_at
 
     def __call__(
-        self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
+        self,
+        controllers: Sequence[Controller],
+        bodies: NDArray[np.float64],
+        fin_angles: NDArray[np.float64],
     ) -> NDArray[np.float64]:
         self.calls += 1
         if self.calls == self.interrupt_at:
             raise KeyboardInterrupt
         worth = [float(np.sin(c.weights.sum()) - np.abs(c.bias).sum()) for c in controllers]
-        return np.add.outer(np.array(worth), np.sin(fin_angles).sum(axis=1))
+        easy = bodies[:, 0] - Morphology.nominal().to_array()[0]
+        return np.add.outer(np.array(worth), np.sin(fin_angles).sum(axis=1) + easy)
 
 
 def read_history(path: Path) -> tuple[Generation, ...]:

@@ -107,6 +107,7 @@ def without(name: str) -> dict[str, Any]:
         (change(bias=[0.0, 1.0, "x"]), r"controller\.bias must be numbers"),
         (change(bias=[0.0] * 3), r"controller\.response must have shape \(3\)"),
         (change(morphology={}), "morphology's JSON"),
+        (change(sample=5), r"controller\.sample must be text or None; got 5"),
     ],
 )
 def test_a_broken_file_is_refused_by_name(data: object, message: str) -> None:
@@ -132,6 +133,13 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
     controller, path = make_controller(), tmp_path / "controller.json"
     controller.save(path)
     assert Controller.load(path).to_dict() == controller.to_dict()
+
+
+def test_the_sample_it_was_evolved_on_is_kept(tmp_path: Path) -> None:
+    controller, path = replace(make_controller(), sample="3 bodies, abc"), tmp_path / "c.json"
+    assert "sample" not in make_controller().to_dict()
+    controller.save(path)
+    assert Controller.load(path).sample == "3 bodies, abc"
 
 
 def test_every_flipped_bit_in_a_file_is_found(tmp_path: Path) -> None:

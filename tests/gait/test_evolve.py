@@ -16,19 +16,17 @@ from aquafish_gym.runs.folder import SETTINGS
 from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controller import Controller
-from gait.evolve import (
+from gait.evolve import EvolveConfig, evolve_gait
+from gait.fitness import DIVERGED_SPEED
+from gait.records import (
     CHECKPOINT_FILE,
     CHECKPOINT_SCHEMA,
     CONTROLLER_FILE,
-    DIVERGED_SPEED,
     FILES,
     HISTORY_FILE,
-    SECONDS,
-    EvolveConfig,
     Generation,
-    evolve_gait,
 )
-from gait.rollout import random_poses, stream
+from gait.rollout import SECONDS, random_poses, stream
 from gait_fakes import WeightScorer, contents, read_history
 
 CONFIG = EvolveConfig(seed=1000, generations=6, population=20, poses=2)
@@ -53,13 +51,17 @@ def test_poses_are_other_ones_every_generation_and_the_finals_are_always_the_sam
         seen: list[NDArray[np.float64]] = []  # noqa: RUF012
 
         def __call__(
-            self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
+            self,
+            controllers: Sequence[Controller],
+            bodies: NDArray[np.float64],
+            fin_angles: NDArray[np.float64],
         ) -> NDArray[np.float64]:
             self.seen.append(fin_angles)
-            return super().__call__(controllers, fin_angles)
+            return super().__call__(controllers, bodies, fin_angles)
 
     evolve_gait(None, CONFIG, scorer=Noting())
-    trials, finals = Noting.seen[::2], Noting.seen[1::2]
+    trials, finals = Noting.seen[:-1:2], Noting.seen[1::2]
+    assert Noting.seen[-1].tobytes() == finals[0].tobytes()  # the result's distances
     assert all((poses[0] == 0.0).all() for poses in Noting.seen)
     assert {len(poses) for poses in trials} == {3}
     assert len({poses.tobytes() for poses in trials}) == len(trials) == 6
@@ -93,7 +95,7 @@ def test_an_interrupted_run_ends_in_the_same_files(tmp_path: Path, at: int) -> N
     seen: list[Generation] = []
     scorer = WeightScorer()
     evolve_gait(None, CONFIG, out=tmp_path / "stopped", scorer=scorer, on_generation=seen.append)
-    assert scorer.calls == 2 * (6 - (at - 1))
+    assert scorer.calls == 2 * (6 - (at - 1)) + 1
     assert len(seen) == 6
     assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
 
@@ -117,9 +119,12 @@ def test_files_behind_the_checkpoint_are_brought_up_to_date(tmp_path: Path) -> N
 def test_a_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
     class Diverging(WeightScorer):
         def __call__(
-            self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
+            self,
+            controllers: Sequence[Controller],
+            bodies: NDArray[np.float64],
+            fin_angles: NDArray[np.float64],
         ) -> NDArray[np.float64]:
-            distances = super().__call__(controllers, fin_angles)
+            distances = super().__call__(controllers, bodies, fin_angles)
             distances[::3, 0] = np.nan
             distances[1::3, 0] = np.inf
             return distances
@@ -186,11 +191,14 @@ def test_a_directory_is_held_while_a_run_fills_it(tmp_path: Path) -> None:
         """Begins the run again while it is running."""
 
         def __call__(
-            self, controllers: Sequence[Controller], fin_angles: NDArray[np.float64]
+            self,
+            controllers: Sequence[Controller],
+            bodies: NDArray[np.float64],
+            fin_angles: NDArray[np.float64],
         ) -> NDArray[np.float64]:
             with pytest.raises(InvalidArgumentError, match="in use by another command"):
                 evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
-            return super().__call__(controllers, fin_angles)
+            return super().__call__(controllers, bodies, fin_angles)
 
     evolve_gait(None, CONFIG, out=tmp_path, scorer=Meanwhile())
     assert set(contents(tmp_path)) == {*FILES, SETTINGS}
@@ -229,7 +237,7 @@ def test_a_body_is_whatever_makes_one() -> None:
     for body in (whole, {"caudal": (0, 0, 0)}, whole.to_array()):
         evolved = evolve_gait(body, config, scorer=WeightScorer())
         assert evolved.controller.morphology == whole
-    with pytest.raises(InvalidArgumentError, match="morphology must have shape"):
+    with pytest.raises(InvalidArgumentError, match="morphologies must have shape"):
         evolve_gait(np.zeros(8), config)
 
 

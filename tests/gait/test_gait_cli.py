@@ -9,11 +9,13 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from rich.console import Console
 
+from aquafish_gym.bodies import read_bodies, write_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import claim, held
@@ -21,7 +23,7 @@ from aquafish_gym.runs.storage import CannotWriteError
 from gait import baselines, cli, evolve
 from gait.cli import _bar, _line, main
 from gait.controller import Controller
-from gait.evolve import Generation, finished_generations
+from gait.records import Generation, finished_generations
 from gait_fakes import contents, make_controller, read_history
 
 QUICK = ["--generations", "3", "--population", "12", "--seconds", "1", "--seed", "1000"]
@@ -64,6 +66,28 @@ def test_evolve_writes_a_controller_for_the_body(
         "2/3",
         "3/3",
     ]  # no terminal
+
+
+@pytest.mark.parametrize("how", [[], ["--aggregate", "quantile", "--quantile", "0.1"]])
+def test_evolve_takes_a_sample_of_bodies(
+    tmp_path: Path, how: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    sample, out = tmp_path / "bodies.json", tmp_path / "out"
+    broken = [Morphology.coerce({"caudal": (0.4, 1.4, z)}) for z in (0.3, 0.4, 0.6)]
+    write_bodies(sample, broken)
+    words = ["evolve", "--morphology", str(sample), "--damage", "left_pectoral:missing"]
+    assert main([*words, "--out", str(out), *QUICK, *how]) == 0
+    lost = [replace(body, left_pectoral=(0.0, 0.0, 0.0)) for body in broken]
+    assert read_bodies(out / "bodies.json") == tuple(lost)
+    evolved = Controller.load(out / "controller.json")
+    assert evolved.morphology == lost[1]
+    assert str(evolved.sample).startswith("3 bodies, ")
+    final = max(row.final for row in read_history(out / "history.csv"))
+    over = "or more in 90% of swims over" if how else "on the mean over"
+    said = capsys.readouterr().out
+    assert said.startswith(f"swims {final:.2f} units in 1 s {over} 3 bodies: ")
+    assert main(["evolve", "--out", str(out), *QUICK, *how]) == 2
+    assert "with morphology." in capsys.readouterr().err
 
 
 def test_transfer_prints_and_writes_the_same_numbers(

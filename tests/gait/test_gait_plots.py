@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from aquafish_gym.morphology import Morphology
-from gait.evolve import Generation
 from gait.plots import draw_history, draw_trajectories, plot_history, plot_trajectories
+from gait.records import Generation
 from gait.rollout import swim
 from gait_fakes import make_controller
 

@@ -38,6 +38,7 @@ from eea.core.genetic import GeneticConfig
 from eea.core.laboratory import DIVERGED, Laboratory
 from gait import evolve, network, rollout
 from gait.controller import Controller
+from gait.fitness import DIVERGED_SPEED
 from gait.transfer import score
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
@@ -456,7 +457,7 @@ def test_a_single_swim_that_diverged_ends_in_nan(
                 command = (1e250, 1e250, 0.0)  # a servo that turns that fast
             self.world.advance(command, steps)
 
-    monkeypatch.setattr(rollout, "make_world", lambda _: SickWorld())
+    monkeypatch.setattr(rollout, "make_world", lambda *_, **__: SickWorld())
     swim = rollout.swim(steady(), None, engine=engine, seconds=1.0)
     assert math.isnan(swim.distance)
     assert swim.time[-1] == 1.0
@@ -480,6 +481,6 @@ def test_a_controller_that_diverges_is_the_worst_of_its_generation(
     result = evolve.evolve_gait(None, config)
     for fitness in told:
         assert int(np.argmin(fitness)) == 7
-        assert fitness[7] == evolve.DIVERGED_SPEED * 2.0
+        assert fitness[7] == DIVERGED_SPEED * 2.0
     assert math.isfinite(result.fitness)
-    assert result.fitness > evolve.DIVERGED_SPEED * 2.0
+    assert result.fitness > DIVERGED_SPEED * 2.0

@@ -1,0 +1,156 @@
+"""Several bodies: a sample of what a robot may have become, as an array and as a file."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.morphology import DIMENSIONS, FINS, MAXIMA, Morphology, MorphologyLike
+from aquafish_gym.runs.storage import read_document, write_document
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
+
+SCHEMA = "aquafish.bodies/1"
+
+# Whatever makes bodies: one, a list of them, or an array (M, 9).
+MorphologiesLike = MorphologyLike | Sequence[MorphologyLike]
+
+
+def body_array(bodies: MorphologiesLike, argument: str = "morphologies") -> NDArray[np.float64]:
+    """Return the sizes (M, 9) of one body or several, in the order of ``DIMENSIONS``.
+
+    Parameters
+    ----------
+    bodies
+        One body as ``Morphology.coerce`` takes it, a list of such, or (M, 9) sizes in units of
+        5 cm.
+    argument
+        What messages call them.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If one is no body.
+
+    Examples
+    --------
+    >>> body_array([Morphology.nominal(), {"caudal": (0.0, 0.0, 0.0)}])[:, 6:]
+    array([[0.4, 1.4, 0.6],
+           [0. , 0. , 0. ]])
+    """
+    if bodies is None or isinstance(bodies, Morphology | Mapping):
+        return Morphology.coerce(bodies).to_array()[None]
+    if isinstance(bodies, list | tuple) and any(
+        isinstance(b, Morphology | Mapping) for b in bodies
+    ):
+        return np.array([Morphology.coerce(body).to_array() for body in bodies])
+    return finite_array(argument, bodies, (None, 9), 0.0, MAXIMA, flat=True)  # type: ignore[arg-type]
+
+
+def median_body(bodies: NDArray[np.float64]) -> Morphology:
+    """Return the body of the medians of each size of bodies (M, 9): the body itself, of one.
+
+    Sizes that go together in a sample need not go together in its medians.
+
+    Examples
+    --------
+    >>> median_body(np.array([[0.2] * 9, [0.4] * 9, [0.1] * 9])).caudal
+    (0.2, 0.2, 0.2)
+    """
+    return Morphology.from_array(np.median(bodies, axis=0))
+
+
+def sample_stamp(bodies: NDArray[np.float64]) -> str:
+    """Return which bodies (M, 9) these are, in a few words: how many, and a hash of their sizes.
+
+    Examples
+    --------
+    >>> sample_stamp(np.zeros((2, 9)))
+    '2 bodies, 81c611f35bff7949'
+    """
+    digest = hashlib.sha256(np.ascontiguousarray(bodies, np.float64).tobytes()).hexdigest()[:16]
+    return f"{len(bodies)} bodies, {digest}"
+
+
+def write_bodies(path: str | os.PathLike[str], bodies: MorphologiesLike) -> None:
+    """Write a ``bodies.json``, whole or not at all, that :func:`read_bodies` reads back exactly.
+
+    Raises
+    ------
+    InvalidArgumentError, CannotWriteError
+        If one is no body, or the file cannot be written.
+
+    Examples
+    --------
+    >>> write_bodies("bodies.json", [Morphology.nominal(), None])
+    >>> read_bodies("bodies.json") == (Morphology.nominal(),) * 2
+    True
+    """
+    rows = [Morphology.from_array(row).to_dict() for row in body_array(bodies)]
+    write_document(path, {"morphologies": rows}, SCHEMA)
+
+
+def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[Morphology, ...]:
+    """Return the bodies of a file: those of a ``bodies.json``, or the one of any other.
+
+    A ``bodies.json`` is an object with the schema ``aquafish.bodies/1`` whose ``morphologies`` is
+    a list of objects from fin to [x, y, z]. One that people write may lack schema and checksum.
+    What one body's file may hold says ``utils.command_line.read_morphology``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the file cannot be read or holds no body; the message names file and argument.
+    """
+    document = read_document(path, argument=argument, checksum="optional")
+    several = "morphologies" in document
+    if several:  # whatever else it may say it is
+        document = read_document(path, SCHEMA, argument, checksum="optional")
+    try:
+        if not several:
+            return (morphology_of(document),)
+        rows = document["morphologies"]
+        if not isinstance(rows, list) or not rows:
+            raise InvalidArgumentError(
+                f"its morphologies must be a list of one body or more; got {brief(rows)}"
+            )
+        return tuple(_numbered(i, row) for i, row in enumerate(rows))
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
+
+
+def _numbered(index: int, row: object) -> Morphology:
+    try:
+        return morphology_of({"morphology": row})
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"morphologies[{index}]: {error}") from None
+
+
+def morphology_of(document: Mapping[str, Any]) -> Morphology:
+    """Return the body that a JSON object is, or has as its ``morphology``.
+
+    Examples
+    --------
+    >>> morphology_of({"morphology": [0.0] * 9}).caudal
+    (0.0, 0.0, 0.0)
+    """
+    body = document.get("morphology", document)
+    if body is None:
+        raise InvalidArgumentError("its morphology is null, so it has no body yet")
+    if isinstance(body, list):
+        names = [dimension.name for dimension in DIMENSIONS]
+        if document.get("dimensions", names) != names:
+            raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
+        return Morphology.from_array(body)
+    if "morphologies" in document:
+        raise InvalidArgumentError("it holds a sample of bodies, and one body is wanted")
+    if not isinstance(body, dict) or sorted(body) != sorted(FINS):
+        raise InvalidArgumentError(
+            f"it must hold an object with the keys {', '.join(FINS)}, "
+            'or one with such an object or nine numbers under "morphology"'
+        )
+    return Morphology.coerce(body)

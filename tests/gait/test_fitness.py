@@ -1,0 +1,105 @@
+"""Pairs of bodies and poses, and what the swims of a controller come to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait import fitness
+from gait.fitness import DIVERGED_SPEED, distances, draw_swims, every_pair, worth
+from gait.rollout import random_poses, stream, swim_all
+from gait_fakes import make_controller
+
+BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (5, 9)) * MAXIMA
+POSES = random_poses(9, 3)
+
+
+@pytest.mark.parametrize("count", [1, 2, 9, 50])
+def test_no_body_swims_twice_while_another_has_not_swum(count: int) -> None:
+    bodies = np.arange(count * 9.0).reshape(count, 9)
+    swims = draw_swims(bodies, POSES, stream(0, 3, 7))
+    drawn, times = np.unique(swims.bodies[:, 0], return_counts=True)
+    assert len(drawn) == min(count, len(POSES))
+    assert times.max() - times.min() <= 1
+    np.testing.assert_array_equal(swims.poses, POSES)
+
+
+def test_each_generation_draws_other_bodies_and_the_same_again() -> None:
+    bodies = np.arange(50 * 9.0).reshape(50, 9)
+    first, again, second = (
+        draw_swims(bodies, POSES, stream(0, 3, now)).bodies.tobytes() for now in (0, 0, 1)
+    )
+    assert first == again != second
+
+
+def test_pairs_have_the_least_variance_of_as_many_swims() -> None:
+    """What ``fitness`` says of its design, with effects of body, pose and both of like size."""
+    rng = np.random.default_rng(0)
+    body, pose = rng.normal(size=(4000, 9)), rng.normal(size=(4000, 9))
+    rest = rng.normal(size=(4000, 9))
+    pairs = (body + pose + rest).mean(axis=1)
+    body3, pose3 = body[:, :3].repeat(3, axis=1), np.tile(pose[:, :3], 3)
+    crossed = (body3 + pose3 + rest).mean(axis=1)
+    assert pairs.var() == pytest.approx(1 / 9 + 1 / 9 + 1 / 9, rel=0.1)
+    assert crossed.var() == pytest.approx(1 / 3 + 1 / 3 + 1 / 9, rel=0.1)
+
+
+def test_several_bodies_swim_as_each_would_alone() -> None:
+    controllers = [make_controller(seed, mutations=8) for seed in range(3)]
+    together = swim_all(controllers, BODIES, POSES[:5], 1.0)
+    assert together.shape == (3, 5)
+    for i, body in enumerate(BODIES):
+        alone = swim_all(controllers, body, POSES[i : i + 1], 1.0)
+        np.testing.assert_array_equal(together[:, i : i + 1], alone)
+    listed = [Morphology.from_array(body) for body in BODIES]
+    np.testing.assert_array_equal(swim_all(controllers, listed, POSES[:5], 1.0), together)
+    one_pose = swim_all(controllers, BODIES, POSES[:1], 1.0)
+    np.testing.assert_array_equal(one_pose[:, 0], together[:, 0])
+    assert one_pose.shape == (3, 5)
+
+
+def test_bodies_and_poses_that_do_not_pair_are_refused() -> None:
+    with pytest.raises(InvalidArgumentError, match=r"equally many, or one for all; got 5 and 4"):
+        swim_all([make_controller()], BODIES, POSES[:4])
+    with pytest.raises(InvalidArgumentError, match=r"morphologies\[1, 2\] must lie in"):
+        swim_all([make_controller()], np.vstack([BODIES[0], BODIES[1] + [0, 0, 9, *[0] * 6]]))
+
+
+def test_distances_are_means_over_the_poses_on_every_body() -> None:
+    controllers = [make_controller(seed, mutations=8) for seed in range(2)]
+    found = distances(controllers, BODIES, POSES[:3], seconds=1.0, threads=1)
+    assert found.shape == (2, 5)
+    for i, body in enumerate(BODIES):
+        swims = swim_all(controllers, body, POSES[:3], 1.0)
+        np.testing.assert_array_equal(found[:, i], swims.mean(axis=1))
+    assert np.ptp(found, axis=1).min() > 0.01  # the bodies differ
+    one = distances(controllers, Morphology.from_array(BODIES[0]), POSES[:3], seconds=1.0)
+    np.testing.assert_array_equal(one, found[:, :1])
+
+
+def test_a_robot_that_diverged_has_swum_backwards(monkeypatch: pytest.MonkeyPatch) -> None:
+    def sick(*_: object, **__: object) -> object:
+        return np.array([[1.0, np.nan, 2.0, 4.0]])
+
+    monkeypatch.setattr(fitness, "swim_all", sick)
+    found = distances([make_controller()], BODIES[:2], POSES[:2], seconds=3.0)
+    np.testing.assert_array_equal(found, [[(1.0 + 3 * DIVERGED_SPEED) / 2, 3.0]])
+    assert worth(np.array([np.inf]), 2.0) == 2 * DIVERGED_SPEED
+
+
+def test_bad_arguments_are_refused_by_name() -> None:
+    controllers = [make_controller()]
+    with pytest.raises(InvalidArgumentError, match="poses must be one or more"):
+        distances(controllers, BODIES, np.zeros((0, 3)))
+    with pytest.raises(InvalidArgumentError, match=r"poses must have shape \(any, 3\)"):
+        distances(controllers, BODIES, np.zeros(3))
+    with pytest.raises(InvalidArgumentError, match=r"bodies must have shape \(any, 9\)"):
+        distances(controllers, np.zeros((2, 8)))
+
+
+def test_every_pair_keeps_a_bodys_swims_together() -> None:
+    swims = every_pair(BODIES[:2], POSES[:3])
+    np.testing.assert_array_equal(swims.bodies, BODIES[[0, 0, 0, 1, 1, 1]])
+    np.testing.assert_array_equal(swims.poses, POSES[[0, 1, 2, 0, 1, 2]])

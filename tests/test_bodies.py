@@ -1,0 +1,88 @@
+"""Several bodies, from whatever makes them, and in files."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aquafish_gym.bodies import SCHEMA, body_array, read_bodies, write_bodies
+from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.utils.command_line import read_morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+BODIES = np.random.default_rng(5).uniform(0.0, 1.0, (3, 9)) * MAXIMA
+TAILLESS = {"caudal": (0.0, 0.0, 0.0)}
+
+
+def test_bodies_are_whatever_makes_them() -> None:
+    nominal = Morphology.nominal().to_array()
+    tailless = Morphology.coerce(TAILLESS).to_array()
+    for value, expected in (
+        (None, [nominal]),
+        (TAILLESS, [tailless]),
+        (Morphology.nominal(), [nominal]),
+        (BODIES[0], BODIES[:1]),
+        (BODIES, BODIES),
+        (BODIES.tolist(), BODIES),
+        (tuple(map(Morphology.from_array, BODIES)), BODIES),
+        ([TAILLESS, None, BODIES[0]], [tailless, nominal, BODIES[0]]),
+    ):
+        np.testing.assert_array_equal(body_array(value), expected)
+    with pytest.raises(InvalidArgumentError, match=r"^fish must have shape \(any, 9\)"):
+        body_array(np.zeros(8), "fish")
+    with pytest.raises(InvalidArgumentError, match=r"^fish\[0, 8\] must lie in \[0, 1\]"):
+        body_array([[0.0] * 8 + [1.5]], "fish")
+
+
+def test_bodies_read_back_exactly(tmp_path: Path) -> None:
+    path = tmp_path / "bodies.json"
+    write_bodies(path, BODIES)
+    back = read_bodies(path)
+    np.testing.assert_array_equal([body.to_array() for body in back], BODIES)
+    document = json.loads(path.read_text())
+    assert document["schema"] == "aquafish.bodies/1" == SCHEMA
+    assert document["morphologies"][1] == back[1].to_dict()
+    changed = path.read_text().replace("caudal", "Caudal", 1)
+    path.write_text(changed)
+    with pytest.raises(InvalidArgumentError, match=r"body: .*bodies\.json is damaged"):
+        read_bodies(path, "body")
+    # By hand, without schema and checksum, in either spelling of a body.
+    path.write_text(json.dumps({"morphologies": [back[0].to_dict(), BODIES[1].tolist()]}))
+    assert read_bodies(path) == back[:2]
+
+
+def test_a_file_of_one_body_is_a_sample_of_one(tmp_path: Path) -> None:
+    path = tmp_path / "morphology.json"
+    body = Morphology.from_array(BODIES[0])
+    for document in (body.to_dict(), {"morphology": body.to_dict(), "model_fitness": 0.1}):
+        path.write_text(json.dumps(document))
+        assert read_bodies(path) == (body,) == (read_morphology(path, "body"),)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('{"morphologies": []}', r"a list of one body or more; got \[\]"),
+        ('{"morphologies": null}', "a list of one body or more; got None"),
+        ('{"morphologies": [null]}', r"morphologies\[0\]: its morphology is null"),
+        ('{"morphologies": [[0,0,0,0,0,0,0,0,0], [1]]}', r"morphologies\[1\]: morphology must"),
+        ('{"morphologies": [{"caudal": [0, 0, 0]}]}', r"morphologies\[0\]: it must hold an object"),
+        ('{"schema": "aquafish.bodies/2", "morphologies": []}', r"must be of schema aquafish.bod"),
+        ("{}", "it must hold an object with the keys left_pectoral"),
+    ],
+)
+def test_a_file_without_bodies_is_named(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "fish.json"
+    path.write_text(text)
+    with pytest.raises(InvalidArgumentError, match=rf"^body: .*fish\.json.* {message}"):
+        read_bodies(path, "body")
+
+
+def test_where_one_body_is_wanted_a_sample_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "bodies.json"
+    write_bodies(path, BODIES)
+    with pytest.raises(InvalidArgumentError, match=r"bodies\.json: it holds a sample of bodies"):
+        read_morphology(path, "body")
