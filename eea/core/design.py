@@ -175,8 +175,7 @@ def gait_gains(
 
 def _covariance(information: Floats, body: int) -> Floats:
     """Return the body's part (..., body, body) of the covariance that informations mean."""
-    covariance: Floats = np.linalg.inv(information)[..., :body, :body]
-    return covariance
+    return np.asarray(np.linalg.inv(information)[..., :body, :body], dtype=np.float64)
 
 
 def best_command(
