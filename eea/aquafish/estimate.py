@@ -18,6 +18,7 @@ from eea.core.behavior import Log, signal_samples
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
 from eea.core.checks import at_most, instance
 from eea.core.config import EEAConfig
+from eea.core.design import Utility
 from eea.core.experiment import Target
 from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
@@ -102,6 +103,7 @@ def fish_eea(
     config: EEAConfig,
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
+    utility: Utility | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> Rounds:
     """Return the method of ``config.condition``, ready to iterate, bound to a target and the fish.
@@ -115,6 +117,8 @@ def fish_eea(
     truth
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
         (x, y, z), or nine numbers.
+    utility
+        How far gaits swim on bodies, where the settings need it; see ``EEA``.
     **simulator
         engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``,
         and it and ``EEA`` for the errors.
@@ -130,8 +134,8 @@ def fish_eea(
         from eea.aquafish.joint import fish_joint
         from eea.joint.inference import JointInference
 
-        return JointInference(target, fish_joint(problem, engine), config, seed, body)
-    return EEA(target, engine, problem, config, seed, body)
+        return JointInference(target, fish_joint(problem, engine), config, seed, body, utility)
+    return EEA(target, engine, problem, config, seed, body, utility)
 
 
 def estimate_morphology_of(

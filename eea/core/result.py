@@ -23,8 +23,9 @@ class RoundRecord:
 
     round: int  #: From 1; also the number of experiments so far.
     command: tuple[float, ...]  #: What the target performed.
-    #: ACT_FIT of that command (Eq. 1); None for the first, which is random, and for one that the
-    #: target performed in place of another.
+    #: ACT_FIT of that command (Eq. 1), or what another strategy that compares commands promised of
+    #: it; None for the first, for random and fast ones, and for one that the target performed in
+    #: place of another.
     action_fitness: float | None
     model_fitness: float  #: The best MOD_FIT (Eq. 3).
     morphology: tuple[float, ...]  #: The model that has it, n numbers.
@@ -83,7 +84,8 @@ class Result:
     layout: BitLayout  #: The models' genome, for the ranges of the dimensions.
     truth: Floats | None = None  #: The target's dimensions (n,), if known: an oracle.
     rounds: list[RoundRecord] = field(default_factory=list)  #: One record a round.
-    #: Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, or ``"interrupted"`` until then.
+    #: Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, under the joint condition also
+    #: ``"narrow"`` or ``"robust"``, or ``"interrupted"`` until then.
     stopped: str = "interrupted"
     belief: Belief | None = None  #: How sure it is; only the joint condition knows.
 

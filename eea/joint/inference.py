@@ -15,6 +15,7 @@ from eea.core.angles import Floats
 from eea.core.behavior import similarity, summarize
 from eea.core.checks import ConfigurationError, choice
 from eea.core.config import EEAConfig, JointConfig
+from eea.core.design import Utility
 from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
@@ -22,6 +23,7 @@ from eea.core.rounds import Answer, Conclusion, Rounds
 from eea.joint.belief import JointBelief, groups, weigh
 from eea.joint.fitting import Observed
 from eea.joint.goodness import Goodness, effective_count, goodness_of_fit
+from eea.joint.next_trial import enough, next_command
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
@@ -45,12 +47,15 @@ class JointInference(Rounds):
         Settings, of which ``joint`` and ``exploration`` have a say, and the replicate's seed.
     truth
         The target's dimensions (n,) if known: only for OBJ_FIT in the records.
+    utility
+        How far gaits swim on bodies, as ``EEA`` takes it: for the strategy "gait", and to stop
+        once the gait is robust.
 
     Raises
     ------
     ConfigurationError
-        If a setting is wrong or names a nuisance that the robot has not, or the truth has
-        another shape.
+        If a setting is wrong, lacks the utility or names a nuisance that the robot has not, or
+        the truth has another shape.
 
     Examples
     --------
@@ -64,8 +69,9 @@ class JointInference(Rounds):
         config: EEAConfig,
         seed: int = 0,
         truth: Floats | None = None,
+        utility: Utility | None = None,
     ) -> None:
-        super().__init__(target, joint.problem, config, seed, truth)
+        super().__init__(target, joint.problem, config, seed, truth, utility)
         settings = config.joint
         if config.steps < FEWEST_STEPS:
             raise ConfigurationError(
@@ -100,6 +106,12 @@ class JointInference(Rounds):
     ) -> NDArray[Any]:
         self._simulated += len(bodies)
         return self._simulate(bodies, nuisances, commands, angles, fine)
+
+    @property
+    def _belief(self) -> JointBelief | None:
+        belief = self.result.belief
+        assert belief is None or isinstance(belief, JointBelief)
+        return belief
 
     @contextmanager
     def _undone_if_broken_off(self) -> Iterator[None]:
@@ -216,13 +228,15 @@ class JointInference(Rounds):
 
     def _next_command(self) -> tuple[Floats, float | None]:
         """Return the command to perform next, and what it promises."""
-        actions, rng = self._problem.actions, self._rngs["exploration"]
-        fast = np.where(
-            rng.random(len(actions)) < 0.5,
-            actions.high,
-            np.where(actions.low < 0, actions.low, 0.5 * (actions.low + actions.high)),
-        )
-        return fast, None
+        config, belief = self.result.config, self._belief
+        hypothesis = AS_COMMANDED if belief is None else belief.branches[0].hypothesis
+        one = Parameters.of(self._joint, 1, self._groups, hypothesis, config.joint.per_trial)
+        performed, rng = self._observed.commands, self._rngs["exploration"]
+        return next_command(one, belief, config, performed, self._utilities, rng)
+
+    def _stopped(self) -> str | None:
+        settings = self.result.config.joint
+        return enough(self._belief, self._problem.models, settings, self._utility)
 
 
 def halved(settings: JointConfig) -> JointConfig:
