@@ -6,7 +6,7 @@ It knows no robot, and needs numpy and scipy only.
 from eea.joint.calibration import Coverage, coverage, rank_uniformity, ranks
 from eea.joint.findings import Group, findings
 from eea.joint.goodness import Goodness, effective_count, goodness_of_fit
-from eea.joint.posterior import Mode, Posterior
+from eea.joint.posterior import Mode, Posterior, intervals
 
 __all__ = [
     "Coverage",
@@ -18,6 +18,7 @@ __all__ = [
     "effective_count",
     "findings",
     "goodness_of_fit",
+    "intervals",
     "rank_uniformity",
     "ranks",
 ]
