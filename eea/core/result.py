@@ -57,6 +57,13 @@ class Belief(Protocol):
     def findings(self) -> list[str]:
         """What a person should know, in sentences, the most important first."""
 
+    @property
+    def verdict(self) -> str:
+        """Whether the best model leaves nothing unexplained, in a sentence."""
+
+    def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval's ends of everything inferred, by name."""
+
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (n,) of each dimension's equal-tailed interval."""
 

@@ -44,6 +44,17 @@ class Branch:
             rows[name] = (middle, least, most)
         return rows
 
+    def modes(self) -> dict[str, Any]:
+        """Return the optima with their probabilities, in natural units, ready for JSON.
+
+        Their shapes, which are most of a posterior, are for ``archive``.
+        """
+        theta = np.array([mode.theta for mode in self.posterior.modes])
+        return {
+            "probabilities": self.posterior.weights.tolist(),
+            "values": {name: values.tolist() for name, values in self.natural(theta).items()},
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class JointBelief:
@@ -119,6 +130,11 @@ class JointBelief:
         return np.array([low for _, low, _ in rows]), np.array([high for _, _, high in rows])
 
     @property
+    def verdict(self) -> str:
+        """Whether the best fit leaves nothing but noise, in a sentence."""
+        return self.goodness.sentence
+
+    @property
     def findings(self) -> list[str]:
         """What a person should know, in sentences: most important first."""
         best = self.branches[0]
@@ -128,7 +144,7 @@ class JointBelief:
         return said + findings(best.posterior, groups(best.parameters.joint))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON."""
+        """Return everything but the modes' shapes, ready for JSON; see ``archive`` for all."""
         best = self.branches[0].parameters
         return {
             "sigma": self.sigma,
@@ -140,7 +156,7 @@ class JointBelief:
                 for mass in (0.5, 0.8, 0.9)
             },
             "dimensions": list(best.joint.problem.models.names),
-            "posteriors": {b.hypothesis.name: b.posterior.to_dict() for b in self.branches},
+            "modes": {b.hypothesis.name: b.modes() for b in self.branches},
         }
 
 
