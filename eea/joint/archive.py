@@ -24,7 +24,7 @@ from eea.joint.belief import Branch, JointBelief
 from eea.joint.goodness import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
-from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Nuisance
+from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Nuisance, Part
 
 SCHEMA = "eea.belief/1"
 #: Every array of an archive, and how many dimensions each has.
@@ -50,7 +50,7 @@ def to_arrays(belief: JointBelief) -> dict[str, NDArray[Any]]:
             asdict(n) | {"sd": None if math.isinf(n.sd) else n.sd} for n in joint.nuisances
         ],
         "hypotheses": [asdict(hypothesis) for hypothesis in joint.hypotheses],
-        "parts": {part: [list(names), hint] for part, (names, hint) in joint.parts.items()},
+        "parts": {name: asdict(part) for name, part in joint.parts.items()},
         "sigma": belief.sigma,
         "goodness": asdict(belief.goodness),
         "trials": belief.branches[0].parameters.trials,
@@ -140,13 +140,16 @@ def _joint(header: Mapping[str, Any]) -> JointProblem:
         _no_simulator,
         tuple(nuisances),
         tuple(hypotheses),
-        {part: (tuple(names), hint) for part, (names, hint) in header["parts"].items()},
+        {name: _part(row) for name, row in header["parts"].items()},
     )
 
 
-def _no_simulator(
-    bodies: Floats, nuisances: Floats, commands: Floats, angles: Floats, fine: bool
-) -> NDArray[Any]:
+def _part(row: Mapping[str, Any]) -> Part:
+    area = None if row["area"] is None else (row["area"][0], row["area"][1])
+    return Part(dict(row["sizes"]), area, row["hint"])
+
+
+def _no_simulator(*_: Any, **__: Any) -> NDArray[Any]:
     raise TargetError("a posterior that was read from a file cannot simulate")
 
 
@@ -168,9 +171,7 @@ def _branch(
         information = _take(flat, "information", len(names) ** 2)
         cost = float(_take(flat, "cost", 1)[0])
         modes.append(Mode(theta, information.reshape(2 * (len(names),)), cost, gradient))
-    posterior = Posterior(
-        names, parameters.low, parameters.high, parameters.circular, tuple(modes)
-    )
+    posterior = Posterior(names, parameters.low, parameters.high, parameters.circular, tuple(modes))
     return Branch(hypothesis, float(row["probability"]), parameters, posterior)
 
 

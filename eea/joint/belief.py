@@ -31,28 +31,33 @@ class Branch:
     parameters: Parameters
     posterior: Posterior
 
-    def summary(self, mass: float) -> dict[str, tuple[float, float, float]]:
-        """Return the median and the interval of each unknown, by name, in natural units."""
-        parameters, joint = self.parameters, self.parameters.joint
+    def natural(self, theta: Floats) -> Floats:
+        """Return vectors (..., P) in natural units; angles stay rad."""
+        joint = self.parameters.joint
         ranges = {v.name: (v.low, v.high) for v in joint.problem.models.variables}
         ranges |= {n.name: (n.low, n.high) for n in joint.nuisances}
-        rows = {}
-        columns = (self.posterior.median(), *self.posterior.interval(mass))
-        for name, *shares in zip(parameters.names, *columns, strict=True):
-            low, high = ranges.get(name.partition("@")[0], (0.0, 1.0))
-            middle, least, most = (low + (high - low) * float(share) for share in shares)
-            rows[name] = (middle, least, most)
-        return rows
+        low, high = np.transpose(
+            [ranges.get(name.partition("@")[0], (0.0, 1.0)) for name in self.parameters.names]
+        )
+        values: Floats = low + (high - low) * theta
+        return values
+
+    def summary(self, mass: float) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval of each unknown, by name, in natural units."""
+        rows = self.natural(np.array([self.posterior.median(), *self.posterior.interval(mass)]))
+        middle, low, high = rows.tolist()
+        return dict(zip(self.parameters.names, zip(middle, low, high, strict=True), strict=True))
 
     def modes(self) -> dict[str, Any]:
         """Return the optima with their probabilities, in natural units, ready for JSON.
 
         Their shapes, which are most of a posterior, are for ``archive``.
         """
-        theta = np.array([mode.theta for mode in self.posterior.modes])
+        theta = self.parameters.into_bounds(np.array([m.theta for m in self.posterior.modes]))
         return {
+            "names": list(self.parameters.names),
             "probabilities": self.posterior.weights.tolist(),
-            "values": {name: values.tolist() for name, values in self.natural(theta).items()},
+            "values": self.natural(theta).tolist(),
         }
 
 
@@ -132,7 +137,7 @@ class JointBelief:
     @property
     def verdict(self) -> str:
         """Whether the best fit leaves nothing but noise, in a sentence."""
-        return self.goodness.sentence
+        return self.goodness.verdict
 
     @property
     def findings(self) -> list[str]:
