@@ -58,8 +58,12 @@ class Belief(Protocol):
         """What a person should know, in sentences, the most important first."""
 
     @property
+    def good(self) -> bool:
+        """Whether the best model explains what was felt, so that the intervals can be trusted."""
+
+    @property
     def verdict(self) -> str:
-        """Whether the best model leaves nothing unexplained, in a sentence."""
+        """The same in a sentence, with the reason."""
 
     def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
         """Return the median and the interval's ends of everything inferred, by name."""

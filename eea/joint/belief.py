@@ -135,8 +135,13 @@ class JointBelief:
         return np.array([low for _, low, _ in rows]), np.array([high for _, _, high in rows])
 
     @property
+    def good(self) -> bool:
+        """Whether the best fit leaves nothing but noise, so that the intervals can be trusted."""
+        return self.goodness.good
+
+    @property
     def verdict(self) -> str:
-        """Whether the best fit leaves nothing but noise, in a sentence."""
+        """The same in a sentence, with the reason."""
         return self.goodness.verdict
 
     @property
