@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from scipy.ndimage import gaussian_filter1d
 
 from aquafish_gym.rendering.pictures import new_figure
 from eea.core.angles import Floats
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 # Of Okabe and Ito's palette, told apart by all eyes: the body's parts in turn, and the nuisances.
 COLOURS, NUISANCE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7"), "#56B4E9"
 DRAWS = 4000
-BINS = 200  # of a range, for a density
+BINS, SMOOTH = 400, 1.5  # of a range, for a density; sd of its smoothing, in bins
 TALL = 0.62  # of a row's height, for the highest density
 LEAST = 0.01  # what is less probable is not named
 
@@ -77,9 +78,8 @@ def posterior_figure(result: Result) -> Figure:
         figure.axes[1].set_title("besides the body; prior in grey", fontsize="medium")
     done, config = len(result.rounds), result.config
     figure.suptitle(
-        f"what {done} trial{'' if done == 1 else 's'} of {config.steps} steps tell, "
-        f"seed {result.seed}: density, 50% and 90% interval"
-        f"{'' if result.truth is None else ', truth (▼)'}"
+        f"{done} trial{'' if done == 1 else 's'} of {config.steps} steps, seed {result.seed}: "
+        f"density, 50% and 90% interval{'' if result.truth is None else ', truth (▼)'}"
     )
     figure.supxlabel(_conclusion(belief), fontsize="small")
     return figure
@@ -138,16 +138,15 @@ def _draw(axes: Axes, place: int, row: Row) -> None:
     middles = 0.5 * (edges[1:] + edges[:-1])
     axes.plot([0, 1], [place, place], color="0.75", lw=0.8, zorder=1)
     if row.prior is not None:
-        nominal, sd = (
-            (v - row.low) / span if k == 0 else v / span for k, v in enumerate(row.prior)
-        )
-        shape = np.exp(-0.5 * ((middles - nominal) / sd) ** 2)
+        nominal, sd = row.prior
+        shape = np.exp(-0.5 * ((row.low + span * middles - nominal) / sd) ** 2)
         axes.fill_between(middles, place, place - TALL * shape, color="0.9", lw=0, zorder=0)
     for drawn in row.draws:
-        density, _ = np.histogram((drawn - row.low) / span, edges)
+        counts, _ = np.histogram((drawn - row.low) / span, edges)
+        density = gaussian_filter1d(counts.astype(np.float64), SMOOTH, mode="reflect")
         height = place - TALL * density / density.max()
         alpha = 0.45 / len(row.draws) ** 0.5
-        axes.fill_between(middles, place, height, color=row.colour, alpha=alpha, lw=0, step="mid")
+        axes.fill_between(middles, place, height, color=row.colour, alpha=alpha, lw=0)
     if len(row.draws) == 1:
         for (low, high), width in ((row.ends[1:], 1.6), (row.half, 4.5)):
             ends = [(low - row.low) / span, (high - row.low) / span]
@@ -157,18 +156,18 @@ def _draw(axes: Axes, place: int, row: Row) -> None:
     if row.truth is not None:
         at = (row.truth - row.low) / span
         axes.plot(at, place - 0.12, "v", color="black", ms=5, clip_on=False, zorder=5)
-    style = {"fontsize": "x-small", "color": "0.45", "va": "top"}
-    axes.text(0, place + 0.06, f"{row.low:g}", ha="left", **style)
-    axes.text(1, place + 0.06, f"{row.high:g}", ha="right", **style)
+    style: dict[str, Any] = {"fontsize": "x-small", "color": "0.45", "va": "top"}
+    axes.text(0, place + 0.1, f"{row.low:g}", ha="left", **style)
+    axes.text(1, place + 0.1, f"{row.high:g}", ha="right", **style)
     if len(row.draws) == 1:
         middle, low, high = row.ends
         axes.text(
-            1.02, place, f"{middle:.3f} [{low:.3f}, {high:.3f}]", va="center", fontsize="small"
+            1.02, place, f"{middle:z.3f} [{low:z.3f}, {high:z.3f}]", va="center", fontsize="small"
         )
 
 
 def _conclusion(belief: JointBelief) -> str:
-    """Return which hypotheses are probable, where there is a choice, and whether the fit is good."""
+    """Return which hypotheses are probable, if there is a choice, and whether the fit is good."""
     told = [b for b in belief.branches if b.probability > LEAST]
     said = [f"{b.hypothesis.name} ({b.probability:.0%})" for b in told if len(told) > 1]
     return "\n".join(["; ".join(said), belief.verdict][not said :])

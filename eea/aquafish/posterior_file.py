@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import DamagedFileError
-from eea.core.checks import ConfigurationError, instance
+from eea.core.checks import ConfigurationError, brief
+from eea.core.result import Belief
 
 if TYPE_CHECKING:
     from eea.joint.belief import JointBelief
 
 
-def save_posterior(path: str | os.PathLike[str], belief: JointBelief) -> None:
+def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
     """Write a ``result.belief`` into an ``.npz`` file, at once or not at all.
 
     It is of any robot's joint inference, and holds all of the posterior but the simulator.
@@ -28,7 +29,8 @@ def save_posterior(path: str | os.PathLike[str], belief: JointBelief) -> None:
     from eea.joint.archive import to_arrays
     from eea.joint.belief import JointBelief
 
-    instance("belief", belief, JointBelief)
+    if not isinstance(belief, JointBelief):
+        raise ConfigurationError(f"belief must be of type JointBelief; got {brief(belief)}")
     write_arrays(path, to_arrays(belief))
 
 

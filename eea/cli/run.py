@@ -219,7 +219,8 @@ def _table(result: Result) -> list[str]:
     assert result.truth is not None
     between, ends = "", [""] * len(result.truth)
     if result.belief is not None:
-        between, ends = f"  {MASS:.0%} interval  ", [_ends(*e) for e in zip(*result.interval(MASS))]
+        low, high = result.interval(MASS)
+        between, ends = f"  {MASS:.0%} interval   ", list(map(_ends, low, high))
     sizes = zip(result.layout.names, result.model, ends, result.truth, strict=True)
     return [
         f"{'in units of 5 cm':26s} {'found':>6s}{between}  {'true':>6s}",
@@ -242,13 +243,13 @@ def _belief_words(result: Result) -> list[str]:
     return [
         f"the {MASS:.0%} intervals hold {held} of the {len(low)} true sizes",
         *heading,
-        *(f"{name:26s} {rows[name][0]:6.3f}{_ends(*rows[name][1:])}" for name in others),
+        *(f"{name:26s} {rows[name][0]:z6.3f}{_ends(*rows[name][1:])}" for name in others),
         *dict.fromkeys([*result.belief.findings, result.belief.verdict]),
     ]
 
 
 def _ends(low: float, high: float) -> str:
-    return f"  {low:6.3f} to {high:6.3f}"
+    return f"  {low:z6.3f} to {high:z5.3f}"
 
 
 def _rounds(count: int) -> str:
