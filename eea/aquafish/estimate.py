@@ -92,9 +92,7 @@ class MorphologyEstimate(Result):
         if self.objective_fitness is not None:
             said += f", OBJ_FIT {self.objective_fitness:.3f}"
         if self.belief is not None:
-            low, high = self.interval()
-            wide = 100.0 * float(((high - low) / self.layout.span).mean())
-            said += f", 90% intervals {wide:.2g}% of the ranges wide"
+            said += f", 90% intervals {100 * self.width():.2g}% of the ranges wide"
         return f"MorphologyEstimate({said})"
 
     def _repr_html_(self) -> str:

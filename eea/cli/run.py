@@ -261,6 +261,5 @@ def _progress_line(record: RoundRecord, result: Result) -> str:
     rest = f"OBJ_FIT {record.objective_fitness:5.3f}  {record.seconds:6.1f} s"
     if result.belief is None:
         return f"experiments {counted}  best MOD_FIT {record.model_fitness:6.3f}  {rest}"
-    low, high = result.interval(MASS)
-    wide = 100.0 * float(((high - low) / result.layout.span).mean())
+    wide = 100.0 * result.width(MASS)
     return f"experiments {counted}  {MASS:.0%} intervals {wide:.2g}% of the ranges wide  {rest}"

@@ -120,6 +120,11 @@ class Result:
         """
         return self._sure().interval(mass)
 
+    def width(self, mass: float = 0.9) -> float:
+        """Return the dimensions' intervals' mean width, as a share of the ranges; see those."""
+        low, high = self.interval(mass)
+        return float(((high - low) / self.layout.span).mean())
+
     def sample(self, count: int, seed: int = 0) -> Floats:
         """Return ``count`` bodies (count, n) drawn from what the trials allow.
 

@@ -192,5 +192,5 @@ def _sureness(result: Result, belief: Belief) -> dict[str, Any]:
         low, high = belief.interval(mass)
         held = (low <= result.truth) & (result.truth <= high)
         coverage[f"{mass:.0%}"] = float(held.mean())
-        width[f"{mass:.0%}"] = float(((high - low) / result.layout.span).mean())
+        width[f"{mass:.0%}"] = result.width(mass)
     return {"coverage": coverage, "width": width, "good": belief.good, "verdict": belief.verdict}
