@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from html import escape
 from typing import TYPE_CHECKING, Unpack
 
 from numpy.typing import ArrayLike
@@ -73,6 +74,15 @@ class MorphologyEstimate(Result):
 
         return fitness_figure(self)
 
+    def plot_posterior(self) -> Figure:
+        """Return a matplotlib figure of what is believed of sizes and nuisances.
+
+        The condition joint alone has it; others raise ConfigurationError.
+        """
+        from eea.aquafish.posterior_figure import posterior_figure
+
+        return posterior_figure(self)
+
     def __repr__(self) -> str:
         config, done = self.config, len(self.rounds)
         said = f"{config.condition}, {done} round{'' if done == 1 else 's'} of {config.steps} steps"
@@ -81,21 +91,28 @@ class MorphologyEstimate(Result):
             said += f"; MOD_FIT {self.rounds[-1].model_fitness:.3f}"
         if self.objective_fitness is not None:
             said += f", OBJ_FIT {self.objective_fitness:.3f}"
+        if self.belief is not None:
+            said += f", 90% intervals {100 * self.width():.2g}% of the ranges wide"
         return f"MorphologyEstimate({said})"
 
     def _repr_html_(self) -> str:
-        """Return the sizes found, beside the true ones where they are known, as a table."""
-        columns: dict[str, Sequence[float]] = {}
+        """Return the sizes found as a table, with how sure they are and the truth where known."""
+        columns: dict[str, list[str]] = {}
         if self.rounds:
-            columns["found"] = self.model.tolist()
+            columns["found"] = [f"{size:.3f}" for size in self.model]
+        if self.belief is not None:
+            ends = zip(*self.interval(), strict=True)
+            columns["90% interval"] = [f"{low:.3f} to {high:.3f}" for low, high in ends]
         if self.truth is not None:
-            columns["true"] = self.truth.tolist()
+            columns["true"] = [f"{size:.3f}" for size in self.truth]
         head = "".join(f"<th>{name}</th>" for name in ["units of 5 cm", *columns])
         rows = "".join(
-            f"<tr><td>{name}</td>{''.join(f'<td>{size:.3f}</td>' for size in sizes)}</tr>"
-            for name, *sizes in zip(self.layout.names, *columns.values(), strict=True)
+            f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>"
+            for row in zip(self.layout.names, *columns.values(), strict=True)
         )
-        return f"<p>{self!r}</p><table><tr>{head}</tr>{rows}</table>"
+        said = [] if self.belief is None else [*self.belief.findings, self.belief.verdict]
+        words = "".join(f"<p>{escape(sentence)}</p>" for sentence in dict.fromkeys(said))
+        return f"<p>{escape(repr(self))}</p><table><tr>{head}</tr>{rows}</table>{words}"
 
 
 def fish_eea(

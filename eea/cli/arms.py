@@ -10,7 +10,7 @@ import tyro
 
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, choice
-from eea.core.config import Condition, EEAConfig
+from eea.core.config import Condition, EEAConfig, JointConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
@@ -38,6 +38,7 @@ class ArmSettings:
     behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
     in_band: InBandConfig = field(default_factory=InBandConfig)
     out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
+    joint: JointConfig = field(default_factory=JointConfig)
 
     @classmethod
     def of(cls, config: EEAConfig) -> ArmSettings:
@@ -99,12 +100,20 @@ def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str])
 
 def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
     """Refuse a setting that no arm looks at, with a ConfigurationError that names it."""
-    for part, condition in (("in_band", "in-band"), ("out_of_band", "out-of-band")):
-        given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
-        changed = [name for name in given if given[name] != usual[name]]
-        if changed and all(config.condition != condition for config in arms.values()):
+    conditions = {config.condition for config in arms.values()}
+    for part in ("in_band", "out_of_band", "joint"):
+        condition = part.replace("_", "-")
+        changed = _changed(settings, part)
+        if changed and condition not in conditions:
             raise ConfigurationError(
                 f"{part}.{changed[0]} has no say: no arm is of the condition {condition}"
+            )
+    for part in ("estimation", "genetic"):
+        changed = _changed(settings, part)
+        if changed and conditions == {"joint"}:
+            raise ConfigurationError(
+                f"{part}.{changed[0]} has no say: every arm is of the condition joint, which "
+                "breeds nothing"
             )
     behaviors = [config.behavior for config in arms.values()]
     used = any(b.signal == "attitude" and b.summary != "dft" for b in behaviors)
@@ -112,3 +121,9 @@ def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings)
         raise ConfigurationError(
             "behavior.timestep has no say: no arm takes the mean or rms rate of the attitude"
         )
+
+
+def _changed(settings: ArmSettings, part: str) -> list[str]:
+    """Return the settings of a part that are not the default."""
+    given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
+    return [name for name in given if given[name] != usual[name]]

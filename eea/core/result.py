@@ -57,6 +57,17 @@ class Belief(Protocol):
     def findings(self) -> list[str]:
         """What a person should know, in sentences, the most important first."""
 
+    @property
+    def good(self) -> bool:
+        """Whether the best model explains what was felt, so that the intervals can be trusted."""
+
+    @property
+    def verdict(self) -> str:
+        """The same in a sentence, with the reason."""
+
+    def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval's ends of everything inferred, by name."""
+
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (n,) of each dimension's equal-tailed interval."""
 
@@ -108,6 +119,11 @@ class Result:
         the condition is not "joint", or no round was completed.
         """
         return self._sure().interval(mass)
+
+    def width(self, mass: float = 0.9) -> float:
+        """Return the dimensions' intervals' mean width, as a share of the ranges; see those."""
+        low, high = self.interval(mass)
+        return float(((high - low) / self.layout.span).mean())
 
     def sample(self, count: int, seed: int = 0) -> Floats:
         """Return ``count`` bodies (count, n) drawn from what the trials allow.
