@@ -91,9 +91,9 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
         ``treatment``, ``seed``; the believed ``morphology`` with its ``model_fitness`` (MOD_FIT;
         None if it was not inferred) and ``objective_fitness`` (OBJ_FIT); ``rounds``, the
         self-model's records; of joint inference its 90% ``interval``, ``findings``, ``verdict`` and
-        the sample of ``bodies`` that the gait is for; ``generations``, the gait's; the ``controller``; distances in units
-        of 5 cm by body, from the zero pose and from each random pose; ``diverged``; ``swims``,
-        body -> ``PATH`` of the swim from the zero pose.
+        the sample of ``bodies`` that the gait is for; ``generations``, the gait's; the
+        ``controller``; distances in units of 5 cm by body, from the zero pose and from each random
+        pose; ``diverged``; ``swims``, body -> ``PATH`` of the swim from the zero pose.
 
     Raises
     ------
