@@ -186,25 +186,22 @@ def _parts(report: dict[str, Any]) -> list[str | Rows]:
 
 def headline(report: dict[str, Any]) -> list[str]:
     """Return a sentence on each self-model that may have recovered the robot: what it came to."""
-    count, names = len(report["seeds"]), {"undamaged": "the old gait", "none": "plain EEA's"}
-    won = {(row["first"], row["second"], row["measure"]): row["wins"] for row in report["paired"]}
+    count = len(report["seeds"])
+    won = {
+        (r["first"], r["second"], r["measure"]): f"{r['wins']} of {count}" for r in report["paired"]
+    }
     said = []
     for ours in (name for name in RECOVERED if name in report["treatments"]):
         row = report["treatments"][ours]
-        beats = " and ".join(
-            f"{name} in {' and '.join(f'{won[ours, other, m]} of {count}' for m in MEASURES)}"
-            for other, name in names.items()
-        )
+        old, plain = ([won[ours, other, m] for m in MEASURES] for other in ("undamaged", "none"))
         shares = [row[name] for name in SHARES]
-        far = (
-            f"swims {' and '.join(f'{share:.0%}' for share in shares)} as far as one for the true "
-            f"body{_told(row)}"
-            if None not in shares
-            else "is compared with none for the true body, which got nowhere"
-        )
+        far = "the one for the true body gets nowhere"
+        if None not in shares:
+            far = f"it swims {shares[0]:.0%} and {shares[1]:.0%} as far as one for the true body"
         said.append(
-            f"**{ours}**: after {row['trials']} trials its gait beats {beats} replicates (from the "
-            f"zero pose and from random ones), and {far}."
+            f"**{ours}**: after {row['trials']} trials the robot's gait beats the old one in "
+            f"{old[0]} replicates from the zero pose and in {old[1]} from random poses, and plain "
+            f"EEA's in {plain[0]} and {plain[1]}; {far}{_told(row)}."
         )
     return said
 

@@ -18,6 +18,16 @@ from eea.core.inference import InBandConfig, OutOfBandConfig
 from eea.study.ablations import ABLATIONS, ablation_arms
 from eea.study.presets import FIGURE_ARMS, FIGURES
 
+_NONE = "no arm is of the condition"
+_NO_BREEDING = "every arm is of the condition joint, which breeds at most commands, by disagreement"
+WHY_UNHEARD = {
+    "in_band": f"{_NONE} in-band",
+    "out_of_band": f"{_NONE} out-of-band",
+    "joint": f"{_NONE} joint",
+    "exploration": "no arm chooses its commands by disagreement",
+    "estimation": _NO_BREEDING,
+    "genetic": _NO_BREEDING,
+}
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
 
 
@@ -100,21 +110,12 @@ def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str])
 
 def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
     """Refuse a setting that no arm looks at, with a ConfigurationError that names it."""
-    conditions = {config.condition for config in arms.values()}
-    for part in ("in_band", "out_of_band", "joint"):
-        condition = part.replace("_", "-")
-        changed = _changed(settings, part)
-        if changed and condition not in conditions:
-            raise ConfigurationError(
-                f"{part}.{changed[0]} has no say: no arm is of the condition {condition}"
-            )
-    for part in ("estimation", "genetic"):
-        changed = _changed(settings, part)
-        if changed and conditions == {"joint"}:
-            raise ConfigurationError(
-                f"{part}.{changed[0]} has no say: every arm is of the condition joint, which "
-                "breeds nothing"
-            )
+    for part in ("in_band", "out_of_band", "joint", "exploration", "estimation", "genetic"):
+        given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
+        for name in given:
+            unheard = all(_unheard(part, name, config) for config in arms.values())
+            if given[name] != usual[name] and unheard:
+                raise ConfigurationError(f"{part}.{name} has no say: {WHY_UNHEARD[part]}")
     behaviors = [config.behavior for config in arms.values()]
     used = any(b.signal == "attitude" and b.summary != "dft" for b in behaviors)
     if settings.behavior.timestep != BehaviorConfig().timestep and not used:
@@ -123,7 +124,12 @@ def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings)
         )
 
 
-def _changed(settings: ArmSettings, part: str) -> list[str]:
-    """Return the settings of a part that are not the default."""
-    given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
-    return [name for name in given if given[name] != usual[name]]
+def _unheard(part: str, name: str, config: EEAConfig) -> bool:
+    """Return whether an arm looks at a setting under no circumstances."""
+    bred = config.strategy == "disagreement"  # the commands; joint inference breeds no models
+    if part == "exploration":
+        return not bred and name != "strategy"
+    if part in ("estimation", "genetic"):
+        asked = bred and (part == "genetic" or name == "population")
+        return config.condition == "joint" and not asked
+    return config.condition != part.replace("_", "-")
