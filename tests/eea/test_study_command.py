@@ -181,7 +181,7 @@ def test_a_damaged_study_json_is_refused_and_a_run_keeps_out_of_a_study(tmp_path
     assert said.count("\n") == 1
 
 
-def test_joint_inference_is_an_arm_like_the_others(tmp_path, capsys):
+def test_joint_inference_is_an_arm_like_the_others(tmp_path):
     arguments = [
         *("study", "--conditions", "joint", "none", "--steps", "32", "--replicates", "1"),
         *("--rounds", "2", "--joint.bodies", "12", "--joint.poses", "12", "--joint.descents", "4"),
