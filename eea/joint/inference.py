@@ -59,7 +59,26 @@ class JointInference(Rounds):
 
     Examples
     --------
-    ``for record in JointInference(...)`` yields a record as each round ends, as ``EEA`` does.
+    ``for record in JointInference(...)`` yields a record as each round ends, as ``EEA`` does, and
+    ``run`` is that loop.
+
+    >>> from eea.core.bits import action_layout, model_layout
+    >>> from eea.core.problem import Problem
+    >>> def wheel(bodies, nuisances, commands, angles, fine):
+    ...     turned = 0.1 * commands * np.arange(64) + angles
+    ...     return (bodies * np.sin(turned))[:, :, None]
+    >>> class Robot:
+    ...     def perform(self, command):
+    ...         felt = wheel(np.array([[0.6]]), None, command, np.array([[0.5]]), True)
+    ...         return RecordedLog(gyro=felt + np.random.default_rng(0).normal(0, 0.01, felt.shape))
+    >>> problem = Problem(
+    ...     model_layout([("radius", 1.0, 6)]), action_layout([("speed", 0.0, 2.0)]), ("angle",), 1
+    ... )
+    >>> config = EEAConfig("joint", steps=64, rounds=1)
+    >>> result = JointInference(Robot(), JointProblem(problem, wheel), config).run()
+    >>> low, high = result.interval(0.9)
+    >>> bool(low[0] < 0.6 < high[0]), bool(high[0] - low[0] < 0.01)
+    (True, True)
     """
 
     def __init__(

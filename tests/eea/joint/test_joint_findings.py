@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from eea.core.checks import ConfigurationError
-from eea.joint import Group, Mode, Posterior, findings
+from eea.joint import Group, Mode, Posterior
+from eea.joint.findings import findings
 
 NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")
 CIRCULAR = np.array([False] * 6 + [True])
