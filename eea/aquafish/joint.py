@@ -33,6 +33,10 @@ LAG, SERVOS, REACTIVE = 9, slice(10, 13), 13
 # Seized is stuck wherever it was; dead does not move by itself, but is elsewhere in each trial.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     *(
+        Hypothesis(f"the {word} is missing", {d.name: 0.0 for d in DIMENSIONS if d.fin == fin})
+        for fin, word in FIN_WORDS.items()
+    ),
+    *(
         Hypothesis(f"the servo of the {word} is seized", {f"servo of the {word}": 0.0}, (fin,))
         for fin, word in FIN_WORDS.items()
     ),

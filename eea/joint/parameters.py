@@ -13,6 +13,7 @@ from eea.core.angles import Floats, wrap
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
 
 FIXED = -1  # in ``slots``: no parameter, but a constant
+SURE = 1e12  # the prior's precision of a dimension that a hypothesis fixes, which stays an entry
 
 
 class Inputs(NamedTuple):
@@ -83,7 +84,11 @@ class Parameters:
             return len(entries) - 1
 
         for i, name in enumerate(models.names):
-            slots[:, i] = enter(name)
+            if name in hypothesis.fixed:
+                constants[i] = (hypothesis.fixed[name] - models.low[i]) / models.span[i]
+                enter(name, constants[i], SURE)
+            else:
+                slots[:, i] = enter(name)
         own: list[tuple[int, str, float, float, bool]] = []  # what each trial has of its own
         for i, nuisance in enumerate(joint.nuisances, len(models)):
             span = nuisance.high - nuisance.low
@@ -154,7 +159,8 @@ class Parameters:
     def typical(self, bodies: Floats) -> Floats:
         """Return vectors (S, P) of bodies (S, n), shares: nominal nuisances, angles zero."""
         theta: Floats = np.tile(self.prior_mean, (len(bodies), 1))
-        theta[:, : self.body] = bodies
+        sought = self.prior_precision[: self.body] < SURE
+        theta[:, : self.body] = np.where(sought, bodies, theta[:, : self.body])
         return theta
 
     def angle_entries(self, trial: int) -> NDArray[np.intp]:

@@ -78,7 +78,8 @@ class Hypothesis:
     """
 
     name: str  #: A clause, as a person would say it.
-    fixed: Mapping[str, float] = field(default_factory=dict)  #: Nuisances that then have a value.
+    #: Dimensions and nuisances that then have a value.
+    fixed: Mapping[str, float] = field(default_factory=dict)
     #: Hidden angles that are then the same in all trials.
     shared_angles: tuple[str, ...] = ()
 
@@ -159,7 +160,8 @@ class JointProblem:
             )
         for hypothesis in self.hypotheses:
             for name in hypothesis.fixed:
-                choice(f"a nuisance of {hypothesis.name!r}", name, nuisances)
+                known = [*self.problem.models.names, *nuisances]
+                choice(f"what is fixed in {hypothesis.name!r}", name, known)
             for name in hypothesis.shared_angles:
                 choice(f"an angle of {hypothesis.name!r}", name, self.problem.hidden)
         for name, part in self.parts.items():
