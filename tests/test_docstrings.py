@@ -12,7 +12,15 @@ import numpy as np
 import pytest
 
 PACKAGES = ("aquafish_gym", "eea", "gait", "aquafish")
-ROOMS = ("aquafish_gym", "aquafish_gym.envs", "aquafish_gym.rendering", "eea", "eea.core", "gait")
+ROOMS = (
+    "aquafish_gym",
+    "aquafish_gym.envs",
+    "aquafish_gym.rendering",
+    "eea",
+    "eea.core",
+    "eea.joint",
+    "gait",
+)
 # What can only be imported with a heavy extra.
 NEEDS_EXTRAS = ("gait.sb3_env",)
 

@@ -13,7 +13,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
 from eea.aquafish.target import EngineTarget, Orientation
-from eea.core.algorithm import EEA, streams
+from eea.core.algorithm import EEA
 from eea.core.behavior import Log, signal_samples
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
 from eea.core.checks import at_most, instance
@@ -22,6 +22,7 @@ from eea.core.experiment import Target
 from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
 from eea.core.result import Result, RoundRecord
+from eea.core.rounds import Rounds, streams
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -102,8 +103,8 @@ def fish_eea(
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
     **simulator: Unpack[SimulatorOptions],
-) -> EEA:
-    """Return the algorithm, ready to iterate, bound to a target and the fish's simulator.
+) -> Rounds:
+    """Return the method of ``config.condition``, ready to iterate, bound to a target and the fish.
 
     Parameters
     ----------
@@ -119,14 +120,18 @@ def fish_eea(
         and it and ``EEA`` for the errors.
     """
     instance("config", config, EEAConfig)
-    return EEA(
-        target,
+    engine, problem = (
         EngineSimulator(config.steps, **simulator),
         fish_problem(config.genetic.coding),
-        config,
-        seed,
-        None if truth is None else Morphology.coerce(truth).to_array(),
     )
+    body = None if truth is None else Morphology.coerce(truth).to_array()
+    if config.condition == "joint":
+        # scipy's statistics come with it: importing this room stays quick.
+        from eea.aquafish.joint import fish_joint
+        from eea.joint.inference import JointInference
+
+        return JointInference(target, fish_joint(problem, engine), config, seed, body)
+    return EEA(target, engine, problem, config, seed, body)
 
 
 def estimate_morphology_of(

@@ -31,9 +31,9 @@ from aquafish_gym.utils.command_line import (
 )
 from eea.aquafish import EngineTarget, fish_eea
 from eea.aquafish.simulator import SimulatorOptions
-from eea.core.algorithm import EEA, streams
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
+from eea.core.rounds import Rounds, streams
 
 KIND = "a run of the algorithm"
 RESULT, MODEL, PICTURE = "result.json", "morphology.json", "rounds.png"
@@ -117,7 +117,7 @@ class Recover(Run):
     target_damage: TargetDamage = "left_pectoral:length=0.5"
 
 
-def _fill(folder: Path, eea: EEA, intact: Morphology) -> None:
+def _fill(folder: Path, eea: Rounds, intact: Morphology) -> None:
     """Run to a stop rule in a folder that is held, and say what was found, also after Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True, markup=False)
     config, result, earlier = eea.result.config, eea.result, _earlier_rounds(folder)

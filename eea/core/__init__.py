@@ -4,7 +4,7 @@ A robot is described by a ``Problem``, performs as a ``Target`` and is modelled 
 ``Simulator``; ``EEA`` does the rest. ``examples/toy_robot.py`` shows all four.
 """
 
-from eea.core.algorithm import EEA, streams
+from eea.core.algorithm import EEA
 from eea.core.bits import BitLayout, Variable, action_layout, model_layout
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.config import CONDITIONS, EEAConfig, recovery_config
@@ -12,6 +12,7 @@ from eea.core.experiment import Performed, RevealingTarget, Simulator, Target, T
 from eea.core.problem import Problem
 from eea.core.replay import RecordedLog, ReplayTarget
 from eea.core.result import Result
+from eea.core.rounds import streams
 
 __all__ = [
     "CONDITIONS",

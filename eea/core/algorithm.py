@@ -2,39 +2,23 @@
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 
-from eea.core.angles import Floats, circular_distance
+from eea.core.angles import Floats
 from eea.core.behavior import summarize
 from eea.core.bits import BitLayout, pose_layout
-from eea.core.checks import ConfigurationError, TargetError, at_most, finite, instance, whole
+from eea.core.checks import ConfigurationError, TargetError, at_most
 from eea.core.config import EEAConfig
 from eea.core.estimation import Estimation
-from eea.core.experiment import Context, Experiment, Performed, Simulator, Target, reveals
+from eea.core.experiment import Context, Experiment, Simulator, Target, reveals
 from eea.core.exploration import Exploration
-from eea.core.fitness import dimension_errors, objective_fitness
 from eea.core.inference import Ideal, InBand, Inference, NoInference, OutOfBand
 from eea.core.laboratory import Laboratory
 from eea.core.problem import Problem
-from eea.core.result import Result, RoundRecord
-
-STREAMS: tuple[str, ...] = ("target", "exploration", "estimation", "inference")
-MAXIMUM_SEED = 2**64 - 1
-
-
-def streams(seed: int) -> dict[str, np.random.Generator]:
-    """Return one replicate's random generators by name; the seed is below 2^64.
-
-    The target has its own, so that the angles it hides are the same under every condition and
-    comparisons are paired.
-    """
-    whole("seed", seed, 0, MAXIMUM_SEED)
-    rngs = np.random.default_rng(seed).spawn(len(STREAMS))
-    return dict(zip(STREAMS, rngs, strict=True))
+from eea.core.rounds import Answer, Conclusion, Rounds
 
 
 def make_inference(
@@ -50,7 +34,7 @@ def make_inference(
     return OutOfBand(config.out_of_band, poses, laboratory, config.genetic, rng)
 
 
-class EEA:
+class EEA(Rounds):
     """One run of the algorithm against one target.
 
     Parameters
@@ -112,26 +96,25 @@ class EEA:
         seed: int = 0,
         truth: Floats | None = None,
     ) -> None:
-        instance("config", config, EEAConfig)
-        instance("problem", problem, Problem)
+        super().__init__(target, problem, config, seed, truth)
+        if config.condition == "joint":
+            raise ConfigurationError(
+                "the joint condition is no EEA: it needs eea.joint.JointInference, or, for the "
+                "fish, eea.fish_eea"
+            )
         poses = pose_layout(problem.hidden, config.genetic.coding)
         searched = [problem.models, problem.actions]
         if config.condition == "out-of-band":
             searched.append(poses)
         bits = min(layout.bits for layout in searched)
         at_most("genetic.mutations", config.genetic.mutations, "the shortest genome's bits", bits)
-        if truth is not None:
-            truth = finite("truth", truth, (len(problem.models),))
         if config.condition == "ideal" and not reveals(target):
             raise TargetError(
                 "the ideal condition needs a target with start_angles, the hidden angles when "
                 f"its last command began; {type(target).__name__} has none"
             )
-        self.result = Result(config, seed, problem.models, truth)
-        self._target = target
-        self._problem = problem
         self._laboratory = Laboratory(simulator, config.behavior, config.steps, problem.axes)
-        rngs = self._rngs = streams(seed)
+        rngs = self._rngs
         laboratory, genetic, hidden = self._laboratory, config.genetic, len(problem.hidden)
         self._exploration = Exploration(
             problem.actions, hidden, laboratory, config.exploration, genetic, rngs["exploration"]
@@ -142,112 +125,37 @@ class EEA:
         self._inference = make_inference(config, poses, laboratory, rngs["inference"])
         self._experiments: list[Experiment] = []
 
-    def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:
-        """Run to a stop rule; call ``progress`` after each round.
-
-        Ctrl-C loses only its round: ``result`` has the others, and to run again is to go on.
-        """
-        for record in self:
-            if progress is not None:
-                progress(record)
-        return self.result
-
-    def __iter__(self) -> Iterator[RoundRecord]:
-        """Yield a record a round until a stop rule holds; ``result`` grows with them."""
-        config, result = self.result.config, self.result
-        began = time.monotonic() - (result.rounds[-1].seconds if result.rounds else 0.0)
-        while True:
-            fitness = result.rounds[-1].model_fitness if result.rounds else float("-inf")
-            if config.accurate is not None and fitness >= config.accurate:
-                result.stopped = "accurate"
-                return
-            if len(result.rounds) >= config.rounds:
-                result.stopped = "rounds"
-                return
-            if config.time_limit is not None and time.monotonic() - began >= config.time_limit:
-                result.stopped = "time"
-                return
-            with self._whole_or_not_at_all():
-                record = self._round(began)
-                result.rounds.append(record)
-            yield record
-
     @contextmanager
-    def _whole_or_not_at_all(self) -> Iterator[None]:
-        """Undo a round that is broken off: its experiment, what it inferred, what it drew."""
+    def _undone_if_broken_off(self) -> Iterator[None]:
+        """Undo a round's experiment and what it inferred."""
         contexts = [experiment.context for experiment in self._experiments]
         population = self._estimation.population
-        drawn = {name: rng.bit_generator.state for name, rng in self._rngs.items()}
         try:
             yield
         except BaseException:
             del self._experiments[len(contexts) :]
-            del self.result.rounds[len(contexts) :]
             for experiment, context in zip(self._experiments, contexts, strict=True):
                 experiment.context = context
             self._estimation.go_back(population)
-            for name, rng in self._rngs.items():
-                rng.bit_generator.state = drawn[name]
             raise
 
-    def _round(self, began: float) -> RoundRecord:
-        trials = self._laboratory.trials
+    def _round(self) -> tuple[Answer, Conclusion]:
+        laboratory, trials = self._laboratory, self._laboratory.trials
         action_fitness: float | None = None
         if self._experiments:
             before = self._estimation.population
             command, action_fitness = self._exploration.run(before.models, before.fitness)
         else:
             command = self._exploration.first()
-        newest = self._perform(command)
-        if not np.array_equal(newest.command, command):
+        answer = self._perform(command)
+        if not np.array_equal(answer.command, command):
             action_fitness = None  # nobody has worked it out for what was executed instead
+        behavior = summarize(answer.log, self.result.config.behavior)[0]
+        unknown = Context.unknown(len(self._problem.hidden), 0.0)
+        newest = Experiment(answer.command, behavior, unknown, answer.true_angles)
         self._experiments.append(newest)
         rng = self._rngs["inference"]
-        morphology, fitness = self._estimation.run(self._experiments, self._inference, rng)
-        truth, true, layout = self.result.truth, newest.true_angles, self.result.layout
-        objective = None if truth is None else float(objective_fitness(morphology, truth, layout))
-        errors = None if truth is None else dimension_errors(morphology, truth, layout)
-        off = None if true is None else circular_distance(newest.context.middle, true)
-        return RoundRecord(
-            round=len(self._experiments),
-            command=tuple(newest.command.tolist()),
-            action_fitness=action_fitness,
-            model_fitness=fitness,
-            morphology=tuple(morphology.tolist()),
-            min_angle=tuple(newest.context.min_angle.tolist()),
-            max_angle=tuple(newest.context.max_angle.tolist()),
-            true_angles=None if true is None else tuple(true.tolist()),
-            angle_error=None if off is None else tuple(off.tolist()),
-            objective_fitness=objective,
-            dimension_error=None if errors is None else tuple(errors.tolist()),
-            spread=tuple((self._estimation.population.models.std(axis=0) / layout.span).tolist()),
-            trials=self._laboratory.trials - trials,
-            seconds=time.monotonic() - began,
-        )
-
-    def _perform(self, command: Floats) -> Experiment:
-        """Let the target perform; what it executed and where it began is noted if it tells."""
-        config, problem, hidden = self.result.config, self._problem, len(self._problem.hidden)
-        log = self._target.perform(command.copy())
-        if isinstance(log, Performed):
-            command = _told("executed command", log.command, len(problem.actions))
-            log = log.log
-        behavior = summarize(log, config.behavior, config.steps, problem.axes, "the target")
-        if len(behavior) != 1:
-            raise TargetError(
-                f"the target must return the log of one trial; it returned {len(behavior)}"
-            )
-        if not np.isfinite(behavior).all():
-            raise TargetError("the target's log must be finite; it holds NaN or infinity")
-        true: Floats | None = None
-        if reveals(self._target):
-            true = _told("start_angles", self._target.start_angles, hidden)
-        return Experiment(command, behavior[0], Context.unknown(hidden, 0.0), true)
-
-
-def _told(what: str, value: object, width: int) -> Floats:
-    """Return numbers (width,) that the target told, if they are any."""
-    try:
-        return finite(what, value, (width,))  # type: ignore[arg-type]
-    except ConfigurationError as error:
-        raise TargetError(f"the target's {error}") from None
+        model, fitness = self._estimation.run(self._experiments, self._inference, rng)
+        spread = self._estimation.population.models.std(axis=0) / self.result.layout.span
+        simulated = laboratory.trials - trials
+        return answer, Conclusion(action_fitness, model, fitness, newest.context, spread, simulated)

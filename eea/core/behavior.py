@@ -88,14 +88,7 @@ def summarize(
         If the log lacks the signal, or it is not of shape (B, T, axes) or (T, axes) with T
         of at least 2, or of another length than ``steps``.
     """
-    samples = signal_samples(log, config, axes, source)
-    if steps is not None and samples.shape[1] != steps:
-        # Transforms of T and T + 1 samples are equally long, and a rate does not tell T at all:
-        # the comparison would not notice.
-        raise TargetError(
-            f"{source} must log trials of {steps} steps, as config.steps says; "
-            f"it logged {samples.shape[1]}"
-        )
+    samples = signal_samples(log, config, axes, source, steps)
     if config.unit == "degrees":
         samples = samples * (180.0 / np.pi)
     axes_first = np.ascontiguousarray(samples.transpose(0, 2, 1))
@@ -116,9 +109,13 @@ def summarize(
 
 
 def signal_samples(
-    log: Log, config: BehaviorConfig, axes: int | None = None, source: str = "a robot"
+    log: Log,
+    config: BehaviorConfig,
+    axes: int | None = None,
+    source: str = "a robot",
+    steps: int | None = None,
 ) -> NDArray[Any]:
-    """Return what the log holds of the signal, shape (B, T, axes)."""
+    """Return what the log holds of the signal, shape (B, T, axes); see ``summarize``."""
     last = "axes" if axes is None else str(axes)
     wanted = f"samples of shape (B, T, {last}) or (T, {last})"
     name = "rpy" if config.signal == "attitude" else "gyro"
@@ -144,6 +141,13 @@ def signal_samples(
     if not fits or axes not in (None, samples.shape[2]):
         raise TargetError(
             f"a log must hold {wanted} with at least 2 steps; got {samples.shape} from {source}"
+        )
+    if steps is not None and samples.shape[1] != steps:
+        # Transforms of T and T + 1 samples are equally long, and a rate does not tell T at all:
+        # the comparison would not notice.
+        raise TargetError(
+            f"{source} must log trials of {steps} steps, as config.steps says; "
+            f"it logged {samples.shape[1]}"
         )
     return samples
 

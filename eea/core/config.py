@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, at_most, choice, instance, real, whole
@@ -12,10 +12,55 @@ from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.core.inference import InBandConfig, OutOfBandConfig
 
-Condition = Literal["ideal", "none", "in-band", "out-of-band"]
+Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
+#: The paper's.
 CONDITIONS: tuple[Condition, ...] = ("ideal", "none", "in-band", "out-of-band")
 MAXIMUM_STEPS = 2**20  # the paper's longest trial has 1024
 MAXIMUM_ROUNDS = 10**4
+
+
+@dataclass(frozen=True)
+class JointConfig:
+    """The joint inference's settings (``eea.joint``).
+
+    Examples
+    --------
+    >>> JointConfig(nuisances=("current", "lag"), noise=0.01).alternatives
+    'doubt'
+    """
+
+    #: Which nuisances to infer, of those that the robot has; None for all, the safest.
+    nuisances: tuple[str, ...] | None = None
+    #: Of which of them each trial has its own values; all trials have the others in common.
+    per_trial: tuple[str, ...] = ()
+    #: Standard deviation of the signal's noise in its units, if known; None has it estimated.
+    noise: float | None = None
+    #: When to weigh the other hypotheses, such as a seized servo: in "doubt" (the residuals do not
+    #: look like noise, or a part seems to be absent), "always" or "never".
+    alternatives: Literal["doubt", "always", "never"] = "doubt"
+    #: Stop once the 90% interval of every dimension is at most this share of its range; None for
+    #: never.
+    narrow: float | None = None
+    bodies: int = 96  #: Random bodies in the scan that finds starting points.
+    poses: int = 96  #: Random poses tried for each of them in each trial.
+    descents: int = 24  #: How many of them go downhill.
+    polished: int = 4  #: How many of those go to the end.
+    restarts: int = 3  #: How often at most to scan anew where the residuals are not noise.
+
+    def __post_init__(self) -> None:
+        if self.nuisances is not None:
+            instance("joint.nuisances", self.nuisances, tuple)
+        instance("joint.per_trial", self.per_trial, tuple)
+        if self.noise is not None:
+            real("joint.noise", self.noise, 1e-9)
+        choice("joint.alternatives", self.alternatives, ("doubt", "always", "never"))
+        if self.narrow is not None:
+            real("joint.narrow", self.narrow, 0.0, 1.0)
+        whole("joint.bodies", self.bodies, 2, 10**5)
+        whole("joint.poses", self.poses, 1, 10**5)
+        whole("joint.descents", self.descents, 1, self.bodies)
+        whole("joint.polished", self.polished, 1, self.descents)
+        whole("joint.restarts", self.restarts, 0, 1000)
 
 
 @dataclass(frozen=True)
@@ -35,7 +80,8 @@ class EEAConfig:
     """
 
     #: What is known of the hidden angles: all in "ideal", nothing in "none", and what the two
-    #: methods infer in "in-band" and "out-of-band".
+    #: methods infer in "in-band" and "out-of-band". "joint" is no EEA: it infers body, angles and
+    #: nuisances together, by least squares, and how sure they are.
     condition: Condition = "out-of-band"
     steps: int = 256  #: Length of a trial in samples; a power of two, 2^20 at most.
     #: Rounds at most, which is also the number of commands the target performs; 10,000 at most.
@@ -48,9 +94,10 @@ class EEAConfig:
     behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
     in_band: InBandConfig = field(default_factory=InBandConfig)
     out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
+    joint: JointConfig = field(default_factory=JointConfig)
 
     def __post_init__(self) -> None:
-        choice("condition", self.condition, CONDITIONS)
+        choice("condition", self.condition, get_args(Condition))
         whole("steps", self.steps, 2, MAXIMUM_STEPS)
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
@@ -94,6 +141,7 @@ PARTS: dict[str, type] = {
     "behavior": BehaviorConfig,
     "in_band": InBandConfig,
     "out_of_band": OutOfBandConfig,
+    "joint": JointConfig,
 }
 
 RECOVERY = EEAConfig(rounds=16, out_of_band=OutOfBandConfig(sampled_models=5, revisit=5))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -49,6 +49,23 @@ class RoundRecord:
         return asdict(self)
 
 
+class Belief(Protocol):
+    """What a method believes of the body beyond one best model."""
+
+    @property
+    def findings(self) -> list[str]:
+        """What a person should know, in sentences, the most important first."""
+
+    def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
+        """Return the ends (n,) of each dimension's equal-tailed interval."""
+
+    def sample(self, count: int, rng: np.random.Generator) -> Floats:
+        """Return bodies (count, n) that the trials allow."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON."""
+
+
 @dataclass
 class Result:
     """A run's settings, rounds and conclusion; readable after every round.
@@ -68,6 +85,7 @@ class Result:
     rounds: list[RoundRecord] = field(default_factory=list)  #: One record a round.
     #: Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, or ``"interrupted"`` until then.
     stopped: str = "interrupted"
+    belief: Belief | None = None  #: How sure it is; only the joint condition knows.
 
     @property
     def model(self) -> Floats:
@@ -80,6 +98,29 @@ class Result:
     def objective_fitness(self) -> float | None:
         """OBJ_FIT (Eq. 4) of the last round's model; None if the truth or a round is lacking."""
         return self.rounds[-1].objective_fitness if self.rounds else None
+
+    def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
+        """Return the ends (n,) of each dimension's interval of so much probability.
+
+        Equal-tailed: as much probability lies below it as above. Raises ``TargetError`` where
+        the condition is not "joint", or no round was completed.
+        """
+        return self._sure().interval(mass)
+
+    def sample(self, count: int, seed: int = 0) -> Floats:
+        """Return ``count`` bodies (count, n) drawn from what the trials allow.
+
+        Raises as ``interval``.
+        """
+        return self._sure().sample(count, np.random.default_rng(seed))
+
+    def _sure(self) -> Belief:
+        if self.belief is None:
+            raise TargetError(
+                'only the condition "joint" knows how sure it is, once a round is completed; '
+                f"this is {self.config.condition!r} after {len(self.rounds)} rounds"
+            )
+        return self.belief
 
     @property
     def chance(self) -> float | None:
@@ -109,6 +150,7 @@ class Result:
             "chance": self.chance,
             "mid_range": self.mid_range,
             "nearest": self.nearest,
+            "belief": None if self.belief is None else self.belief.to_dict(),
             "rounds": [record.to_dict() for record in self.rounds],
         }
 

@@ -14,9 +14,9 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.stamps import code_stamp
 from eea.aquafish import EngineTarget, Orientation, fish_eea
-from eea.core.algorithm import EEA, streams
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
+from eea.core.rounds import Rounds, streams
 from eea.study.plan import Place
 from eea.study.presets import smoke
 
@@ -102,7 +102,7 @@ class Replicate:
         """Its file relative to the study's folder."""
         return self.place.file
 
-    def begin(self) -> EEA:
+    def begin(self) -> Rounds:
         """Return the algorithm before its first round.
 
         Raises

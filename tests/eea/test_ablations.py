@@ -11,10 +11,11 @@ from dataclasses import fields, replace
 import pytest
 
 from eea import ConfigurationError, EEAConfig, estimate_morphology
-from eea.core.algorithm import EEA, Result
+from eea.core.algorithm import EEA
 from eea.core.bits import BitLayout
 from eea.core.config import PARTS
 from eea.core.problem import Problem
+from eea.core.result import Result
 from eea.report.arms import baseline_of
 from eea.study.ablations import ABLATIONS, BASELINES, ablation_arms, with_settings
 from eea.study.cost import asked_trials, expected_trials

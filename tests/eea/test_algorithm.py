@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from eea.core.algorithm import EEA, STREAMS, streams
+from eea.core.algorithm import EEA
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.config import CONDITIONS, EEAConfig, recovery_config
@@ -16,6 +16,7 @@ from eea.core.exploration import ExplorationConfig
 from eea.core.fitness import mid_range_level, quantisation_limit
 from eea.core.genetic import GeneticConfig
 from eea.core.inference import InBandConfig, OutOfBandConfig
+from eea.core.rounds import STREAMS, streams
 from eea.study.presets import FIGURES, figure_config
 from fake_fish import (
     MODELS,

@@ -18,12 +18,12 @@ from eea import (
     save_session,
 )
 from eea.aquafish import estimate_morphology_of
-from eea.core.algorithm import streams
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.inference import OutOfBandConfig
+from eea.core.rounds import streams
 
 QUICK = EEAConfig(
     steps=32,

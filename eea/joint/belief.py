@@ -1,0 +1,172 @@
+"""What is believed after some trials: hypotheses, each with a posterior over all unknowns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from eea.core.angles import Floats
+from eea.core.checks import whole
+from eea.joint.findings import Group, findings
+from eea.joint.goodness import Goodness
+from eea.joint.parameters import Parameters
+from eea.joint.posterior import Posterior, intervals
+from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
+
+SAMPLES = 4000  # that medians and intervals are taken from
+LEAST_PROBABILITY = 1e-4  # what is less probable is left out
+MAXIMUM_SAMPLES = 10**7
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """One hypothesis, how probable it is, and what is believed if it holds."""
+
+    hypothesis: Hypothesis
+    probability: float
+    parameters: Parameters
+    posterior: Posterior
+
+    def summary(self, mass: float) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval of each unknown, by name, in natural units."""
+        parameters, joint = self.parameters, self.parameters.joint
+        ranges = {v.name: (v.low, v.high) for v in joint.problem.models.variables}
+        ranges |= {n.name: (n.low, n.high) for n in joint.nuisances}
+        rows = {}
+        columns = (self.posterior.median(), *self.posterior.interval(mass))
+        for name, *shares in zip(parameters.names, *columns, strict=True):
+            low, high = ranges.get(name.partition("@")[0], (0.0, 1.0))
+            middle, least, most = (low + (high - low) * float(share) for share in shares)
+            rows[name] = (middle, least, most)
+        return rows
+
+
+@dataclass(frozen=True, eq=False)
+class JointBelief:
+    """A posterior over bodies, nuisances, angles and hypotheses.
+
+    Samples and intervals are of all hypotheses, each as often as it is probable.
+
+    Attributes
+    ----------
+    branches
+        The most probable first.
+    goodness
+        Whether the best fit leaves nothing but noise: where it does not, no interval can be
+        trusted.
+    sigma
+        Standard deviation of the noise, in the signal's units: as given, or as found.
+    """
+
+    branches: tuple[Branch, ...]
+    goodness: Goodness
+    sigma: float
+
+    def sample(self, count: int, rng: np.random.Generator) -> Floats:
+        """Return ``count`` bodies (count, n) that the trials allow, in natural units."""
+        whole("count", count, 1, MAXIMUM_SAMPLES)
+        shares = np.array([branch.probability for branch in self.branches])
+        bodies = [
+            branch.parameters.models(branch.posterior.sample(int(times), rng))
+            for branch, times in zip(
+                self.branches, rng.multinomial(count, shares / shares.sum()), strict=True
+            )
+            if times
+        ]
+        mixed: Floats = rng.permutation(np.concatenate(bodies))
+        return mixed
+
+    @cached_property
+    def _bodies(self) -> Floats:
+        return self.sample(SAMPLES, np.random.default_rng(0))
+
+    @property
+    def model(self) -> Floats:
+        """The median body (n,)."""
+        median: Floats = np.median(self._bodies, axis=0)
+        return median
+
+    @property
+    def spread(self) -> Floats:
+        """The standard deviation in each dimension (n,), as a share of its range."""
+        layout = self.branches[0].parameters.joint.problem.models
+        spread: Floats = self._bodies.std(axis=0) / layout.span
+        return spread
+
+    def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
+        """Return the ends (n,) of each dimension's interval; see ``Posterior.interval``."""
+        layout = self.branches[0].parameters.joint.problem.models
+        straight = np.zeros(len(layout), dtype=np.bool_)
+        return intervals(self._bodies, layout.low, layout.high, straight, mass)
+
+    def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval of everything, by name, in natural units.
+
+        Dimensions, nuisances, and hidden angles in rad, those of trial e with ``@e`` after their
+        names, as of the most probable hypothesis. An angle's interval may end beyond pi.
+        """
+        return self.branches[0].summary(mass)
+
+    def angles(self, trial: int, mass: float = 0.9) -> tuple[Floats, Floats]:
+        """Return the ends (h,) of a trial's hidden angles' intervals, rad; trials count from 0."""
+        best = self.branches[0].parameters
+        table = self.table(mass)
+        rows = [table[best.names[entry]] for entry in best.angle_entries(trial)]
+        return np.array([low for _, low, _ in rows]), np.array([high for _, _, high in rows])
+
+    @property
+    def findings(self) -> list[str]:
+        """What a person should know, in sentences: most important first."""
+        best = self.branches[0]
+        said = [] if self.goodness.good else [self.goodness.verdict]
+        odd = [b for b in self.branches if b.hypothesis.name != AS_COMMANDED.name]
+        said += [f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01]
+        return said + findings(best.posterior, groups(best.parameters.joint))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON."""
+        best = self.branches[0].parameters
+        return {
+            "sigma": self.sigma,
+            "goodness": asdict(self.goodness),
+            "hypotheses": {b.hypothesis.name: b.probability for b in self.branches},
+            "findings": self.findings,
+            "intervals": {
+                f"{mass:.0%}": {name: list(row) for name, row in self.table(mass).items()}
+                for mass in (0.5, 0.8, 0.9)
+            },
+            "dimensions": list(best.joint.problem.models.names),
+            "posteriors": {b.hypothesis.name: b.posterior.to_dict() for b in self.branches},
+        }
+
+
+def groups(joint: JointProblem) -> list[Group]:
+    """Return the robot's parts as the findings take them."""
+    models, found = joint.problem.models, []
+    for name, part in joint.parts.items():
+        indices = tuple(models.names.index(dimension) for dimension in part.dimensions)
+        low, high = (tuple(ends[list(indices)].tolist()) for ends in (models.low, models.high))
+        area = None
+        if part.area is not None:
+            area = (part.labels.index(part.area[0]), part.labels.index(part.area[1]))
+        found.append(Group(f"the {name}", part.labels, indices, low, high, area, part.hint))
+    return found
+
+
+def weigh(
+    fits: Sequence[tuple[Hypothesis, Parameters, Posterior, float]],
+) -> tuple[Branch, ...]:
+    """Return hypotheses with their probabilities, equal before the trials, from log evidences."""
+    evidence = np.array([log_evidence for *_, log_evidence in fits])
+    shares = np.exp(evidence - evidence.max())
+    shares /= shares.sum()
+    order = np.argsort(-shares, kind="stable")
+    return tuple(
+        Branch(fits[i][0], float(shares[i]), fits[i][1], fits[i][2])
+        for i in order
+        if shares[i] > LEAST_PROBABILITY
+    )

@@ -1,0 +1,235 @@
+"""Damped least squares for many starting points in lockstep: one batch of robots an iteration.
+
+Levenberg and Marquardt's method with bounds. The misfit of a vector theta is -log posterior up to
+a constant, for white noise of standard deviation sigma::
+
+    cost = sum over trials, samples and axes of r^2 / (2 sigma^2) + prior cost
+
+and its derivatives are forward differences. A trial's own angles touch that trial alone, so a
+trial needs a column for each of its slots, not for each parameter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eea.core.angles import Floats
+from eea.joint.parameters import FIXED, Parameters
+
+FLOOR = 1e-6  # of Marquardt's diagonal, as a share of its greatest entry
+FACTORS = (0.1, 1.0, 10.0)  # of the damping, tried in one batch
+AFTER_FAILURE = 30.0
+FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-12, 1e10
+LARGEST_SHARE, LARGEST_TURN = 0.3, 0.7  # of a step: share of a range, rad
+ENOUGH = 2  # small decreases in a row end a descent
+MOST_ROBOTS = 2**15  # a batch, so that a fit of many trials needs no more memory than one of few
+
+
+class Precision(NamedTuple):
+    """How finely a stage of the search simulates and differentiates."""
+
+    fine: bool  #: Double precision.
+    stride: int  #: Every how many samples are looked at.
+    difference: float  #: The forward difference's step, as a share of a range or in rad.
+
+
+COARSE = Precision(fine=False, stride=2, difference=2e-3)
+FINE = Precision(fine=True, stride=1, difference=1e-6)
+
+
+class Fitted(NamedTuple):
+    """Where S descents ended: theta (S, P), and the sum of squared residuals (S,) there."""
+
+    theta: Floats
+    squares: Floats
+    cost: Floats  #: -log posterior (S,), up to a constant.
+
+
+class Linear(NamedTuple):
+    """The misfit near S vectors, as a quadratic in theta."""
+
+    squares: Floats  #: Sum of squared residuals, (S,).
+    gradient: Floats  #: Of half of it, (S, P).
+    normal: Floats  #: Gauss and Newton's matrix J^T J, (S, P, P).
+
+
+@dataclass(frozen=True, eq=False)
+class Observed:
+    """What was felt: commands (E, c) and the signal (E, T, axes)."""
+
+    commands: Floats
+    signal: Floats
+
+    def __len__(self) -> int:
+        return len(self.commands)
+
+
+class Misfit:
+    """How far simulated trials are from those observed, at one precision."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        observed: Observed,
+        precision: Precision,
+        only_angles_of: int | None = None,
+    ) -> None:
+        self.parameters = parameters
+        self.precision = precision
+        self._observed = observed
+        self._wanted = observed.signal[:, :: precision.stride].reshape(len(observed), -1)
+        self._trials = np.arange(len(observed))
+        #: Which entries (P,) a descent may change.
+        self.movable: NDArray[np.bool_] = np.ones(len(parameters), dtype=np.bool_)
+        if only_angles_of is not None:
+            self._trials = self._trials[only_angles_of : only_angles_of + 1]
+            others = np.delete(parameters.slots, only_angles_of, axis=0)
+            own = np.setdiff1d(parameters.angle_entries(only_angles_of), others)
+            self.movable = np.isin(np.arange(len(parameters)), own)
+        entries = parameters.slots[self._trials]
+        self._free = np.flatnonzero(((entries != FIXED) & self.movable[entries]).any(axis=0))
+
+    @property
+    def count(self) -> int:
+        """How many samples are compared, of all trials and axes."""
+        return self._wanted[self._trials].size
+
+    def differences(self, local: Floats, trial: NDArray[np.intp]) -> Floats:
+        """Return simulated less observed (B, M) of slots (B, W), each of a trial (B,)."""
+        out = np.empty((len(local), self._wanted.shape[1]))
+        for first in range(0, len(local), MOST_ROBOTS):
+            rows = slice(first, first + MOST_ROBOTS)
+            inputs = self.parameters.inputs(local[rows])
+            signal = self.parameters.joint.simulate(
+                inputs.bodies,
+                inputs.nuisances,
+                self._observed.commands[trial[rows]],
+                inputs.angles,
+                self.precision.fine,
+            )
+            kept = signal[:, :: self.precision.stride]
+            np.subtract(kept.reshape(len(kept), -1), self._wanted[trial[rows]], out=out[rows])
+        return out
+
+    def residuals(self, theta: Floats) -> Floats:
+        """Return simulated less observed (S, E, M) of vectors (S, P)."""
+        local = self.parameters.local(theta)[:, self._trials]
+        which = np.tile(self._trials, len(theta))
+        rows = self.differences(local.reshape(len(which), -1), which)
+        return rows.reshape(len(theta), len(self._trials), -1)
+
+    def squares(self, theta: Floats) -> Floats:
+        """Return the sum of squared residuals (S,), infinite where a robot diverged."""
+        residuals = self.residuals(theta)
+        sums = np.einsum("sem,sem->s", residuals, residuals)
+        return np.where(np.isfinite(sums), sums, np.inf)
+
+    def jacobian(self, theta: Floats) -> tuple[Floats, Floats]:
+        """Return residuals (S, E, M) and their derivatives (S, E, F, M) by the free slots."""
+        parameters, free = self.parameters, self._free
+        local = parameters.local(theta)[:, self._trials]
+        trials, width = local.shape[1:]
+        entries = parameters.slots[self._trials][:, free]  # (E, F)
+        high = np.where(entries == FIXED, np.inf, parameters.high[entries])
+        step = np.where(local[:, :, free] + self.precision.difference > high, -1.0, 1.0)
+        step *= self.precision.difference
+        moved = np.repeat(local[:, :, None], len(free) + 1, axis=2)
+        moved[:, :, np.arange(1, len(free) + 1), free] += step
+        which = np.tile(np.repeat(self._trials, len(free) + 1), len(theta))
+        rows = self.differences(moved.reshape(-1, width), which)
+        rows = rows.reshape(len(theta), trials, len(free) + 1, -1)
+        with np.errstate(invalid="ignore", over="ignore"):
+            slopes = (rows[:, :, 1:] - rows[:, :, :1]) / step[..., None]
+        return rows[:, :, 0], np.where(np.isfinite(slopes), slopes, 0.0)
+
+    def linearise(self, theta: Floats) -> Linear:
+        """Return the misfit near vectors (S, P), by forward differences."""
+        residuals, slopes = self.jacobian(theta)
+        sums = np.einsum("sem,sem->s", residuals, residuals)
+        finite = np.where(np.isfinite(residuals), residuals, 0.0)
+        pulls = np.einsum("sefm,sem->sef", slopes, finite)
+        blocks = slopes @ slopes.swapaxes(-1, -2)  # (S, E, F, F)
+        size = len(self.parameters)
+        gradient = np.zeros((len(theta), size))
+        normal = np.zeros((len(theta), size, size))
+        for e, entries in enumerate(self.parameters.slots[self._trials][:, self._free]):
+            used = entries != FIXED
+            at = entries[used]
+            gradient[:, at] += pulls[:, e, used]
+            normal[:, at[:, None], at] += blocks[:, e][:, used][:, :, used]
+        return Linear(np.where(np.isfinite(sums), sums, np.inf), gradient, normal)
+
+
+def descend(
+    misfit: Misfit, theta: Floats, sigma: float, iterations: int, tolerance: float
+) -> Fitted:
+    """Go downhill from vectors (S, P), each until it gains less than ``tolerance`` of its cost.
+
+    ``sigma`` is the noise's standard deviation, which weighs the signal against the prior.
+    """
+    parameters, per_square = misfit.parameters, 0.5 / sigma**2
+    theta = parameters.into_bounds(theta)
+    squares = misfit.squares(theta)
+    cost = per_square * squares + parameters.prior_cost(theta)
+    damping = np.full(len(theta), FIRST_DAMPING)
+    small = np.zeros(len(theta), dtype=np.intp)
+    live = np.flatnonzero(np.isfinite(cost))
+    for _ in range(iterations):
+        if not len(live):
+            break
+        here = theta[live]
+        linear = misfit.linearise(here)
+        away = here - parameters.prior_mean
+        gradient = 2 * per_square * linear.gradient + parameters.prior_precision * away
+        normal = 2 * per_square * linear.normal
+        normal[:, np.arange(len(parameters)), np.arange(len(parameters))] += (
+            parameters.prior_precision
+        )
+        trial = np.stack(
+            [_stepped(misfit, here, gradient, normal, factor * damping[live]) for factor in FACTORS]
+        )  # (3, L, P)
+        flat = trial.reshape(-1, len(parameters))
+        sums = misfit.squares(flat)
+        costs = (per_square * sums + parameters.prior_cost(flat)).reshape(trial.shape[:2])
+        best = costs.argmin(axis=0)
+        pick = np.arange(len(live))
+        new = costs[best, pick]
+        better = new < cost[live]
+        gain = np.where(better, 1.0 - new / cost[live], 0.0)
+        moved = live[better]
+        theta[moved] = trial[best, pick][better]
+        squares[moved] = sums.reshape(trial.shape[:2])[best, pick][better]
+        cost[moved] = new[better]
+        factor = np.where(better, np.array(FACTORS)[best], AFTER_FAILURE)
+        damping[live] = np.maximum(damping[live] * factor, LEAST_DAMPING)
+        small[live] = np.where(better & (gain >= tolerance), 0, small[live] + 1)
+        # What fails does so with too little damping: that is no sign of having arrived.
+        small[live] = np.where(better | (damping[live] > 1.0), small[live], small[live] - 1)
+        going = (small[live] < ENOUGH) & (damping[live] < MOST_DAMPING) & (cost[live] > 0.0)
+        live = live[going]
+    return Fitted(parameters.into_bounds(theta), squares, cost)
+
+
+def _stepped(
+    misfit: Misfit, theta: Floats, gradient: Floats, normal: Floats, damping: Floats
+) -> Floats:
+    """Return one damped step from each vector (L, P), within the bounds."""
+    parameters = misfit.parameters
+    diagonal = np.einsum("lpp->lp", normal)
+    scale = np.maximum(diagonal, FLOOR * diagonal.max(axis=1, keepdims=True))
+    scale = np.maximum(scale, np.finfo(float).tiny)
+    # At a bound that the descent would leave the box by, nothing moves.
+    held = (theta <= parameters.low) & (gradient > 0) | (theta >= parameters.high) & (gradient < 0)
+    held |= ~misfit.movable
+    free = ~held
+    matrix = np.where(free[:, :, None] & free[:, None, :], normal, 0.0)
+    index = np.arange(len(parameters))
+    matrix[:, index, index] = np.where(held, 1.0, diagonal + damping[:, None] * scale)
+    step = -np.linalg.solve(matrix, np.where(held, 0.0, gradient)[..., None])[..., 0]
+    most = np.where(parameters.circular, LARGEST_TURN, LARGEST_SHARE)
+    stepped = theta + np.clip(step, -most, most)
+    return np.clip(stepped, parameters.low, parameters.high)

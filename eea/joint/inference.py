@@ -1,0 +1,263 @@
+"""Joint inference as a method of its own: ask, fit everything at once, say how sure it is."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import log_ndtr
+
+from eea.core.angles import Floats
+from eea.core.behavior import similarity, summarize
+from eea.core.checks import ConfigurationError, choice
+from eea.core.config import EEAConfig
+from eea.core.experiment import Context, Target
+from eea.core.fitness import model_fitness
+from eea.core.replay import RecordedLog
+from eea.core.rounds import Answer, Conclusion, Rounds
+from eea.joint.belief import JointBelief, groups, weigh
+from eea.joint.fitting import Observed
+from eea.joint.goodness import Goodness, effective_count, goodness_of_fit
+from eea.joint.parameters import Parameters
+from eea.joint.posterior import Mode, Posterior
+from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
+from eea.joint.search import Optima, pose, search
+
+FEWEST_STEPS = 32
+ABSENT = 0.02  # of a range: a part this small may as well be one that does not move
+HOPELESS = 50.0  # in log evidence: what is so much worse is not fitted again
+
+
+class JointInference(Rounds):
+    """Fits body, nuisances and every trial's hidden angles together, trial by trial.
+
+    Parameters
+    ----------
+    target
+        What is to be modelled; it is asked once a round.
+    joint
+        The robot.
+    config, seed
+        Settings, of which ``joint`` and ``exploration`` have a say, and the replicate's seed.
+    truth
+        The target's dimensions (n,) if known: only for OBJ_FIT in the records.
+
+    Raises
+    ------
+    ConfigurationError
+        If a setting is wrong or names a nuisance that the robot has not, or the truth has
+        another shape.
+
+    Examples
+    --------
+    ``for record in JointInference(...)`` yields a record as each round ends, as ``EEA`` does.
+    """
+
+    def __init__(
+        self,
+        target: Target,
+        joint: JointProblem,
+        config: EEAConfig,
+        seed: int = 0,
+        truth: Floats | None = None,
+    ) -> None:
+        super().__init__(target, joint.problem, config, seed, truth)
+        settings = config.joint
+        if config.steps < FEWEST_STEPS:
+            raise ConfigurationError(
+                f"steps must be at least {FEWEST_STEPS} under the joint condition; "
+                f"got {config.steps}"
+            )
+        if config.behavior.signal != "body_rates":
+            raise ConfigurationError(
+                "behavior.signal must be body_rates under the joint condition, which compares the "
+                f"gyroscope; got {config.behavior.signal}"
+            )
+        for argument, names in (
+            ("joint.nuisances", settings.nuisances or ()),
+            ("joint.per_trial", settings.per_trial),
+        ):
+            for name in names:
+                choice(argument, name, joint.groups)
+        self._joint = replace(joint, simulate=self._counted)
+        self._simulate = joint.simulate
+        self._simulated = 0
+        self._groups = joint.groups if settings.nuisances is None else settings.nuisances
+        self._observed = Observed(
+            np.empty((0, len(joint.problem.actions))),
+            np.empty((0, config.steps, joint.problem.axes)),
+        )
+        self._optima: dict[str, Optima] = {}  # by the hypothesis's name
+        self._dropped: set[str] = set()
+        self._unexplained = False  # whether no body explained the trials so far
+
+    def _counted(
+        self, bodies: Floats, nuisances: Floats, commands: Floats, angles: Floats, fine: bool
+    ) -> NDArray[Any]:
+        self._simulated += len(bodies)
+        return self._simulate(bodies, nuisances, commands, angles, fine)
+
+    @contextmanager
+    def _undone_if_broken_off(self) -> Iterator[None]:
+        before = self._observed, dict(self._optima), set(self._dropped), self._unexplained
+        belief = self.result.belief
+        try:
+            yield
+        except BaseException:
+            self._observed, self._optima, self._dropped, self._unexplained = before
+            self.result.belief = belief
+            raise
+
+    def _round(self) -> tuple[Answer, Conclusion]:
+        simulated = self._simulated
+        command, value = self._next_command()
+        answer = self._perform(command)
+        if not np.array_equal(answer.command, command):
+            value = None
+        self._observed = Observed(
+            np.concatenate([self._observed.commands, answer.command[None]]),
+            np.concatenate([self._observed.signal, answer.samples[None]]),
+        )
+        belief = self._conclude()
+        self.result.belief = belief
+        ends = belief.angles(len(self._observed) - 1)
+        context = Context(*ends, confidence=0.9)
+        return answer, Conclusion(
+            value,
+            belief.model,
+            self._model_fitness(self._optima[belief.branches[0].hypothesis.name]),
+            context,
+            belief.spread,
+            self._simulated - simulated,
+        )
+
+    def _conclude(self) -> JointBelief:
+        """Fit every hypothesis that is worth it, and weigh them."""
+        settings = self.result.config.joint
+        plain = self._fit(AS_COMMANDED)
+        doubted = not self._judged(plain).good or self._part_is_absent(plain)
+        fitted = [(AS_COMMANDED, plain)]
+        if settings.alternatives == "always" or (settings.alternatives == "doubt" and doubted):
+            likely = (h for h in self._joint.hypotheses if h.name not in self._dropped)
+            fitted += [(hypothesis, self._fit(hypothesis)) for hypothesis in likely]
+        best = min((optima for _, optima in fitted), key=lambda optima: optima.sigma)
+        sigma = settings.noise or best.sigma
+        residuals = best.residuals()
+        share = effective_count(residuals) / residuals.size
+        fits = []
+        for hypothesis, optima in fitted:
+            posterior = posterior_of(optima, sigma, share)
+            evidence = posterior.log_evidence + prior_constant(optima.parameters)
+            fits.append((hypothesis, optima.parameters, posterior, evidence))
+        most = max(evidence for *_, evidence in fits)
+        self._dropped |= {h.name for h, *_, evidence in fits if evidence < most - HOPELESS}
+        self._dropped -= {AS_COMMANDED.name}
+        branches = weigh(fits)
+        judged = self._judged(self._optima[branches[0].hypothesis.name])
+        return JointBelief(branches, judged, sigma)
+
+    def _fit(self, hypothesis: Hypothesis) -> Optima:
+        """Fit all trials under a hypothesis, also from what the trials before have taught."""
+        settings, rng = self.result.config.joint, self._rngs["estimation"]
+        parameters = Parameters.of(
+            self._joint, len(self._observed), self._groups, hypothesis, settings.per_trial
+        )
+        # A world that no body explains is not searched through again and again, nor are the
+        # alternatives: most of them are wrong.
+        once = self._unexplained or hypothesis is not AS_COMMANDED
+        earlier, known = self._optima.get(hypothesis.name), None
+        if earlier is not None:
+            known = _carried_over(earlier, parameters)
+            newest = pose(parameters, self._observed, known, settings.poses, rng)
+            entries = parameters.angle_entries(len(self._observed) - 1)
+            own = ~np.isin(entries, parameters.angle_entries(0)) | (len(self._observed) == 1)
+            known[:, entries[own]] = newest[:, entries[own]]
+        found = search(
+            parameters,
+            self._observed,
+            rng,
+            settings,
+            known,
+            lambda optima: once or self._judged(optima).good,
+        )
+        if hypothesis is AS_COMMANDED:
+            self._unexplained = not self._judged(found).good
+        self._optima[hypothesis.name] = found
+        return found
+
+    def _judged(self, optima: Optima) -> Goodness:
+        return goodness_of_fit(
+            optima.residuals(), len(optima.parameters), self.result.config.joint.noise
+        )
+
+    def _part_is_absent(self, optima: Optima) -> bool:
+        """Return whether a part of the best body has next to no area, as if it did nothing."""
+        sides = (
+            optima.theta[0, part.indices[side]]
+            for part in groups(self._joint)
+            for side in part.area or ()
+        )
+        return min(sides, default=1.0) < ABSENT
+
+    def _model_fitness(self, best: Optima) -> float:
+        """Return the MOD_FIT (Eq. 3) of the best fit, its angles and nuisances included."""
+        config = self.result.config
+        simulated = summarize(
+            RecordedLog(gyro=self._observed.signal + best.residuals()), config.behavior
+        )
+        observed = summarize(RecordedLog(gyro=self._observed.signal), config.behavior)
+        return float(model_fitness(similarity(simulated, observed, config.behavior)))
+
+    def _next_command(self) -> tuple[Floats, float | None]:
+        """Return the command to perform next, and what it promises."""
+        actions, rng = self._problem.actions, self._rngs["exploration"]
+        fast = np.where(
+            rng.random(len(actions)) < 0.5,
+            actions.high,
+            np.where(actions.low < 0, actions.low, 0.5 * (actions.low + actions.high)),
+        )
+        return fast, None
+
+
+def posterior_of(optima: Optima, sigma: float, share: float = 1.0) -> Posterior:
+    """Return the posterior that optima mean at a noise of ``sigma``.
+
+    ``share`` of the samples count where their residuals hang together.
+    """
+    parameters, linear = optima.parameters, optima.linear()
+    weight = share / sigma**2
+    away = optima.theta - parameters.prior_mean
+    modes = tuple(
+        Mode(
+            theta,
+            weight * linear.normal[k] + np.diag(parameters.prior_precision),
+            float(0.5 * weight * optima.squares[k] + parameters.prior_cost(theta)),
+            weight * linear.gradient[k] + parameters.prior_precision * away[k],
+        )
+        for k, theta in enumerate(optima.theta)
+    )
+    return Posterior(parameters.names, parameters.low, parameters.high, parameters.circular, modes)
+
+
+def prior_constant(parameters: Parameters) -> float:
+    """Return the constant of the log prior, by which layouts of other parameters compare."""
+    told = parameters.prior_precision > 0.0
+    sd, mean = parameters.prior_precision[told] ** -0.5, parameters.prior_mean[told]
+    high, low = log_ndtr((1.0 - mean) / sd), log_ndtr(-mean / sd)
+    mass = high + np.log1p(-np.exp(low - high))
+    normal = -(0.5 * np.log(2.0 * np.pi) + np.log(sd) + mass).sum()
+    return float(normal - np.count_nonzero(parameters.circular) * np.log(2.0 * np.pi))
+
+
+def _carried_over(earlier: Optima, parameters: Parameters) -> Floats:
+    """Return what was found of fewer trials, as vectors (K, P) of more."""
+    theta: Floats = np.tile(parameters.prior_mean, (len(earlier.theta), 1))
+    column = {name: i for i, name in enumerate(earlier.parameters.names)}
+    for i, name in enumerate(parameters.names):
+        if name in column:
+            theta[:, i] = earlier.theta[:, column[name]]
+    return theta

@@ -1,0 +1,172 @@
+"""One vector for all that is unknown: which entry is what, and what each trial takes from it."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eea.core.angles import Floats, wrap
+from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
+
+FIXED = -1  # in ``slots``: no parameter, but a constant
+
+
+class Inputs(NamedTuple):
+    """What the simulator takes, (S, E, width) each, for S vectors and E trials."""
+
+    bodies: Floats
+    nuisances: Floats
+    angles: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Parameters:
+    """The unknowns of E trials as one vector theta (P,).
+
+    First the body's dimensions and the nuisances of all trials, as shares of their ranges in
+    [0, 1], then each trial's own nuisances (shares) and hidden angles (rad, any turn of them).
+    A **slot** is one of the W numbers that a trial is simulated with: body, nuisances, angles.
+
+    Attributes
+    ----------
+    names
+        Of the entries; those of trial e end in ``@e``, from 1.
+    low, high
+        Their bounds (P,); infinite for angles.
+    circular
+        Which (P,) are angles.
+    prior_mean, prior_precision
+        The normal prior of each (P,), in these units; precision 0 is a uniform one.
+    slots
+        (E, W) the entry that each trial's slot takes its value from, or ``FIXED``.
+    """
+
+    joint: JointProblem
+    names: tuple[str, ...]
+    low: Floats
+    high: Floats
+    circular: NDArray[np.bool_]
+    prior_mean: Floats
+    prior_precision: Floats
+    slots: NDArray[np.intp]
+    _constants: Floats
+    _offset: Floats
+    _span: Floats
+
+    @classmethod
+    def of(
+        cls,
+        joint: JointProblem,
+        trials: int,
+        groups: Collection[str],
+        hypothesis: Hypothesis = AS_COMMANDED,
+        per_trial: Collection[str] = (),
+    ) -> Parameters:
+        """Lay out the unknowns of so many trials; nuisances not of ``groups`` are nominal.
+
+        Of those groups that are ``per_trial`` too, each trial has its own values.
+        """
+        models, hidden = joint.problem.models, joint.problem.hidden
+        entries: list[tuple[str, float, float]] = []  # name, prior mean, prior precision
+        circular: list[bool] = []
+        width = len(models) + len(joint.nuisances) + len(hidden)
+        slots = np.full((trials, width), FIXED, dtype=np.intp)
+        constants = np.zeros(width)
+
+        def enter(name: str, mean: float = 0.5, precision: float = 0.0, turns: bool = False) -> int:
+            entries.append((name, mean, precision))
+            circular.append(turns)
+            return len(entries) - 1
+
+        for i, name in enumerate(models.names):
+            slots[:, i] = enter(name)
+        own: list[tuple[int, str, float, float, bool]] = []  # what each trial has of its own
+        for i, nuisance in enumerate(joint.nuisances, len(models)):
+            span = nuisance.high - nuisance.low
+            mean, precision = (nuisance.nominal - nuisance.low) / span, (span / nuisance.sd) ** 2
+            constants[i] = mean
+            if nuisance.name in hypothesis.fixed:
+                constants[i] = (hypothesis.fixed[nuisance.name] - nuisance.low) / span
+            elif nuisance.group in groups and not nuisance.switch:
+                if nuisance.group in per_trial:
+                    own.append((i, nuisance.name, mean, precision, False))
+                else:
+                    slots[:, i] = enter(nuisance.name, mean, precision)
+        for i, name in enumerate(hidden, len(models) + len(joint.nuisances)):
+            if name in hypothesis.shared_angles:
+                slots[:, i] = enter(name, 0.0, turns=True)
+            else:
+                own.append((i, name, 0.0, 0.0, True))
+        for e in range(trials):
+            for i, name, mean, precision, turns in own:
+                slots[e, i] = enter(f"{name}@{e + 1}", mean, precision, turns)
+        turning = np.array(circular)
+        angles = np.zeros(len(hidden))
+        return cls(
+            joint,
+            tuple(name for name, _, _ in entries),
+            np.where(turning, -np.inf, 0.0),
+            np.where(turning, np.inf, 1.0),
+            turning,
+            np.array([mean for _, mean, _ in entries]),
+            np.array([precision for _, _, precision in entries]),
+            slots,
+            constants,
+            np.concatenate([models.low, [n.low for n in joint.nuisances], angles]),
+            np.concatenate(
+                [models.span, [n.high - n.low for n in joint.nuisances], angles + 1.0]
+            ),
+        )  # fmt: skip
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    @property
+    def trials(self) -> int:
+        """How many trials."""
+        return len(self.slots)
+
+    @property
+    def body(self) -> int:
+        """How many entries, the first, are the body's."""
+        return len(self.joint.problem.models)
+
+    def local(self, theta: Floats) -> Floats:
+        """Return the slots' values (S, E, W) of vectors (S, P), in the same units."""
+        values: Floats = np.where(self.slots == FIXED, self._constants, theta[:, self.slots])
+        return values
+
+    def inputs(self, local: Floats) -> Inputs:
+        """Return what the simulator takes for slots (..., W), in natural units."""
+        natural = self._offset + self._span * local
+        edges = np.cumsum([self.body, len(self.joint.nuisances)])
+        return Inputs(*np.split(natural, edges, axis=-1))
+
+    def models(self, theta: Floats) -> Floats:
+        """Return the bodies (..., n) of vectors (..., P), in natural units."""
+        layout = self.joint.problem.models
+        return np.clip(layout.low + layout.span * theta[..., : self.body], layout.low, layout.high)
+
+    def typical(self, bodies: Floats) -> Floats:
+        """Return vectors (S, P) of bodies (S, n), shares: nominal nuisances, angles zero."""
+        theta: Floats = np.tile(self.prior_mean, (len(bodies), 1))
+        theta[:, : self.body] = bodies
+        return theta
+
+    def angle_entries(self, trial: int) -> NDArray[np.intp]:
+        """Return which entries (h,) are a trial's hidden angles."""
+        return self.slots[trial, self.slots.shape[1] - len(self.joint.problem.hidden) :]
+
+    def into_bounds(self, theta: Floats) -> Floats:
+        """Return vectors (..., P) brought into the box, and their angles into [-pi, pi)."""
+        return np.where(self.circular, wrap(theta), np.clip(theta, self.low, self.high))
+
+    def prior_cost(self, theta: Floats) -> Floats:
+        """Return -log prior (S,) of vectors (S, P), up to a constant."""
+        away = theta - self.prior_mean
+        cost: Floats = 0.5 * (self.prior_precision * away * away).sum(axis=-1)
+        return cost

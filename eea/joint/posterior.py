@@ -1,0 +1,321 @@
+"""What is known after a fit: a mixture of normal shapes, cut off at the bounds, over its optima."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from eea.core.angles import TURN, Floats, wrap
+from eea.core.checks import ConfigurationError, brief, finite, real, whole
+from eea.joint.truncated import BoxNormal
+
+SCHEMA = "eea.posterior/1"
+DRAWS = 4096  # that summaries are made of: a 5% quantile is then one of 4.3 to 5.7%
+#: Two equal normal densities have two peaks only if their centres are more than two sd apart.
+APART = 2.0
+PILED = 1.25  # times denser at a bound than at the far end: the interval reaches the bound
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """One optimum of -log posterior and its shape there.
+
+    Raises
+    ------
+    ConfigurationError
+        If a shape is wrong, a number not finite, or ``information`` has a negative eigenvalue.
+
+    Examples
+    --------
+    >>> Mode([0.3, 0.9], [[400.0, 0.0], [0.0, 25.0]], cost=12.5).gradient
+    array([0., 0.])
+    """
+
+    theta: Floats  #: (P,): shares of ranges, and rad where circular.
+    #: (P, P), the Hessian at ``theta``: J^T J / sigma^2 and the prior's precision. It may be
+    #: singular: what the data do not tell is uniform over its range.
+    information: Floats
+    cost: float  #: -log posterior at ``theta``, up to a constant that all modes share.
+    #: (P,), its slope: nonzero where a bound holds the optimum, positive at a lower one. Zero if
+    #: not given.
+    gradient: Floats = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        theta = finite("theta", self.theta, (None,))
+        size = len(theta)
+        information = finite("information", self.information, (size, size))
+        real("cost", self.cost, -np.inf)
+        slope = self.gradient if np.size(self.gradient) else np.zeros(size)
+        variances = np.diag(information)
+        scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
+        scaled = information / np.outer(scale, scale)
+        if not np.allclose(scaled, scaled.T, atol=1e-6):
+            raise ConfigurationError(f"information must be symmetric; got {brief(information)}")
+        if size and np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-6 * size:
+            raise ConfigurationError("information must have no negative eigenvalue")
+        object.__setattr__(self, "theta", theta)
+        object.__setattr__(self, "information", 0.5 * (information + information.T))
+        object.__setattr__(self, "cost", float(self.cost))
+        object.__setattr__(self, "gradient", finite("gradient", slope, (size,)))
+
+
+def distinct(modes: Sequence[Mode], circular: NDArray[np.bool_]) -> tuple[Mode, ...]:
+    """Return the modes, best first, without those that another one's shape includes.
+
+    A mode is a better one's duplicate if the better one's quadratic puts it within two sd. Along
+    what the data do not tell all is near, so that an absent fin's angles do not multiply bodies.
+    """
+    kept: list[Mode] = []
+    for mode in sorted(modes, key=lambda m: m.cost):
+        for better in kept:
+            way = mode.theta - better.theta
+            way = np.where(circular, wrap(way), way)
+            rise = better.gradient @ way + 0.5 * way @ better.information @ way
+            if rise <= 0.5 * APART**2:
+                break
+        else:
+            kept.append(mode)
+    return tuple(kept)
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """A mixture of truncated Laplace approximations, uniform prior inside the bounds.
+
+    A mode's weight is the integral of its shape over the box: exp(-cost), times the volume
+    det(information)^(-1/2), times the share of the normal that lies inside (MacKay 2003, ch. 27;
+    Bornkamp 2011 for mixtures). Duplicates of an optimum are merged.
+
+    Raises
+    ------
+    ConfigurationError
+        If there is no mode, shapes differ, or an optimum lies outside its bounds.
+
+    Examples
+    --------
+    >>> mode = Mode([0.02, 0.5], [[400.0, 0.0], [0.0, 0.0]], cost=0.0)
+    >>> found = Posterior(("width", "thickness"), [0, 0], [1, 1], [False, False], [mode])
+    >>> low, high = found.interval(0.9)
+    >>> np.round(high - low, 1)  # of the thickness nothing is known
+    array([0.1, 0.9])
+    """
+
+    names: tuple[str, ...]  #: Of the P parameters.
+    low: Floats  #: (P,); -pi where circular, whatever is given.
+    high: Floats  #: (P,); pi where circular.
+    circular: NDArray[np.bool_]  #: (P,)
+    modes: tuple[Mode, ...]  #: Without duplicates, best first.
+
+    def __post_init__(self) -> None:
+        names, modes = tuple(self.names), tuple(self.modes)
+        size = len(names)
+        circular = np.array(self.circular)
+        if circular.shape != (size,) or circular.dtype != np.bool_:
+            raise ConfigurationError(f"circular must be {size} truths; got {brief(self.circular)}")
+        low = finite("low", np.where(circular, -np.pi, self.low), (size,))
+        high = finite("high", np.where(circular, np.pi, self.high), (size,))
+        if not modes:
+            raise ConfigurationError("modes must hold at least one mode; got none")
+        for mode in modes:
+            if mode.theta.shape != (size,):
+                raise ConfigurationError(
+                    f"modes must be of {size} parameters, as names; got {len(mode.theta)}"
+                )
+            past = np.maximum(low - mode.theta, mode.theta - high)
+            if (past[~circular] > 1e-6 * (high - low)[~circular]).any():
+                worst = int(np.argmax(np.where(circular, -np.inf, past)))
+                raise ConfigurationError(
+                    f"theta of {names[worst]} must be in [{low[worst]:g}, {high[worst]:g}]; "
+                    f"got {mode.theta[worst]:g}"
+                )
+        for name, value in (
+            ("names", names), ("low", low), ("high", high), ("circular", circular),
+            ("modes", distinct(modes, circular)),
+        ):  # fmt: skip
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def components(self) -> tuple[BoxNormal, ...]:
+        """Each mode's shape; an angle's box is the turn around it, not yet wrapped."""
+        shapes = []
+        for mode in self.modes:
+            low = np.where(self.circular, mode.theta - np.pi, self.low)
+            high = np.where(self.circular, mode.theta + np.pi, self.high)
+            at = np.clip(mode.theta, low, high)
+            shapes.append(BoxNormal(at, mode.information, mode.gradient, low, high))
+        return tuple(shapes)
+
+    @cached_property
+    def _logs(self) -> Floats:
+        parts = zip(self.components, self.modes, strict=True)
+        return np.array([part.log_volume - mode.cost for part, mode in parts])
+
+    @cached_property
+    def log_evidence(self) -> float:
+        """The log of exp(-cost) integrated over the box."""
+        return float(np.logaddexp.reduce(self._logs))
+
+    @cached_property
+    def weights(self) -> Floats:
+        """The modes' probabilities, shape (modes,)."""
+        shares = np.exp(self._logs - self.log_evidence)
+        return np.asarray(shares / shares.sum())
+
+    def sample(self, count: int, rng: np.random.Generator) -> Floats:
+        """Return ``count`` independent draws, shape (count, P), angles in [-pi, pi)."""
+        whole("count", count, 0)
+        shares = rng.multinomial(count, self.weights)
+        drawn = np.concatenate(
+            [part.sample(n, rng) for part, n in zip(self.components, shares, strict=True) if n]
+            or [np.empty((0, len(self.names)))]
+        )
+        return rng.permutation(np.where(self.circular, wrap(drawn), drawn))
+
+    @cached_property
+    def draws(self) -> Floats:
+        """The (4096, P) draws that every summary is made of, always the same."""
+        return self.sample(DRAWS, np.random.default_rng(0))
+
+    def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
+        """Return the ends, (P,) and (P,), of intervals that each hold ``mass`` of a parameter.
+
+        They are equal-tailed: unlike the shortest, such an interval means the same in any unit or
+        power of a size, and its ends are as steady as quantiles. But it never reaches a bound, and
+        so would never hold a fin that is gone. Where the density is higher at a bound than at the
+        far end of the 90% that begin there, the interval begins at the bound. Either way it holds
+        ``mass``, and a wider interval includes a narrower one. An angle's is the shortest arc, from
+        low in [-pi, pi) to high, maybe beyond pi.
+
+        Raises
+        ------
+        ConfigurationError
+            If ``mass`` is not between 0 and 1.
+        """
+        return intervals(self.draws, self.low, self.high, self.circular, mass)
+
+    def median(self) -> Floats:
+        """Return the point estimate, (P,): the median, which errs least in Eq. 4's absolute error;
+        an angle's circular mean."""
+        middle = np.median(self.draws, axis=0)
+        return np.where(self.circular, self._mean_angles, middle)
+
+    @cached_property
+    def sd(self) -> Floats:
+        """The standard deviations, (P,); an angle's about its circular mean."""
+        return np.asarray(np.sqrt(np.mean(self._deviations**2, axis=0)))
+
+    @cached_property
+    def correlation(self) -> Floats:
+        """The correlations, (P, P); an angle's of its deviations from the circular mean."""
+        scaled = self._deviations / np.maximum(self.sd, 1e-300)
+        matrix = scaled.T @ scaled / len(scaled)
+        np.fill_diagonal(matrix, 1.0)
+        return np.asarray(matrix)
+
+    @cached_property
+    def _mean_angles(self) -> Floats:
+        return np.asarray(np.angle(np.exp(1j * self.draws).mean(axis=0)))
+
+    @cached_property
+    def _deviations(self) -> Floats:
+        draws = self.draws
+        return np.where(self.circular, wrap(draws - self._mean_angles), draws - draws.mean(axis=0))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON; ``weights`` are there to be read."""
+        return {
+            "schema": SCHEMA,
+            "names": list(self.names),
+            **{name: array.tolist() for name, array in self.arrays().items()},
+        }
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> Posterior:
+        """Return the posterior that ``to_dict`` described.
+
+        Raises
+        ------
+        ConfigurationError
+            If the schema is another, or an entry is missing or wrong.
+        """
+        if document.get("schema") != SCHEMA:
+            raise ConfigurationError(
+                f"schema must be {SCHEMA!r}; got {brief(document.get('schema'))}"
+            )
+        return cls.from_arrays(document.get("names", ()), document)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything but the names as arrays of numbers, for an npz archive."""
+        return {
+            "low": self.low,
+            "high": self.high,
+            "circular": self.circular,
+            "theta": np.array([mode.theta for mode in self.modes]),
+            "information": np.array([mode.information for mode in self.modes]),
+            "gradient": np.array([mode.gradient for mode in self.modes]),
+            "cost": np.array([mode.cost for mode in self.modes]),
+            "weights": self.weights,
+        }
+
+    @classmethod
+    def from_arrays(cls, names: Sequence[str], arrays: Mapping[str, ArrayLike]) -> Posterior:
+        """Return the posterior of ``names`` that ``arrays`` described.
+
+        Raises
+        ------
+        ConfigurationError
+            If an array is missing or wrong.
+        """
+        needed = ("low", "high", "circular", "theta", "information", "gradient", "cost")
+        for name in needed:
+            if name not in arrays:
+                raise ConfigurationError(f"{name} must be there; got {brief(sorted(arrays))}")
+        size = len(names)
+        theta = finite("theta", arrays["theta"], (None, size))
+        count = len(theta)
+        information = finite("information", arrays["information"], (count, size, size))
+        gradient = finite("gradient", arrays["gradient"], (count, size))
+        cost = finite("cost", arrays["cost"], (count,))
+        modes = tuple(
+            Mode(*of_one)
+            for of_one in zip(theta, information, cost.tolist(), gradient, strict=True)
+        )
+        low, high = (finite(end, arrays[end], (size,)) for end in ("low", "high"))
+        return cls(tuple(names), low, high, np.asarray(arrays["circular"]), modes)
+
+
+def intervals(
+    draws: Floats, lowest: Floats, highest: Floats, circular: NDArray[np.bool_], mass: float
+) -> tuple[Floats, Floats]:
+    """Return the ends, (P,) and (P,), of intervals of draws (count, P) within their bounds (P,).
+
+    ``Posterior.interval`` says how.
+    """
+    real("mass", mass, 0.0, 1.0)
+    tail = 0.5 * (1.0 - mass)
+    low, high = np.quantile(draws, [tail, 1.0 - tail], axis=0)
+    near, far = np.quantile(draws, [0.1, 0.9], axis=0)
+    down, before, after, up = np.quantile(draws, [0.05, 0.15, 0.85, 0.95], axis=0)
+    at_low = up - after > PILED * (near - lowest)
+    at_high = before - down > PILED * (highest - far)
+    one_sided = (at_low != at_high) & ~circular
+    to, since = np.quantile(draws, [mass, 1.0 - mass], axis=0)
+    low = np.where(one_sided, np.where(at_low, lowest, since), low)
+    high = np.where(one_sided, np.where(at_low, to, highest), high)
+    for k in np.flatnonzero(circular):
+        low[k], high[k] = _shortest_arc(draws[:, k], mass)
+    return low, high
+
+
+def _shortest_arc(angles: Floats, mass: float) -> tuple[float, float]:
+    """Return the ends of the shortest arc with a share ``mass`` of ``angles`` in [-pi, pi)."""
+    ordered = np.sort(angles)
+    inside = max(int(np.ceil(mass * len(ordered))), 1)
+    ends = np.concatenate([ordered, ordered + TURN])[inside - 1 :][: len(ordered)]
+    first = int(np.argmin(ends - ordered))
+    return float(ordered[first]), float(ends[first])

@@ -1,0 +1,270 @@
+"""From what was felt to every body, nuisance and angle that explains it about as well.
+
+A scan of random bodies and poses gives starting points; damped least squares goes downhill from
+the best of them; and hops of single trials' angles find what a descent cannot: a slow fin that
+began on the other side of its cycle moves almost alike. Where the residuals of the best fit do not
+look like noise the scan begins anew, since the commonest reason is a wrong valley.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from eea.core.angles import Floats, circular_distance, wrap
+from eea.core.checks import TargetError
+from eea.core.config import JointConfig
+from eea.joint.fitting import COARSE, FINE, Fitted, Linear, Misfit, Observed, Precision, descend
+from eea.joint.parameters import Parameters
+
+SCANNED = Precision(fine=False, stride=4, difference=0.0)
+SCANNED_TRIALS = 4  # of a session; what ranks bodies need not be all of it
+SHARED_VALUES = 16  # tried for an angle that all trials share
+CLOSE = 10.0  # in cost: what is further from the best has under 1/20,000 of its weight
+HOPS, HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 3, 32, 4, 20.0, 16
+SAME = 1e-3  # of a range, or rad: closer optima are one
+LEAST_SIGMA = 1e-7  # rad/s: what is closer differs by rounding alone
+
+
+@dataclass(frozen=True, eq=False)
+class Optima:
+    """The best fits of one session, best first, and the noise that they leave."""
+
+    parameters: Parameters
+    observed: Observed
+    theta: Floats  #: Shape (K, P).
+    cost: Floats  #: -log posterior (K,), up to a constant that those of one ``sigma`` share.
+    squares: Floats  #: Sum of squared residuals (K,).
+    sigma: float  #: Standard deviation of the noise: as given, or of the best fit's residuals.
+
+    def linear(self) -> Linear:
+        """Return the misfit near each of them."""
+        return Misfit(self.parameters, self.observed, FINE).linearise(self.theta)
+
+    def residuals(self) -> Floats:
+        """Return simulated less observed (E, T, axes) of the best."""
+        flat = Misfit(self.parameters, self.observed, FINE).residuals(self.theta[:1])[0]
+        residuals: Floats = flat.reshape(self.observed.signal.shape)
+        return residuals
+
+
+def search(
+    parameters: Parameters,
+    observed: Observed,
+    rng: np.random.Generator,
+    effort: JointConfig,
+    known: Floats | None = None,
+    explained: Callable[[Optima], bool] = lambda _: True,
+) -> Optima:
+    """Return the best explanations of what was observed.
+
+    Parameters
+    ----------
+    effort
+        How hard to search, and the noise's standard deviation if it is known.
+    known
+        Vectors (K, P) to start from as well: what earlier trials have taught.
+    explained
+        Whether a fit leaves nothing but noise; else the search begins anew.
+    """
+    best: Optima | None = None
+    for _ in range(effort.restarts + 1):
+        starts = _scan(parameters, observed, rng, effort)
+        if known is not None:
+            starts = np.concatenate([known, starts])
+        found = _refine(parameters, observed, starts, rng, effort)
+        best = found if best is None else _joined(best, found, effort.noise)
+        if explained(best):
+            break
+    assert best is not None
+    return best
+
+
+def _refine(
+    parameters: Parameters,
+    observed: Observed,
+    starts: Floats,
+    rng: np.random.Generator,
+    effort: JointConfig,
+) -> Optima:
+    """Go downhill from vectors (S, P), and hop."""
+    noise = effort.noise
+    coarse, fine = Misfit(parameters, observed, COARSE), Misfit(parameters, observed, FINE)
+    sigma = noise or _sigma(coarse.squares(starts).min(), coarse.count, parameters)
+    first = _best(descend(coarse, starts, sigma, 25, 1e-3), 2 * effort.polished)
+    again = pose(parameters, observed, first.theta, 2 * effort.poses, rng)
+    sigma = noise or _sigma(first.squares.min(), coarse.count, parameters)
+    second = descend(coarse, np.concatenate([first.theta, again]), sigma, 25, 1e-3)
+    chosen = _best(second, effort.polished)
+    sigma = noise or _sigma(chosen.squares.min(), coarse.count, parameters)
+    polished = _best(descend(fine, chosen.theta, sigma, 40, 1e-6), effort.polished)
+    for _ in range(HOPS):
+        sigma = noise or _sigma(polished.squares.min(), fine.count, parameters)
+        if sigma <= LEAST_SIGMA:  # there is nothing better
+            break
+        hopped = _hop(parameters, observed, polished.theta[0], sigma, rng)
+        if not len(hopped):
+            break
+        more = descend(fine, hopped, sigma, 15, 1e-6)
+        before = polished.cost[0]
+        polished = _unique(parameters, _together(polished, more))
+        if polished.cost[0] > before - 1e-3:
+            break
+    return _optima(parameters, observed, polished, noise)
+
+
+def _optima(
+    parameters: Parameters, observed: Observed, fitted: Fitted, noise: float | None
+) -> Optima:
+    """Return the fits that matter, at the noise that the best of them leaves."""
+    sigma = noise or _sigma(fitted.squares.min(), observed.signal.size, parameters)
+    cost = 0.5 * fitted.squares / sigma**2 + parameters.prior_cost(fitted.theta)
+    found = _unique(parameters, Fitted(fitted.theta, fitted.squares, cost))
+    if not len(found.cost):
+        raise TargetError("no body was found whose simulation stays finite")
+    near = found.cost <= found.cost[0] + CLOSE
+    return Optima(
+        parameters, observed, found.theta[near], found.cost[near], found.squares[near], sigma
+    )
+
+
+def _joined(one: Optima, other: Optima, noise: float | None) -> Optima:
+    parts = (Fitted(o.theta, o.squares, o.cost) for o in (one, other))
+    return _optima(one.parameters, one.observed, _together(*parts), noise)
+
+
+def _sigma(squares: float, count: int, parameters: Parameters) -> float:
+    """Return the noise's standard deviation that a sum of squares means."""
+    return max(float(np.sqrt(squares / max(count - len(parameters), 1))), LEAST_SIGMA)
+
+
+def _scan(
+    parameters: Parameters, observed: Observed, rng: np.random.Generator, effort: JointConfig
+) -> Floats:
+    """Return the most promising of random bodies, as vectors (descents, P)."""
+    bodies = qmc.LatinHypercube(parameters.body, rng=rng).random(effort.bodies)
+    theta = parameters.typical(bodies)
+    some = range(min(SCANNED_TRIALS, len(observed)))
+    posed, squares = _pose(parameters, observed, theta, effort.poses, rng, some)
+    kept = np.argsort(squares, kind="stable")[: effort.descents]
+    rest = range(len(some), len(observed))
+    if not rest:
+        return posed[kept]
+    return _pose(parameters, observed, posed[kept], effort.poses, rng, rest)[0]
+
+
+def pose(
+    parameters: Parameters, observed: Observed, theta: Floats, count: int, rng: np.random.Generator
+) -> Floats:
+    """Return vectors (S, P) with each trial's angles the best of ``count`` random ones."""
+    return _pose(parameters, observed, theta, count, rng, range(len(observed)))[0]
+
+
+def _pose(
+    parameters: Parameters,
+    observed: Observed,
+    theta: Floats,
+    count: int,
+    rng: np.random.Generator,
+    trials: range,
+) -> tuple[Floats, Floats]:
+    """Return vectors with the best angles for some trials, and their sum of squares there."""
+    misfit = Misfit(parameters, observed, SCANNED)
+    angles = parameters.angle_entries(0)
+    common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
+    groups = SHARED_VALUES if common.any() else 1
+    each = -(-2 * count // groups) if groups > 1 else count
+    shared = rng.uniform(-np.pi, np.pi, (groups, 1, len(angles)))
+    total = np.zeros((len(theta), groups))
+    chosen = np.empty((len(theta), groups, len(trials), len(angles)))
+    local, width = parameters.local(theta), parameters.slots.shape[1]
+    for column, e in enumerate(trials):
+        tried = rng.uniform(-np.pi, np.pi, (groups, each, len(angles)))
+        tried = np.where(common, shared, tried)
+        rows = np.repeat(local[:, e], groups * each, axis=0).reshape(len(theta), -1, width)
+        rows[:, :, width - len(angles) :] = tried.reshape(-1, len(angles))
+        apart = misfit.differences(rows.reshape(-1, width), np.full(rows.size // width, e))
+        sums = np.einsum("rm,rm->r", apart, apart).reshape(len(theta), groups, each)
+        sums = np.where(np.isfinite(sums), sums, np.inf)
+        at = sums.argmin(axis=2)
+        total += np.take_along_axis(sums, at[:, :, None], 2)[:, :, 0]
+        chosen[:, :, column] = tried[np.arange(groups), at]
+    group, pick = total.argmin(axis=1), np.arange(len(theta))
+    posed = theta.copy()
+    for column, e in enumerate(trials):
+        posed[:, parameters.angle_entries(e)] = chosen[pick, group, column]
+    return posed, total[pick, group]
+
+
+def _hop(
+    parameters: Parameters,
+    observed: Observed,
+    theta: Floats,
+    sigma: float,
+    rng: np.random.Generator,
+) -> Floats:
+    """Return vectors (H, P) like one (P,), but with one trial's angles in another valley."""
+    hidden = len(parameters.joint.problem.hidden)
+    others: list[tuple[float, Floats]] = []
+    for e in range(len(observed)):
+        entries = parameters.angle_entries(e)
+        movable = np.isin(entries, parameters.angle_entries(e - 1), invert=len(observed) > 1)
+        here = theta[entries]
+        mirrored = [
+            np.where(np.arange(hidden) == i, turned, here)
+            for i in range(hidden)
+            for turned in (np.pi - here, -here, here + np.pi)
+        ]
+        starts = rng.uniform(-np.pi, np.pi, (HOP_STARTS, hidden))
+        starts[: len(mirrored)] = mirrored[:HOP_STARTS]
+        starts[-1] = here
+        vectors = np.tile(theta, (HOP_STARTS, 1))
+        vectors[:, entries] = np.where(movable, wrap(starts), here)
+        trial = Misfit(parameters, observed, COARSE, only_angles_of=e)
+        fits = descend(trial, vectors, sigma, 15, 1e-3)
+        order = np.argsort(fits.squares, kind="stable")
+        valleys: list[Floats] = [theta[entries]]
+        for i in order:
+            excess = 0.5 * (fits.squares[i] - fits.squares[order[0]]) / sigma**2 * COARSE.stride
+            if excess > HOP_CLOSE or len(valleys) > HOP_MODES:
+                break
+            angles = fits.theta[i, entries]
+            if all(circular_distance(angles, valley).max() > 0.1 for valley in valleys):
+                valleys.append(angles)
+                hopped = theta.copy()
+                hopped[entries] = angles
+                others.append((excess, hopped))
+    others.sort(key=lambda pair: pair[0])
+    return np.array([hopped for _, hopped in others[:HOP_FITS]]).reshape(-1, len(theta))
+
+
+def _together(one: Fitted, other: Fitted) -> Fitted:
+    return Fitted(*(np.concatenate(parts) for parts in zip(one, other, strict=True)))
+
+
+def _best(fitted: Fitted, count: int) -> Fitted:
+    """Return the best few, best first."""
+    order = np.argsort(fitted.cost, kind="stable")[:count]
+    return Fitted(*(part[order] for part in fitted))
+
+
+def _unique(parameters: Parameters, fitted: Fitted) -> Fitted:
+    """Return each optimum once, best first."""
+    ordered = _best(fitted, len(fitted.cost))
+    kept: list[int] = []
+    for i, theta in enumerate(ordered.theta):
+        if not np.isfinite(ordered.cost[i]):
+            continue
+        apart = np.where(
+            parameters.circular,
+            circular_distance(ordered.theta[kept], theta),
+            np.abs(ordered.theta[kept] - theta),
+        )
+        if not kept or apart.max(axis=1).min() > SAME:
+            kept.append(i)
+    which: NDArray[np.intp] = np.array(kept, dtype=np.intp)
+    return Fitted(*(part[which] for part in ordered))

@@ -1,0 +1,138 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from eea.core.checks import ConfigurationError
+from eea.joint import effective_count, goodness_of_fit
+from eea.joint.goodness import autocorrelation
+
+SIGMA = 0.01
+SHAPE = (4, 256, 3)
+
+
+def smooth_effects(rng, count):
+    """Return what parameters do to trials of SHAPE: orthonormal (N, count), and slow."""
+    time = np.arange(SHAPE[1])[:, None] / 100
+    rate, phase = (
+        2 * np.pi * rng.uniform(least, most, size=(count, SHAPE[0], 1, SHAPE[2]))
+        for least, most in ((0.1, 3.0), (0.0, 1.0))
+    )
+    return np.linalg.qr(np.sin(rate * time + phase).reshape(count, -1).T)[0]
+
+
+def false_alarms(rng, parameters, rate, times):
+    """Return how often a correct model, with so many smooth effects fitted, is called wrong.
+
+    Without and with the noise's sd.
+    """
+    counts = np.zeros(2)
+    for _ in range(times):
+        noise = rng.normal(0, SIGMA, np.prod(SHAPE))
+        if parameters:
+            effects = smooth_effects(rng, parameters)
+            noise -= effects @ (effects.T @ noise)
+        for k, sigma in enumerate((None, SIGMA)):
+            fit = goodness_of_fit(noise.reshape(SHAPE), parameters, sigma, alarm=rate)
+            counts[k] += not fit.good
+    return counts / times
+
+
+def test_white_noise_raises_the_alarm_as_often_as_stated():
+    rates = false_alarms(np.random.default_rng(0), 0, 0.05, 1000)
+    assert ((rates > 0.03) & (rates < 0.075)).all(), rates
+
+
+def test_what_a_fit_leaves_of_white_noise_raises_it_no_more_often():
+    rates = false_alarms(np.random.default_rng(1), 27, 0.05, 300)
+    assert (rates < 0.08).all(), rates
+
+
+@pytest.mark.parametrize("sigma", [None, SIGMA])
+def test_a_wrong_model_that_adds_four_hundredths_to_the_rms_is_found_out(sigma):
+    rng = np.random.default_rng(2)
+    found = 0
+    for _ in range(50):
+        error = smooth_effects(rng, 1).reshape(SHAPE) * np.sqrt(0.08 * np.prod(SHAPE)) * SIGMA
+        fit = goodness_of_fit(rng.normal(0, SIGMA, SHAPE) + error, 27, sigma)
+        found += not fit.good
+    assert found >= 48
+
+
+def test_noise_larger_than_known_is_found_out_by_its_size_alone():
+    noise = np.random.default_rng(0).normal(0, 1.1 * SIGMA, SHAPE)
+    fit = goodness_of_fit(noise, 27, SIGMA)
+    assert not fit.good
+    assert fit.whiteness_p > 0.01
+    assert fit.verdict.startswith("none of the bodies I can imagine swims like this")
+    assert "1.1 times the noise" in fit.verdict
+    assert goodness_of_fit(noise, 27, None).good
+
+
+def test_chances_under_the_truth_are_uniform():
+    rng = np.random.default_rng(3)
+    sizes = [goodness_of_fit(rng.normal(0, SIGMA, SHAPE), 0, SIGMA).size_p for _ in range(300)]
+    counts, _ = np.histogram(sizes, 5, range=(0, 1))
+    assert counts == pytest.approx(np.full(5, 60), abs=28)
+
+
+def test_rounding_is_a_perfect_fit_whatever_its_shape():
+    drift = np.linspace(-1e-7, 1e-7, 256)[None, :, None] * np.ones(SHAPE)
+    fit = goodness_of_fit(drift, 27, None)
+    assert fit.good
+    assert fit.p == 1.0
+    assert "to rounding" in fit.verdict
+    assert not goodness_of_fit(drift, 27, None, floor=1e-9).good
+    assert goodness_of_fit(np.zeros(SHAPE), 27, SIGMA).good
+
+
+def test_an_axis_at_rounding_does_not_count():
+    noise = np.random.default_rng(0).normal(0, SIGMA, SHAPE)
+    noise[:, :, 2] = 1e-9 * np.sin(np.arange(256))
+    assert goodness_of_fit(noise, 27, None).good
+
+
+def test_trials_may_have_different_lengths():
+    rng = np.random.default_rng(0)
+    trials = [rng.normal(0, SIGMA, (length, 3)) for length in (64, 500)]
+    assert goodness_of_fit(trials, 12, SIGMA).good
+    assert not goodness_of_fit([trials[0], trials[1] + 0.01], 12).good
+
+
+def test_autocorrelations_are_those_of_an_autoregressive_process():
+    noise = np.random.default_rng(0).normal(size=(6, 4000, 3))
+    series = lfilter([1.0], [1.0, -0.7], noise, axis=1)
+    shares, spread = autocorrelation(series, 5)
+    assert shares == pytest.approx(0.7 ** np.arange(1, 6), abs=0.02)
+    assert spread == pytest.approx(np.full(5, noise.size**-0.5), rel=0.01)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.5, 0.9])
+def test_correlated_samples_are_worth_fewer(share):
+    noise = np.random.default_rng(0).normal(size=(6, 4000, 3))
+    series = lfilter([1.0], [1.0, -share], noise, axis=1)
+    expected = noise.size * (1 - share) / (1 + share)
+    assert effective_count(series) == pytest.approx(expected, rel=0.12)
+    assert effective_count(-np.sign(share) * series) <= noise.size
+
+
+def test_alternating_samples_are_worth_no_more_than_their_number():
+    series = np.tile([1.0, -1.0], 100)[None, :, None]
+    assert effective_count(series) == 200
+
+
+@pytest.mark.parametrize(
+    ("residuals", "settings", "said"),
+    [
+        (np.zeros((1, 8, 3)), {}, "each trial lags, 10"),
+        (np.zeros((1, 20, 1)), {"parameters": 20}, "outnumber parameters, 20"),
+        (np.full((1, 20, 1), np.nan), {}, "residuals must be finite"),
+        (np.zeros((0, 20, 1)), {}, "residuals must hold samples"),
+        (np.ones((1, 20, 1)), {"sigma": 0.0}, "sigma must be"),
+        (np.ones((1, 20, 1)), {"lags": 0}, "lags must be"),
+    ],
+)
+def test_what_cannot_be_tested_is_refused(residuals, settings, said):
+    with pytest.raises(ConfigurationError, match=said):
+        goodness_of_fit(residuals, **{"parameters": 2, **settings})

@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+from eea.core.checks import ConfigurationError
+from eea.joint import Group, Mode, Posterior, findings
+
+NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")
+CIRCULAR = np.array([False] * 6 + [True])
+FIN = Group(
+    "the fin", ("length", "width", "thickness"), (0, 1, 2), (0, 0, 0), (2, 1, 0.1), area=(0, 1),
+    hint="faster flippers would tell",
+)  # fmt: skip
+TAIL = Group(
+    "the tail", ("length", "width"), (3, 4), (0, 0), (2, 1), area=(0, 1),
+    hint="a faster tail would tell",
+)  # fmt: skip
+KNOWN = np.full(7, 1e4)
+MIDDLE = np.full(7, 0.5)
+
+
+def known(*modes):
+    return Posterior(NAMES, np.zeros(7), np.ones(7), CIRCULAR, modes)
+
+
+def test_of_a_body_that_is_known_there_is_nothing_to_say():
+    assert findings(known(Mode(MIDDLE, np.diag(KNOWN), 0.0)), [FIN, TAIL]) == []
+
+
+def test_a_fin_of_no_length_is_absent_and_of_its_other_sizes_nothing_is_said():
+    theta, precision = MIDDLE.copy(), KNOWN.copy()
+    theta[0], precision[1:3] = 0.0, 0.0
+    said = findings(known(Mode(theta, np.diag(precision), 0.0)), [FIN, TAIL])
+    assert len(said) == 1
+    assert said[0].startswith("the fin is absent: its area is at most 0.0")
+
+
+def test_a_small_fin_is_not_absent():
+    theta = MIDDLE.copy()
+    theta[0] = 0.1
+    assert findings(known(Mode(theta, np.diag(KNOWN), 0.0)), [FIN, TAIL]) == []
+    assert findings(known(Mode(theta, np.diag(KNOWN), 0.0)), [FIN], absent=0.2) != []
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_two_sizes_that_trade_off_are_named_with_what_would_tell(sign):
+    information = np.diag(KNOWN)
+    information[3:5, 3:5] = 1e4 * np.array([[1.0, 0.99 * sign], [0.99 * sign, 1.0]])
+    found = known(Mode(MIDDLE, information, 0.0))
+    expected = "the tail's length and width trade off; a faster tail would tell"
+    assert findings(found, [FIN, TAIL]) == [expected]
+    assert findings(found, [FIN, TAIL], tied=0.995) == []
+    assert findings(found, [FIN]) == []
+
+
+def test_a_narrow_pair_is_not_worth_a_word():
+    information = np.diag(KNOWN)
+    information[3:5, 3:5] = 1e8 * np.array([[1.0, 0.99], [0.99, 1.0]])
+    assert findings(known(Mode(MIDDLE, information, 0.0)), [FIN, TAIL]) == []
+
+
+def test_sizes_of_two_fins_that_trade_off_are_both_named():
+    information = np.diag(KNOWN)
+    information[0, 4] = information[4, 0] = -0.99e4
+    said = findings(known(Mode(MIDDLE, information, 0.0)), [FIN, TAIL])
+    assert len(said) == 1
+    assert said[0].startswith("the fin's length and the tail's width trade off; ")
+
+
+def test_a_size_that_is_not_told_is_named_with_its_range_in_its_unit():
+    precision = KNOWN.copy()
+    precision[2] = 0.0
+    said = findings(known(Mode(MIDDLE, np.diag(precision), 0.0)), [FIN, TAIL])
+    assert len(said) == 1
+    told = re.fullmatch(
+        "the data do not tell the fin's thickness: anything from (.*) to (.*); "
+        "faster flippers would tell",
+        said[0],
+    )
+    assert [float(end) for end in told.groups()] == pytest.approx([0.005, 0.095], abs=0.002)
+
+
+def test_several_bodies_are_told_with_their_weights_where_they_differ():
+    other = MIDDLE.copy()
+    other[3] = 0.8
+    odds = np.log(0.7 / 0.3)
+    found = known(Mode(MIDDLE, np.diag(KNOWN), 0.0), Mode(other, np.diag(KNOWN), odds))
+    said = findings(found, [FIN, TAIL], untold=1.0)
+    assert said == ["two bodies explain it: 70% the tail's length 1, or 30% the tail's length 1.6"]
+    assert findings(found, [FIN, TAIL], untold=1.0, least_weight=0.4) == []
+
+
+def test_modes_of_other_angles_and_nuisances_are_one_body():
+    other = MIDDLE.copy()
+    other[5], other[6] = 0.1, 2.5
+    modes = (Mode(MIDDLE, np.diag(KNOWN), 0.0), Mode(other, np.diag(KNOWN), 0.0))
+    assert len(known(*modes).modes) == 2
+    assert findings(known(*modes), [FIN, TAIL]) == []
+    gain = Group("the servos", ("gain",), (5,), (0.8,), (1.2,))
+    assert findings(known(*modes), [gain], untold=1.0)[0].startswith("two bodies explain it: ")
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Group("it", ("length",), (0, 1), (0,), (1,)), "indices of it must be one for"),
+        (lambda: Group("it", ("length",), (0,), (0,), (1,), area=(0, 1)), "area must be"),
+        (lambda: findings(known(Mode(MIDDLE, np.diag(KNOWN), 0)), [
+            Group("it", ("angle",), (6,), (0,), (1,))]), "got phase, an angle"),
+        (lambda: findings(known(Mode(MIDDLE, np.diag(KNOWN), 0)), [
+            Group("it", ("angle",), (9,), (0,), (1,))]), "indices of it must be"),
+        (lambda: findings(known(Mode(MIDDLE, np.diag(KNOWN), 0)), [], tied=1.5), "tied must be"),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit_is_refused(make, said):
+    with pytest.raises(ConfigurationError, match=said):
+        make()

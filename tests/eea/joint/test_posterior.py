@@ -1,0 +1,221 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eea.core.angles import circular_distance
+from eea.core.checks import ConfigurationError
+from eea.joint import Mode, Posterior, coverage, rank_uniformity, ranks
+from linear_worlds import EFFECTS, fit, observe
+
+REPLICATES = 200
+
+
+@pytest.fixture(scope="module")
+def looks():
+    """Truths uniform in the box, as the prior has them, and their posteriors."""
+    rng = np.random.default_rng(7)
+    truths = rng.random((REPLICATES, 4))
+    return truths, [observe(truth, rng) for truth in truths]
+
+
+@pytest.mark.parametrize("mass", [0.5, 0.8, 0.9])
+def test_intervals_hold_as_many_truths_as_they_say(looks, mass):
+    truths, posteriors = looks
+    lows, highs = zip(*(p.interval(mass) for p in posteriors), strict=True)
+    found = coverage(truths, np.array(lows), np.array(highs), confidence=0.999)
+    assert ((found.low <= mass) & (mass <= found.high)).all(), found.share
+
+
+def test_the_ranks_of_truths_among_draws_are_uniform(looks):
+    truths, posteriors = looks
+    rng = np.random.default_rng(8)
+    counted = np.array(
+        [ranks(p.sample(99, rng), t, rng) for p, t in zip(posteriors, truths, strict=True)]
+    )
+    assert (rank_uniformity(counted, 99) > 1e-3).all()
+
+
+def test_intervals_half_as_wide_are_found_out(looks):
+    truths, posteriors = looks
+    rng = np.random.default_rng(9)
+    middles = np.array([p.median() for p in posteriors])
+    ends = np.array([p.interval(0.9) for p in posteriors])
+    narrow = middles[:, None] + 0.5 * (ends - middles[:, None])
+    found = coverage(truths, narrow[:, 0], narrow[:, 1], confidence=0.999)
+    assert (found.high < 0.9).all()
+    drawn = [m + 0.5 * (p.sample(99, rng) - m) for m, p in zip(middles, posteriors, strict=True)]
+    counted = np.array([ranks(d, t, rng) for d, t in zip(drawn, truths, strict=True)])
+    assert (rank_uniformity(counted, 99) < 1e-3).all()
+
+
+def test_truths_at_the_edges_are_held_too():
+    """A fin of no length: equal tails would never hold it."""
+    rng = np.random.default_rng(3)
+    truths = np.column_stack([np.zeros(100), rng.random((100, 3))])
+    ends = np.array([observe(truth, rng).interval(0.9) for truth in truths])
+    found = coverage(truths, ends[:, 0], ends[:, 1])
+    assert found.share[0] == np.mean(ends[:, 0, 0] == 0.0)
+    assert (found.share > 0.8).all(), found.share
+
+
+def test_wider_intervals_include_narrower_ones(looks):
+    for posterior in looks[1][:40]:
+        inner, outer = posterior.interval(0.5), posterior.interval(0.9)
+        assert (outer[0] <= inner[0]).all()
+        assert (inner[1] <= outer[1]).all()
+
+
+def test_the_summaries_of_one_mode_are_those_of_its_normal():
+    information = np.array([[400.0, 150.0], [150.0, 100.0]])
+    exact = np.linalg.inv(information) / 100
+    found = Posterior(
+        ("a", "b"), [-9, -9], [9, 9], [False, False], [Mode([0.3, 0.6], 100 * information, 0.0)]
+    )
+    assert found.median() == pytest.approx([0.3, 0.6], abs=1e-3)
+    assert found.sd == pytest.approx(np.sqrt(np.diag(exact)), rel=0.05)
+    rho = exact[0, 1] / np.sqrt(exact[0, 0] * exact[1, 1])
+    assert found.correlation == pytest.approx(np.array([[1, rho], [rho, 1]]), abs=0.03)
+    low, high = found.interval(0.9)
+    assert (high - low) == pytest.approx(2 * 1.645 * np.sqrt(np.diag(exact)), rel=0.05)
+
+
+def test_modes_weigh_as_their_integrals_do():
+    """Half the wider mode's mass lies outside; the narrower is better by 2 in cost."""
+    modes = [
+        Mode([0.25], [[1e4]], cost=1.0),
+        Mode([1.0], [[100.0]], cost=3.0),
+    ]
+    found = Posterior(("length",), [0], [1], [False], modes)
+    inside = np.exp(-3.0) * 0.1 / 2
+    assert found.weights == pytest.approx(
+        np.array([np.exp(-1.0) * 0.01, inside]) / (np.exp(-1.0) * 0.01 + inside), abs=0.002
+    )
+    draws = found.sample(20_000, np.random.default_rng(0))
+    assert np.mean(draws < 0.5) == pytest.approx(found.weights[0], abs=0.015)
+
+
+def test_an_angle_near_the_turn_is_one_arc():
+    found = Posterior(("phase",), [0], [0], [True], [Mode([3.1], [[25.0]], 0.0)])
+    low, high = found.interval(0.9)
+    assert high - low == pytest.approx(2 * 1.645 * 0.2, rel=0.06)
+    assert low < 3.1 < high
+    assert high > np.pi
+    assert circular_distance(found.median(), 3.1) < 0.02
+    assert found.sd == pytest.approx([0.2], rel=0.05)
+    assert (found.draws >= -np.pi).all()
+    assert (found.draws < np.pi).all()
+
+
+def test_an_angle_that_nothing_tells_is_uniform_over_the_turn():
+    found = Posterior(("phase",), [0], [0], [True], [Mode([2.0], [[0.0]], 0.0)])
+    counts, _ = np.histogram(found.draws, 8, range=(-np.pi, np.pi))
+    assert counts == pytest.approx(np.full(8, 512), abs=90)
+    low, high = found.interval(0.9)
+    assert high - low == pytest.approx(0.9 * 2 * np.pi, rel=0.03)
+
+
+def test_angles_are_calibrated_across_the_turn():
+    rng = np.random.default_rng(4)
+    effects = np.array([[4.0, 3.0], [0.0, 5.0]])
+    circular = np.array([True, False])
+    truths, lows, highs, counted = [], [], [], []
+    for _ in range(150):
+        truth = np.array([rng.uniform(-np.pi, np.pi), rng.random()])
+        felt = effects @ truth + rng.normal(size=2)
+        found = fit(effects, felt, np.zeros(2), np.ones(2), circular)
+        low, high = found.interval(0.8)
+        truths.append(truth)
+        lows.append(low)
+        highs.append(high)
+        counted.append(ranks(found.sample(99, rng), truth, rng, circular))
+    held = coverage(truths, lows, highs, circular, confidence=0.999)
+    assert ((held.low < 0.8) & (held.high > 0.8)).all(), held.share
+    assert (rank_uniformity(counted, 99) > 1e-3).all()
+
+
+def test_one_optimum_found_from_several_starts_is_one_mode():
+    sharp = np.diag([1e4, 1e4, 0.0])
+    circular = [False, True, True]
+    best = Mode([0.5, 3.14, 0.0], sharp, 1.0)
+    again = Mode([0.5001, 3.14 - 2 * np.pi, 2.0], sharp, 1.001)  # a turn on; the last is not told
+    other = Mode([0.6, 3.14, 0.0], sharp, 1.0)
+    found = Posterior(("a", "b", "c"), [0] * 3, [1] * 3, circular, [again, other, best])
+    assert [mode.theta[0] for mode in found.modes] == [0.6, 0.5]
+    alone = Posterior(("a", "b", "c"), [0] * 3, [1] * 3, circular, [other, best])
+    assert found.weights == pytest.approx(alone.weights)
+    assert found.weights == pytest.approx([0.5, 0.5], abs=0.01)
+
+
+def test_a_better_optimum_is_the_one_that_stays():
+    modes = [Mode([0.50], [[100.0]], 5.0), Mode([0.55], [[100.0]], 4.0)]
+    assert Posterior(("a",), [0], [1], [False], modes).modes == (modes[1],)
+
+
+@given(st.integers(0, 10**6))
+@settings(max_examples=10)
+def test_a_posterior_survives_json_and_arrays_to_the_bit(seed):
+    rng = np.random.default_rng(seed)
+    felt = EFFECTS @ rng.random(4) + rng.normal(size=4)
+    found = fit(EFFECTS, felt, np.zeros(4), np.ones(4), np.array([False, False, False, True]))
+    document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert document["schema"] == "eea.posterior/1"
+    for again in (
+        Posterior.from_dict(document),
+        Posterior.from_arrays(found.names, found.arrays()),
+    ):
+        assert again.draws.tobytes() == found.draws.tobytes()
+        assert again.names == found.names
+        assert again.to_dict() == found.to_dict()
+
+
+def test_arrays_are_numbers():
+    found = observe(np.full(4, 0.5), np.random.default_rng(0))
+    assert {array.dtype.kind for array in found.arrays().values()} <= set("fiub")
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"schema": "eea.posterior/2"}, "schema must be 'eea.posterior/1'"),
+        ({"cost": None}, "cost must be"),
+        ({"theta": [[0.5, 0.5, 0.5, 7.0]]}, r"theta of gain must be in \[0, 1\]; got 7"),
+        ({"theta": [[0.5]]}, "theta must have shape"),
+        ({"circular": [0, 0, 0, 0]}, "circular must be 4 truths"),
+        ({"theta": [], "information": [], "gradient": [], "cost": []}, "must have shape"),
+    ],
+)
+def test_a_wrong_document_is_refused(change, said):
+    found = observe(np.full(4, 0.5), np.random.default_rng(0))
+    with pytest.raises(ConfigurationError, match=said):
+        Posterior.from_dict(found.to_dict() | change)
+
+
+def test_a_missing_entry_is_named():
+    document = observe(np.full(4, 0.5), np.random.default_rng(0)).to_dict()
+    del document["information"]
+    with pytest.raises(ConfigurationError, match="information must be there"):
+        Posterior.from_dict(document)
+
+
+@pytest.mark.parametrize(
+    ("information", "said"),
+    [
+        ([[1.0, 2.0], [2.0, 1.0]], "no negative eigenvalue"),
+        ([[0.0, 2.0], [2.0, 1.0]], "no negative eigenvalue"),
+        ([[1.0, 0.5], [0.0, 1.0]], "symmetric"),
+        ([[np.nan, 0.0], [0.0, 1.0]], "finite"),
+    ],
+)
+def test_a_wrong_hessian_is_refused(information, said):
+    with pytest.raises(ConfigurationError, match=said):
+        Mode([0.5, 0.5], information, 0.0)
+
+
+def test_no_mode_is_refused():
+    with pytest.raises(ConfigurationError, match="at least one mode"):
+        Posterior(("a",), [0], [1], [False], [])
