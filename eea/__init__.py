@@ -1,8 +1,9 @@
 """The Estimation-Exploration Algorithm for robots that do not know where their fins are.
 
 The algorithm, ``eea.core``, knows no robot: it asks a ``Target`` and a ``Simulator``, and needs
-numpy only. ``eea.aquafish`` binds it to the fish of ``aquafish_gym``, ``eea.study`` repeats it in
-numbers; both are loaded when first used.
+numpy only. ``eea.joint``, which needs scipy too, is the method beyond the paper: it infers body,
+angles and nuisances together. ``eea.aquafish`` binds both to the fish of ``aquafish_gym``,
+``eea.study`` repeats them in numbers. All but the core are loaded when first used.
 """
 
 from __future__ import annotations
@@ -10,14 +11,16 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from eea import aquafish, core
+from eea import aquafish, core, joint
 from eea.core import *  # noqa: F403
 
 if TYPE_CHECKING:
     from eea.aquafish import *  # noqa: F403
+    from eea.joint import Hypothesis, JointInference, JointProblem, Nuisance
     from eea.study.presets import FIGURES, figure_config
 
-__all__ = ["FIGURES", "figure_config"]
+_JOINT = ("Hypothesis", "JointInference", "JointProblem", "Nuisance")
+__all__ = ["FIGURES", "Hypothesis", "JointInference", "JointProblem", "Nuisance", "figure_config"]
 __all__ += core.__all__
 __all__ += aquafish.__all__
 
@@ -25,6 +28,8 @@ __all__ += aquafish.__all__
 def __getattr__(name: str) -> Any:
     if name in ("FIGURES", "figure_config"):
         return getattr(import_module("eea.study.presets"), name)
+    if name in _JOINT:
+        return getattr(joint, name)
     if name in aquafish.__all__:
         return getattr(aquafish, name)
     raise AttributeError(f"module 'eea' has no attribute {name!r}")

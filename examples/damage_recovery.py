@@ -9,8 +9,9 @@ and this is where it is written:
 1. What breaks, ``aquafish_gym.Damage``: the damaged body is ``Damage.parse(...).apply(healthy)``.
 2. What the robot then takes for its body, ``aquafish.recovery.treatment._self_model``: a treatment
    believes in the *undamaged* body, in the model of plain EEA (*none*) or of *out-of-band* EEA,
-   or, as the *oracle*, in the true one. A model comes from ``eea.EEA``, round by round.
-3. A gait for that body, ``gait.evolve_gait``.
+   in what *joint* inference holds possible or, as the *oracle*, in the true one. A model comes
+   from ``eea.fish_eea``, round by round.
+3. A gait for that body, or for a sample of bodies, ``gait.evolve_gait``.
 4. How far that gait swims, on the believed body and on the damaged robot: ``gait.transfer``.
    Steps 2 to 4 are ``aquafish.recovery.treatment.treat``, a function of a ``Treatment`` alone.
 5. Every treatment of every seed, in processes or on a cluster, each outcome written as it comes:

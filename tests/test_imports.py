@@ -7,13 +7,14 @@ import sys
 
 import pytest
 
-HEAVY = ("matplotlib", "pybullet", "stable_baselines3", "torch")
+HEAVY = ("matplotlib", "mujoco", "pybullet", "stable_baselines3", "torch")
 
 
 # Programs and modules that use a heavy library only when they are asked to.
 MODULES = (
     "aquafish_gym",
     "aquafish_gym.engines.bullet.world",
+    "aquafish_gym.engines.mujoco.world",
     "aquafish_gym.envs.aquafish",
     "eea",
     "eea.__main__",

@@ -18,6 +18,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from aquafish.recovery.report import Outcomes, build_report, show, to_markdown, versions
 from aquafish.recovery.treatment import TREATMENTS, Treatment, rehearse, source_stamp, treat
 from aquafish_gym import Damage
+from aquafish_gym.bodies import write_bodies
 from aquafish_gym.engines.base import check_engine
 from aquafish_gym.runs.executors import workers
 from aquafish_gym.runs.folder import claim, described, held
@@ -33,7 +34,7 @@ from aquafish_gym.utils.command_line import (
     read_morphology,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
-from eea.core.config import RECOVERY, recovery_config
+from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
 from gait.controller import Controller
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
@@ -47,11 +48,12 @@ PATIENCE = 3.0  # s, in which a worker with everything compiled is ready
 class Recover:
     """The case study: a fish is damaged, models itself, evolves a gait and swims on.
 
-    Four treatments differ in the body that the gait is evolved on: the old one, plain EEA's
-    model, Out-of-Band EEA's, and the true one. Into --out go report.md, report.json, pictures, a
-    film, and for each treatment of each replicate its outcome with all rounds and paths, the
-    morphology.json and the controller.json. The same command goes on with what is missing. (For a
-    self-model alone: python -m eea recover.)
+    Five treatments differ in the body that the gait is evolved on: the old one, plain EEA's model,
+    Out-of-Band EEA's, fifty that joint inference holds possible, and the true one. Into --out go
+    report.md, report.json, pictures, a film, and for each treatment of each replicate its outcome
+    with all rounds and paths, the morphology.json and the controller.json, and joint inference's
+    bodies.json. The same command goes on with what is missing. (For a self-model alone: python -m
+    eea recover.)
     """
 
     out: Out = Path("out/recovery")
@@ -63,10 +65,12 @@ class Recover:
     """Replicates, with seeds from `seed` upwards."""
     rounds: int = RECOVERY.rounds
     """Trials on the damaged robot, one a round."""
+    joint_rounds: int = 3
+    """Trials of joint inference, which needs fewer."""
     steps: int = RECOVERY.steps
     """Length of a trial in steps of 0.01 s, a power of two."""
     models: int = RECOVERY.estimation.population
-    """Population of candidate bodies, for both self-models."""
+    """Population of candidate bodies, for both of the EEA's self-models."""
     angle_sets: int = RECOVERY.out_of_band.inner_population
     """Population of Out-of-Band's inner search for the fins' angles."""
     sampled_models: int | None = RECOVERY.out_of_band.sampled_models
@@ -79,7 +83,8 @@ class Recover:
     population: int = 150
     """Gaits a generation."""
     gait_poses: int = 8
-    """Random fin poses that a gait must swim from while it evolves, besides the zero pose."""
+    """Random fin poses that a gait must swim from while it evolves, besides the zero pose. With
+    none, joint inference's gait is for its median body alone."""
     poses: int = 16
     """Random fin poses that a finished gait is scored from, besides the zero pose."""
     seconds: float = 20.0
@@ -106,6 +111,7 @@ class Recover:
             integer("workers", self.workers, 1)
         if not self.format:
             raise InvalidArgumentError("format must be one or more of png, pdf, svg; got none")
+        integer("joint_rounds", self.joint_rounds, 1, MAXIMUM_ROUNDS)
         engine = check_engine(self.target_engine)
         body, damage = read_morphology(self.morphology, "morphology"), Damage.parse(self.damage)
         damage.apply(body)
@@ -118,6 +124,7 @@ class Recover:
         )
         estimation = replace(eea.estimation, population=self.models)
         eea = replace(eea, estimation=estimation, out_of_band=out_of_band)
+        joint = replace(eea, rounds=self.joint_rounds)
         gait = EvolveConfig(
             generations=self.generations,
             population=self.population,
@@ -132,13 +139,13 @@ class Recover:
                 seed=seed,
                 morphology=body,
                 damage=damage,
-                eea=eea,
+                eea=joint if name == "joint" else eea,
                 gait=replace(gait, seed=seed),
                 transfer=replace(swims, seed=seed),
                 source=source_stamp(),
             )
             for seed in range(self.seed, self.seed + self.seeds)
-            for name in ("out-of-band", "none", "undamaged", "oracle")
+            for name in ("out-of-band", "none", "joint", "undamaged", "oracle")
         ]
 
     def execute(self) -> None:
@@ -198,6 +205,8 @@ class Recover:
         for job in jobs:
             outcome = outcomes[job.treatment][job.seed - jobs[0].seed]
             write_document(folder / job.folder / "morphology.json", outcome["morphology"])
+            if "bodies" in outcome:
+                write_bodies(folder / job.folder / "bodies.json", outcome["bodies"])
             controller = Controller.from_dict(outcome["controller"])
             controller.save(folder / job.folder / "controller.json")
         console = Console()
@@ -236,12 +245,19 @@ def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
 def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
     """Return all that the results depend on, ready for JSON."""
     job = jobs[0]
+    rounds = {one.eea.rounds for one in jobs if one.treatment == "joint"}
     parts = {"eea": job.eea.to_dict(), "gait": asdict(job.gait), "transfer": asdict(job.transfer)}
     for part in parts.values():
         for name in ("condition", "seed", "threads"):  # each treatment's own
             part.pop(name, None)
     body = job.morphology.to_dict()
-    return {"damage": str(job.damage), "morphology": body, "first_seed": job.seed, **parts}
+    return {
+        "damage": str(job.damage),
+        "morphology": body,
+        "first_seed": job.seed,
+        "joint_rounds": rounds.pop(),
+        **parts,
+    }
 
 
 @contextmanager

@@ -20,11 +20,15 @@ from eea.core.fitness import chance_level, mid_range_level
 from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 
-COLOURS = dict(zip(TREATMENTS, ("#555555", "#d55e00", "#0072b2", "#009e73"), strict=True))
+# Joint inference's is as in the figures of studies.
+_COLOURS = ("#555555", "#d55e00", "#0072b2", "#882255", "#009e73")
+COLOURS = dict(zip(TREATMENTS, _COLOURS, strict=True))
+RECOVERED = "joint"  # whose gait the film shows in the end
 SHOWN = {
     "undamaged": "the old body",
     "none": "plain EEA's model",
     "out-of-band": "Out-of-Band EEA's model",
+    "joint": "joint inference's belief",
     "oracle": "the true body",
 }
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -67,7 +71,7 @@ def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     bodies = {"target": target} | {
         t: Morphology.coerce(outcomes[t][0]["morphology"]) for t in TREATMENTS if t != "oracle"
     }
-    figure = new_figure(10.5, 3.3, DPI)
+    figure = new_figure(2.63 * len(bodies), 3.3, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA))
         axes.set_title("the damaged robot\n")
@@ -80,7 +84,7 @@ def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
 
 def paths_figure(outcomes: Outcomes) -> Figure:
     """Draw the first replicate's gaits, each on its own model and on the target (Fig. 12)."""
-    figure = new_figure(12.0, 3.6, DPI)
+    figure = new_figure(2.9 * len(TREATMENTS), 3.6, DPI)
     panels = figure.subplots(1, len(TREATMENTS), sharey=True)
     for axes, name in zip(panels, TREATMENTS, strict=True):
         swims = {"own model": _first_swim(outcomes, name, "native")}
@@ -96,7 +100,7 @@ def _first_swim(outcomes: Outcomes, treatment: str, body: str) -> Swim:
 
 
 def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
-    """Draw OBJ_FIT and MOD_FIT against round for both self-models."""
+    """Draw OBJ_FIT and MOD_FIT against trials for each self-model."""
     figure = new_figure(9.0, 3.8, DPI)
     panels = figure.subplots(1, 2)
     titles = {
@@ -112,7 +116,7 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
             mean = curves.mean(axis=0)
             axes.plot(number, mean, "o-", ms=3, color=COLOURS[name], label=SHOWN[name])
         axes.set_title(title)
-        axes.set_xlabel("round (one trial on the robot each)")
+        axes.set_xlabel("trials on the robot")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(color="0.92")
     for level, line, label in (
@@ -129,7 +133,7 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
 
 def distances_figure(outcomes: Outcomes) -> Figure:
     """Draw every replicate's distance on the target, a line within each replicate."""
-    figure = new_figure(9.0, 3.8, DPI)
+    figure = new_figure(11.0, 3.8, DPI)
     names = {
         "target_distance": "from the zero pose",
         "target_distance_random_poses": "mean over random fin poses",
@@ -157,7 +161,7 @@ def write_film(path: Path, healthy: Morphology, target: Morphology, outcomes: Ou
     scenes = [
         ("healthy", healthy, _first_swim(outcomes, "undamaged", "native")),
         ("damaged, old gait", target, _first_swim(outcomes, "undamaged", "target")),
-        ("damaged, recovered", target, _first_swim(outcomes, "out-of-band", "target")),
+        ("damaged, recovered", target, _first_swim(outcomes, RECOVERED, "target")),
     ]
     columns = []
     for title, body, swim in scenes:

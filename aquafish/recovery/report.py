@@ -12,21 +12,32 @@ from rich.console import Console
 from rich.markdown import Markdown
 from rich.table import Table
 
-from aquafish.recovery.treatment import TREATMENTS
+from aquafish.recovery.treatment import BODIES, MODELLED, TREATMENTS
 from aquafish_gym import Damage, Morphology
 from eea.report.statistics import FEWEST, paired_difference, ratio_interval, summarize
 
 UNIT_IN_M = 0.05
 LIBRARIES = ("aquafish-gym", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy")
-# The questions of the case study: does the recovered gait beat the old one, and plain EEA's?
-COMPARISONS = (("out-of-band", "undamaged"), ("out-of-band", "none"), ("oracle", "out-of-band"))
+# The questions of the case study: does the recovered gait beat the old one, and plain EEA's, and
+# what would the true body's add?
+RECOVERED = ("joint", "out-of-band")
+COMPARISONS = (
+    *((ours, other) for ours in RECOVERED for other in ("undamaged", "none")),
+    ("joint", "out-of-band"),
+    *(("oracle", ours) for ours in RECOVERED),
+)
+SHARES = ("share_of_oracle", "share_of_oracle_random_poses")
+MEASURES = {"target_distance": "zero pose", "target_distance_random_poses": "random poses"}
 SAYS = {
     "undamaged": "the old body: the gait it swam with before the damage",
     "none": "plain EEA's model, which takes its fins to start at zero",
     "out-of-band": "Out-of-Band EEA's model, which infers where its fins started",
+    "joint": "what joint inference believes, which fits body, fins and nuisances together: its "
+    f"median body in OBJ_FIT and *own model*, and a gait for {BODIES} bodies that the trials allow",
     "oracle": "the true damaged body: the best that self-modelling can give",
 }
-UNREPEATED = ("rounds", "generations", "controller", "swims")  # of an outcome, in the report
+# Of an outcome, in the report.
+UNREPEATED = ("rounds", "generations", "controller", "swims", "bodies")
 
 Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome a replicate
 Rows = list[list[str]]  # a table, its header first
@@ -46,7 +57,7 @@ def versions() -> dict[str, str]:
 def build_report(
     config: dict[str, Any], code: list[dict[str, str]], outcomes: Outcomes
 ) -> dict[str, Any]:
-    """Return every number of the study, ready for JSON.
+    """Return every number of the study, ready for JSON, of those treatments that were done.
 
     Parameters
     ----------
@@ -62,14 +73,19 @@ def build_report(
         "code": code,
         "seeds": [outcome["seed"] for outcome in outcomes["oracle"]],
         "unit_in_m": UNIT_IN_M,
-        "treatments": {treatment: _row(outcomes, treatment) for treatment in TREATMENTS},
+        "treatments": {
+            treatment: {"trials": _trials(config, treatment)} | _row(outcomes, treatment)
+            for treatment in TREATMENTS
+            if treatment in outcomes
+        },
         "paired": [
             {"measure": measure, "first": first, "second": second}
             | paired_difference(
                 *({o["seed"]: distances(o)[measure] for o in outcomes[t]} for t in (first, second))
             )
-            for measure in ("target_distance", "target_distance_random_poses")
+            for measure in MEASURES
             for first, second in COMPARISONS
+            if first in outcomes and second in outcomes
         ],
         "replicates": {
             treatment: [
@@ -79,6 +95,14 @@ def build_report(
             for treatment, done in outcomes.items()
         },
     }
+
+
+def _trials(config: Mapping[str, Any], treatment: str) -> int:
+    """Return how many trials on the damaged robot a treatment's body takes to be known."""
+    if treatment not in MODELLED:
+        return 0
+    trials: int = config["joint_rounds"] if treatment == "joint" else config["eea"]["rounds"]
+    return trials
 
 
 def distances(outcome: Mapping[str, Any]) -> dict[str, float]:
@@ -142,13 +166,14 @@ def _parts(report: dict[str, Any]) -> list[str | Rows]:
         "robot is 4 units long.",
         f"{len(seeds)} replicate{several}, seed{several} {', '.join(map(str, seeds))}"
         f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST else ''}. "
-        f"Self-models: {trials['rounds']} trials of {trials['steps'] / 100:g} s.",
+        f"Trials on the robot are of {trials['steps'] / 100:g} s.",
         _main_table(report["treatments"]),
+        *headline(report),
         "*Own model* is the body the gait was evolved on. *Random poses* is the mean over "
         f"{swims['poses']} starts with the fins anywhere, since the robot cannot know where its "
         f"fins are. *Share* is of the oracle's distance. {_old_body(damage, body)} The "
         "self-models start from random bodies.",
-        "\n".join(f"- **{treatment}**: {sentence}" for treatment, sentence in SAYS.items()),
+        "\n".join(f"- **{name}**: {SAYS[name]}" for name in report["treatments"]),
     ]
     lost = sum(row["diverged_swims"] for row in report["treatments"].values())
     if lost:
@@ -157,6 +182,37 @@ def _parts(report: dict[str, Any]) -> list[str | Rows]:
     if several:
         parts += ["## Within replicates", _paired_table(report["paired"])]
     return parts
+
+
+def headline(report: dict[str, Any]) -> list[str]:
+    """Return a sentence on each self-model that may have recovered the robot: what it came to."""
+    count = len(report["seeds"])
+    won = {
+        (r["first"], r["second"], r["measure"]): f"{r['wins']} of {count}" for r in report["paired"]
+    }
+    said = []
+    for ours in (name for name in RECOVERED if name in report["treatments"]):
+        row = report["treatments"][ours]
+        old, plain = ([won[ours, other, m] for m in MEASURES] for other in ("undamaged", "none"))
+        shares = [row[name] for name in SHARES]
+        far = "the one for the true body gets nowhere"
+        if None not in shares:
+            far = f"it swims {shares[0]:.0%} and {shares[1]:.0%} as far as one for the true body"
+        said.append(
+            f"**{ours}**: after {row['trials']} trials the robot's gait beats the old one in "
+            f"{old[0]} replicates from the zero pose and in {old[1]} from random poses, and plain "
+            f"EEA's in {plain[0]} and {plain[1]}; {far}{_told(row)}."
+        )
+    return said
+
+
+def _told(row: dict[str, Any]) -> str:
+    """Return whether shares are told from all of the oracle's distance, where that is known."""
+    ends = [row["spread"][name]["interval"] for name in SHARES]
+    if None in ends:
+        return ""
+    apart = sum(not low <= 1.0 <= high for low, high in ends)
+    return (", neither told from 100%", ", one told from 100%", ", both told from 100%")[apart]
 
 
 def _old_body(damage: Damage, body: Morphology) -> str:
@@ -180,6 +236,7 @@ def _number(value: float | None, interval: Sequence[float] | None, form: str) ->
 
 def _main_table(treatments: dict[str, Any]) -> Rows:
     columns = (  # field, header, form
+        ("trials", "trials", "d"),
         ("objective_fitness", "OBJ_FIT", ".3f"),
         ("native_distance", "own model", ".1f"),
         ("target_distance", "target", ".1f"),
@@ -188,16 +245,21 @@ def _main_table(treatments: dict[str, Any]) -> Rows:
         ("share_of_oracle_random_poses", "share", ".0%"),
     )
     return [["gait for", *(header for _, header, _ in columns)]] + [
-        [name, *(_number(row[f], row["spread"][f]["interval"], form) for f, _, form in columns)]
+        [
+            name,
+            *(
+                _number(row[f], row["spread"].get(f, {}).get("interval"), form)
+                for f, _, form in columns
+            ),
+        ]
         for name, row in treatments.items()
     ]
 
 
 def _paired_table(rows: list[dict[str, Any]]) -> Rows:
-    poses = {"target_distance": "zero pose", "target_distance_random_poses": "random poses"}
     return [["on the target", "is better than", "in", "sign test", "by (units)"]] + [
         [
-            f"{row['first']}, {poses[row['measure']]}",
+            f"{row['first']}, {MEASURES[row['measure']]}",
             row["second"],
             f"{row['wins']} of {row['replicates']}",
             f"p = {row['sign_test_p']:.2g}",

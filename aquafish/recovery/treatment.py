@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import aquafish_gym
 import eea.aquafish
 import eea.core
+import eea.joint
 import gait
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.runs.stamps import code_stamp
@@ -27,8 +28,15 @@ from gait.transfer import TransferConfig, transfer
 
 # What each treatment takes for the robot's body. The oracle knows the damage, which no robot
 # does: it is the best that self-modelling can give.
-TREATMENTS = ("undamaged", "none", "out-of-band", "oracle")
-MODELLED: dict[str, Condition] = {"none": "none", "out-of-band": "out-of-band"}
+TREATMENTS = ("undamaged", "none", "out-of-band", "joint", "oracle")
+MODELLED: dict[str, Condition] = {
+    "none": "none",
+    "out-of-band": "out-of-band",
+    "joint": "joint",
+}
+# Of what joint inference believes, for a gait that is to swim whichever of them is true.
+BODIES = 50
+MASS = 0.9  # of the intervals that an outcome holds
 
 PATH = ("time", "position", "quaternion", "fin_angles")
 DECIMALS = 6  # of a path's numbers, as many as a float32 holds
@@ -82,9 +90,10 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     dict
         ``treatment``, ``seed``; the believed ``morphology`` with its ``model_fitness`` (MOD_FIT;
         None if it was not inferred) and ``objective_fitness`` (OBJ_FIT); ``rounds``, the
-        self-model's records; ``generations``, the gait's; the ``controller``; distances in units
-        of 5 cm by body, from the zero pose and from each random pose; ``diverged``; ``swims``,
-        body -> ``PATH`` of the swim from the zero pose.
+        self-model's records; of joint inference its 90% ``interval``, ``findings``, ``verdict`` and
+        the sample of ``bodies`` that the gait is for; ``generations``, the gait's; the
+        ``controller``; distances in units of 5 cm by body, from the zero pose and from each random
+        pose; ``diverged``; ``swims``, body -> ``PATH`` of the swim from the zero pose.
 
     Raises
     ------
@@ -96,33 +105,36 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
             f"this worker has other code (source {source_stamp()}, not {job.source}); install the "
             "same version on every machine"
         )
-    model, rounds = _self_model(job, say)
+    model = _self_model(job, say)
 
     def tell(row: Generation) -> None:
         done, total = row.generation + 1, job.gait.generations
         share = MODEL_SHARE + GAIT_SHARE * done / total
         say(f"gait: generation {done}/{total}, {row.best:.1f} units", share)
 
-    evolved = evolve_gait(model, job.gait, on_generation=tell)
+    # From the zero pose alone, no more than one body can swim.
+    bodies = model.bodies if job.gait.poses else [model.body]
+    evolved = evolve_gait(bodies, job.gait, on_generation=tell)
     say("swimming on the target", MODEL_SHARE + GAIT_SHARE)
-    scored = transfer(evolved.controller, job.target, job.transfer)
+    scored = transfer(evolved.controller, job.target, job.transfer, native=model.body)
     native, target = (
         np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
     )
     return {
         "treatment": job.treatment,
         "seed": job.seed,
-        "morphology": model.to_dict(),
-        "model_fitness": rounds[-1]["model_fitness"] if rounds else None,
+        "morphology": model.body.to_dict(),
+        "model_fitness": model.rounds[-1]["model_fitness"] if model.rounds else None,
         "objective_fitness": float(
-            objective_fitness(model.to_array(), job.target.to_array(), fish_models())
+            objective_fitness(model.body.to_array(), job.target.to_array(), fish_models())
         ),
+        **model.sure,
         "native_distance": _progress(native)[0],
         "target_distance": _progress(target)[0],
         "native_random_distances": _progress(native)[1:],
         "target_random_distances": _progress(target)[1:],
         "diverged": int(np.count_nonzero(~np.isfinite(target))),
-        "rounds": rounds,
+        "rounds": model.rounds,
         "generations": [asdict(row) for row in evolved.history],
         "controller": evolved.controller.to_dict(),
         "swims": {
@@ -140,27 +152,39 @@ def rehearse(job: Treatment) -> None:
         exploration=replace(job.eea.exploration, generations=1),
         estimation=replace(job.eea.estimation, generations=1),
         out_of_band=replace(job.eea.out_of_band, inner_generations=1, revisit=0),
+        joint=replace(job.eea.joint, bodies=8, poses=8, descents=2, polished=1, restarts=0),
     )
     brief = replace(job.gait, generations=1, population=10, poses=1, seconds=0.1)
     swims = replace(job.transfer, poses=1, seconds=0.1)
-    small = replace(job, treatment="out-of-band", eea=few, gait=brief, transfer=swims)
-    treat(small, lambda _text, _share: None)
+    for name in ("out-of-band", "joint"):
+        small = replace(job, treatment=name, eea=few, gait=brief, transfer=swims)
+        treat(small, lambda _text, _share: None)
 
 
 @cache
 def source_stamp() -> str:
     """Return a hash of all code that the results come from."""
-    packages = (aquafish_gym, eea.core, eea.aquafish, gait)
+    packages = (aquafish_gym, eea.core, eea.joint, eea.aquafish, gait)
     folders = [Path(str(package.__file__)).parent for package in packages]
     kinds = ("*.py", "*.ini")
     files = [file for folder in folders for kind in kinds for file in folder.rglob(kind)]
     return code_stamp([*files, Path(__file__)])
 
 
-def _self_model(job: Treatment, say: Say) -> tuple[Morphology, list[dict[str, Any]]]:
-    """Return the body that this treatment believes in, and the rounds in which it was inferred."""
+class Model(NamedTuple):
+    """What a treatment believes in."""
+
+    body: Morphology
+    bodies: list[Morphology]  # that the gait is evolved on: the body alone, or a posterior's sample
+    rounds: list[dict[str, Any]]  # in which it was inferred
+    sure: dict[str, Any]  # how sure it is, for the outcome; empty where nobody knows
+
+
+def _self_model(job: Treatment, say: Say) -> Model:
+    """Return what this treatment believes in."""
     if job.treatment not in MODELLED:
-        return (job.morphology if job.treatment == "undamaged" else job.target), []
+        body = job.morphology if job.treatment == "undamaged" else job.target
+        return Model(body, [body], [], {})
     config = replace(job.eea, condition=MODELLED[job.treatment])
     hidden = streams(job.seed)["target"]
     engine = job.transfer.target_engine
@@ -176,7 +200,19 @@ def _self_model(job: Treatment, say: Say) -> tuple[Morphology, list[dict[str, An
         )
         rounds.append(record.to_dict())
         del rounds[-1]["seconds"]  # which no two runs share
-    return Morphology.from_array(algorithm.result.model), rounds
+    result = algorithm.result
+    body = Morphology.from_array(result.model)
+    if result.belief is None:
+        return Model(body, [body], rounds, {})
+    bodies = [Morphology.from_array(sizes) for sizes in result.sample(BODIES, job.seed)]
+    low, high = (Morphology.from_array(end).to_dict() for end in result.interval(MASS))
+    sure = {
+        "interval": {"mass": MASS, "low": low, "high": high},
+        "findings": result.belief.findings,
+        "verdict": result.belief.verdict,
+        "bodies": [one.to_dict() for one in bodies],
+    }
+    return Model(body, bodies, rounds, sure)
 
 
 def _progress(distances: NDArray[np.float64]) -> list[float]:

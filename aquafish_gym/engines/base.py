@@ -69,6 +69,7 @@ Engine = Callable[[Trials, Settings], ImuLog]
 ENGINES: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
     "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
+    "mujoco": "aquafish_gym.engines.mujoco.world:simulate_mujoco",
 }
 
 
@@ -151,9 +152,10 @@ def simulate(
         Samples of 0.01 s, at most 1,000,000.
     engine
         ``"numba"`` (all robots at once), ``"pybullet"`` (one after another) or ``"auto"``
-        (PyBullet where it is installed).
+        (PyBullet where it is installed); or ``"mujoco"``, the same robot in MuJoCo's own water,
+        which knows neither ``reactive`` nor another ``drag``.
     dtype
-        ``"float32"`` or ``"float64"``, for the compiled engine; PyBullet always computes in
+        ``"float32"`` or ``"float64"``, for the compiled engine; the others always compute in
         double precision.
     current
         (3,) or (B, 3) the water's own velocity in the world, units/s, up to 20 each way.
@@ -221,7 +223,7 @@ def available_cores() -> int:
 def _check_log_fits(batch: int, settings: Settings, engine: str) -> None:
     """Refuse a log that is larger than this machine's memory."""
     sample = RECORDS[settings.record] * np.dtype(settings.dtype).itemsize
-    if engine == "pybullet":  # keeps everything, in double precision, until the end
+    if engine != "numba":  # the others keep everything, in double precision, until the end
         sample = RECORDS["pose"] * 8
     wanted = batch * settings.steps * sample
     try:

@@ -112,7 +112,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     |-----------|------|---------|-------------|
     | `morphology` | Morphology, dict, nine numbers | `None` | before damage; None: the prototype |
     | `damage` | Damage, text, list | `None` | e.g. `"left_pectoral:length=0.5;caudal:missing"` |
-    | `engine` | str | `"auto"` | `"pybullet"` (where it is installed) or `"numba"`: the same |
+    | `engine` | str | `"auto"` | `"pybullet"` (if there), `"numba"`: the same; `"mujoco"`: not |
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
     | `fin_angles` | str or three numbers | `"zero"` | see Starting State |
     | `observe_fins` | bool | `False` | whether the observation holds the fins' angles |

@@ -91,7 +91,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         from aquafish_gym.engines.compiled.lanes import LaneBatch
 
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
-        if one_of("engine", engine, (AUTO, *ENGINES)) == "pybullet":
+        if one_of("engine", engine, (AUTO, *ENGINES)) not in (AUTO, "numba"):
             raise InvalidArgumentError(
                 f'the batched environment runs on engine="numba" alone; for engine={engine!r} '
                 'use gym.make_vec(..., vectorization_mode="sync")'

@@ -54,8 +54,11 @@ TargetMorphology = Annotated[
 ]
 TargetDamage = Annotated[str, arg(metavar="DAMAGE", help=f"What broke on the target: {_DAMAGE}")]
 TargetEngine = Annotated[
-    Literal["auto", "pybullet", "numba"],
-    arg(help="Where the target swims; auto is PyBullet where it is installed, else numba."),
+    Literal["auto", "pybullet", "numba", "mujoco"],
+    arg(
+        help="Where the target swims; auto is PyBullet where it is installed, else numba. "
+        "mujoco is another physics: its own fluid."
+    ),
 ]
 ModelEngine = Annotated[
     Literal["numba", "auto", "pybullet"], arg(help="Where the candidate models swim.")

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         fish_models,
         fish_problem,
     )
+    from eea.aquafish.posterior_file import load_posterior, save_posterior
     from eea.aquafish.session import load_session, save_session
     from eea.aquafish.simulator import EngineSimulator
     from eea.aquafish.target import EngineTarget, Orientation
@@ -35,13 +36,16 @@ __all__ = [
     "fish_eea",
     "fish_models",
     "fish_problem",
+    "load_posterior",
     "load_session",
+    "save_posterior",
     "save_session",
 ]
+_FILES = {"session": "session", "posterior": "posterior_file"}
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        room = "session" if name.endswith("_session") else "estimate"
+        room = _FILES.get(name.rpartition("_")[2], "estimate")
         return getattr(import_module(f"eea.aquafish.{room}"), name)
     raise AttributeError(f"module 'eea.aquafish' has no attribute {name!r}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
+from html import escape
 from typing import TYPE_CHECKING, Unpack
 
 from numpy.typing import ArrayLike
@@ -18,6 +19,7 @@ from eea.core.behavior import Log, signal_samples
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
 from eea.core.checks import at_most, instance
 from eea.core.config import EEAConfig
+from eea.core.design import Utility
 from eea.core.experiment import Target
 from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
@@ -72,6 +74,15 @@ class MorphologyEstimate(Result):
 
         return fitness_figure(self)
 
+    def plot_posterior(self) -> Figure:
+        """Return a matplotlib figure of what is believed of sizes and nuisances.
+
+        The condition joint alone has it; others raise ConfigurationError.
+        """
+        from eea.aquafish.posterior_figure import posterior_figure
+
+        return posterior_figure(self)
+
     def __repr__(self) -> str:
         config, done = self.config, len(self.rounds)
         said = f"{config.condition}, {done} round{'' if done == 1 else 's'} of {config.steps} steps"
@@ -80,21 +91,28 @@ class MorphologyEstimate(Result):
             said += f"; MOD_FIT {self.rounds[-1].model_fitness:.3f}"
         if self.objective_fitness is not None:
             said += f", OBJ_FIT {self.objective_fitness:.3f}"
+        if self.belief is not None:
+            said += f", 90% intervals {100 * self.width():.2g}% of the ranges wide"
         return f"MorphologyEstimate({said})"
 
     def _repr_html_(self) -> str:
-        """Return the sizes found, beside the true ones where they are known, as a table."""
-        columns: dict[str, Sequence[float]] = {}
+        """Return the sizes found as a table, with how sure they are and the truth where known."""
+        columns: dict[str, list[str]] = {}
         if self.rounds:
-            columns["found"] = self.model.tolist()
+            columns["found"] = [f"{size:.3f}" for size in self.model]
+        if self.belief is not None:
+            ends = zip(*self.interval(), strict=True)
+            columns["90% interval"] = [f"{low:.3f} to {high:.3f}" for low, high in ends]
         if self.truth is not None:
-            columns["true"] = self.truth.tolist()
+            columns["true"] = [f"{size:.3f}" for size in self.truth]
         head = "".join(f"<th>{name}</th>" for name in ["units of 5 cm", *columns])
         rows = "".join(
-            f"<tr><td>{name}</td>{''.join(f'<td>{size:.3f}</td>' for size in sizes)}</tr>"
-            for name, *sizes in zip(self.layout.names, *columns.values(), strict=True)
+            f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>"
+            for row in zip(self.layout.names, *columns.values(), strict=True)
         )
-        return f"<p>{self!r}</p><table><tr>{head}</tr>{rows}</table>"
+        said = [] if self.belief is None else [*self.belief.findings, self.belief.verdict]
+        words = "".join(f"<p>{escape(sentence)}</p>" for sentence in dict.fromkeys(said))
+        return f"<p>{escape(repr(self))}</p><table><tr>{head}</tr>{rows}</table>{words}"
 
 
 def fish_eea(
@@ -102,6 +120,7 @@ def fish_eea(
     config: EEAConfig,
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
+    utility: Utility | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> Rounds:
     """Return the method of ``config.condition``, ready to iterate, bound to a target and the fish.
@@ -115,6 +134,8 @@ def fish_eea(
     truth
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
         (x, y, z), or nine numbers.
+    utility
+        How far gaits swim on bodies, where the settings need it; see ``EEA``.
     **simulator
         engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``,
         and it and ``EEA`` for the errors.
@@ -130,8 +151,8 @@ def fish_eea(
         from eea.aquafish.joint import fish_joint
         from eea.joint.inference import JointInference
 
-        return JointInference(target, fish_joint(problem, engine), config, seed, body)
-    return EEA(target, engine, problem, config, seed, body)
+        return JointInference(target, fish_joint(problem, engine), config, seed, body, utility)
+    return EEA(target, engine, problem, config, seed, body, utility)
 
 
 def estimate_morphology_of(

@@ -10,7 +10,7 @@ import tyro
 
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, choice
-from eea.core.config import Condition, EEAConfig
+from eea.core.config import Condition, EEAConfig, JointConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
@@ -18,6 +18,16 @@ from eea.core.inference import InBandConfig, OutOfBandConfig
 from eea.study.ablations import ABLATIONS, ablation_arms
 from eea.study.presets import FIGURE_ARMS, FIGURES
 
+_NONE = "no arm is of the condition"
+_NO_BREEDING = "every arm is of the condition joint, which breeds at most commands, by disagreement"
+WHY_UNHEARD = {
+    "in_band": f"{_NONE} in-band",
+    "out_of_band": f"{_NONE} out-of-band",
+    "joint": f"{_NONE} joint",
+    "exploration": "no arm chooses its commands by disagreement",
+    "estimation": _NO_BREEDING,
+    "genetic": _NO_BREEDING,
+}
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
 
 
@@ -38,6 +48,7 @@ class ArmSettings:
     behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
     in_band: InBandConfig = field(default_factory=InBandConfig)
     out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
+    joint: JointConfig = field(default_factory=JointConfig)
 
     @classmethod
     def of(cls, config: EEAConfig) -> ArmSettings:
@@ -99,16 +110,26 @@ def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str])
 
 def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
     """Refuse a setting that no arm looks at, with a ConfigurationError that names it."""
-    for part, condition in (("in_band", "in-band"), ("out_of_band", "out-of-band")):
+    for part in ("in_band", "out_of_band", "joint", "exploration", "estimation", "genetic"):
         given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
-        changed = [name for name in given if given[name] != usual[name]]
-        if changed and all(config.condition != condition for config in arms.values()):
-            raise ConfigurationError(
-                f"{part}.{changed[0]} has no say: no arm is of the condition {condition}"
-            )
+        for name in given:
+            unheard = all(_unheard(part, name, config) for config in arms.values())
+            if given[name] != usual[name] and unheard:
+                raise ConfigurationError(f"{part}.{name} has no say: {WHY_UNHEARD[part]}")
     behaviors = [config.behavior for config in arms.values()]
     used = any(b.signal == "attitude" and b.summary != "dft" for b in behaviors)
     if settings.behavior.timestep != BehaviorConfig().timestep and not used:
         raise ConfigurationError(
             "behavior.timestep has no say: no arm takes the mean or rms rate of the attitude"
         )
+
+
+def _unheard(part: str, name: str, config: EEAConfig) -> bool:
+    """Return whether an arm looks at a setting under no circumstances."""
+    bred = config.strategy == "disagreement"  # the commands; joint inference breeds no models
+    if part == "exploration":
+        return not bred and name != "strategy"
+    if part in ("estimation", "genetic"):
+        asked = bred and (part == "genetic" or name == "population")
+        return config.condition == "joint" and not asked
+    return config.condition != part.replace("_", "-")

@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
+from aquafish_gym.bodies import write_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, Morphology
@@ -29,7 +30,7 @@ from aquafish_gym.utils.command_line import (
     Threads,
     read_morphology,
 )
-from eea.aquafish import EngineTarget, fish_eea
+from eea.aquafish import EngineTarget, fish_eea, save_posterior
 from eea.aquafish.simulator import SimulatorOptions
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
@@ -37,6 +38,9 @@ from eea.core.rounds import Rounds, streams
 
 KIND = "a run of the algorithm"
 RESULT, MODEL, PICTURE = "result.json", "morphology.json", "rounds.png"
+POSTERIOR, BODIES, MARGINALS = "posterior.npz", "bodies.json", "posterior.png"
+SAMPLED = 50  # bodies: as many as a gait's evolution takes for the price of one
+MASS = 0.9  # of the intervals that are printed
 FIN_WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
 SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
 
@@ -46,7 +50,9 @@ class Run:
     """Let a damaged fish work out its own body, and write down each round.
 
     Into --out go settings.json (what is run), result.json (all rounds so far, after each),
-    morphology.json (the body found, for gait evolve --morphology) and rounds.png. An earlier run
+    morphology.json (the body found, for gait evolve --morphology) and rounds.png; of the condition
+    joint, which also knows how sure it is, posterior.npz (for eea.load_posterior), posterior.png
+    and bodies.json (50 bodies that the trials allow, for gait evolve --morphology). An earlier run
     of the same settings is replaced once this one has as many rounds; anything else is refused.
     """
 
@@ -128,7 +134,7 @@ def _fill(folder: Path, eea: Rounds, intact: Morphology) -> None:
             for record in eea:
                 if record.round >= earlier:
                     _write(folder, result)
-                console.print(_progress_line(record, config))
+                console.print(_progress_line(record, result))
                 status.update(f"round {record.round + 1} of {config.rounds}, {config.condition}")
     finally:
         done = len(result.rounds)
@@ -156,8 +162,11 @@ def _write(folder: Path, result: Result) -> None:
     write_document(folder / RESULT, result.to_dict(), SCHEMA)
     if result.rounds:
         write_document(folder / MODEL, Morphology.from_array(result.model).to_dict())
+        if result.belief is not None:
+            save_posterior(folder / POSTERIOR, result.belief)
+            write_bodies(folder / BODIES, result.sample(SAMPLED, result.seed))
     else:
-        for name in (MODEL, PICTURE):
+        for name in (MODEL, PICTURE, POSTERIOR, BODIES, MARGINALS):
             (folder / name).unlink(missing_ok=True)
 
 
@@ -170,10 +179,19 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
         from eea.aquafish.run_figure import fitness_figure
 
         save_figure(fitness_figure(result), folder / PICTURE)
-        for line in [*_table(result), *damage_words(intact, result)]:
+        for line in [*_table(result), *damage_words(intact, result), *_belief_words(result)]:
             console.print(line)
         model = folder / MODEL
         console.print(f"the body found is {model}, for python -m gait evolve --morphology {model}")
+        if result.belief is not None:
+            from eea.aquafish.posterior_figure import posterior_figure
+
+            save_figure(posterior_figure(result), folder / MARGINALS)
+            bodies = folder / BODIES
+            console.print(
+                f"{SAMPLED} bodies that the trials allow are {bodies}, for "
+                f"python -m gait evolve --morphology {bodies}"
+            )
     console.print(f"stopped: {result.stopped}; written to {folder}")
     if result.stopped == "interrupted":
         console.print("the same command begins anew, and replaces this with as many rounds")
@@ -197,24 +215,51 @@ def damage_words(intact: Morphology, result: Result) -> list[str]:
 
 
 def _table(result: Result) -> list[str]:
-    """Return the sizes found beside the true ones, and OBJ_FIT."""
+    """Return the sizes found beside the true ones, how sure they are, and OBJ_FIT."""
     assert result.truth is not None
-    sizes = zip(result.layout.names, result.model, result.truth, strict=True)
+    between, ends = "", [""] * len(result.truth)
+    if result.belief is not None:
+        low, high = result.interval(MASS)
+        between, ends = f"  {MASS:.0%} interval   ", list(map(_ends, low, high))
+    sizes = zip(result.layout.names, result.model, ends, result.truth, strict=True)
     return [
-        f"{'in units of 5 cm':26s} {'found':>6s}  {'true':>6s}",
-        *(f"{name:26s} {found:6.3f}  {true:6.3f}" for name, found, true in sizes),
+        f"{'in units of 5 cm':26s} {'found':>6s}{between}  {'true':>6s}",
+        *(f"{name:26s} {found:6.3f}{end}  {true:6.3f}" for name, found, end, true in sizes),
         f"OBJ_FIT {result.objective_fitness:.2f}; the true body scores 1, "
         f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}",
     ]
+
+
+def _belief_words(result: Result) -> list[str]:
+    """Return what else was inferred, what cannot be told, and whether the fit explains all."""
+    if result.belief is None:
+        return []
+    assert result.truth is not None
+    low, high = result.interval(MASS)
+    held = int(((low <= result.truth) & (result.truth <= high)).sum())
+    rows = result.belief.table(MASS)
+    others = [name for name in rows if name not in result.layout.names and "@" not in name]
+    heading = [f"{'besides the body':26s} {'found':>6s}  {MASS:.0%} interval"] if others else []
+    return [
+        f"the {MASS:.0%} intervals hold {held} of the {len(low)} true sizes",
+        *heading,
+        *(f"{name:26s} {rows[name][0]:z6.3f}{_ends(*rows[name][1:])}" for name in others),
+        *dict.fromkeys([*result.belief.findings, result.belief.verdict]),
+    ]
+
+
+def _ends(low: float, high: float) -> str:
+    return f"  {low:z6.3f} to {high:z5.3f}"
 
 
 def _rounds(count: int) -> str:
     return f"{count} round{'' if count == 1 else 's'}"
 
 
-def _progress_line(record: RoundRecord, config: EEAConfig) -> str:
-    return (
-        f"experiments {record.round:2d}/{config.rounds}  "
-        f"best MOD_FIT {record.model_fitness:6.3f}  "
-        f"OBJ_FIT {record.objective_fitness:5.3f}  {record.seconds:6.1f} s"
-    )
+def _progress_line(record: RoundRecord, result: Result) -> str:
+    counted = f"{record.round:2d}/{result.config.rounds}"
+    rest = f"OBJ_FIT {record.objective_fitness:5.3f}  {record.seconds:6.1f} s"
+    if result.belief is None:
+        return f"experiments {counted}  best MOD_FIT {record.model_fitness:6.3f}  {rest}"
+    wide = 100.0 * result.width(MASS)
+    return f"experiments {counted}  {MASS:.0%} intervals {wide:.2g}% of the ranges wide  {rest}"

@@ -12,6 +12,7 @@ from eea.core.behavior import summarize
 from eea.core.bits import BitLayout, pose_layout
 from eea.core.checks import ConfigurationError, TargetError, at_most
 from eea.core.config import EEAConfig
+from eea.core.design import Utility
 from eea.core.estimation import Estimation
 from eea.core.experiment import Context, Experiment, Simulator, Target, reveals
 from eea.core.exploration import Exploration
@@ -49,11 +50,14 @@ class EEA(Rounds):
         Settings, and the replicate's seed.
     truth
         The target's dimensions (n,) if known: only for OBJ_FIT in the records.
+    utility
+        How far gaits swim on bodies, for the strategy "gait", which needs it: a function from
+        bodies (N, n), in their units, to distances (K, N) of K >= 2 gaits, the same at each call.
 
     Raises
     ------
     ConfigurationError
-        If a setting is wrong, or the truth has another shape.
+        If a setting is wrong or lacks the utility, or the truth has another shape.
     TargetError
         If the simulator is none, or the target of the Ideal condition hides where it began.
 
@@ -95,8 +99,9 @@ class EEA(Rounds):
         config: EEAConfig,
         seed: int = 0,
         truth: Floats | None = None,
+        utility: Utility | None = None,
     ) -> None:
-        super().__init__(target, problem, config, seed, truth)
+        super().__init__(target, problem, config, seed, truth, utility)
         if config.condition == "joint":
             raise ConfigurationError(
                 "the joint condition is no EEA: it needs eea.joint.JointInference, or, for the "
@@ -141,16 +146,23 @@ class EEA(Rounds):
 
     def _round(self) -> tuple[Answer, Conclusion]:
         laboratory, trials = self._laboratory, self._laboratory.trials
-        action_fitness: float | None = None
-        if self._experiments:
-            before = self._estimation.population
-            command, action_fitness = self._exploration.run(before.models, before.fitness)
-        else:
-            command = self._exploration.first()
+        before, config = self._estimation.population, self.result.config
+        known = before.models, before.fitness
+        performed = np.array([experiment.command for experiment in self._experiments])
+        performed = performed.reshape(-1, len(self._problem.actions))
+        command, action_fitness = self._exploration.choose(
+            config.strategy,
+            performed,
+            lambda: known,
+            lambda: self._exploration.forecast(
+                self._problem.models, *known, performed, config.condition == "ideal"
+            ),
+            self._utilities,
+        )
         answer = self._perform(command)
         if not np.array_equal(answer.command, command):
             action_fitness = None  # nobody has worked it out for what was executed instead
-        behavior = summarize(answer.log, self.result.config.behavior)[0]
+        behavior = summarize(answer.log, config.behavior)[0]
         unknown = Context.unknown(len(self._problem.hidden), 0.0)
         newest = Experiment(answer.command, behavior, unknown, answer.true_angles)
         self._experiments.append(newest)

@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
-from eea.core.behavior import BehaviorConfig, Coefficients, likeness, similarity, summarize
+from eea.core.behavior import (
+    BehaviorConfig,
+    Coefficients,
+    likeness,
+    signal_samples,
+    similarity,
+    summarize,
+)
 from eea.core.checks import TargetError
 from eea.core.experiment import Simulator, Trials
 from eea.core.fitness import action_fitness, disagreement
@@ -51,6 +58,15 @@ class Laboratory:
             )
         self.trials += len(trials)
         return coefficients
+
+    def signals(self, trials: Trials) -> Floats:
+        """Return what the IMUs of B trials' robots feel, (B, T, axes), as a behaviour's signal."""
+        log = self._simulator.simulate(trials)
+        samples: Floats = signal_samples(
+            log, self.behavior, self.axes, "the simulator", self.steps
+        ).astype(np.float64)
+        self.trials += len(trials)
+        return samples
 
     def similarities(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]

@@ -23,8 +23,9 @@ class RoundRecord:
 
     round: int  #: From 1; also the number of experiments so far.
     command: tuple[float, ...]  #: What the target performed.
-    #: ACT_FIT of that command (Eq. 1); None for the first, which is random, and for one that the
-    #: target performed in place of another.
+    #: ACT_FIT of that command (Eq. 1), or what another strategy that compares commands promised of
+    #: it; None for the first, for random and fast ones, and for one that the target performed in
+    #: place of another.
     action_fitness: float | None
     model_fitness: float  #: The best MOD_FIT (Eq. 3).
     morphology: tuple[float, ...]  #: The model that has it, n numbers.
@@ -56,6 +57,17 @@ class Belief(Protocol):
     def findings(self) -> list[str]:
         """What a person should know, in sentences, the most important first."""
 
+    @property
+    def good(self) -> bool:
+        """Whether the best model explains what was felt, so that the intervals can be trusted."""
+
+    @property
+    def verdict(self) -> str:
+        """The same in a sentence, with the reason."""
+
+    def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval's ends of everything inferred, by name."""
+
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (n,) of each dimension's equal-tailed interval."""
 
@@ -83,7 +95,8 @@ class Result:
     layout: BitLayout  #: The models' genome, for the ranges of the dimensions.
     truth: Floats | None = None  #: The target's dimensions (n,), if known: an oracle.
     rounds: list[RoundRecord] = field(default_factory=list)  #: One record a round.
-    #: Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, or ``"interrupted"`` until then.
+    #: Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, under the joint condition also
+    #: ``"narrow"`` or ``"robust"``, or ``"interrupted"`` until then.
     stopped: str = "interrupted"
     belief: Belief | None = None  #: How sure it is; only the joint condition knows.
 
@@ -106,6 +119,11 @@ class Result:
         the condition is not "joint", or no round was completed.
         """
         return self._sure().interval(mass)
+
+    def width(self, mass: float = 0.9) -> float:
+        """Return the dimensions' intervals' mean width, as a share of the ranges; see those."""
+        low, high = self.interval(mass)
+        return float(((high - low) / self.layout.span).mean())
 
     def sample(self, count: int, seed: int = 0) -> Floats:
         """Return ``count`` bodies (count, n) drawn from what the trials allow.

@@ -31,18 +31,34 @@ class Branch:
     parameters: Parameters
     posterior: Posterior
 
-    def summary(self, mass: float) -> dict[str, tuple[float, float, float]]:
-        """Return the median and the interval of each unknown, by name, in natural units."""
-        parameters, joint = self.parameters, self.parameters.joint
+    def natural(self, theta: Floats) -> Floats:
+        """Return vectors (..., P) in natural units; angles stay rad."""
+        joint = self.parameters.joint
         ranges = {v.name: (v.low, v.high) for v in joint.problem.models.variables}
         ranges |= {n.name: (n.low, n.high) for n in joint.nuisances}
-        rows = {}
-        columns = (self.posterior.median(), *self.posterior.interval(mass))
-        for name, *shares in zip(parameters.names, *columns, strict=True):
-            low, high = ranges.get(name.partition("@")[0], (0.0, 1.0))
-            middle, least, most = (low + (high - low) * float(share) for share in shares)
-            rows[name] = (middle, least, most)
-        return rows
+        low, high = np.transpose(
+            [ranges.get(name.partition("@")[0], (0.0, 1.0)) for name in self.parameters.names]
+        )
+        values: Floats = low + (high - low) * theta
+        return values
+
+    def summary(self, mass: float) -> dict[str, tuple[float, float, float]]:
+        """Return the median and the interval of each unknown, by name, in natural units."""
+        rows = self.natural(np.array([self.posterior.median(), *self.posterior.interval(mass)]))
+        middle, low, high = rows.tolist()
+        return dict(zip(self.parameters.names, zip(middle, low, high, strict=True), strict=True))
+
+    def modes(self) -> dict[str, Any]:
+        """Return the optima with their probabilities, in natural units, ready for JSON.
+
+        Their shapes, which are most of a posterior, are for ``archive``.
+        """
+        theta = self.parameters.into_bounds(np.array([m.theta for m in self.posterior.modes]))
+        return {
+            "names": list(self.parameters.names),
+            "probabilities": self.posterior.weights.tolist(),
+            "values": self.natural(theta).tolist(),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +135,16 @@ class JointBelief:
         return np.array([low for _, low, _ in rows]), np.array([high for _, _, high in rows])
 
     @property
+    def good(self) -> bool:
+        """Whether the best fit leaves nothing but noise, so that the intervals can be trusted."""
+        return self.goodness.good
+
+    @property
+    def verdict(self) -> str:
+        """The same in a sentence, with the reason."""
+        return self.goodness.verdict
+
+    @property
     def findings(self) -> list[str]:
         """What a person should know, in sentences: most important first."""
         best = self.branches[0]
@@ -128,7 +154,7 @@ class JointBelief:
         return said + findings(best.posterior, groups(best.parameters.joint))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON."""
+        """Return everything but the modes' shapes, ready for JSON; see ``archive`` for all."""
         best = self.branches[0].parameters
         return {
             "sigma": self.sigma,
@@ -140,7 +166,7 @@ class JointBelief:
                 for mass in (0.5, 0.8, 0.9)
             },
             "dimensions": list(best.joint.problem.models.names),
-            "posteriors": {b.hypothesis.name: b.posterior.to_dict() for b in self.branches},
+            "modes": {b.hypothesis.name: b.modes() for b in self.branches},
         }
 
 

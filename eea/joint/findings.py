@@ -35,7 +35,7 @@ class Group:
     low: tuple[float, ...]  #: What the least value of each means, in its unit.
     high: tuple[float, ...]  #: And the greatest.
     #: Which two make an area by their product; none for what is no fin.
-    area: tuple[int, int] | None = None
+    area: tuple[int, ...] | None = None
     hint: str = ""  #: What trial would tell them apart: "a faster tail would tell".
 
     def __post_init__(self) -> None:
@@ -45,6 +45,8 @@ class Group:
                     f"{argument} of {self.name} must be one for each of its "
                     f"{len(self.labels)} labels; got {len(getattr(self, argument))}"
                 )
+        if self.area is not None and len(self.area) != 2:
+            raise ConfigurationError(f"area of {self.name} must be two places; got {self.area}")
         for place in self.area or ():
             whole("area", place, 0, len(self.labels) - 1)
 

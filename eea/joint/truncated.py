@@ -123,7 +123,11 @@ class BoxNormal:
             raise ConfigurationError(f"at must be from low to high, low < high; got {brief(at)}")
         # A bound that holds the maximum makes the density fall within 1/g: the floor may be as much
         # higher there, and the normal's centre is then at most ten of its sd outside.
-        factor = _root(information, FLAT * ((self.high - self.low) ** -2.0 + gradient**2))
+        span = self.high - self.low
+        held = ((gradient > 0.0) & (at - self.low < 1e-6 * span)) | (
+            (gradient < 0.0) & (self.high - at < 1e-6 * span)
+        )
+        factor = _root(information, FLAT * (span**-2.0 + np.where(held, gradient, 0.0) ** 2))
         whole = _triangle(factor)
         step = solve_triangular(whole, solve_triangular(whole, gradient, trans="T"))
         self._centre = at - step  # of the whole normal, maybe outside

@@ -18,9 +18,11 @@ LABELS = {
     "in-band-extended": "In-Band, wider range",
     "out-of-band": "Out-of-Band",
     "out-of-band-100": "Out-of-Band, {models} models",
+    "joint": "Joint",
 }
 # First less second, where a study has both.
 COMPARISONS = (
+    ("joint", "out-of-band"),
     ("ideal", "out-of-band"),
     ("out-of-band", "in-band"),
     ("in-band", "none"),

@@ -65,7 +65,8 @@ class Findings:
     labels
         Arm to its name for readers.
     conditions
-        Arm to what is done about the angles: "ideal", "none", "in-band" or "out-of-band".
+        Arm to what is done about the angles: "ideal", "none", "in-band",
+        "out-of-band" or "joint".
     run
         What was run, as study.json says it, ready for JSON.
     """

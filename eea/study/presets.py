@@ -60,4 +60,5 @@ def smoke(config: EEAConfig) -> EEAConfig:
             generations=8,
         ),
         out_of_band=replace(config.out_of_band, period=3, inner_population=6, inner_generations=3),
+        joint=replace(config.joint, bodies=12, poses=12, descents=4, polished=1, restarts=0),
     )

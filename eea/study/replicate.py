@@ -16,6 +16,7 @@ from aquafish_gym.runs.stamps import code_stamp
 from eea.aquafish import EngineTarget, Orientation, fish_eea
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
+from eea.core.result import Belief, Result
 from eea.core.rounds import Rounds, streams
 from eea.study.plan import Place
 from eea.study.presets import smoke
@@ -23,7 +24,8 @@ from eea.study.presets import smoke
 # What decides a result. A study's settings are written down themselves, and the folder, the
 # commands and the reports only carry results.
 _ROBOT = ("command.py", "damage.py", "imu.py", "morphology.py", "physics", "engines")
-_ALGORITHM = ("core", "aquafish", "study/replicate.py")
+MASSES = (0.5, 0.8, 0.9)  # of the intervals that are held against the truth
+_ALGORITHM = ("core", "joint", "aquafish", "study/replicate.py")
 
 
 @cache
@@ -143,14 +145,21 @@ def rehearse(jobs: Sequence[Replicate]) -> None:
         job.begin()
     config = jobs[0].config
     small = EEAConfig(condition="ideal", steps=config.steps, rounds=2, behavior=config.behavior)
-    replicate(replace(jobs[0], config=smoke(small)), lambda _text, _share: None)
+    ours = [small] * any(job.config.condition != "joint" for job in jobs)
+    ours += [job.config for job in jobs if job.config.condition == "joint"][:1]
+    for config in ours:
+        few = replace(smoke(config), rounds=2)
+        replicate(replace(jobs[0], config=few), lambda _text, _share: None)
 
 
 def replicate(job: Replicate, say: Callable[[str, float], None]) -> dict[str, Any]:
     """Run a replicate to its end; return what it was, why it ended, and a record a round.
 
     Nothing but the job has a say in what comes out: the records are without their clock. ``say``
-    is told the round, and the share of all rounds that is done.
+    is told the round, and the share of all rounds that is done. Of the condition joint comes out
+    as well, as ``belief``, how sure it was: ``coverage``, the share of the true sizes that its
+    intervals hold, by their mass, ``width``, their mean width as a share of the ranges, and
+    ``good`` and ``verdict``, whether it explains all that was felt.
 
     Raises
     ------
@@ -171,4 +180,17 @@ def replicate(job: Replicate, say: Callable[[str, float], None]) -> dict[str, An
     timeless = [record.to_dict() for record in result.rounds]
     for line in timeless:
         del line["seconds"]
-    return {**job.place._asdict(), "stopped": result.stopped, "rounds": timeless}
+    sure = {} if result.belief is None else {"belief": _sureness(result, result.belief)}
+    return {**job.place._asdict(), "stopped": result.stopped, "rounds": timeless, **sure}
+
+
+def _sureness(result: Result, belief: Belief) -> dict[str, Any]:
+    """Return what a posterior comes to beside the truth, ready for JSON."""
+    assert result.truth is not None
+    coverage, width = {}, {}
+    for mass in MASSES:
+        low, high = belief.interval(mass)
+        held = (low <= result.truth) & (result.truth <= high)
+        coverage[f"{mass:.0%}"] = float(held.mean())
+        width[f"{mass:.0%}"] = result.width(mass)
+    return {"coverage": coverage, "width": width, "good": belief.good, "verdict": belief.verdict}

@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 from aquafish.cli import main
 
-SMALL = ("--rounds", "2", "--steps", "64", "--models", "6", "--angle-sets", "6", "--generations",
-         "3", "--population", "12", "--gait-poses", "1", "--poses", "2", "--seconds", "2",
-         "--target-engine", "numba", "--no-film")  # fmt: skip
+SMALL = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6", "--angle-sets",
+         "6", "--generations", "3", "--population", "12", "--gait-poses", "1", "--poses", "2",
+         "--seconds", "2", "--target-engine", "numba", "--no-film")  # fmt: skip
 COMMAND = [sys.executable, "-m", "aquafish", "recover"]
 
 

@@ -15,6 +15,8 @@ from pathlib import Path
 
 import pytest
 
+from aquafish.recovery.treatment import BODIES
+from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import held
 from aquafish_gym.runs.storage import read_document, write_document
@@ -22,7 +24,7 @@ from aquafish_gym.utils.command_line import read_morphology
 from gait.controller import Controller
 from recovering import COMMAND, SMALL, recover, results
 
-TREATMENTS = ["undamaged", "none", "out-of-band", "oracle"]
+TREATMENTS = ["undamaged", "none", "out-of-band", "joint", "oracle"]
 PICTURES = ["paths", "fitness", "distances"]
 if importlib.util.find_spec("pybullet"):
     PICTURES.append("bodies")
@@ -53,6 +55,21 @@ def test_the_report_holds_every_number(study: Path) -> None:
         assert "target_distance_random_poses" in row
     assert report["treatments"]["oracle"]["objective_fitness"] == 1.0
     assert report["treatments"]["undamaged"]["objective_fitness"] == pytest.approx(1 - 0.4 / 9)
+    trials = {name: row["trials"] for name, row in report["treatments"].items()}
+    assert trials == {"undamaged": 0, "none": 2, "out-of-band": 2, "joint": 1, "oracle": 0}
+    for outcome in report["replicates"]["joint"]:
+        low, found, high = (
+            Morphology.coerce(body).to_array()
+            for body in (
+                outcome["interval"]["low"],
+                outcome["morphology"],
+                outcome["interval"]["high"],
+            )
+        )
+        assert (low <= found).all()
+        assert (found <= high).all()
+        assert outcome["verdict"]
+        assert "bodies" not in outcome
     assert report["seeds"] == [0, 1]
     assert report["config"]["damage"] == "left_pectoral:length=0.5"
     assert report["code"][0]["numpy"]
@@ -81,7 +98,13 @@ def test_bodies_and_controllers_are_there_for_the_next_command(study: Path) -> N
         folder = study / "seed-001" / treatment
         controller = Controller.load(folder / "controller.json")
         body = read_morphology(folder / "morphology.json", "morphology")
-        assert body == controller.morphology
+        if treatment == "joint":
+            bodies = body_array(read_bodies(folder / "bodies.json"))
+            assert controller.sample == sample_stamp(bodies)
+            assert len(bodies) == BODIES
+        else:
+            assert body == controller.morphology
+            assert not (folder / "bodies.json").exists()
         assert body.to_dict() == report["replicates"][treatment][1]["morphology"]
     assert (
         read_morphology(study / "seed-001/undamaged/morphology.json", "m") == Morphology.nominal()

@@ -16,7 +16,6 @@ from aquafish.recovery.report import build_report, show, to_markdown
 from aquafish_gym.runs.storage import encode_document
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "recovery"
-TREATMENTS = ["undamaged", "none", "out-of-band", "oracle"]
 
 
 @pytest.fixture
@@ -40,8 +39,8 @@ def test_the_committed_report_is_what_the_code_makes_of_its_replicates(
 
 
 def test_an_interval_holds_its_mean_and_stays_in_its_numbers_range(report: dict[str, Any]) -> None:
-    for treatment in TREATMENTS:
-        for found in report["treatments"][treatment]["spread"].values():
+    for row in report["treatments"].values():
+        for found in row["spread"].values():
             if "values" in found:
                 low, high = found["interval"]
                 assert min(found["values"]) - 1e-12 <= low <= found["mean"] + 1e-12
@@ -93,12 +92,50 @@ def test_no_name_and_no_number_is_cut_on_a_narrow_terminal(
     text = printed(report, width)
     assert max(map(len, text.splitlines())) <= width
     assert "…" not in text
-    for treatment in TREATMENTS:
+    for treatment in report["treatments"]:
         assert f"\n{treatment} " in text
     words = text.replace("[", " ").replace("]", " ").replace(",", " ").split()
     for row in report["treatments"].values():
         for end in row["spread"]["target_distance"]["interval"]:
             assert f"{end:.1f}" in words
+
+
+def with_joint(report: dict[str, Any], gain: float) -> dict[str, Any]:
+    """Return the report as if joint inference's gait swam so much farther than the oracle's."""
+    outcomes = copy.deepcopy(report["replicates"])
+    outcomes["joint"] = copy.deepcopy(outcomes["oracle"])
+    for outcome in outcomes["joint"]:
+        outcome["treatment"] = "joint"
+        outcome["target_distance"] += gain
+        outcome["target_random_distances"] = [d + gain for d in outcome["target_random_distances"]]
+    return build_report(report["config"] | {"joint_rounds": 3}, [], outcomes)
+
+
+def test_the_headline_follows_from_the_numbers(report: dict[str, Any]) -> None:
+    zero = (r for r in report["paired"] if r["measure"] == "target_distance")
+    rows = {(r["first"], r["second"]): r["wins"] for r in zero}
+    text = to_markdown(report, [])
+    assert f"beats the old one in {rows['out-of-band', 'undamaged']} of 10 replicates" in text
+    far = with_joint(report, 5.0)
+    assert far["treatments"]["joint"]["trials"] == 3
+    said = to_markdown(far, [])
+    assert "**joint**: after 3 trials the robot's gait beats the old one in 10 of 10" in said
+    share = far["treatments"]["joint"]["share_of_oracle"]
+    assert share > 1.5
+    assert f"it swims {share:.0%} and " in said
+    assert "as far as one for the true body, both told from 100%." in said
+    same = to_markdown(with_joint(report, 0.0), [])
+    assert "it swims 100% and 100% as far as one for the true body, neither told from 100%." in same
+    lost = to_markdown(with_joint(report, -50.0), [])
+    assert "**joint**: after 3 trials the robot's gait beats the old one in 0 of 10" in lost
+
+
+def test_the_report_is_of_the_treatments_that_were_done(report: dict[str, Any]) -> None:
+    outcomes = {n: report["replicates"][n] for n in ("undamaged", "none", "oracle")}
+    fewer = build_report(report["config"], [], outcomes)
+    assert list(fewer["treatments"]) == ["undamaged", "none", "oracle"]
+    assert fewer["paired"] == []
+    assert "**out-of-band**" not in to_markdown(fewer, [])
 
 
 def test_each_replicate_that_diverged_is_told(report: dict[str, Any]) -> None:

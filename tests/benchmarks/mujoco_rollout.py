@@ -7,9 +7,7 @@ geometry to draw, and both write down each robot's whole pose at every step.
 
 from __future__ import annotations
 
-import math
 from contextlib import ExitStack
-from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
@@ -17,22 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
-from aquafish_gym.morphology import MAXIMA, Morphology
-from aquafish_gym.physics.kinematics import SWEEP
+from aquafish_gym.engines.mujoco.robot import hinge_angles, mujoco_model
+from aquafish_gym.engines.packages import load_mujoco
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.arithmetic import TAU
 from tests.benchmarks.rows import Group, Row, Settings, missing_mujoco, random_trials
-from tests.verification.mujoco_robot import load_mujoco, mujoco_model
 
 BODIES = 256
 WATER = 1.0  # density, in the robot's units
-# Of each size's range: MuJoCo's servos push a fin of next to no mass to accelerations at which
-# MuJoCo gives up on the robot.
-LEAST_SIZE = 0.1
 
 
 def against_mujoco(settings: Settings, cleanup: ExitStack) -> Group:
     """Return ``mujoco.rollout`` and the lanes on the same bodies, commands and steps."""
     count = min(BODIES, settings.robots)
-    trials, amount = sturdy_trials(count, settings.seed), count * settings.steps
+    trials, amount = random_trials(count, settings.seed), count * settings.steps
     rows: list[Row] = []
     notes = missing_mujoco()
     several = sorted({1, settings.cores})
@@ -93,7 +89,8 @@ class Rollout:
         for model in self._models:
             model.opt.density = density
         self._data = [mujoco.MjData(self._models[0]) for _ in range(threads)]
-        self._control = servo_rates(trials, steps)
+        turned = TAU * trials.commands[:, None] * TIMESTEP * np.arange(1, steps + 1)[:, None]
+        self._control = hinge_angles(trials.fin_angles[:, None] + turned)
         # A pool of one would run beside the caller, who waits: none at all is what MuJoCo means
         # by one thread.
         self._rollout = import_module("mujoco.rollout").Rollout(
@@ -105,16 +102,13 @@ class Rollout:
         self.broken_off = int((times < (steps - 0.5) * TIMESTEP).sum())
 
     def _starting_states(self, mujoco: Any, trials: Trials) -> NDArray[np.float64]:
-        """Return (B, S) states at rest but for the hinges, which turn as commanded at once."""
+        """Return (B, S) states at rest."""
         everything = mujoco.mjtState.mjSTATE_FULLPHYSICS
         model, data = self._models[0], self._data[0]
         states = np.empty((len(trials), mujoco.mj_stateSize(model, everything)))
-        for state, angles, rates in zip(
-            states, trials.fin_angles, self._control[:, 0], strict=True
-        ):
+        for state, angles in zip(states, hinge_angles(trials.fin_angles), strict=True):
             mujoco.mj_resetData(model, data)
-            data.qpos[-3:] = angles[0], angles[1], SWEEP * math.sin(angles[2])
-            data.qvel[-3:] = rates
+            data.qpos[-3:] = angles
             mujoco.mj_getState(model, data, state, everything)
         return states
 
@@ -123,19 +117,3 @@ class Rollout:
         states: NDArray[np.float64]
         states, _ = self._rollout.rollout(self._models, self._data, self._start, self._control)
         return states
-
-
-def sturdy_trials(count: int, seed: int) -> Trials:
-    """Return random trials whose fins are none too small."""
-    trials = random_trials(count, seed)
-    return replace(trials, morphologies=np.maximum(trials.morphologies, LEAST_SIZE * MAXIMA))
-
-
-def servo_rates(trials: Trials, steps: int) -> NDArray[np.float64]:
-    """Return the hinges' rates (B, T, 3) in rad/s that the commands mean."""
-    omega = 2 * math.pi * trials.commands[:, None, :]
-    time = TIMESTEP * (np.arange(steps) + 0.5)
-    rates = np.repeat(omega, steps, axis=1)
-    phase = trials.fin_angles[:, None, 2] + omega[:, :, 2] * time
-    rates[:, :, 2] = SWEEP * omega[:, :, 2] * np.cos(phase)
-    return rates

@@ -17,17 +17,18 @@ SMALLER = {
     "recovery_config(rounds=10)": "recovery_config(steps=32, rounds=1)",
     "EvolveConfig(seed=0, generations=30)": "EvolveConfig(seed=0, generations=1, population=10)",
     "EEAConfig(rounds=3)": "EEAConfig(rounds=1)",
+    'EEAConfig("joint", rounds=3)': 'EEAConfig("joint", rounds=1)',
     "estimate_from_logs(commands, logs, truth=broken)": (
         "estimate_from_logs(commands, logs, EEAConfig(rounds=1), truth=broken)"
     ),
 }
 PAGES = {
     "tutorial.md": ["gait for the self-model", "(1, 256, 3)", "(0.4, 1.6, 0.1) -> (0.4, 0.8, 0.1)"],
-    "howto/robot.md": ["MorphologyEstimate(out-of-band, 1 round"],
+    "howto/robot.md": ["MorphologyEstimate(out-of-band, 1 round", "\nlength: 0.6"],
     "howto/task.md": ["return -"],
     "howto/controller.md": ["Swim(distance 8.19 units in 20 s)", "random poses"],
     "howto/sample.md": ["evolved for both: Controller(", "on the right one", "with a gait for it"],
-    "howto/logs.md": ["OBJ_FIT 0."],
+    "howto/logs.md": ["OBJ_FIT 0.", "left flipper: 0.800 long, with 90% between"],
 }
 
 
@@ -48,6 +49,7 @@ def test_a_page_does_what_it_says(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(DOCS.parent / "examples")
     monkeypatch.setattr("gymnasium.envs.registration.registry", dict(gym.registry))
     code = snippets(page)
     for words, small in SMALLER.items():

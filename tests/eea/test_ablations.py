@@ -25,6 +25,7 @@ from fake_fish import ACTIONS, MODELS, PROBLEM, TRUTH, FakeRevealingTarget, Fake
 GIVEN = {
     "exploration.population",
     "exploration.generations",
+    "exploration.strategy",
     "estimation.population",
     "estimation.generations",
     "estimation.remember",

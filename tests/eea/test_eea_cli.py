@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 import eea.cli.run
+from aquafish_gym.bodies import body_array, read_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.command_line import read_morphology
 from eea.__main__ import main
-from eea.aquafish import fish_models
+from eea.aquafish import fish_models, load_posterior
 from eea.cli.run import damage_words
 from eea.core.config import EEAConfig
 from eea.core.result import Result
@@ -27,6 +28,15 @@ QUICK = [
     *("--condition", "none", "--steps", "32", "--rounds", "2", "--target-engine", "numba"),
     *("--exploration.population", "6", "--exploration.generations", "3"),
     *("--estimation.population", "8", "--estimation.generations", "5"),
+    *("--target-damage", "left_pectoral:length=0.5"),
+]
+
+
+JOINT = [
+    "run",
+    *("--condition", "joint", "--steps", "64", "--rounds", "2", "--target-engine", "numba"),
+    *("--joint.bodies", "24", "--joint.poses", "24", "--joint.descents", "6"),
+    *("--joint.polished", "2", "--joint.restarts", "0", "--joint.alternatives", "never"),
     *("--target-damage", "left_pectoral:length=0.5"),
 ]
 
@@ -65,6 +75,41 @@ def test_a_run_writes_its_rounds_its_result_and_its_picture(tmp_path, capsys):
     found = f"left flipper: half its length, found {body.left_pectoral[1]:.2f} where it was 1.60"
     assert f"\n{found}\n" in printed
     assert f"python -m gait evolve --morphology {out / 'morphology.json'}" in printed
+
+
+def test_a_run_of_joint_inference_says_how_sure_it_is(tmp_path, capsys):
+    out = tmp_path / "run"
+    assert main([*JOINT, "--out", str(out)]) == 0
+    names = {"settings.json", "result.json", "morphology.json", "rounds.png"}
+    names |= {"posterior.npz", "posterior.png", "bodies.json"}
+    assert {path.name for path in out.iterdir()} == names
+    assert (out / "posterior.png").read_bytes().startswith(b"\x89PNG")
+    result = read_document(out / "result.json", "eea.result/1")
+    ends = result["belief"]["intervals"]["90%"]["left_pectoral.length"]
+    belief = load_posterior(out / "posterior.npz")
+    low, high = belief.interval(0.9)
+    assert belief.table(0.9)["left_pectoral.length"] == tuple(ends)
+    bodies = body_array(read_bodies(out / "bodies.json"))
+    assert np.array_equal(bodies, belief.sample(50, np.random.default_rng(0)))
+    printed = capsys.readouterr().out
+    assert "experiments  2/2  90% intervals " in printed
+    assert "% of the ranges wide  OBJ_FIT 1.000" in printed
+    row = f"{'left_pectoral.length':26s} {result['morphology'][1]:6.3f}"
+    assert f"\n{row}  {low[1]:6.3f} to {high[1]:5.3f}   0.800\n" in printed
+    truth = np.array(result["truth"])
+    held = int(((low <= truth) & (truth <= high)).sum())
+    assert f"\nthe 90% intervals hold {held} of the 9 true sizes\n" in printed
+    nuisances = [line.split()[:2] for line in printed.splitlines() if line.startswith("servo gain")]
+    assert len(nuisances) == 1
+    for sentence in [*belief.findings, belief.verdict]:
+        assert printed.count(f"\n{sentence}\n") == 1
+    assert f"python -m gait evolve --morphology {out / 'bodies.json'}\n" in printed
+
+
+def test_a_run_of_joint_inference_without_a_round_leaves_no_posterior(tmp_path, capsys):
+    assert main([*JOINT, "--time-limit", "0", "--out", str(tmp_path)]) == 0
+    assert "no round was completed" in capsys.readouterr().out
+    assert {path.name for path in tmp_path.iterdir()} == {"settings.json", "result.json"}
 
 
 @pytest.mark.parametrize("command", ["run", "recover"])
@@ -127,6 +172,9 @@ def test_a_body_can_be_read_from_a_file(tmp_path):
     [
         (["--steps", "100"], "steps must be a power of two; got 100"),
         (["--steps", "1099511627776"], "and at most 1048576; got 1099511627776"),
+        (["--condition", "joint", "--steps", "16"], "steps must be at least 32 under the joint"),
+        (["--condition", "joint", "--joint.nuisances", "curent"], "did you mean 'current'"),
+        (["--condition", "joint", "--behavior.signal", "attitude"], "must be body_rates under the"),
         (["--genetic.elites", "6"], "genetic.elites must be at most exploration.population - 1, 5"),
         (["--genetic.mutations", "19"], "genetic.mutations must be at most"),
         (["--seed", "-1"], "seed must be a whole number"),

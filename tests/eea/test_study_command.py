@@ -11,7 +11,9 @@ import pytest
 
 from aquafish_gym.runs.folder import claim as claim_folder
 from aquafish_gym.runs.folder import held
+from aquafish_gym.runs.runner import SCHEMA as RESULT
 from aquafish_gym.runs.stamps import versions
+from aquafish_gym.runs.storage import read_document
 from eea.__main__ import Commands, main
 from eea.cli.study import StudyCommand
 from eea.study.ablations import ABLATIONS, ablation_arms
@@ -179,6 +181,38 @@ def test_a_damaged_study_json_is_refused_and_a_run_keeps_out_of_a_study(tmp_path
     assert said.count("\n") == 1
 
 
+def test_joint_inference_is_an_arm_like_the_others(tmp_path):
+    arguments = [
+        *("study", "--conditions", "joint", "none", "--steps", "32", "--replicates", "1"),
+        *("--rounds", "2", "--joint.bodies", "12", "--joint.poses", "12", "--joint.descents", "4"),
+        *("--joint.polished", "1", "--joint.restarts", "0", "--joint.alternatives", "never"),
+        *SMALL,
+    ]
+    assert main([*arguments, "--workers", "1", "--out", str(tmp_path)]) == 0
+    joint, none = (
+        read_document(tmp_path / f"runs/{arm}/32/0.json", RESULT) for arm in ("joint", "none")
+    )
+    assert [r["true_angles"] for r in joint["rounds"]] == [r["true_angles"] for r in none["rounds"]]
+    assert set(joint) - set(none) == {"belief"}
+    sure = joint["belief"]
+    assert list(sure["coverage"]) == list(sure["width"]) == ["50%", "80%", "90%"]
+    assert sure["coverage"]["50%"] <= sure["coverage"]["80%"] <= sure["coverage"]["90%"] <= 1.0
+    assert sure["width"]["50%"] < sure["width"]["90%"]
+    assert isinstance(sure["good"], bool)
+    assert sure["verdict"]
+    summary = (tmp_path / "summary.md").read_text()
+    assert "| Joint |" in summary
+    assert (tmp_path / "figures" / "conditions.png").exists()
+
+
+def test_what_breeds_commands_under_joint_inference_has_a_say():
+    words = ["study", "--conditions", "joint", "--exploration.strategy", "disagreement"]
+    words += [*SMALL[:-2], "--genetic.elites", "2", "--out", "x"]
+    (config,) = Commands().cli(args=words).study().arms.values()
+    assert (config.estimation.population, config.genetic.elites) == (4, 2)
+    assert config.strategy == "disagreement"
+
+
 REFUSED = [
     ([], "one of --figure, --conditions, --ablation must say what to run"),
     (["--figure", "5", "--conditions", "none"], "--figure and --conditions exclude each other"),
@@ -195,6 +229,22 @@ REFUSED = [
     (["--figure", "5", "--workers", "1000000000"], "workers must be .* at most 1024"),
     (["--ablation", "everything"], "ablation must be one of"),
     (["--figure", "5", "--in-band.k", "4"], "in_band.k has no say: no arm is of the condition"),
+    (
+        ["--figure", "5", "--joint.noise", "0.01"],
+        "joint.noise has no say: no arm is of the condition",
+    ),
+    (
+        ["--conditions", "joint", "--estimation.generations", "5"],
+        "estimation.generations has no say: every arm is of the condition joint",
+    ),
+    (
+        ["--conditions", "joint", "--genetic.elites", "2"],
+        "genetic.elites has no say: every arm is of the condition joint",
+    ),
+    (
+        ["--conditions", "joint", "--exploration.population", "5"],
+        "exploration.population has no say: no arm chooses its commands by disagreement",
+    ),
     (["--conditions", "in-band", "--in-band.k", "26"], "in_band.k must be at most estimation"),
     (["--figure", "5", "--genetic.mutations", "19"], "genetic.mutations must be at most"),
     (["--figure", "5", "--suffix", "/up"], "suffix must be at most 60 letters, digits"),

@@ -8,13 +8,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from aquafish_gym.engines.mujoco.robot import mujoco_model
+from aquafish_gym.engines.packages import load_mujoco
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.physics.robot import BODY_MASS
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 from tests.verification import mechanics
 from tests.verification.momentum import Momentum, inertia_and_swing
-from tests.verification.mujoco_robot import DryRobot, load_mujoco, mujoco_model
+from tests.verification.mujoco_robot import DryRobot
 from tests.verification.rk4 import integrate, quaternion_rate, rotation_matrix
 from tests.verification.trials import random_trials
 
@@ -84,16 +86,6 @@ def test_the_mujoco_model_is_the_robot() -> None:
     np.testing.assert_allclose(model.body_mass[2:], [0.064, 0.064, 0.336])
 
 
-def test_mujocos_servos_reach_their_speed() -> None:
-    mujoco = pytest.importorskip("mujoco")
-    model = mujoco_model(None, 0.01)
-    data = mujoco.MjData(model)
-    data.ctrl[:] = 3.0, -3.0, 1.0
-    for _ in range(20):
-        mujoco.mj_step(model, data)
-    np.testing.assert_allclose(data.qvel[6:], data.ctrl, rtol=1e-3)
-
-
 @pytest.mark.parametrize("timestep", [0.0, -1.0, float("nan"), float("inf"), "0.01"])
 def test_a_timestep_must_be_positive(timestep: object) -> None:
     with pytest.raises(InvalidArgumentError, match="timestep must be a positive number"):
@@ -103,7 +95,7 @@ def test_a_timestep_must_be_positive(timestep: object) -> None:
 def test_without_mujoco_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     for use in (load_mujoco, mujoco_model, lambda: DryRobot(None, np.zeros(3), np.zeros(3))):
-        with pytest.raises(EngineUnavailableError, match=r'pip install "aquafish-gym\[bench\]"'):
+        with pytest.raises(EngineUnavailableError, match=r'pip install "aquafish-gym\[mujoco\]"'):
             use()
 
 

@@ -24,8 +24,8 @@ class Verification:
     """Compare the simulator with its oracles and print what was found.
 
     The engines with each other, single with double precision, the scheme with RK4, the drag
-    law's few points with the whole surface, the mechanics with MuJoCo's, if it is installed, and
-    the reactive terms with potential flow.
+    law's few points with the whole surface, the reactive terms with potential flow, and, if it is
+    installed, with MuJoCo the mechanics and the water.
     """
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIRECTORY")] = None
@@ -40,7 +40,7 @@ class Verification:
     """Print the tables in Markdown."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STUDY ...")] = ()
     """Some of the studies: agreement, single_precision, convergence, quadrature, mechanics,
-    strokes, reactive."""
+    strokes, reactive, foreign."""
 
     def execute(self) -> None:
         """Run the studies, print the tables and write what was asked for."""
@@ -62,9 +62,10 @@ class Verification:
                 print(f"\n{table.title}\n\n{table.markdown()}")
             else:
                 console.print(table.rich())
-        if "mechanics" in report and report["mechanics"] is None:
-            print('MuJoCo is not installed, so the mechanics were not compared with it: '
-                  'pip install "aquafish-gym[bench]"')  # fmt: skip
+        left_out = [name for name, part in report.items() if part is None]
+        if left_out:
+            print(f"MuJoCo is not installed, so these are left out: {', '.join(left_out)}; "
+                  'pip install "aquafish-gym[mujoco]"')  # fmt: skip
         if self.page is not None:
             filled = fill_page(self.page.read_text(encoding="utf-8"), tables)
             write_bytes(self.page, filled.encode())

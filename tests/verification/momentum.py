@@ -55,7 +55,7 @@ def inertia_and_swing(robot: Robot, angles: Array, rates: Array) -> tuple[Array,
     """
     mass, moment, inertia = BODY_MASS, np.zeros(3), np.diag(BODY_INERTIA).astype(np.float64)
     swing = np.zeros(6)
-    for i, fin in enumerate(robot):
+    for i, fin in enumerate(robot[:3]):
         turn = about(AXES[i], angles[i])
         arm = turn @ np.array([0.0, -fin.length / 2, 0.0])
         at = HINGES[i] + arm

@@ -1,108 +1,23 @@
-"""The same robot in MuJoCo: an oracle for the multibody mechanics, with no water.
+"""The engine "mujoco" without its water: an oracle for the multibody mechanics.
 
-It shares the robot's sizes and masses with the engines and nothing else: MuJoCo states the
-kinematics, the inertia matrix and the Coriolis forces. MuJoCo comes with the extra ``bench``.
+It shares the robot's sizes and masses with the other engines and nothing else: MuJoCo states the
+kinematics, the inertia matrix and the Coriolis forces.
 """
 
 from __future__ import annotations
 
 import math
-from importlib import import_module
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.engines.mujoco.robot import BASE, hinge_angles, mujoco_model
+from aquafish_gym.engines.packages import load_mujoco
+from aquafish_gym.morphology import MorphologyLike
 from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import robot_from_column, robot_parameters
-from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y
-from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 from tests.verification.rk4 import integrate, quaternion_rate
 
 Array = NDArray[np.float64]
-
-BASE = 6  # degrees of freedom of the free base, before those of the three hinges
-# A servo's gain, in torque per rad/s: it brings the heaviest fin to speed within 0.1 ms.
-_SERVO = 1e4
-
-_HINGES = (
-    ("left_pectoral", (-PECTORAL_X, PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
-    ("right_pectoral", (PECTORAL_X, PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
-    ("caudal", (0.0, CAUDAL_Y, 0.0), (0.0, 0.0, 1.0)),
-)
-
-
-def load_mujoco() -> Any:
-    """Return the module.
-
-    Raises
-    ------
-    EngineUnavailableError
-        If it is not installed; the message names the extra that brings it.
-    """
-    try:
-        return import_module("mujoco")
-    except ImportError as error:
-        raise EngineUnavailableError(
-            "the comparison with MuJoCo needs the package mujoco, which is not installed here "
-            f'({error}): pip install "aquafish-gym[bench]"'
-        ) from None
-
-
-def mujoco_model(morphology: MorphologyLike = None, timestep: float = 0.01) -> Any:
-    """Return the robot as an ``MjModel``: a free body and three hinges, no fluid, no gravity.
-
-    ``qpos`` is position, quaternion (w, x, y, z) and the angles of left flipper, right flipper
-    and tail in rad; ``qvel`` the base's velocity in the world, its spin in body axes and the
-    hinges' rates. ``ctrl`` is what three servos try to make the hinges' rates (rad/s); with the
-    model's integrator, ``implicitfast``, their high gain is no hindrance.
-
-    Parameters
-    ----------
-    morphology
-        Whatever ``Morphology.coerce`` takes; None is the nominal body.
-    timestep
-        Of MuJoCo's own integrator, s.
-
-    Raises
-    ------
-    EngineUnavailableError
-        If mujoco is not installed.
-    InvalidArgumentError
-        If the timestep is not positive, or the body is not one.
-    """
-    if not (isinstance(timestep, int | float) and 0 < timestep < math.inf):
-        raise InvalidArgumentError(f"timestep must be a positive number of s; got {timestep!r}")
-    sizes = Morphology.coerce(morphology).to_array()
-    mujoco = load_mujoco()
-    robot = robot_from_column(robot_parameters(sizes[None])[:, 0])
-    spec = mujoco.MjSpec()
-    spec.option.timestep = timestep
-    spec.option.gravity = [0.0, 0.0, 0.0]
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    base = spec.worldbody.add_body(name="capsule")
-    base.add_freejoint()
-    _set_inertia(base, BODY_MASS, (0.0, 0.0, 0.0), BODY_INERTIA)
-    for (name, hinge, axis), fin in zip(_HINGES, robot, strict=True):
-        link = base.add_body(name=name, pos=hinge)
-        link.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-        across, along, normal = fin.inertia
-        upright = axis[2] == 1.0  # a fin turns about its width axis; see ``robot.py``
-        inertia = (normal, along, across) if upright else (across, along, normal)
-        _set_inertia(link, fin.mass, (0.0, -0.5 * fin.length, 0.0), inertia)
-        servo = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
-        servo.set_to_velocity(kv=_SERVO)
-    return spec.compile()
-
-
-def _set_inertia(
-    body: Any, mass: float, centre: tuple[float, float, float], inertia: tuple[float, ...]
-) -> None:
-    body.explicitinertial = True
-    body.mass = mass
-    body.ipos = centre
-    body.inertia = inertia
 
 
 class DryRobot:
@@ -169,7 +84,7 @@ class DryRobot:
         data = self._data
         data.qpos[:3] = y[:3]
         data.qpos[3:7] = y[[6, 3, 4, 5]] / np.linalg.norm(y[3:7])
-        data.qpos[7:] = angles[0], angles[1], SWEEP * sine
+        data.qpos[7:] = hinge_angles(angles)
         data.qvel[:BASE] = y[7:13]
         data.qvel[BASE:] = omega[0], omega[1], SWEEP * omega[2] * cosine
         self._mujoco.mj_fwdPosition(self._model, data)

@@ -12,17 +12,18 @@ from numpy.typing import NDArray
 from rich.progress import Progress
 
 from aquafish_gym.engines.base import TIMESTEP, Trials
+from aquafish_gym.engines.packages import load_mujoco
 from aquafish_gym.utils.validation import EngineUnavailableError
 from tests.verification import (
     agreement,
     convergence,
+    foreign_water,
     mechanics,
     quadrature,
     reactive_terms,
     strokes,
     tables,
 )
-from tests.verification.mujoco_robot import load_mujoco
 from tests.verification.tables import Report
 from tests.verification.trials import random_trials
 
@@ -148,6 +149,22 @@ class Studies:
         found = self._each(mechanics.compare(robots, self.seed, seconds), robots, "MuJoCo")
         return {"robots": robots, "seconds": seconds, "rows": mechanics.summary(found)}
 
+    def foreign(self) -> Report | None:
+        """Compare our water with MuJoCo's; None where that is not installed."""
+        if not _has_mujoco():
+            return None
+        e, trials = self.effort, self._trials
+        seconds = min(foreign_water.SECONDS, e.path_seconds)
+        beating = foreign_water.BEATING if e.path_seconds > seconds else seconds
+        waters = len(foreign_water.WITHOUT) + 2
+        few = e.surface_robots
+        gaps = self._each(foreign_water.convergence(trials, few, seconds), few, "MuJoCo's steps")
+        rows = self._each(foreign_water.study(trials, seconds, beating), waters, "MuJoCo's water")
+        return {
+            "robots": e.robots, "seconds": seconds, "beating": beating, "rows": rows,
+            "steps": foreign_water.step_rows(gaps),
+        }  # fmt: skip
+
     def strokes(self) -> Report:
         """Compare fins' strokes with what they must bring."""
         return {"rows": strokes.study()}
@@ -160,7 +177,7 @@ class Studies:
 
 STUDIES = (
     "agreement", "single_precision", "convergence", "quadrature", "mechanics", "strokes",
-    "reactive",
+    "reactive", "foreign",
 )  # fmt: skip
 
 
@@ -183,6 +200,8 @@ def tables_of(report: Report) -> dict[str, tables.Table]:
     found = tables.make_tables(report)
     if "reactive" in report:
         found |= reactive_terms.make_tables(report["reactive"])
+    if report.get("foreign"):
+        found |= foreign_water.make_tables(report["foreign"])
     return found
 
 

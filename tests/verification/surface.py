@@ -48,7 +48,7 @@ class Surface:
 
     def __init__(self, robot: Robot, points: int = 12) -> None:
         self._fins = []
-        for i, fin in enumerate(robot):
+        for i, fin in enumerate(robot[:3]):
             plates = [
                 _plate((fin.width, fin.length, fin.thickness), normal, points)
                 for normal in range(3)

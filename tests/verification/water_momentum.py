@@ -68,7 +68,7 @@ def water_inertia_and_swing(robot: Robot, angles: Array, rates: Array) -> tuple[
     """
     inertia = np.diag([*BODY_ADDED_MASS, *BODY_ADDED_INERTIA]).astype(np.float64)
     swing = np.zeros(6)
-    for i, fin in enumerate(robot):
+    for i, fin in enumerate(robot[:3]):
         axes = _fin_axes(i, angles[i])
         arm = -0.5 * fin.length * axes[:, 1]
         to_fin = np.kron(np.eye(2), axes.T)

@@ -57,7 +57,7 @@ def main() -> None:
     compiled_only = importlib.util.find_spec("pybullet") is None
     assert ("PyBullet is not installed" in said) == compiled_only, said
     # It models itself and evolves a gait, as the commands run and evolve do.
-    run("aquafish", "recover", "--out", "recovery", "--rounds", "1", "--steps", "16", "--models",
+    run("aquafish", "recover", "--out", "recovery", "--rounds", "1", "--steps", "32", "--models",
         "6", "--angle-sets", "6", "--generations", "1", "--population", "10", "--gait-poses", "0",
         "--poses", "1", "--seconds", "0.2", "--no-film")  # fmt: skip
     run("gait", "transfer", "--controller", "recovery/seed-000/oracle/controller.json",

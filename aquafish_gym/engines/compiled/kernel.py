@@ -127,7 +127,7 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
     ) -> None:  # fmt: skip
         stamp  # noqa: B018  # part of the cache's key; see source_stamp
         weights, layout, scratch_size = program
-        first_step, steps, substeps, interval = clock
+        first_step, steps, substeps, interval, early = clock
         logs, spectra, roots, unit = output
         zero = simd.zero_lanes(parameters, width)
         groups = parameters.size // (ROBOT_ROWS * width)
@@ -146,7 +146,7 @@ def compile_kernel(policy: Policy, width: int, reactive: bool = False) -> Any:
             by = drive((zero, zero, zero), h)
             in_block = 0
             for t in range(steps):
-                if t % interval == 0:
+                if t % interval == 0 or t < early:
                     time = (first_step + t) * (h * substeps)
                     told = policy(weights, layout, scratch, group, groups, time, rpy, state.spin)
                     by = drive((gain[0] * told[0], gain[1] * told[1], gain[2] * told[2]), h)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import os
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
@@ -143,7 +144,9 @@ class LaneBatch:
             )
         samples = np.broadcast_to(np.asarray(lag) / TIMESTEP, (1, self.batch))
         weights = self._pack_commands(commands, samples)
-        return self.run(hold_late, weights, _NO_LAYOUT, 0, steps, 1, record)
+        # Once the last robot moves the command is steady.
+        early = math.ceil(samples.max()) + 1 - self.steps_done
+        return self.run(hold_late, weights, _NO_LAYOUT, 0, steps, steps, record, early)
 
     def run(
         self,
@@ -154,8 +157,11 @@ class LaneBatch:
         steps: int,
         interval: int,
         record: str = "nothing",
+        early: int = 0,
     ) -> ImuLog:
         """Let a policy (see ``kernel.py``) command the robots every ``interval`` steps.
+
+        In the first ``early`` steps of this call it does so in each.
 
         ``scratch_size`` is how many numbers a robot the policy may ``put``. What is not recorded
         is None in the log. If the gyroscope alone is, and the policy asks for no attitude, none
@@ -169,7 +175,7 @@ class LaneBatch:
         # Read-only, as those of a spectrum are: numba would compile the loop twice for them.
         spectra, roots = np.empty((0, 2, 0), self.dtype), roots_of_unity(0, self._dtype_name)
         output = (logs, spectra, roots, 1.0)
-        self._run(policy, (weights, layout, scratch_size), steps, interval, output, bits)
+        self._run(policy, (weights, layout, scratch_size), steps, (interval, early), output, bits)
         rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
         return ImuLog(
             rpy=rpy if bits & RPY and record != "gyro" else None,
@@ -200,7 +206,7 @@ class LaneBatch:
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
         program = (self._pack_commands(commands), _NO_LAYOUT, 0)
         output = (self._logs(), spectra, roots_of_unity(steps, self._dtype_name), scale)
-        self._run(hold, program, steps, steps, output, SPECTRUM | GYRO if rates else SPECTRUM)
+        self._run(hold, program, steps, (steps, 0), output, SPECTRUM | GYRO if rates else SPECTRUM)
         return spectra[: self.batch]
 
     def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Floats, ...]:
@@ -219,12 +225,18 @@ class LaneBatch:
         return pack_rows(np.concatenate([commands.T, *more]), self.dtype, self.width)
 
     def _run(
-        self, policy: Policy, program: Any, steps: int, interval: int, output: Any, bits: int
+        self,
+        policy: Policy,
+        program: Any,
+        steps: int,
+        asking: tuple[int, int],
+        output: Any,
+        bits: int,
     ) -> None:
-        """Run the kernel on as many threads as are worth it."""
+        """Run the kernel on as many threads as are worth it; ``asking`` is interval and early."""
         kernel = compile_kernel(policy, self.width, self.reactive)
         h = TIMESTEP / self.substeps
-        clock = (self.steps_done, steps, self.substeps, interval)
+        clock = (self.steps_done, steps, self.substeps, *asking)
 
         def part(begin: int, end: int) -> None:
             tables = self._parameters, self._states, self._conditions

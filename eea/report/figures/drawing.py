@@ -17,7 +17,7 @@ from eea.report.tables import MINUS
 
 Floats = NDArray[np.float64]
 
-# Okabe and Ito's palette, told apart by all eyes.
+# Okabe and Ito's palette, told apart by all eyes, and a wine red.
 _COLOURS = {
     "ideal": "#009E73",
     "none": "#D55E00",
@@ -25,19 +25,20 @@ _COLOURS = {
     "in-band-200": "#E69F00",
     "out-of-band": "#0072B2",
     "out-of-band-100": "#56B4E9",
+    "joint": "#882255",
 }
 _OTHERS = ("#000000", "#8C6D31", "#7F7F7F", "#637939", "#843C39", "#5254A3")
-_LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)))
+_LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (8, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 GREY, SMALL = "0.35", 8
 _NAME = 0.08  # of the height of axes, for a name of two small lines
 
 
 def arm_style(index: int, arm: str) -> tuple[str, Any]:
-    """Return a colour and a dash, for the paper's conditions the same in every study."""
+    """Return a colour and a dash, for the conditions the same in every study."""
     if arm in _COLOURS:
         return _COLOURS[arm], _LINES[list(_COLOURS).index(arm)]
-    return _OTHERS[index % len(_OTHERS)], _LINES[index % len(_LINES)]
+    return _OTHERS[index % len(_OTHERS)], _LINES[index % len(_OTHERS)]
 
 
 def duration_colour(steps: int, durations: Sequence[int]) -> Any:

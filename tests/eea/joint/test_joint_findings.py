@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from eea.core.checks import ConfigurationError
-from eea.joint import Group, Mode, Posterior, findings
+from eea.joint import Group, Mode, Posterior
+from eea.joint.findings import findings
 
 NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")
 CIRCULAR = np.array([False] * 6 + [True])
@@ -99,6 +100,8 @@ def test_modes_of_other_angles_and_nuisances_are_one_body():
     modes = (Mode(MIDDLE, np.diag(KNOWN), 0.0), Mode(other, np.diag(KNOWN), 0.0))
     assert len(known(*modes).modes) == 2
     assert findings(known(*modes), [FIN, TAIL]) == []
+    other[3] += 0.015  # a sd and a half: the shapes of the two lengths overlap
+    assert findings(known(modes[0], Mode(other, np.diag(KNOWN), 0.0)), [FIN, TAIL]) == []
     gain = Group("the servos", ("gain",), (5,), (0.8,), (1.2,))
     assert findings(known(*modes), [gain], untold=1.0)[0].startswith("two bodies explain it: ")
 
@@ -108,6 +111,7 @@ def test_modes_of_other_angles_and_nuisances_are_one_body():
     [
         (lambda: Group("it", ("length",), (0, 1), (0,), (1,)), "indices of it must be one for"),
         (lambda: Group("it", ("length",), (0,), (0,), (1,), area=(0, 1)), "area must be"),
+        (lambda: Group("it", ("length",), (0,), (0,), (1,), area=(0,)), "must be two places"),
         (lambda: findings(known(Mode(MIDDLE, np.diag(KNOWN), 0)), [
             Group("it", ("angle",), (6,), (0,), (1,))]), "got phase, an angle"),
         (lambda: findings(known(Mode(MIDDLE, np.diag(KNOWN), 0)), [

@@ -99,6 +99,17 @@ def test_modes_weigh_as_their_integrals_do():
     assert np.mean(draws < 0.5) == pytest.approx(found.weights[0], abs=0.015)
 
 
+def test_evidence_prefers_the_hypothesis_with_the_less_to_tune():
+    """Of two that fit as well, one has a parameter more, told to a tenth of its range."""
+    few = Posterior(("a",), [0], [1], [False], [Mode([0.5], [[1e4]], 2.0)])
+    many = Posterior(
+        ("a", "b"), [0, 0], [1, 1], [False, False], [Mode([0.5, 0.5], np.diag([1e4, 1600.0]), 2.0)]
+    )
+    odds = np.exp(few.log_evidence - many.log_evidence)
+    assert odds == pytest.approx(40 / np.sqrt(2 * np.pi), rel=0.01)
+    assert few.log_evidence == pytest.approx(np.log(0.01 * np.sqrt(2 * np.pi)) - 2, abs=0.01)
+
+
 def test_an_angle_near_the_turn_is_one_arc():
     found = Posterior(("phase",), [0], [0], [True], [Mode([3.1], [[25.0]], 0.0)])
     low, high = found.interval(0.9)

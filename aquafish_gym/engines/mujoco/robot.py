@@ -1,0 +1,164 @@
+"""The robot as a MuJoCo model: sizes and masses are ours, mechanics and water MuJoCo's.
+
+The water is MuJoCo's ellipsoid model with the coefficients that MuJoCo gives it: for it, a box is
+the ellipsoid whose semi-axes are half the box's sides, and a capsule likewise.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.packages import load_mujoco
+from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.physics.hydrodynamics import DENSITY
+from aquafish_gym.physics.kinematics import SWEEP
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters
+from aquafish_gym.physics.robot import (
+    BODY_INERTIA,
+    BODY_MASS,
+    CAUDAL_Y,
+    CYLINDER,
+    MOUNT_LENGTH,
+    MOUNT_WIDTH,
+    MOUNT_X,
+    PECTORAL_X,
+    PECTORAL_Y,
+    RADIUS,
+)
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+BASE = 6  # degrees of freedom of the free base, before those of the three hinges
+VISCOSITY = 4e-4  # of water at 20 C, 1.0e-3 Pa s, in our units: 0.125 kg, 5 cm and s
+
+# MuJoCo computes an ellipsoid's added mass by a quadrature that errs by 0.2% for a disc of this
+# thickness over its width, by 12% for a tenth of it, and after that by any power of ten.
+FLATTEST = 0.01
+# The half size of a fin that has no face: at 1 unit/s the water pushes it with under 1e-8.
+_NOTHING = 1e-6
+
+# A servo's torque per rad/s. With some inertia in the hinge itself, any fin, however light, turns
+# as told to 1e-5 rad. The base does not feel that inertia, since the hinges' motion is prescribed.
+_SERVO = 1e6
+_ARMATURE = 1.0
+
+Triple = tuple[float, float, float]
+
+_HINGES: tuple[tuple[str, Triple, Triple], ...] = (
+    ("left_pectoral", (-PECTORAL_X, PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
+    ("right_pectoral", (PECTORAL_X, PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
+    ("caudal", (0.0, CAUDAL_Y, 0.0), (0.0, 0.0, 1.0)),
+)
+
+
+def hinge_angles(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the hinges' angles (..., 3) for pectoral angles and caudal phases, all in rad."""
+    angles = np.array(fin_angles, dtype=np.float64)
+    angles[..., 2] = SWEEP * np.sin(angles[..., 2])
+    return angles
+
+
+def mujoco_model(
+    morphology: MorphologyLike = None, timestep: float = 0.01, *, wet: bool = False
+) -> Any:
+    """Return the robot as an ``MjModel``: a free body and three hinges, no gravity.
+
+    ``qpos`` is position, quaternion (w, x, y, z) and the angles of left flipper, right flipper
+    and tail in rad; ``qvel`` the base's velocity in the world, its spin in body axes and the
+    hinges' rates. ``ctrl`` is where three servos bring the hinges within the next step (rad):
+    their torque is proportional to what would be missing after it, and the model's integrator,
+    ``implicitfast``, solves for that.
+
+    Parameters
+    ----------
+    morphology
+        Whatever ``Morphology.coerce`` takes; None is the nominal body.
+    timestep
+        Of MuJoCo's own integrator, s.
+    wet
+        Whether there is water, MuJoCo's ellipsoid model, and so shapes for it to push.
+
+    Raises
+    ------
+    EngineUnavailableError
+        If mujoco is not installed.
+    InvalidArgumentError
+        If the timestep is not positive, or the body is not one.
+
+    References
+    ----------
+    MuJoCo's documentation, "Fluid forces", the ellipsoid model.
+
+    Examples
+    --------
+    >>> mujoco_model(None, 0.002).nv
+    9
+    """
+    if not (isinstance(timestep, int | float) and 0 < timestep < math.inf):
+        raise InvalidArgumentError(f"timestep must be a positive number of s; got {timestep!r}")
+    sizes = Morphology.coerce(morphology).to_array()
+    mujoco = load_mujoco()
+    spec = mujoco.MjSpec()
+    option, off = spec.option, mujoco.mjtDisableBit
+    option.timestep = timestep
+    option.gravity = [0.0, 0.0, 0.0]
+    option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    # There are no constraints; and a robot that runs away shall not be put back at the start.
+    option.disableflags = off.mjDSBL_CONSTRAINT | off.mjDSBL_AUTORESET
+    base = spec.worldbody.add_body(name="capsule")
+    base.add_freejoint()
+    _set_inertia(base, BODY_MASS, (0.0, 0.0, 0.0), BODY_INERTIA)
+    if wet:
+        option.density, option.viscosity = DENSITY, VISCOSITY
+        _add_capsule(mujoco, base)
+        for x in (-MOUNT_X, MOUNT_X):
+            _add_box(mujoco, base, (x, PECTORAL_Y, 0.0), (MOUNT_WIDTH, MOUNT_LENGTH, 0.0))
+    robot = robot_from_column(robot_parameters(sizes[None])[:, 0])
+    for (name, hinge, axis), fin in zip(_HINGES, robot[:3], strict=True):
+        link = base.add_body(name=name, pos=hinge)
+        hinges = mujoco.mjtJoint.mjJNT_HINGE
+        link.add_joint(name=name, type=hinges, axis=axis, armature=_ARMATURE)
+        servo = spec.add_actuator(name=name, target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
+        servo.set_to_position(kp=_SERVO / timestep, kv=_SERVO)
+        centre, across = (0.0, -0.5 * fin.length, 0.0), axis.index(1.0)
+        _set_inertia(link, fin.mass, centre, _in_link(fin.inertia, across))
+        if wet:
+            _add_box(mujoco, link, centre, _in_link((fin.width, fin.length, fin.thickness), across))
+    return spec.compile()
+
+
+def _in_link(values: Triple, across: int) -> Triple:
+    """Turn (width, length, normal) to the link's axes, of which ``across`` is the width's."""
+    width, length, normal = values
+    return (width, length, normal) if across == 0 else (normal, length, width)
+
+
+def _set_inertia(body: Any, mass: float, centre: Triple, inertia: Triple) -> None:
+    a, b, c = inertia
+    body.explicitinertial = True
+    body.mass, body.ipos = mass, centre
+    # A flat plate's third is the sum of the others, but for rounding, which MuJoCo refuses.
+    body.inertia = (min(a, b + c), min(b, a + c), min(c, a + b))
+
+
+def _add_capsule(mujoco: Any, body: Any) -> None:
+    half = CYLINDER / 2
+    ends = (0.0, -half, 0.0, 0.0, half, 0.0)
+    _wet(body.add_geom(type=mujoco.mjtGeom.mjGEOM_CAPSULE, size=(RADIUS, 0, 0), fromto=ends))
+
+
+def _add_box(mujoco: Any, body: Any, centre: Triple, sizes: Triple) -> None:
+    half = 0.5 * np.array(sizes)
+    # A box of one size or none has no face for the water to push.
+    least = FLATTEST * half.max() if np.count_nonzero(half) > 1 else _NOTHING
+    half = np.maximum(half, least) if least > _NOTHING else np.full(3, _NOTHING)
+    _wet(body.add_geom(type=mujoco.mjtGeom.mjGEOM_BOX, pos=centre, size=half))
+
+
+def _wet(geom: Any) -> None:
+    """Let the water push it, and nothing else."""
+    geom.fluid_ellipsoid = 1.0
+    geom.contype = geom.conaffinity = 0

@@ -1,0 +1,175 @@
+"""MuJoCo as an engine: one robot, its joints turned as ours are, in MuJoCo's water."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
+from aquafish_gym.engines.mujoco.robot import BASE, hinge_angles, mujoco_model
+from aquafish_gym.engines.packages import load_mujoco
+from aquafish_gym.engines.worlds import RUNAWAY, Triple, with_servos
+from aquafish_gym.imu import ImuLog, unwrap_rpy
+from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.physics.attitude import attitude
+from aquafish_gym.physics.kinematics import State, at_rest, rotation
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+# MuJoCo's steps in one of 0.01 s. Its scheme is of first order, as ours is, and with these its gyro
+# is nearer to its limit than ours with one step: docs/physics.md has both.
+STEPS = 5
+
+
+class MujocoWorld:
+    """One robot in MuJoCo, in water whose law is MuJoCo's own.
+
+    A :class:`~aquafish_gym.engines.worlds.World`. It has the other engines' robot, whose joints
+    turn as theirs do, and agrees with them in nothing else: ``docs/physics.md`` says how far
+    apart they are.
+
+    Parameters
+    ----------
+    reactive, drag
+        Must be False and (1, 1): our water's terms and scales mean nothing in MuJoCo's.
+    substeps
+        Each of MuJoCo's ``STEPS`` in 0.01 s is divided into so many.
+
+    Attributes
+    ----------
+    model, data
+        MuJoCo's ``MjModel`` and ``MjData``, from the first reset on.
+
+    Raises
+    ------
+    EngineUnavailableError
+        If mujoco is not installed.
+    InvalidArgumentError
+        If ``reactive`` or ``drag`` is set.
+
+    Examples
+    --------
+    >>> world = MujocoWorld()
+    >>> world.reset(np.full(9, 0.3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    >>> world.advance((0.5, 0.25, 0.0), steps=50)
+    >>> [round(angle, 3) for angle in world.fin_angles]
+    [1.571, 0.785, 0.0]
+    """
+
+    def __init__(
+        self, reactive: bool = False, substeps: int = 1, drag: tuple[float, float] = (1.0, 1.0)
+    ) -> None:
+        if reactive:
+            raise InvalidArgumentError(
+                'reactive must be False for the engine "mujoco": its water has terms of its own'
+            )
+        if drag != (1.0, 1.0):
+            raise InvalidArgumentError(
+                f'drag must be (1, 1) for the engine "mujoco", whose water is its own; got {drag}'
+            )
+        load_mujoco()
+        self._count = STEPS * substeps
+        self.diverged = False
+        self.model: Any = None
+        self.data: Any = None
+        self._turned: NDArray[np.float64] = np.zeros(3)
+
+    def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`; the sizes are already checked."""
+        self.model = mujoco_model(morphology, TIMESTEP / self._count, wet=True)
+        self.model.opt.wind[:] = current
+        self.data = load_mujoco().MjData(self.model)
+        self._turned = np.array(fin_angles, dtype=np.float64)
+        self.data.qpos[BASE + 1 :] = hinge_angles(self._turned)
+        self.diverged = False
+
+    def advance(self, command: Vector, steps: int = 1) -> None:
+        """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s.
+
+        A robot that leaves the finite numbers is ``diverged`` and stays so until it is reset.
+        """
+        if self.data is None:
+            raise RuntimeError("reset the MuJoCo world before advancing it")
+        turn = 2 * math.pi * self.model.opt.timestep * np.array(command)
+        ahead = np.arange(1, steps * self._count + 1)[:, None]
+        path = self._turned + turn * ahead
+        step, model, data = load_mujoco().mj_step, self.model, self.data
+        control, base = data.ctrl, data.qvel[:BASE]
+        for target in hinge_angles(path):
+            # Looked at before each step, since MuJoCo warns in files. Written so that NaN fails it.
+            if not base @ base < RUNAWAY:
+                break
+            control[:] = target
+            step(model, data)
+        self._turned = path[-1]
+        self.diverged = self.diverged or not base @ base < RUNAWAY
+        if self.diverged:
+            data.qpos[:] = data.qvel[:] = math.nan
+
+    def state(self) -> State:
+        """Return the robot's state on plain floats."""
+        x, y, z, qw, qx, qy, qz = self.data.qpos[: BASE + 1].tolist()
+        vx, vy, vz, wx, wy, wz, *rates = self.data.qvel.tolist()
+        left, right, phase = at_rest(self.fin_angles)[4:7]
+        return State(
+            (qx, qy, qz, qw), (x, y, z), (vx, vy, vz), (wx, wy, wz), left, right, phase,
+            (rates[0], rates[1], rates[2]),
+        )  # fmt: skip
+
+    @property
+    def fin_angles(self) -> Vector:
+        """Left and right pectoral angle and caudal phase in [-pi, pi], rad."""
+        left, right, phase = np.arctan2(np.sin(self._turned), np.cos(self._turned)).tolist()
+        return (left, right, phase)
+
+    def close(self) -> None:
+        """Do nothing: there is nothing to free."""
+
+
+def simulate_mujoco(trials: Trials, settings: Settings) -> ImuLog:
+    """Answer :func:`aquafish_gym.simulate` with MuJoCo, one robot after another.
+
+    It computes in double precision whatever ``settings.dtype`` is, and in one thread.
+    """
+    batch, steps = len(trials), settings.steps
+    # Position, quaternion, spin, fin angles.
+    found = np.empty((batch, steps, 13))
+    diverged = np.zeros(batch, dtype=np.bool_)
+    water, gains = (np.broadcast_to(a, (batch, 3)) for a in (trials.current, trials.servo_gain))
+    drags, lags = np.broadcast_to(trials.drag, (batch, 2)), np.broadcast_to(trials.lag, batch)
+    for i in range(batch):
+        fins, body = drags[i].tolist()
+        world = MujocoWorld(settings.reactive, settings.substeps, (fins, body))
+        told = with_servos(world, _triple(gains[i]), float(lags[i]))
+        told.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), _triple(water[i]))
+        command = _triple(trials.commands[i])
+        for t in range(steps):
+            told.advance(command)
+            state = world.state()
+            found[i, t] = (*state.position, *state.orientation, *state.spin, *world.fin_angles)
+        diverged[i] = world.diverged
+    pose = settings.record == "pose"
+    return ImuLog(
+        rpy=None if settings.record == "gyro" else _follow(found[:, :, 3:7]),
+        gyro=None if settings.record == "rpy" else found[:, :, 7:10],
+        position=found[:, :, :3] if pose else None,
+        quaternion=found[:, :, 3:7] if pose else None,
+        fin_angles=found[:, :, 10:] if pose else None,
+        diverged=diverged,
+    )
+
+
+def _follow(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return roll, pitch and yaw (B, T, 3), continuous from upright on."""
+    rpy = np.zeros((len(quaternions), quaternions.shape[1] + 1, 3))
+    for log, turns in zip(rpy, quaternions.tolist(), strict=True):
+        log[1:] = [attitude(rotation(tuple(q))) for q in turns]
+        log[:] = unwrap_rpy(log)
+    return rpy[:, 1:]
+
+
+def _triple(row: NDArray[np.float64]) -> Triple:
+    x, y, z = row.tolist()
+    return (x, y, z)

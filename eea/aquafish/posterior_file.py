@@ -1,0 +1,63 @@
+"""What joint inference believes, in a file."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from aquafish_gym.runs.arrays import read_arrays, write_arrays
+from aquafish_gym.runs.storage import DamagedFileError
+from eea.core.checks import ConfigurationError, brief
+from eea.core.result import Belief
+
+if TYPE_CHECKING:
+    from eea.joint.belief import JointBelief
+
+
+def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
+    """Write a ``result.belief`` into an ``.npz`` file, at once or not at all.
+
+    It is of any robot's joint inference, and holds all of the posterior but the simulator.
+
+    Raises
+    ------
+    ConfigurationError
+        If it is no such belief.
+    CannotWriteError
+        If the file cannot be written.
+    """
+    from eea.joint.archive import to_arrays
+    from eea.joint.belief import JointBelief
+
+    if not isinstance(belief, JointBelief):
+        raise ConfigurationError(f"belief must be of type JointBelief; got {brief(belief)}")
+    write_arrays(path, to_arrays(belief))
+
+
+def load_posterior(path: str | os.PathLike[str]) -> JointBelief:
+    """Return what ``save_posterior`` wrote, as ``posterior.npz`` of a run.
+
+    Its ``interval``, ``sample`` and ``table`` are those of the belief that was saved, to the
+    digit.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the file cannot be read, is damaged or holds something else; the message names it.
+
+    Examples
+    --------
+    >>> config = EEAConfig("joint", steps=32, rounds=1)  # doctest: +SKIP
+    >>> estimate = estimate_morphology(None, "caudal:missing", config)  # doctest: +SKIP
+    >>> save_posterior("posterior.npz", estimate.belief)  # doctest: +SKIP
+    >>> low, high = load_posterior("posterior.npz").interval(0.9)  # doctest: +SKIP
+    """
+    # scipy comes with it.
+    from eea.joint.archive import ARRAYS, from_arrays
+
+    shapes = {name: (None,) * dimensions for name, dimensions in ARRAYS.items()}
+    arrays = read_arrays(path, shapes, "posterior")
+    try:
+        return from_arrays(arrays)
+    except ConfigurationError as error:
+        raise DamagedFileError(f"posterior: {path}: {error}") from None

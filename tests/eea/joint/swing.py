@@ -1,0 +1,61 @@
+"""A robot that is a line of arithmetic, for fast tests of joint inference around it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from eea.core.bits import action_layout, model_layout
+from eea.core.config import EEAConfig, JointConfig
+from eea.core.problem import Problem
+from eea.core.replay import RecordedLog
+from eea.joint.inference import JointInference
+from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
+
+STEPS = 64
+TRUTH = np.array([1.3, 0.4])
+BIAS, SIGMA = 0.02, 0.01
+SMALL = JointConfig(noise=SIGMA, bodies=16, poses=16, descents=4, polished=2, restarts=0)
+CONFIG = EEAConfig("joint", steps=STEPS, rounds=2, joint=SMALL)
+
+
+def simulate(bodies, nuisances, commands, angles, fine=True):  # noqa: ARG001
+    """Return an axis that swings as the motor does, and one that it drags along."""
+    time = 0.01 * np.arange(1, STEPS + 1)
+    phase = 2 * np.pi * (1.0 + commands[:, :1] * nuisances[:, 1:]) * time + angles
+    length, friction = bodies[:, :1], bodies[:, 1:]
+    rate = np.stack([length * np.sin(phase), friction * np.cos(2 * phase)], axis=-1)
+    return rate + nuisances[:, None, :1]
+
+
+SWING = JointProblem(
+    Problem(
+        model_layout([("arm.length", 2.0, 6), ("arm.friction", 1.0, 5)]),
+        action_layout([("speed", -1.0, 1.0)]),
+        ("angle",),
+        axes=2,
+    ),
+    simulate,
+    (Nuisance("bias", -0.1, 0.1, 0.0, sd=0.05), Nuisance("motor", 0.0, 1.0, 1.0, switch=True)),
+    (Hypothesis("the motor is dead", {"motor": 0.0}),),
+    {"arm": Part({"arm.length": "length", "arm.friction": "friction"}, hint="go faster")},
+)
+
+
+class Swinging:
+    """The robot itself: it tells nothing but its log."""
+
+    def __init__(self, seed=0, motor=1.0, sigma=SIGMA):
+        self._rng, self._nuisances, self._sigma = np.random.default_rng(seed), (BIAS, motor), sigma
+
+    def perform(self, command):
+        angle = self._rng.uniform(-np.pi, np.pi, (1, 1))
+        felt = simulate(TRUTH[None], np.array([self._nuisances]), command[None], angle)[0]
+        return RecordedLog(gyro=felt + self._sigma * self._rng.normal(size=felt.shape))
+
+
+def infer(seed=0, motor=1.0, **settings):
+    """Return the result of a small run; ``settings`` are of ``JointConfig``."""
+    config = replace(CONFIG, joint=replace(SMALL, **settings))
+    return JointInference(Swinging(seed, motor), SWING, config, seed, TRUTH).run()
