@@ -12,11 +12,11 @@ from pkgutil import resolve_name
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.bodies import body_array
 from aquafish_gym.command import check_commands
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, integer, one_of
 
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
@@ -89,15 +89,9 @@ def check_trials(
     lag: ArrayLike = 0.0,
 ) -> Trials:
     """Return trials from whatever describes them; a batch of one is spread over the others."""
-    if morphologies is None or isinstance(morphologies, Morphology | dict):
-        morphologies = Morphology.coerce(morphologies).to_array()
-    elif isinstance(morphologies, list | tuple) and any(
-        isinstance(m, Morphology) for m in morphologies
-    ):
-        morphologies = [Morphology.coerce(m).to_array() for m in morphologies]
     gain = [servo_gain] * 3 if isinstance(servo_gain, Real | Decimal) else servo_gain
     rows = {
-        "morphologies": _rows("morphologies", morphologies, (9,), 0.0, MAXIMA),
+        "morphologies": body_array(morphologies),  # type: ignore[arg-type]
         "commands": check_commands(commands),  # type: ignore[arg-type]
         "fin_angles": _rows("fin_angles", fin_angles, (3,), -np.inf, np.inf, "rad"),
         "current": _rows("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"),

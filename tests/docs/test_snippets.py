@@ -27,6 +27,7 @@ PAGES = {
     "howto/robot.md": ["MorphologyEstimate(out-of-band, 1 round", "\nlength: 0.6"],
     "howto/task.md": ["return -"],
     "howto/controller.md": ["Swim(distance 8.19 units in 20 s)", "random poses"],
+    "howto/sample.md": ["evolved for both: Controller(", "on the right one", "with a gait for it"],
     "howto/logs.md": ["OBJ_FIT 0.", "left flipper: 0.800 long, with 90% between"],
 }
 

@@ -109,6 +109,36 @@ def test_transfer_prints_and_writes_the_same_numbers(
     assert (out / "trajectories.png").exists()
 
 
+def test_a_transfer_may_be_to_another_world(
+    tmp_path: Path, controller_file: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["transfer", "--controller", controller_file, "--poses", "1", "--seconds", "1"]
+    found = []
+    for name, more in (("same", []), ("other", ["--target-world.servo-gain", "0", "1", "0.5"])):
+        assert main([*arguments, "--out", str(tmp_path / name), *more]) == 0
+        found.append(json.loads((tmp_path / name / "transfer.json").read_text()))
+    capsys.readouterr()
+    same, other = found
+    assert same["target_world"]["servo_gain"] == [1.0, 1.0, 1.0]
+    assert other["target_world"]["servo_gain"] == [0.0, 1.0, 0.5]
+    assert other["native"] == same["native"]
+    assert abs(other["target"]["distance"] - same["target"]["distance"]) > 1e-3
+
+
+def test_evolve_is_for_the_world_that_was_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    seized = ["--world.servo-gain", "0", "1", "1"]
+    for name, more in (("whole", []), ("seized", seized)):
+        assert main(["evolve", "--out", str(tmp_path / name), *QUICK, *more]) == 0
+    assert read_history(tmp_path / "whole/history.csv") != read_history(
+        tmp_path / "seized/history.csv"
+    )
+    assert main(["evolve", "--out", str(tmp_path / "late"), "--world.lag", "0.1", *QUICK]) == 2
+    assert "world.lag must be 0" in capsys.readouterr().err
+    assert not (tmp_path / "late").exists()
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -124,6 +154,10 @@ def test_transfer_prints_and_writes_the_same_numbers(
         (["evolve", "--out", "{dir}", "--population", "1" + 12 * "0"], "population must be"),
         (["evolve", "--out", "{dir}", "--generations", "1" + 8 * "0"], "generations must be"),
         (["evolve", "--out", "{dir}", "--threads", "1" + 8 * "0"], "threads must be"),
+        (["evolve", "--out", "{dir}", "--quantile", "0.1"], "quantile has a say only with"),
+        (["evolve", "--out", "{dir}", "--aggregate", "quantile", "--poses", "0"], "poses must be"),
+        (["evolve", "--out", "{dir}", "--world.drag", "1", "11"], "drag[1] must lie in [0, 10]"),
+        (["transfer", "--controller", "{good}", "--target-world.lag", "2"], "lag must lie in"),
         (["evolve", "--out", "{dir}", "--morphology", "/dev/zero"], "must be a regular file"),
         (["transfer", "--controller", "{dir}/no.json"], "controller must be a file that can be"),
         (["transfer", "--controller", "/dev/zero"], "controller must be a regular file"),
