@@ -317,7 +317,7 @@ def test_without_an_engines_package_it_is_not_found(monkeypatch: pytest.MonkeyPa
         raise EngineUnavailableError("no pybullet")
 
     assert callable(find_engine("pybullet"))
-    monkeypatch.setattr(packages, "load_pybullet", missing)
+    monkeypatch.setitem(packages._LOADERS, "pybullet", missing)
     monkeypatch.setitem(sys.modules, "numba", None)
     for name, sentence in (("pybullet", "no pybullet"), ("numba", "pip install numba")):
         for use in (check_engine, find_engine):

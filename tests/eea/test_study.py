@@ -163,7 +163,7 @@ def test_nor_are_results_of_other_versions(tmp_path, monkeypatch):
 
 
 def test_code_that_decides_results_is_stamped_and_no_other(tmp_path, monkeypatch):
-    for name in ("core", "aquafish", "study"):
+    for name in ("core", "joint", "aquafish", "study"):
         (tmp_path / "eea" / name).mkdir(parents=True)
     source, other = tmp_path / "eea/core/algorithm.py", tmp_path / "eea/study/folder.py"
     (tmp_path / "eea/study/replicate.py").write_text("")

@@ -172,7 +172,7 @@ DTYPE = names("dtype", ("float32", "float64"))
 ENVIRONMENT = {
     "morphology": BODY,
     "damage": Bad(DAMAGE.values | UNFIT, DAMAGE.sentence + r"|would make .*must lie in \[0, "),
-    "engine": names("engine", ("auto", "numba", "pybullet")),
+    "engine": names("engine", ("auto", "numba", "pybullet", "mujoco")),
     "current": CURRENT,
     "fin_angles": FIN_ANGLES,
     "observe_fins": flag("observe_fins"),
@@ -210,7 +210,7 @@ VECTOR = {
 SIMULATE = {
     "morphologies": Bad(
         no_array((9,), 0.0, 2.0, 0.1, rows_too=True).filter(lambda value: value is not None),
-        r"^morpholog(ies(\[\d, \d\])?|y fin) must (have shape \(any, 9\)|be numbers of shape "
+        r"^morpholog(ies(\[\d, \d\])?|y( fin)?) must (have shape \((any, )?9\)|be numbers of shape "
         r"\(any, 9\)|be finite|lie in \[0, |be one of left_pectoral, right_pectoral, caudal)",
     ),
     "commands": array("commands", (3,), -0.5, 1.0, "[", "(any, 3)"),
