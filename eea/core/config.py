@@ -21,7 +21,7 @@ MAXIMUM_ROUNDS = 10**4
 
 @dataclass(frozen=True)
 class JointConfig:
-    """The joint inference's settings , of eea.joint.
+    """The joint inference's settings, of eea.joint.
 
     Examples
     --------
