@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.utils.validation import finite_array
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 
 SERVOS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
 
@@ -21,6 +21,24 @@ def check_commands(commands: ArrayLike, argument: str = "commands") -> NDArray[n
     return finite_array(
         argument, commands, (None, 3), COMMAND_LOW, COMMAND_HIGH, "rev/s or Hz", flat=True
     )
+
+
+def check_series(commands: ArrayLike, argument: str = "commands") -> NDArray[np.float64]:
+    """Return commands (B, 3), as :func:`check_commands` does, or series of them, (B, K, 3)."""
+    try:
+        series = np.ndim(commands) == 3
+    except ValueError:  # ragged; the check says so better
+        series = False
+    if not series:
+        return check_commands(commands, argument)
+    checked = finite_array(
+        argument, commands, (None, None, 3), COMMAND_LOW, COMMAND_HIGH, "rev/s or Hz"
+    )
+    if not checked.shape[1]:
+        raise InvalidArgumentError(
+            f"{argument} must hold a command at least; got shape {checked.shape}"
+        )
+    return checked
 
 
 def scale_action(action: NDArray[np.floating]) -> NDArray[np.float64]:

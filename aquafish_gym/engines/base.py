@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import body_array
-from aquafish_gym.command import check_commands
+from aquafish_gym.command import check_series
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
@@ -26,6 +26,7 @@ MAXIMUM_GAIN = 2.0
 MAXIMUM_LAG = 1.0  # s
 MAXIMUM_SUBSTEPS = 64
 MAXIMUM_THREADS = 1024
+MAXIMUM_SPIN = 100.0  # rad/s
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
 # How many numbers a sample has.
 RECORDS: dict[str, int] = {"rpy": 3, "gyro": 3, "attitude": 6, "pose": 16}
@@ -39,12 +40,14 @@ class Trials:
     """
 
     morphologies: NDArray[np.float64]  # (B, 9) sizes in the order of ``DIMENSIONS``
-    commands: NDArray[np.float64]  # (B, 3) rev/s, rev/s, Hz; held for the whole trial
+    commands: NDArray[np.float64]  # (B, 3) rev/s, rev/s, Hz, held throughout; or series (B, K, 3)
     fin_angles: NDArray[np.float64]  # (B, 3) left and right pectoral angle, caudal phase, rad
     current: ArrayLike = (0.0, 0.0, 0.0)  # (3,) or (B, 3) units/s
     drag: ArrayLike = (1.0, 1.0)  # (2,) or (B, 2) scales of the fins' and of the body's
     servo_gain: ArrayLike = (1.0, 1.0, 1.0)  # (3,) or (B, 3)
     lag: ArrayLike = 0.0  # () or (B,) s
+    velocity: ArrayLike = (0.0, 0.0, 0.0)  # (3,) or (B, 3) units/s, at the beginning
+    spin: ArrayLike = (0.0, 0.0, 0.0)  # (3,) or (B, 3) rad/s, at the beginning
 
     def __len__(self) -> int:
         return len(self.morphologies)
@@ -60,6 +63,8 @@ class Settings:
     threads: int | None = None
     record: str = "attitude"
     reactive: bool = False
+    interval: int = 1
+    begun: int = 0
 
 
 # Whatever turns trials into logs. It trusts its caller; :func:`simulate` is the checked door.
@@ -87,17 +92,23 @@ def check_trials(
     drag: ArrayLike = (1.0, 1.0),
     servo_gain: object = 1.0,
     lag: ArrayLike = 0.0,
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
+    spin: ArrayLike = (0.0, 0.0, 0.0),
 ) -> Trials:
     """Return trials from whatever describes them; a batch of one is spread over the others."""
     gain = [servo_gain] * 3 if isinstance(servo_gain, Real | Decimal) else servo_gain
     rows = {
         "morphologies": body_array(morphologies),  # type: ignore[arg-type]
-        "commands": check_commands(commands),  # type: ignore[arg-type]
+        "commands": check_series(commands),  # type: ignore[arg-type]
         "fin_angles": _rows("fin_angles", fin_angles, (3,), -np.inf, np.inf, "rad"),
         "current": _rows("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"),
         "drag": _rows("drag", drag, (2,), 0.0, MAXIMUM_DRAG),
         "servo_gain": _rows("servo_gain", gain, (3,), 0.0, MAXIMUM_GAIN),
         "lag": _rows("lag", lag, (), 0.0, MAXIMUM_LAG, "s"),
+        "velocity": _rows(
+            "velocity", velocity, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"
+        ),
+        "spin": _rows("spin", spin, (3,), -MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s"),
     }
     lengths = {len(table) for table in rows.values()}
     batch = 0 if 0 in lengths else max(lengths)
@@ -133,10 +144,15 @@ def simulate(
     drag: ArrayLike = (1.0, 1.0),
     servo_gain: ArrayLike = 1.0,
     lag: ArrayLike = 0.0,
+    interval: int = 1,
+    begun: int = 0,
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
+    spin: ArrayLike = (0.0, 0.0, 0.0),
 ) -> ImuLog:
-    """Swim B robots from rest and return what their IMUs log.
+    """Swim B robots and return what their IMUs log.
 
-    Every robot starts at the origin, upright and facing +y, and holds its command throughout.
+    Every robot starts at the origin, upright and facing +y, at rest unless told otherwise, and
+    holds its command throughout, or performs a series of commands.
 
     Parameters
     ----------
@@ -144,7 +160,8 @@ def simulate(
         (B, 9) sizes in units of 5 cm, or a :class:`Morphology`, or a list of them, or None for
         the nominal body. One body serves for all trials.
     commands
-        (B, 3) servo speeds in rev/s, rev/s, Hz, or (3,) for all.
+        (B, 3) servo speeds in rev/s, rev/s, Hz, or (3,) for all. Or series of K commands,
+        (B, K, 3), of which each is held for ``interval`` samples, and the last to the end.
     fin_angles
         (B, 3) initial left and right pectoral angle and caudal phase in rad, or (3,) for all;
         zero is arms back.
@@ -177,6 +194,15 @@ def simulate(
     lag
         A number or (B,), 0 to 1 s: the servos begin to move so late. A servo's speed is steady
         within a sample: in the one in which a lag ends it is the share of it that then remains.
+    interval
+        How many samples each command of a series is held: 5 for one at 20 Hz.
+    begun
+        For the compiled engine, as the two that follow: how many samples of the series had passed
+        when the trial began, in mid-swim. Its servos turn already then.
+    velocity
+        (3,) or (B, 3) the robot's at the beginning, units/s in body axes, up to 20 each way.
+    spin
+        (3,) or (B, 3) its angular velocity at the beginning, rad/s in body axes, up to 100.
 
     Returns
     -------
@@ -200,7 +226,9 @@ def simulate(
     """
     engine = resolve_engine("engine", engine)
     answer = find_engine(engine)
-    trials = check_trials(morphologies, commands, fin_angles, current, drag, servo_gain, lag)
+    trials = check_trials(
+        morphologies, commands, fin_angles, current, drag, servo_gain, lag, velocity, spin
+    )
     settings = Settings(
         steps=integer("steps", steps, 1, MAXIMUM_STEPS),
         substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
@@ -208,7 +236,14 @@ def simulate(
         threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         record=one_of("record", record, RECORDS),
         reactive=flag("reactive", reactive),
+        interval=integer("interval", interval, 1, MAXIMUM_STEPS),
+        begun=integer("begun", begun, 0, MAXIMUM_STEPS),
     )
+    if engine != "numba" and (settings.begun or np.any(trials.velocity) or np.any(trials.spin)):
+        raise InvalidArgumentError(
+            f'begun, velocity and spin must be 0 for the engine "{engine}", whose trials begin at '
+            'rest; engine="numba" begins in mid-swim'
+        )
     _check_log_fits(len(trials), settings, engine)
     return answer(trials, settings)
 

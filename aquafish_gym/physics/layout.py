@@ -165,13 +165,21 @@ def condition_rows(current: ArrayLike, servo_gain: ArrayLike, batch: int) -> NDA
     return rows
 
 
-def rest_rows(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the states (25, B) of robots at rest: upright, facing +y, fins at these angles.
+def start_rows(
+    fin_angles: NDArray[np.float64],
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
+    spin: ArrayLike = (0.0, 0.0, 0.0),
+    rates: ArrayLike = (0.0, 0.0, 0.0),
+) -> NDArray[np.float64]:
+    """Return the states (25, B) of robots upright, facing +y, fins at these angles.
 
-    ``fin_angles`` is (B, 3): left and right pectoral angle and caudal phase, rad.
+    ``fin_angles`` is (B, 3): left and right pectoral angle and caudal phase, rad. They are at rest
+    unless ``velocity``, ``spin`` or the joints' ``rates``, (3,) or (B, 3), say otherwise.
     """
     rows = np.zeros((STATE_ROWS, len(fin_angles)))
     rows[ORIENTATION + 3] = 1.0
+    for name, value in (("velocity", velocity), ("spin", spin), ("rates", rates)):
+        rows[FIELDS[name]] = np.broadcast_to(value, fin_angles.shape).T
     rows[_COSINES] = np.cos(fin_angles).T
     rows[_SINES] = np.sin(fin_angles).T
     return rows

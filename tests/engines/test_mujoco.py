@@ -18,7 +18,7 @@ from aquafish_gym.engines.packages import check_engine, resolve_engine
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics.kinematics import SWEEP, rotation
-from aquafish_gym.physics.layout import rest_rows
+from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 from eea.aquafish.target import EngineTarget
 from gait import swim
@@ -84,7 +84,7 @@ def test_without_water_it_moves_as_our_robot_without_water() -> None:
     seconds = 1.0
     for b in range(3):
         body, command = TRIALS.morphologies[b : b + 1], TRIALS.commands[b : b + 1]
-        rows = rest_rows(TRIALS.fin_angles[b : b + 1])
+        rows = start_rows(TRIALS.fin_angles[b : b + 1])
         steps = (0.002, 0.001, 0.0005)
         ours = [
             march("float64", body, rows, command, h, round(seconds / h), wet=False)[:, 0]

@@ -19,7 +19,7 @@ from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import dynamics
 from aquafish_gym.physics.hydrodynamics import AXIAL_DRAG, DENSITY, NORMAL_DRAG, SKIN_FRICTION
 from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import rest_rows
+from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.physics.robot import (
     BODY_MASS,
     MINIMUM_FIN_MASS,
@@ -87,7 +87,7 @@ def some_trials(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.n
 
 def moving_rows(angles: np.ndarray, seed: int, speed: float = 1.0) -> np.ndarray:
     """Return robots in any attitude, moving and turning, with their joints still."""
-    rng, rows = np.random.default_rng(seed), rest_rows(angles)
+    rng, rows = np.random.default_rng(seed), start_rows(angles)
     q = rng.normal(size=(4, len(angles)))
     rows[QUATERNION] = q / np.linalg.norm(q, axis=0)
     rows[VELOCITY], rows[SPIN] = speed * rng.normal(size=(2, 3, len(angles)))
@@ -99,7 +99,7 @@ def moving_rows(angles: np.ndarray, seed: int, speed: float = 1.0) -> np.ndarray
 
 @contract("short steps")
 def test_a_capsule_that_coasts_slows_as_one_over_t(swimmer: Swimmer) -> None:
-    states = rest_rows(LOCKED)
+    states = start_rows(LOCKED)
     states[VELOCITY] = [[0.0], [2.0], [0.0]]
     after = swimmer.march(NO_FINS, states, LOCKED, h=1e-3, steps=2000)
     k = AXIAL / MASS_WITHOUT_FINS
@@ -111,7 +111,7 @@ def test_a_capsule_that_coasts_slows_as_one_over_t(swimmer: Swimmer) -> None:
 def test_a_pushed_capsule_gains_speed_along_a_tanh(swimmer: Swimmer) -> None:
     push = 5.0
     terminal = math.sqrt(push / AXIAL)
-    states = rest_rows(LOCKED)
+    states = start_rows(LOCKED)
     for steps, tolerance in ((200, 2e-3), (2300, 1e-4)):
         time = 0.01 * steps
         after = swimmer.march(NO_FINS, states, LOCKED, steps=steps, push=(0.0, push, 0.0))
@@ -166,7 +166,7 @@ def test_without_fluid_momenta_are_kept_to_first_order(swimmer: Swimmer) -> None
     bodies, commands, angles = some_trials(swimmer.robots)
     errors = []
     for h in (0.005, 0.0025):
-        one = swimmer.march(bodies, rest_rows(angles), commands, h=h, steps=1, wet=False)
+        one = swimmer.march(bodies, start_rows(angles), commands, h=h, steps=1, wet=False)
         end = swimmer.march(bodies, one, commands, h=h, steps=round(2 / h), wet=False)
         changes = [
             [
@@ -205,7 +205,7 @@ def test_with_joints_locked_in_still_water_energy_never_rises(swimmer: Swimmer) 
 @contract()
 def test_a_robot_with_no_fins_stays_at_rest(swimmer: Swimmer) -> None:
     command = np.array([[0.5, -0.5, 1.0]])
-    after = swimmer.march(NO_FINS, rest_rows(LOCKED), command, steps=1000)
+    after = swimmer.march(NO_FINS, start_rows(LOCKED), command, steps=1000)
     assert_allclose(after[VELOCITY], 0, atol=1e-5)
     assert_allclose(after[POSITION], 0, atol=1e-4)
 
@@ -215,7 +215,7 @@ def test_a_robot_with_no_fins_stays_at_rest(swimmer: Swimmer) -> None:
 
 @contract()
 def test_a_symmetric_stroke_swims_straight(swimmer: Swimmer) -> None:
-    after = swimmer.march(NOMINAL[None], rest_rows(np.array([[0.3, 0.3, 0.0]])),
+    after = swimmer.march(NOMINAL[None], start_rows(np.array([[0.3, 0.3, 0.0]])),
                           np.array([[0.37, 0.37, 0.0]]), steps=400)  # fmt: skip
     assert abs(after[9, 0]) + abs(after[10, 0]) > 1e-3, "it moves up or pitches"
     assert_allclose(after[[4, 7, 11, 12]], 0, atol=50 * swimmer.rounding)
@@ -239,7 +239,7 @@ def test_the_mirrored_robot_swims_the_mirrored_path(swimmer: Swimmer, left_right
     trials = some_trials(swimmer.robots, seed=5)
     paths = []
     for bodies, commands, angles in (trials, mirrored(*trials, left_right)):
-        paths.append(swimmer.march(bodies, rest_rows(angles), commands, steps=256))
+        paths.append(swimmer.march(bodies, start_rows(angles), commands, steps=256))
     flip = np.ones((3, 1))
     flip[0 if left_right else 2] = -1
     scale = 2e3 * swimmer.rounding
@@ -252,7 +252,7 @@ def test_the_mirrored_robot_swims_the_mirrored_path(swimmer: Swimmer, left_right
 def test_a_current_is_a_change_of_frame(swimmer: Swimmer) -> None:
     bodies, commands, angles = some_trials(swimmer.robots, seed=6)
     u = np.array([0.3, -0.2, 0.1])
-    states = rest_rows(angles)
+    states = start_rows(angles)
     still = swimmer.march(bodies, states, commands, steps=256)
     states[VELOCITY] = u[:, None]
     carried = swimmer.march(bodies, states, commands, steps=256, current=(0.3, -0.2, 0.1))
@@ -265,8 +265,8 @@ def test_a_current_is_a_change_of_frame(swimmer: Swimmer) -> None:
 def test_no_place_and_no_heading_is_special(swimmer: Swimmer) -> None:
     """A robot that starts elsewhere, turned, swims the same path there, turned."""
     bodies, commands, angles = some_trials(swimmer.robots, seed=12)
-    here = swimmer.march(bodies, rest_rows(angles), commands, steps=128)
-    states, q = rest_rows(angles), np.array([0.5, 0.1, -0.7, 0.5])
+    here = swimmer.march(bodies, start_rows(angles), commands, steps=128)
+    states, q = start_rows(angles), np.array([0.5, 0.1, -0.7, 0.5])
     states[QUATERNION] = (q / np.linalg.norm(q))[:, None]
     states[POSITION] = [[3.0], [-2.0], [1.0]]
     there = swimmer.march(bodies, states, commands, steps=128)
@@ -280,8 +280,8 @@ def test_no_place_and_no_heading_is_special(swimmer: Swimmer) -> None:
 def test_twice_the_speed_at_half_the_step_traces_the_same_path(swimmer: Swimmer) -> None:
     bodies, commands, angles = some_trials(swimmer.robots, seed=7)
     commands *= 0.5
-    slow = swimmer.march(bodies, rest_rows(angles), commands, h=0.01, steps=256)
-    fast = swimmer.march(bodies, rest_rows(angles), 2 * commands, h=0.005, steps=256)
+    slow = swimmer.march(bodies, start_rows(angles), commands, h=0.01, steps=256)
+    fast = swimmer.march(bodies, start_rows(angles), 2 * commands, h=0.005, steps=256)
     tolerance = 2e3 * swimmer.rounding
     assert_allclose(fast[POSITION], slow[POSITION], atol=tolerance)
     assert_allclose(fast[VELOCITY], 2 * slow[VELOCITY], atol=10 * tolerance)
@@ -345,7 +345,7 @@ def test_the_scheme_converges_to_rk4_with_order_one(swimmer: Swimmer, rk4_ends: 
     bodies, commands, angles = some_trials(3, seed=8)
     errors = []
     for h in (0.01, 0.005, 0.0025):
-        ends = swimmer.march(bodies, rest_rows(angles), commands, h=h, steps=round(1.28 / h))
+        ends = swimmer.march(bodies, start_rows(angles), commands, h=h, steps=round(1.28 / h))
         errors.append(np.linalg.norm(ends[POSITION].T - rk4_ends, axis=1))
     orders = np.log2(errors[:-1]) - np.log2(errors[1:])
     assert_allclose(np.median(orders), 1.0, atol=0.1)
@@ -372,7 +372,7 @@ def test_every_swimmer_swims_the_same_from_any_state(swimmer: Swimmer) -> None:
 def test_float64_lanes_are_plain_python_to_the_last_bit() -> None:
     bodies, commands, angles = some_trials(5, seed=9)
     bodies[0], bodies[1] = 0, MAXIMA
-    ends = [march(c, bodies, rest_rows(angles), commands, steps=256) for c in BACKENDS[:3]]
+    ends = [march(c, bodies, start_rows(angles), commands, steps=256) for c in BACKENDS[:3]]
     assert_array_equal(ends[1], ends[0])
     assert_array_equal(ends[2], ends[0])
 
@@ -389,9 +389,9 @@ def test_the_harness_runs_the_very_functions_that_the_engines_run() -> None:
 @pytest.mark.parametrize("swimmer", SWIMMERS, ids=lambda s: s.name)
 def test_what_a_swimmer_cannot_do_is_refused_with_the_reason(swimmer: Swimmer) -> None:
     asked: dict[str, Callable[[], object]] = {
-        "short steps": lambda: swimmer.march(NO_FINS, rest_rows(LOCKED), LOCKED, h=1e-3),
-        "push": lambda: swimmer.march(NO_FINS, rest_rows(LOCKED), LOCKED, push=(1.0, 0.0, 0.0)),
-        "dry": lambda: swimmer.march(NO_FINS, rest_rows(LOCKED), LOCKED, wet=False),
+        "short steps": lambda: swimmer.march(NO_FINS, start_rows(LOCKED), LOCKED, h=1e-3),
+        "push": lambda: swimmer.march(NO_FINS, start_rows(LOCKED), LOCKED, push=(1.0, 0.0, 0.0)),
+        "dry": lambda: swimmer.march(NO_FINS, start_rows(LOCKED), LOCKED, wet=False),
         "drag": lambda: swimmer.drag(np.ones((3, 1)), np.ones((6, 1))),
     }
     assert set(swimmer.cannot) <= set(asked)

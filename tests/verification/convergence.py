@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import Trials
-from aquafish_gym.physics.layout import rest_rows
+from aquafish_gym.physics.layout import start_rows
 from tests.verification.harness import POSITION, QUATERNION, SPIN, march
 from tests.verification.momentum import Momentum
 from tests.verification.surface import Surface
@@ -46,7 +46,7 @@ def reference_path(
 
 def scheme_paths(trials: Trials, samples: int, h: float, backend: str = "float64") -> Array:
     """Return position, quaternion and spin (B, samples, 10) in the engines' scheme."""
-    states, paths = rest_rows(trials.fin_angles), []
+    states, paths = start_rows(trials.fin_angles), []
     for _ in range(samples):
         states = march(
             backend, trials.morphologies, states, trials.commands, h, round(INTERVAL / h)

@@ -39,7 +39,7 @@ from aquafish_gym.utils.validation import one_of
 Array = NDArray[np.float64]
 
 BACKENDS = ("floats", "numba", "float64", "float32")
-# Rows of a table of states, as ``layout.rest_rows`` makes them.
+# Rows of a table of states, as ``layout.start_rows`` makes them.
 QUATERNION, POSITION, VELOCITY, SPIN, RATES = (
     FIELDS[name] for name in ("orientation", "position", "velocity", "spin", "rates")
 )
@@ -133,7 +133,7 @@ def march(
     morphologies
         (B, 9) sizes.
     states
-        (25, B) as ``layout.rest_rows`` makes them; left as they are.
+        (25, B) as ``layout.start_rows`` makes them; left as they are.
     commands
         (B, 3) rev/s, rev/s, Hz.
     h, steps

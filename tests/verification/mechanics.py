@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import Trials
 from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import rest_rows
+from aquafish_gym.physics.layout import start_rows
 from tests.verification.convergence import attitude_gap
 from tests.verification.harness import (
     POSITION,
@@ -46,7 +46,7 @@ def random_starts(count: int, seed: int) -> tuple[Trials, Array, Array]:
 
 def moving_rows(trials: Trials, velocity: Array, spin: Array) -> Array:
     """Return states (25, B), upright, whose servos already run."""
-    rows = rest_rows(trials.fin_angles)
+    rows = start_rows(trials.fin_angles)
     rows[VELOCITY], rows[SPIN] = velocity.T, spin.T
     omega = 2 * np.pi * trials.commands
     omega[:, 2] *= SWEEP * np.cos(trials.fin_angles[:, 2])

@@ -309,9 +309,9 @@ def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
         told = with_servos(world, _triple(gains[i]), float(lags[i]))
         try:
             told.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), _triple(water[i]))
-            command = _triple(trials.commands[i])
+            series = [_triple(command) for command in trials.commands[i].reshape(-1, 3)]
             for t in range(steps):
-                told.advance(command)
+                told.advance(series[min(t // settings.interval, len(series) - 1)])
                 position[i, t] = world.position
                 quaternion[i, t] = world.orientation
                 spins[t] = world.world_spin

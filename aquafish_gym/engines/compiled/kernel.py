@@ -30,7 +30,7 @@ import numpy as np
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.engines.compiled.spectrum import write_spectrum
 from aquafish_gym.physics import simd
-from aquafish_gym.physics.arithmetic import Vector, fetch, put, scale, where_less
+from aquafish_gym.physics.arithmetic import Vector, add, fetch, put, scale, where_less
 from aquafish_gym.physics.attitude import attitude, continue_attitude
 from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.physics.dynamics import step
@@ -69,23 +69,47 @@ def hold(
 
 
 @simd.inlined
-def hold_late(
-    weights: Any, _layout: Any, _scratch: Any, group: int, groups: int, time: float, rpy: Vector,
+def _share(x: Any) -> Any:
+    """Return x cut off at 0 and 1."""
+    return where_less(x, 0.0, 0.0, where_less(x, 1.0, x, 1.0))
+
+
+@simd.inlined
+def _obeyed(
+    weights: Any, layout: Any, group: int, groups: int, at: int, sample: int, late: Any
+) -> Vector:
+    """Return what command ``at`` of a series adds to the servos' speed in a sample."""
+    count, held = layout[0], layout[1]
+    share = _share(float(sample + 1 - at * held) - late)
+    if at < count - 1:
+        share = share - _share(float(sample + 1 - (at + 1) * held) - late)
+    return scale(share, fetch_vector(weights, 3 * at, group, groups, late))
+
+
+@simd.inlined
+def perform(
+    weights: Any, layout: Any, _scratch: Any, group: int, groups: int, time: float, rpy: Vector,
     _gyro: Vector,
 ) -> Vector:  # fmt: skip
-    """Hold the command of :func:`hold`, once the lag in a fourth row (in samples) has passed.
+    """Perform a series of commands, each held for some samples, the last to the end.
 
-    In the sample in which it does, the servos turn for a part of it: here at that share of their
-    speed for the whole of it, so that their angles are continuous in the lag.
+    ``layout`` is how many there are, how many samples each is held, how many samples of them
+    passed before the first step, and how many before the one that is given now may still be
+    obeyed. ``weights`` has three rows for each, in turn, and one more: how many samples late they
+    are obeyed. In a sample in which one follows another, the servos turn at the mean of what they
+    are told, so that their angles are continuous in the lag.
     """
-    late = fetch(weights, 3 * groups + group, rpy[0])
-    share = (math.floor(time / TIMESTEP + 0.5) + 1.0) - late
-    share = where_less(share, 0.0, 0.0, where_less(share, 1.0, share, 1.0))
-    return scale(share, fetch_vector(weights, 0, group, groups, rpy[0]))
+    late = fetch(weights, 3 * layout[0] * groups + group, rpy[0])
+    sample = int(math.floor(time / TIMESTEP + 0.5)) + layout[2]
+    newest = min(sample // layout[1], layout[0] - 1)
+    told = _obeyed(weights, layout, group, groups, newest, sample, late)
+    for at in range(newest - 1, max(newest - layout[3], 0) - 1, -1):
+        told = add(told, _obeyed(weights, layout, group, groups, at, sample, late))
+    return told
 
 
 # Policies that do not ask for the attitude.
-OPEN_LOOP = (hold, hold_late)
+OPEN_LOOP = (hold, perform)
 
 
 @simd.inlined

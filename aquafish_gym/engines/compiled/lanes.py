@@ -22,18 +22,19 @@ from aquafish_gym.engines.compiled.kernel import (
     Policy,
     compile_kernel,
     hold,
-    hold_late,
+    perform,
 )
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.imu import ImuLog
+from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.physics.layout import (
     FIELDS,
     ROBOT_ROWS,
     STATE_ROWS,
     angles_of_rows,
     condition_rows,
-    rest_rows,
     robot_parameters,
+    start_rows,
 )
 from aquafish_gym.physics.simd import register_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -80,8 +81,8 @@ class LaneBatch:
     """B robots that live in the lanes between calls.
 
     ``morphologies`` (B, 9), ``fin_angles`` (B, 3) and the keywords, which are those of
-    :func:`~aquafish_gym.simulate`, are already checked. ``width`` is robots a register; None
-    takes what the machine has. No result depends on it.
+    :func:`~aquafish_gym.simulate`, are already checked; ``rates`` are those of the joints, rad/s.
+    ``width`` is robots a register; None takes what the machine has. No result depends on it.
     """
 
     def __init__(
@@ -96,6 +97,9 @@ class LaneBatch:
         reactive: bool = False,
         drag: ArrayLike = (1.0, 1.0),
         servo_gain: ArrayLike = (1.0, 1.0, 1.0),
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
+        spin: ArrayLike = (0.0, 0.0, 0.0),
+        rates: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
         self.batch = len(morphologies)
         self.dtype = dtype
@@ -110,7 +114,9 @@ class LaneBatch:
         self._parameters = pack_rows(robot_parameters(morphologies, drag), dtype, self.width)
         conditions = condition_rows(current, servo_gain, self.batch)
         self._conditions = pack_rows(conditions, dtype, self.width)
-        self._states = pack_rows(rest_rows(fin_angles), dtype, self.width)
+        self._states = pack_rows(
+            start_rows(fin_angles, velocity, spin, rates), dtype, self.width
+        )
 
     def replace(
         self,
@@ -125,7 +131,7 @@ class LaneBatch:
         """
         parameters = robot_parameters(morphologies, self._drag[mask])
         self._table(self._parameters, ROBOT_ROWS)[:, mask] = parameters
-        self._table(self._states, STATE_ROWS)[:, mask] = rest_rows(fin_angles)
+        self._table(self._states, STATE_ROWS)[:, mask] = start_rows(fin_angles)
 
     def advance(
         self,
@@ -133,20 +139,29 @@ class LaneBatch:
         steps: int,
         record: str = "nothing",
         lag: ArrayLike = 0.0,
+        interval: int = 1,
+        begun: int = 0,
     ) -> ImuLog:
         """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s.
 
-        ``lag`` () or (B,), in s, is how long after this batch's beginning the servos begin to move.
+        Or perform a series of them, (B, K, 3), each for ``interval`` steps and the last to the end,
+        which began ``begun`` steps before this batch did. The servos obey ``lag`` () or (B,), in s,
+        late.
         """
-        if not np.any(lag):
+        series = commands[:, None] if commands.ndim == 2 else commands
+        count = series.shape[1]
+        if count == 1 and not np.any(lag):
             return self.run(
-                hold, self._pack_commands(commands), _NO_LAYOUT, 0, steps, steps, record
+                hold, self._pack_commands(series[:, 0]), _NO_LAYOUT, 0, steps, steps, record
             )
         samples = np.broadcast_to(np.asarray(lag) / TIMESTEP, (1, self.batch))
-        weights = self._pack_commands(commands, samples)
-        # Once the last robot moves the command is steady.
-        early = math.ceil(samples.max()) + 1 - self.steps_done
-        return self.run(hold_late, weights, _NO_LAYOUT, 0, steps, steps, record, early)
+        flat = series.reshape(self.batch, -1)
+        weights = self._pack_commands(flat, samples, columns=3 * count)
+        latest = math.ceil(samples.max())
+        layout = np.array([count, interval, begun, -(-latest // interval)])
+        # Once the last robot obeys the last of them, the command is steady.
+        early = (count - 1) * interval - begun + latest + 1 - self.steps_done
+        return self.run(perform, weights, layout, 0, steps, steps, record, early)
 
     def run(
         self,
@@ -215,12 +230,14 @@ class LaneBatch:
             for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
         )
 
-    def _pack_commands(self, commands: NDArray[np.float64], *more: NDArray[np.float64]) -> Floats:
-        """Return a policy's weights: the commands (B, 3), and ``more`` tables (rows, B)."""
+    def _pack_commands(
+        self, commands: NDArray[np.float64], *more: NDArray[np.float64], columns: int = 3
+    ) -> Floats:
+        """Return a policy's weights: commands (B, columns), and ``more`` tables (rows, B)."""
         # A shorter table would be read beyond its end.
-        if commands.shape != (self.batch, 3):
+        if commands.shape != (self.batch, columns):
             raise InvalidArgumentError(
-                f"commands must have shape ({self.batch}, 3); got {commands.shape}"
+                f"commands must have shape ({self.batch}, {columns}); got {commands.shape}"
             )
         return pack_rows(np.concatenate([commands.T, *more]), self.dtype, self.width)
 
@@ -295,6 +312,28 @@ def simulate_lanes(trials: Trials, settings: Settings) -> ImuLog:
     lanes = LaneBatch(
         trials.morphologies, trials.fin_angles, trials.current, settings.dtype,
         settings.substeps, settings.threads, reactive=settings.reactive, drag=trials.drag,
-        servo_gain=trials.servo_gain,
+        servo_gain=trials.servo_gain, velocity=trials.velocity, spin=trials.spin,
+        rates=_joint_rates(trials, settings),
     )  # fmt: skip
-    return lanes.advance(trials.commands, settings.steps, settings.record, trials.lag)
+    return lanes.advance(
+        trials.commands, settings.steps, settings.record, trials.lag, settings.interval,
+        settings.begun,
+    )  # fmt: skip
+
+
+def _joint_rates(trials: Trials, settings: Settings) -> NDArray[np.float64]:
+    """Return how fast the joints (B, 3) turn when the trials begin, rad/s."""
+    if not settings.begun:
+        return np.zeros((len(trials), 3))
+    # The sample before the first one, in which each command is obeyed for a part.
+    series = trials.commands.reshape(len(trials), -1, 3)
+    ends = settings.begun - np.broadcast_to(trials.lag, len(trials)) / TIMESTEP
+    first = settings.interval * np.arange(series.shape[1])
+    begun = np.clip(ends[:, None] - first, 0.0, 1.0)
+    share = begun - np.append(begun[:, 1:], np.zeros((len(trials), 1)), axis=1)
+    told = trials.servo_gain * np.einsum("bk,bkc->bc", share, series)
+    h = TIMESTEP / settings.substeps
+    rates: NDArray[np.float64] = 2.0 * np.pi * told
+    phase = trials.fin_angles[:, 2]
+    rates[:, 2] = SWEEP * (np.sin(phase) - np.sin(phase - rates[:, 2] * h)) / h
+    return rates

@@ -29,8 +29,8 @@ from aquafish_gym.physics.layout import (
     fetch_state,
     fetch_vector,
     put_state,
-    rest_rows,
     robot_parameters,
+    start_rows,
     state_from_numbers,
 )
 from aquafish_gym.physics.reactive import step_reactive
@@ -91,7 +91,7 @@ class CompiledWorld:
         self.diverged = False
 
     def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
-        self._numbers[STATE] = rest_rows(np.array([fin_angles]))[STATE, 0]
+        self._numbers[STATE] = start_rows(np.array([fin_angles]))[STATE, 0]
         self._numbers[ROBOT] = robot_parameters(morphology[None], self._drag)[:, 0]
         self._numbers[CURRENT] = current
         self.diverged = False

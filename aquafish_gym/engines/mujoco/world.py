@@ -144,9 +144,9 @@ def simulate_mujoco(trials: Trials, settings: Settings) -> ImuLog:
         world = MujocoWorld(settings.reactive, settings.substeps, (fins, body))
         told = with_servos(world, _triple(gains[i]), float(lags[i]))
         told.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), _triple(water[i]))
-        command = _triple(trials.commands[i])
+        series = [_triple(command) for command in trials.commands[i].reshape(-1, 3)]
         for t in range(steps):
-            told.advance(command)
+            told.advance(series[min(t // settings.interval, len(series) - 1)])
             state = world.state()
             found[i, t] = (*state.position, *state.orientation, *state.spin, *world.fin_angles)
         diverged[i] = world.diverged

@@ -1,0 +1,114 @@
+"""Trials of several commands, and trials that begin in mid-swim."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from aquafish_gym import simulate
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.worlds import make_world
+from aquafish_gym.physics.attitude import rotations
+from aquafish_gym.utils.validation import InvalidArgumentError
+from tests.verification.trials import random_trials
+
+COUNT, COMMANDS, INTERVAL, STEPS = 9, 12, 5, 70
+TRIALS = random_trials(COUNT, seed=5)
+BODIES, ANGLES = TRIALS.morphologies, TRIALS.fin_angles
+_rng = np.random.default_rng(6)
+SERIES = _rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (COUNT, COMMANDS, 3))
+LAGS = _rng.uniform(0.0, 0.13, COUNT)
+GAINS = _rng.uniform(0.8, 1.2, (COUNT, 3))
+
+
+def swim(commands: Any = SERIES, **options: Any) -> Any:
+    defaults: dict[str, Any] = {"steps": STEPS, "dtype": "float64", "record": "pose"}
+    return simulate(BODIES, commands, ANGLES, **defaults | {"interval": INTERVAL} | options)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.034])
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_a_series_of_one_command_over_and_over_is_that_command(lag: float, dtype: str) -> None:
+    held, series = SERIES[:, 0], np.repeat(SERIES[:, :1], COMMANDS, axis=1)
+    one, other = (swim(c, lag=lag, dtype=dtype) for c in (held, series))
+    if lag == 0.0 or dtype == "float64":
+        assert_allclose(one.gyro, other.gyro, rtol=0, atol=1e-12 if dtype == "float64" else 0)
+    else:  # the shares of a command that follows itself add up to one but for rounding
+        assert_allclose(one.gyro, other.gyro, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("engine", ["numba", "pybullet", "mujoco"])
+def test_servos_go_where_the_series_sends_them(engine: str) -> None:
+    pytest.importorskip("mujoco" if engine == "mujoco" else "numpy")
+    log = swim(engine=engine)
+    speeds = np.repeat(SERIES, INTERVAL, axis=1)
+    speeds = np.concatenate([speeds, np.repeat(speeds[:, -1:], STEPS - speeds.shape[1], axis=1)], 1)
+    wanted = ANGLES[:, None] + 2 * np.pi * 0.01 * np.cumsum(speeds, axis=1)
+    apart = np.angle(np.exp(1j * (log.fin_angles - wanted)))
+    assert_allclose(apart, 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("lag", [0.0, LAGS])
+def test_the_engines_agree_on_series(lag: Any) -> None:
+    options: dict[str, Any] = {"lag": lag, "servo_gain": GAINS}
+    ours, bullet = (swim(engine=engine, **options) for engine in ("numba", "pybullet"))
+    assert_allclose(ours.gyro, bullet.gyro, rtol=0, atol=1e-9)
+
+
+def test_a_world_that_is_told_one_command_after_another_swims_the_series() -> None:
+    log = swim(lag=LAGS, servo_gain=GAINS)
+    for i in range(3):
+        world = make_world("numba", servo_gain=GAINS[i], lag=float(LAGS[i]))
+        world.reset(BODIES[i], tuple(ANGLES[i]), (0.0, 0.0, 0.0))
+        felt = []
+        for t in range(STEPS):
+            world.advance(tuple(SERIES[i, min(t // INTERVAL, COMMANDS - 1)].tolist()))
+            felt.append(world.state().spin)
+        assert_allclose(log.gyro[i], felt, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("cut", [1, 23, 68])
+@pytest.mark.parametrize("reactive", [False, True])
+def test_a_trial_cut_in_two_goes_on_as_if_it_were_not(cut: int, reactive: bool) -> None:
+    servos: dict[str, Any] = {"servo_gain": GAINS, "reactive": reactive, "substeps": 2}
+    whole = swim(lag=LAGS, **servos)
+    first = LaneBatch(BODIES, ANGLES, dtype=np.float64, **servos)
+    first.advance(SERIES, cut, lag=LAGS, interval=INTERVAL)
+    now = first.state()
+    turned = rotations(now["rpy"])
+    rest = simulate(
+        BODIES, SERIES, now["fin_angles"], steps=STEPS - cut, dtype="float64", record="gyro",
+        interval=INTERVAL, begun=cut, lag=LAGS, spin=now["gyro"],
+        velocity=np.einsum("bji,bj->bi", turned, now["velocity"]), **servos,
+    )  # fmt: skip
+    assert_allclose(rest.gyro, whole.gyro[:, cut:], rtol=0, atol=1e-11)
+
+
+def test_no_result_depends_on_the_other_robots_lags() -> None:
+    together = swim(lag=LAGS)
+    for i in (0, 5):
+        alone = simulate(
+            BODIES[i], SERIES[i : i + 1], ANGLES[i], steps=STEPS, dtype="float64", record="gyro",
+            interval=INTERVAL, lag=LAGS[i],
+        )  # fmt: skip
+        assert_array_equal(alone.gyro[0], together.gyro[i])  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "says"),
+    [
+        ({"commands": np.zeros((COUNT, 0, 3))}, "commands must hold a command at least"),
+        ({"commands": np.ones((COUNT, 2, 3))}, r"commands\[0, 0, 0\] must lie in \[-0.5, 0.5\]"),
+        ({"interval": 0}, "interval must be a whole number of at least 1"),
+        ({"begun": -1}, "begun must be a whole number of at least 0"),
+        ({"spin": (0.0, 0.0, 101.0)}, r"spin\[0, 2\] must lie in"),
+        ({"velocity": np.zeros((2, 3))}, "velocity and spin must be equally many"),
+        ({"engine": "pybullet", "begun": 3}, 'begun, velocity and spin must be 0 .* "pybullet"'),
+    ],
+)
+def test_what_makes_no_sense_is_refused(wrong: dict[str, Any], says: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=says):
+        swim(**wrong)
