@@ -105,9 +105,7 @@ def check_trials(
         "drag": _rows("drag", drag, (2,), 0.0, MAXIMUM_DRAG),
         "servo_gain": _rows("servo_gain", gain, (3,), 0.0, MAXIMUM_GAIN),
         "lag": _rows("lag", lag, (), 0.0, MAXIMUM_LAG, "s"),
-        "velocity": _rows(
-            "velocity", velocity, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"
-        ),
+        "velocity": _rows("velocity", velocity, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"),
         "spin": _rows("spin", spin, (3,), -MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s"),
     }
     lengths = {len(table) for table in rows.values()}

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +32,14 @@ NUISANCES: tuple[Nuisance, ...] = (
 CURRENT, DRAG, GAIN, BIAS = slice(0, 3), slice(3, 5), slice(5, 6), slice(6, 9)
 LAG, SERVOS, REACTIVE = 9, slice(10, 13), 13
 
+# A window of a swim begins with a velocity, which takes the current's place: relative to the water
+# they are one. Of the spin only what the gyroscope's noise leaves open has to be found.
+STARTS: tuple[Nuisance, ...] = (
+    *(Nuisance(f"start velocity {axis}", -2.0, 2.0, 0.0, 0.5, start=True) for axis in "xyz"),
+    *(Nuisance(f"start spin {axis}", -0.5, 0.5, 0.0, 0.1, start=True) for axis in "xyz"),
+)
+VELOCITY, SPIN = CURRENT, slice(14, 17)
+
 # Seized is stuck wherever it was; dead does not move by itself, but is elsewhere in each trial.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     *(
@@ -48,17 +58,46 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 )
 
 
+@dataclass(frozen=True)
+class Swims:
+    """Windows of swims as a joint problem's commands: an array (E,) of what happened in each.
+
+    Its fields are the ``series`` of commands (K, 3), each held for ``interval`` samples, of which
+    ``begun`` had passed when the window began; if any had, the robot was in mid-swim, and ``spin``
+    (3,) is what its gyroscope said last, rad/s.
+    """
+
+    interval: int
+    begun: int
+
+    @property
+    def moving(self) -> bool:
+        """Whether the windows begin in mid-swim."""
+        return self.begun > 0
+
+    @staticmethod
+    def array(series: Floats, spin: Floats) -> NDArray[np.void]:
+        """Return the array (E,) of series (E, K, 3) and spins (E, 3)."""
+        rows = np.empty(
+            len(series), dtype=[("series", np.float64, series.shape[1:]), ("spin", np.float64, 3)]
+        )
+        rows["series"], rows["spin"] = series, spin
+        return rows
+
+
 def fish_signal(
     bodies: Floats,
     nuisances: Floats,
-    commands: Floats,
+    commands: NDArray[Any],
     angles: Floats,
     fine: bool,
     simulator: EngineSimulator,
+    swims: Swims | None = None,
 ) -> NDArray[np.floating]:
     """Return what the gyroscope says (B, T, 3) in rad/s; see ``eea.joint.problem.Simulate``.
 
-    Where ``simulator`` has a current of its own, the inferred one comes on top.
+    Where ``simulator`` has a current of its own, the inferred one comes on top. With ``swims``,
+    ``commands`` are of ``Swims.array``.
     """
     reactive = nuisances[:, REACTIVE] > 0.5
     signal: NDArray[np.floating] | None = None
@@ -67,14 +106,23 @@ def fish_signal(
         if not rows.any():
             continue
         told = nuisances[rows]
+        options: dict[str, Any] = {"current": np.asarray(simulator.current) + told[:, CURRENT]}
+        series = commands[rows]
+        if swims is not None:
+            spin, series = series["spin"], series["series"]
+            options = {"interval": swims.interval, "begun": swims.begun}
+            if swims.moving:
+                options["velocity"] = told[:, VELOCITY]
+                options["spin"] = spin - told[:, BIAS] + told[:, SPIN]
+            else:
+                options["current"] = np.asarray(simulator.current) + told[:, CURRENT]
         gyro = simulate(
             bodies[rows],
-            commands[rows],
+            series,
             angles[rows],
             steps=simulator.steps,
             engine=simulator.engine,
             dtype="float64" if fine else simulator.dtype,
-            current=np.asarray(simulator.current) + told[:, CURRENT],
             substeps=simulator.substeps,
             threads=simulator.threads,
             record="gyro",
@@ -82,6 +130,7 @@ def fish_signal(
             drag=told[:, DRAG],
             servo_gain=told[:, GAIN] * told[:, SERVOS],
             lag=told[:, LAG],
+            **options,
         ).gyro
         assert gyro is not None
         gyro = gyro + told[:, None, BIAS].astype(gyro.dtype)
@@ -95,12 +144,20 @@ def fish_signal(
     return signal
 
 
-def fish_joint(problem: Problem, simulator: EngineSimulator) -> JointProblem:
-    """Return the fish for joint inference, simulated as ``simulator`` says."""
+def fish_joint(
+    problem: Problem, simulator: EngineSimulator, swims: Swims | None = None
+) -> JointProblem:
+    """Return the fish for joint inference, simulated as ``simulator`` says.
+
+    It is asked for trials from rest, of a command each, or has been watched: ``swims``.
+    """
+    nuisances = NUISANCES
+    if swims is not None and swims.moving:
+        nuisances = (*STARTS[:3], *NUISANCES[3:], *STARTS[3:])
     return JointProblem(
         problem,
-        partial(fish_signal, simulator=simulator),
-        NUISANCES,
+        partial(fish_signal, simulator=simulator, swims=swims),
+        nuisances,
         HYPOTHESES,
         {
             word: Part(

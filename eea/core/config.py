@@ -89,7 +89,8 @@ class EEAConfig:
     #: methods infer in "in-band" and "out-of-band". "joint" is no EEA: it infers body, angles and
     #: nuisances together, by least squares, and how sure they are.
     condition: Condition = "out-of-band"
-    steps: int = 256  #: Length of a trial in samples; a power of two, 2^20 at most.
+    #: Length of a trial in samples, 2^20 at most; a power of two, but for "joint".
+    steps: int = 256
     #: Rounds at most, which is also the number of commands the target performs; 10,000 at most.
     rounds: int = 25
     accurate: float | None = None  #: Stop once the best MOD_FIT reaches this; None for never.
@@ -105,7 +106,7 @@ class EEAConfig:
     def __post_init__(self) -> None:
         choice("condition", self.condition, get_args(Condition))
         whole("steps", self.steps, 2, MAXIMUM_STEPS)
-        if self.steps & (self.steps - 1):
+        if self.condition != "joint" and self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
         whole("rounds", self.rounds, 1, MAXIMUM_ROUNDS)
         if self.accurate is not None:

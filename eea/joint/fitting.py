@@ -59,7 +59,7 @@ class Linear(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What was felt: commands (E, c) and the signal (E, T, axes)."""
+    """What was felt: commands (E, c), or what else ``Simulate`` takes, and signal (E, T, axes)."""
 
     commands: Floats
     signal: Floats
@@ -76,7 +76,7 @@ class Misfit:
         parameters: Parameters,
         observed: Observed,
         precision: Precision,
-        only_angles_of: int | None = None,
+        only_of: int | None = None,
     ) -> None:
         self.parameters = parameters
         self.precision = precision
@@ -85,11 +85,9 @@ class Misfit:
         self._trials = np.arange(len(observed))
         #: Which entries (P,) a descent may change.
         self.movable: NDArray[np.bool_] = np.ones(len(parameters), dtype=np.bool_)
-        if only_angles_of is not None:
-            self._trials = self._trials[only_angles_of : only_angles_of + 1]
-            others = np.delete(parameters.slots, only_angles_of, axis=0)
-            own = np.setdiff1d(parameters.angle_entries(only_angles_of), others)
-            self.movable = np.isin(np.arange(len(parameters)), own)
+        if only_of is not None:
+            self._trials = self._trials[only_of : only_of + 1]
+            self.movable = np.isin(np.arange(len(parameters)), parameters.own_entries(only_of))
         entries = parameters.slots[self._trials]
         self._free = np.flatnonzero(((entries != FIXED) & self.movable[entries]).any(axis=0))
 

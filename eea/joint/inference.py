@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -13,12 +14,13 @@ from scipy.special import log_ndtr
 
 from eea.core.angles import Floats
 from eea.core.behavior import similarity, summarize
-from eea.core.checks import ConfigurationError, choice
+from eea.core.checks import ConfigurationError, choice, finite
 from eea.core.config import EEAConfig, JointConfig
 from eea.core.design import Utility
 from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
+from eea.core.result import RoundRecord
 from eea.core.rounds import Answer, Conclusion, Rounds
 from eea.joint.belief import JointBelief, groups, weigh
 from eea.joint.fitting import Observed
@@ -144,20 +146,56 @@ class JointInference(Rounds):
             raise
 
     def _round(self) -> tuple[Answer, Conclusion]:
-        simulated = self._simulated
         command, value = self._next_command()
         answer = self._perform(command)
         if not np.array_equal(answer.command, command):
             value = None
-        self._observed = Observed(
-            np.concatenate([self._observed.commands, answer.command[None]]),
-            np.concatenate([self._observed.signal, answer.samples[None]]),
-        )
+        return answer, self._concluded(answer.command[None], answer.samples[None], value)
+
+    def observe(self, commands: NDArray[Any], signal: Floats, told: Floats) -> RoundRecord:
+        """Conclude from what the robot did by itself, in one round, without asking it.
+
+        Parameters
+        ----------
+        commands
+            (E, c), or another array of E that the robot's ``simulate`` takes.
+        signal
+            (E, T, axes), finite, T being ``config.steps``.
+        told
+            (c,), the command that the record is to show.
+
+        Returns
+        -------
+        RoundRecord
+            As after a trial; ``result`` has it too.
+
+        Raises
+        ------
+        ConfigurationError
+            If the signal has another shape or holds NaN.
+        """
+        wanted = (len(commands), self.result.config.steps, self._problem.axes)
+        signal = finite("signal", signal, wanted)
+        began = time.monotonic()
+        with self._undone_if_broken_off():
+            concluded = self._concluded(commands, signal, None)
+            answer = Answer(told, RecordedLog(gyro=signal[-1:]), signal[-1], None)
+            record = self._record(answer, concluded, began)
+            self.result.rounds.append(record)
+        return record
+
+    def _concluded(self, commands: NDArray[Any], signal: Floats, value: float | None) -> Conclusion:
+        """Conclude from all trials so far and these, of which the command promised ``value``."""
+        simulated = self._simulated
+        if len(self._observed):
+            commands = np.concatenate([self._observed.commands, commands])
+            signal = np.concatenate([self._observed.signal, signal])
+        self._observed = Observed(commands, signal)
         belief = self._conclude()
         self.result.belief = belief
         ends = belief.angles(len(self._observed) - 1)
         context = Context(*ends, confidence=0.9)
-        return answer, Conclusion(
+        return Conclusion(
             value,
             belief.model,
             self._model_fitness(self._optima[belief.branches[0].hypothesis.name]),
@@ -205,10 +243,10 @@ class JointInference(Rounds):
         earlier, known = self._optima.get(hypothesis.name), None
         if earlier is not None:
             known = _carried_over(earlier, parameters)
-            newest = pose(parameters, self._observed, known, settings.poses, rng)
-            entries = parameters.angle_entries(len(self._observed) - 1)
-            own = ~np.isin(entries, parameters.angle_entries(0)) | (len(self._observed) == 1)
-            known[:, entries[own]] = newest[:, entries[own]]
+            posed = pose(parameters, self._observed, known, settings.poses, rng)
+            for trial in range(earlier.parameters.trials, len(self._observed)):
+                entries = parameters.own_entries(trial)
+                known[:, entries] = posed[:, entries]
         found = search(
             parameters,
             self._observed,

@@ -96,8 +96,8 @@ class Parameters:
             constants[i] = mean
             if nuisance.name in hypothesis.fixed:
                 constants[i] = (hypothesis.fixed[nuisance.name] - nuisance.low) / span
-            elif nuisance.group in groups and not nuisance.switch:
-                if nuisance.group in per_trial:
+            elif nuisance.start or (nuisance.group in groups and not nuisance.switch):
+                if nuisance.start or nuisance.group in per_trial:
                     own.append((i, nuisance.name, mean, precision, False))
                 else:
                     slots[:, i] = enter(nuisance.name, mean, precision)
@@ -166,6 +166,17 @@ class Parameters:
     def angle_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries (h,) are a trial's hidden angles."""
         return self.slots[trial, self.slots.shape[1] - len(self.joint.problem.hidden) :]
+
+    def start_slots(self) -> NDArray[np.intp]:
+        """Return which slots are what a trial begins with besides its angles."""
+        starts = (n.start for n in self.joint.nuisances)
+        return self.body + np.flatnonzero(np.fromiter(starts, dtype=np.bool_))
+
+    def own_entries(self, trial: int) -> NDArray[np.intp]:
+        """Return which entries are a trial's alone."""
+        entries: NDArray[np.intp] = self.slots[trial]
+        own = [entry for entry in entries if entry != FIXED and "@" in self.names[entry]]
+        return np.array(own, dtype=np.intp)
 
     def into_bounds(self, theta: Floats) -> Floats:
         """Return vectors (..., P) brought into the box, and their angles into [-pi, pi)."""

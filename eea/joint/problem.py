@@ -20,12 +20,13 @@ class Simulate(Protocol):
     def __call__(
         self, bodies: Floats, nuisances: Floats, commands: Floats, angles: Floats, fine: bool
     ) -> NDArray[Any]:
-        """Return the signal (B, T, axes) of B trials from rest.
+        """Return the signal (B, T, axes) of B trials.
 
         ``bodies`` (B, n) and ``commands`` (B, c) are in the problem's units, ``nuisances`` (B, k)
-        in those of its nuisances and their order, the hidden ``angles`` (B, h) in rad. ``fine``
-        asks for double precision; else what is fastest will do. No trial may depend on the
-        others, and one that left the finite numbers answers with some that are not.
+        in those of its nuisances and their order, the hidden ``angles`` (B, h) in rad. Instead of
+        a command each, ``commands`` holds whatever array of B was observed: series of them, say.
+        ``fine`` asks for double precision; else what is fastest will do. No trial may depend on
+        the others, and one that left the finite numbers answers with some that are not.
         """
 
 
@@ -55,6 +56,9 @@ class Nuisance:
     group: str = ""  #: Its own name if not given.
     #: Whether it is nominal unless a hypothesis says otherwise, and never inferred.
     switch: bool = False
+    #: Whether it is what a trial begins with, as the hidden angles are: each trial has its own, and
+    #: it is always inferred.
+    start: bool = False
 
     def __post_init__(self) -> None:
         real(f"low of {self.name}", self.low, -math.inf)
@@ -63,6 +67,7 @@ class Nuisance:
         if self.sd != math.inf:
             real(f"sd of {self.name}", self.sd, 1e-12)
         flag(f"switch of {self.name}", self.switch)
+        flag(f"start of {self.name}", self.start)
         if not self.group:
             object.__setattr__(self, "group", self.name)
 
@@ -170,5 +175,6 @@ class JointProblem:
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups of nuisances that can be inferred, each once, in their order."""
-        return tuple(dict.fromkeys(n.group for n in self.nuisances if not n.switch))
+        """The groups of nuisances that can be inferred or not, each once, in their order."""
+        chosen = (n.group for n in self.nuisances if not n.switch and not n.start)
+        return tuple(dict.fromkeys(chosen))

@@ -160,7 +160,7 @@ def _scan(
 def pose(
     parameters: Parameters, observed: Observed, theta: Floats, count: int, rng: np.random.Generator
 ) -> Floats:
-    """Return vectors (S, P) with each trial's angles the best of ``count`` random ones."""
+    """Return vectors (S, P) with what each trial began with the best of ``count`` random ones."""
     return _pose(parameters, observed, theta, count, rng, range(len(observed)))[0]
 
 
@@ -180,13 +180,18 @@ def _pose(
     each = -(-2 * count // groups) if groups > 1 else count
     shared = rng.uniform(-np.pi, np.pi, (groups, 1, len(angles)))
     total = np.zeros((len(theta), groups))
-    chosen = np.empty((len(theta), groups, len(trials), len(angles)))
     local, width = parameters.local(theta), parameters.slots.shape[1]
+    starts = parameters.start_slots()
+    slots = np.concatenate([starts, np.arange(width - len(angles), width)])
+    chosen = np.empty((len(theta), groups, len(trials), len(slots)))
     for column, e in enumerate(trials):
         tried = rng.uniform(-np.pi, np.pi, (groups, each, len(angles)))
         tried = np.where(common, shared, tried)
+        if len(starts):
+            begun = _drawn(parameters, parameters.slots[e, starts], (groups, each), rng)
+            tried = np.concatenate([begun, tried], axis=-1)
         rows = np.repeat(local[:, e], groups * each, axis=0).reshape(len(theta), -1, width)
-        rows[:, :, width - len(angles) :] = tried.reshape(-1, len(angles))
+        rows[:, :, slots] = tried.reshape(-1, len(slots))
         apart = misfit.differences(rows.reshape(-1, width), np.full(rows.size // width, e))
         sums = np.einsum("rm,rm->r", apart, apart).reshape(len(theta), groups, each)
         sums = np.where(np.isfinite(sums), sums, np.inf)
@@ -196,8 +201,24 @@ def _pose(
     group, pick = total.argmin(axis=1), np.arange(len(theta))
     posed = theta.copy()
     for column, e in enumerate(trials):
-        posed[:, parameters.angle_entries(e)] = chosen[pick, group, column]
+        posed[:, parameters.slots[e, slots]] = chosen[pick, group, column]
     return posed, total[pick, group]
+
+
+def _drawn(
+    parameters: Parameters,
+    entries: NDArray[np.intp],
+    shape: tuple[int, ...],
+    rng: np.random.Generator,
+) -> Floats:
+    """Return draws (*shape, len(entries)) from the prior of entries that are no angles."""
+    mean, precision = parameters.prior_mean[entries], parameters.prior_precision[entries]
+    told = precision > 0.0
+    normal = mean + rng.standard_normal((*shape, len(entries))) / np.sqrt(
+        np.where(told, precision, 1.0)
+    )
+    drawn: Floats = np.where(told, np.clip(normal, 0.0, 1.0), rng.random(normal.shape))
+    return drawn
 
 
 def _hop(
@@ -224,7 +245,7 @@ def _hop(
         starts[-1] = here
         vectors = np.tile(theta, (HOP_STARTS, 1))
         vectors[:, entries] = np.where(movable, wrap(starts), here)
-        trial = Misfit(parameters, observed, COARSE, only_angles_of=e)
+        trial = Misfit(parameters, observed, COARSE, only_of=e)
         fits = descend(trial, vectors, sigma, 15, 1e-3)
         order = np.argsort(fits.squares, kind="stable")
         valleys: list[Floats] = [theta[entries]]

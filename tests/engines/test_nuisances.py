@@ -77,7 +77,7 @@ def test_one_row_serves_for_all_and_changes_what_they_feel(name: str) -> None:
 def test_many_conditions_spread_one_robot() -> None:
     log = simulate(None, (0.3, 0.3, 0.5), steps=9, lag=[0.0, 0.01, 0.02], record="gyro")
     assert len(log) == 3
-    with pytest.raises(ValueError, match=r"lag must be equally many, .* got 1, 1, 1, 2, 1, 1, 3"):
+    with pytest.raises(ValueError, match=r"must be equally many, .* got 1, 1, 1, 2, 1, 1, 3, 1, 1"):
         simulate(None, (0.3, 0.3, 0.5), current=np.zeros((2, 3)), lag=[0.0, 0.01, 0.02])
 
 

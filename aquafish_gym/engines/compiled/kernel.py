@@ -100,7 +100,7 @@ def perform(
     are told, so that their angles are continuous in the lag.
     """
     late = fetch(weights, 3 * layout[0] * groups + group, rpy[0])
-    sample = int(math.floor(time / TIMESTEP + 0.5)) + layout[2]
+    sample = math.floor(time / TIMESTEP + 0.5) + layout[2]
     newest = min(sample // layout[1], layout[0] - 1)
     told = _obeyed(weights, layout, group, groups, newest, sample, late)
     for at in range(newest - 1, max(newest - layout[3], 0) - 1, -1):

@@ -114,9 +114,7 @@ class LaneBatch:
         self._parameters = pack_rows(robot_parameters(morphologies, drag), dtype, self.width)
         conditions = condition_rows(current, servo_gain, self.batch)
         self._conditions = pack_rows(conditions, dtype, self.width)
-        self._states = pack_rows(
-            start_rows(fin_angles, velocity, spin, rates), dtype, self.width
-        )
+        self._states = pack_rows(start_rows(fin_angles, velocity, spin, rates), dtype, self.width)
 
     def replace(
         self,
