@@ -16,6 +16,7 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import Triple, WorldConfig, make_world
 from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State, rotation
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait import network
@@ -53,6 +54,10 @@ class Swim:
         (T, 3) left and right pectoral angle and caudal phase, in rad.
     current
         The water's own velocity in the world, in units/s.
+    gyro, commands
+        (N, 3) what the gyroscope said at the end of each 0.01 s, rad/s about the body's axes, and
+        the command in force until then, rev/s, rev/s and Hz; None of a swim that was read from a
+        file.
 
     Examples
     --------
@@ -66,6 +71,8 @@ class Swim:
     quaternion: NDArray[np.float64]
     fin_angles: NDArray[np.float64]
     current: Triple = field(default=(0.0, 0.0, 0.0), kw_only=True)
+    gyro: NDArray[np.float64] | None = field(default=None, kw_only=True)
+    commands: NDArray[np.float64] | None = field(default=None, kw_only=True)
 
     @property
     def distance(self) -> float:
@@ -240,6 +247,8 @@ def swim(
         substeps=config.substeps,
     )
     samples: list[tuple[float, ...]] = []
+    gyro: list[Vector] = []
+    commands: list[Vector] = []
     try:
         left, right, phase = angles.tolist()
         place.reset(body, (left, right, phase), config.current)
@@ -250,7 +259,10 @@ def swim(
             felt = np.array([*turn[2], *turn[1], *state.spin])
             action = finite_array("action", policy(felt, t * TIMESTEP), (3,))
             left, right, caudal = scale_action(action).tolist()
-            place.advance((left, right, caudal), min(INTERVAL, steps - t))
+            for _ in range(min(INTERVAL, steps - t)):
+                place.advance((left, right, caudal))
+                gyro.append(place.state().spin)
+                commands.append((left, right, caudal))
             if place.diverged:
                 samples.append((steps * TIMESTEP,) + (math.nan,) * 10)
                 break
@@ -259,7 +271,15 @@ def swim(
     finally:
         place.close()
     table = np.array(samples)
-    return Swim(table[:, 0], table[:, 1:4], table[:, 4:8], table[:, 8:11], current=config.current)
+    return Swim(
+        table[:, 0],
+        table[:, 1:4],
+        table[:, 4:8],
+        table[:, 8:11],
+        current=config.current,
+        gyro=np.array(gyro),
+        commands=np.array(commands),
+    )
 
 
 def lane_world(world: WorldConfig | None) -> WorldConfig:

@@ -22,14 +22,18 @@ if TYPE_CHECKING:
     from eea.aquafish.posterior_file import load_posterior, save_posterior
     from eea.aquafish.session import load_session, save_session
     from eea.aquafish.simulator import EngineSimulator
+    from eea.aquafish.swims import Trace, estimate_from_swims
     from eea.aquafish.target import EngineTarget, Orientation
+    from eea.aquafish.watch import watch_swim
 
 __all__ = [
     "EngineSimulator",
     "EngineTarget",
     "MorphologyEstimate",
     "Orientation",
+    "Trace",
     "estimate_from_logs",
+    "estimate_from_swims",
     "estimate_morphology",
     "estimate_morphology_of",
     "fish_actions",
@@ -40,12 +44,21 @@ __all__ = [
     "load_session",
     "save_posterior",
     "save_session",
+    "watch_swim",
 ]
-_FILES = {"session": "session", "posterior": "posterior_file"}
+_ROOMS = {
+    "Trace": "swims",
+    "estimate_from_swims": "swims",
+    "load_posterior": "posterior_file",
+    "load_session": "session",
+    "save_posterior": "posterior_file",
+    "save_session": "session",
+    "watch_swim": "watch",
+}
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
-        room = _FILES.get(name.rpartition("_")[2], "estimate")
+        room = _ROOMS.get(name, "estimate")
         return getattr(import_module(f"eea.aquafish.{room}"), name)
     raise AttributeError(f"module 'eea.aquafish' has no attribute {name!r}")

@@ -23,7 +23,7 @@ from eea.core.config import EEAConfig
 BEFORE = 20
 
 
-class Swim(NamedTuple):
+class Trace(NamedTuple):
     """What a robot was told and felt, 100 times a second.
 
     ``commands`` (N, 3), rev/s, rev/s and Hz, are in force in the 0.01 s that end with the samples
@@ -44,7 +44,7 @@ class Windows(NamedTuple):
     begun: int  #: Samples of a series before its window.
 
 
-def windows(swims: Sequence[Swim], moving: bool, steps: int | None = None) -> Windows:
+def windows(swims: Sequence[Trace], moving: bool, steps: int | None = None) -> Windows:
     """Cut swims into windows of equal length.
 
     Parameters
@@ -106,7 +106,7 @@ class _Nobody:
 
 
 def estimate_from_swims(
-    swims: Sequence[Swim],
+    swims: Sequence[Trace],
     config: EEAConfig | None = None,
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
@@ -139,7 +139,7 @@ def estimate_from_swims(
     >>> from aquafish_gym import simulate
     >>> told = np.repeat([[0.5, -0.4, 0.9], [0.3, 0.5, 0.2], [-0.5, 0.1, 1.0]], 50, axis=0)
     >>> felt = simulate(None, told[None], (1.0, 2.0, 3.0), steps=150, dtype="float64").gyro[0]
-    >>> found = estimate_from_swims([Swim(told, felt)], truth=Morphology.nominal())
+    >>> found = estimate_from_swims([Trace(told, felt)], truth=Morphology.nominal())
     >>> bool(found.objective_fitness > 0.99)
     True
     """

@@ -52,6 +52,7 @@ def to_arrays(belief: JointBelief) -> dict[str, NDArray[Any]]:
         "hypotheses": [asdict(hypothesis) for hypothesis in joint.hypotheses],
         "parts": {name: asdict(part) for name, part in joint.parts.items()},
         "sigma": belief.sigma,
+        "samples": belief.samples,
         "goodness": asdict(belief.goodness),
         "trials": belief.branches[0].parameters.trials,
         "branches": [
@@ -102,7 +103,9 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointBelief:
         shares = np.array([branch.probability for branch in branches], dtype=np.float64)
         if not (shares >= 0.0).all() or not 0.5 < shares.sum() < 1.5:
             raise ConfigurationError(f"its probabilities must sum to 1; got {brief(shares)}")
-        return JointBelief(branches, Goodness(**header["goodness"]), float(header["sigma"]))
+        whole("its samples", header["samples"], 0)
+        goodness = Goodness(**header["goodness"])
+        return JointBelief(branches, goodness, float(header["sigma"]), header["samples"])
     except ConfigurationError as error:
         raise ConfigurationError(f"an archive of a posterior is wrong: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:

@@ -76,11 +76,14 @@ class JointBelief:
         trusted.
     sigma
         Standard deviation of the noise, in the signal's units: as given, or as found.
+    samples
+        How many numbers it was found from; 0 if it was given.
     """
 
     branches: tuple[Branch, ...]
     goodness: Goodness
     sigma: float
+    samples: int
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Return ``count`` bodies (count, n) that the trials allow, in natural units."""

@@ -182,11 +182,8 @@ def descend(
         here = theta[live]
         linear = misfit.linearise(here)
         away = here - parameters.prior_mean
-        gradient = 2 * per_square * linear.gradient + parameters.prior_precision * away
-        normal = 2 * per_square * linear.normal
-        normal[:, np.arange(len(parameters)), np.arange(len(parameters))] += (
-            parameters.prior_precision
-        )
+        gradient = 2 * per_square * linear.gradient + away @ parameters.prior_information
+        normal = 2 * per_square * linear.normal + parameters.prior_information
         trial = np.stack(
             [_stepped(misfit, here, gradient, normal, factor * damping[live]) for factor in FACTORS]
         )  # (3, L, P)

@@ -227,7 +227,8 @@ class JointInference(Rounds):
         self._dropped -= {AS_COMMANDED.name}
         branches = weigh(fits)
         judged = self._judged(self._optima[branches[0].hypothesis.name])
-        return JointBelief(branches, judged, sigma)
+        count = 0 if settings.noise else residuals.size
+        return JointBelief(branches, judged, sigma, count)
 
     def _fit(self, hypothesis: Hypothesis) -> Optima:
         """Fit all trials under a hypothesis, also from what the trials before have taught."""
@@ -318,9 +319,9 @@ def posterior_of(optima: Optima, sigma: float, share: float = 1.0) -> Posterior:
     modes = tuple(
         Mode(
             theta,
-            weight * linear.normal[k] + np.diag(parameters.prior_precision),
+            weight * linear.normal[k] + parameters.prior_information,
             float(0.5 * weight * optima.squares[k] + parameters.prior_cost(theta)),
-            weight * linear.gradient[k] + parameters.prior_precision * away[k],
+            weight * linear.gradient[k] + parameters.prior_information @ away[k],
         )
         for k, theta in enumerate(optima.theta)
     )

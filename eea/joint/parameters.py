@@ -42,6 +42,8 @@ class Parameters:
         Which (P,) are angles.
     prior_mean, prior_precision
         The normal prior of each (P,), in these units; precision 0 is a uniform one.
+    prior_information
+        (P, P), its inverse covariance: the precisions, but where several go together.
     slots
         (E, W) the entry that each trial's slot takes its value from, or ``FIXED``.
     """
@@ -53,6 +55,7 @@ class Parameters:
     circular: NDArray[np.bool_]
     prior_mean: Floats
     prior_precision: Floats
+    prior_information: Floats
     slots: NDArray[np.intp]
     _constants: Floats
     _offset: Floats
@@ -119,6 +122,7 @@ class Parameters:
             turning,
             np.array([mean for _, mean, _ in entries]),
             np.array([precision for _, _, precision in entries]),
+            np.diag([precision for _, _, precision in entries]),
             slots,
             constants,
             np.concatenate([models.low, [n.low for n in joint.nuisances], angles]),
@@ -185,5 +189,5 @@ class Parameters:
     def prior_cost(self, theta: Floats) -> Floats:
         """Return -log prior (S,) of vectors (S, P), up to a constant."""
         away = theta - self.prior_mean
-        cost: Floats = 0.5 * (self.prior_precision * away * away).sum(axis=-1)
+        cost: Floats = 0.5 * ((away @ self.prior_information) * away).sum(axis=-1)
         return cost

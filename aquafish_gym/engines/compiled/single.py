@@ -96,6 +96,10 @@ class CompiledWorld:
         self._numbers[CURRENT] = current
         self.diverged = False
 
+    def become(self, morphology: NDArray[np.float64]) -> None:
+        """Give the robot another body in mid-swim; it stays where it is and moves on as it does."""
+        self._numbers[ROBOT] = robot_parameters(morphology[None], self._drag)[:, 0]
+
     def advance(self, command: Vector, steps: int = 1) -> None:
         left, right, caudal = command
         swim = compile_single(self._reactive)
