@@ -1,4 +1,4 @@
-"""What knowing, guessing and inferring the fins' angles give (Secs. 4.1 to 4.4).
+"""What knowing, guessing and inferring the fins' angles give (Secs. 4.1 to 4.4); joint inference.
 
     python examples/compare_conditions.py --seeds 5
 
@@ -30,7 +30,7 @@ from eea import (
 
 @dataclass(frozen=True)
 class CompareConditions:
-    """Compare the EEA's conditions on a damaged robot."""
+    """Compare the conditions on a damaged robot."""
 
     damage: str = "left_pectoral:length=0.5"
     """What breaks."""
@@ -54,6 +54,7 @@ class CompareConditions:
             c: EEAConfig(condition=c, steps=self.steps, rounds=self.rounds) for c in CONDITIONS
         }
         configs["recovery"] = recovery_config(self.steps, self.rounds)
+        configs["joint"] = EEAConfig("joint", steps=self.steps, rounds=self.rounds)
         table = Table(title=f"OBJ_FIT after {self.rounds} trials of {self.steps * 0.01:g} s")
         for column in ("condition", "mean", "SD", "least", "random body", "mid-range body"):
             table.add_column(column, justify="left" if column == "condition" else "right")

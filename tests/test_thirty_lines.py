@@ -20,16 +20,15 @@ def test_the_readme_shows_the_example() -> None:
 def test_it_runs(tmp_path: pathlib.Path) -> None:
     pytest.importorskip("pybullet")
     short = EXAMPLE
-    for long, brief in (("rounds=10", "rounds=1"), ("generations=30", "generations=1")):
-        assert short.count(long) == 1
-        short = short.replace(long, brief)
+    assert short.count("generations=30") == 1
+    short = short.replace("generations=30", "generations=1")
     script = tmp_path / "short.py"
     script.write_text(short)
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
     said = done.stdout.splitlines()
     assert said[0].startswith("random commands:")
-    assert said[1].startswith("trial 1: OBJ_FIT 0.")
-    assert [line.split(":")[0] for line in said[2:]] == [
+    assert said[1:4] == [f"trial {n}: OBJ_FIT 1.000" for n in (1, 2, 3)]
+    assert [line.split(":")[0] for line in said[4:]] == [
         "gait for the old body",
         "gait for the self-model",
     ]

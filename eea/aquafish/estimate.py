@@ -18,7 +18,7 @@ from eea.core.algorithm import EEA
 from eea.core.behavior import Log, signal_samples
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
 from eea.core.checks import at_most, instance
-from eea.core.config import EEAConfig
+from eea.core.config import RECOMMENDED, EEAConfig
 from eea.core.design import Utility
 from eea.core.experiment import Target
 from eea.core.problem import Problem
@@ -178,10 +178,12 @@ def estimate_morphology_of(
         ``eea.Performed(log, command)``.
     progress
         Called with each round's record.
-    config, seed, truth, **simulator
+    config
+        Settings; None for those recommended, joint inference from three trials.
+    seed, truth, **simulator
         See ``fish_eea``.
     """
-    eea = fish_eea(target, EEAConfig() if config is None else config, seed, truth, **simulator)
+    eea = fish_eea(target, RECOMMENDED if config is None else config, seed, truth, **simulator)
     result = eea.run(progress)
     return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
 
@@ -205,7 +207,7 @@ def estimate_from_logs(
         What it logged, one trial each; see ``estimate_morphology_of``. ``load_session`` reads
         both from a file.
     config
-        Settings; None for the defaults, with as many rounds as logs, of the logs' length.
+        Settings; None for joint inference, with as many rounds as logs, of the logs' length.
     seed, progress, truth, **simulator
         See ``estimate_morphology_of``.
 
@@ -218,9 +220,8 @@ def estimate_from_logs(
     """
     target = ReplayTarget(check_commands(commands), logs)
     if config is None:
-        plain = EEAConfig()
-        samples = signal_samples(logs[0], plain.behavior, source="the first of logs")
-        config = replace(plain, rounds=len(target), steps=samples.shape[1])
+        samples = signal_samples(logs[0], RECOMMENDED.behavior, source="the first of logs")
+        config = replace(RECOMMENDED, rounds=len(target), steps=samples.shape[1])
     instance("config", config, EEAConfig)
     at_most("config.rounds", config.rounds, "the number of logs", len(target))
     return estimate_morphology_of(target, config, seed, progress, truth, **simulator)
@@ -246,7 +247,8 @@ def estimate_morphology(
     damage
         What broke, as ``"left_pectoral:length=0.5"``; None is nothing.
     config
-        Settings; None for the defaults, Out-of-Band Inference.
+        Settings; None for those recommended, joint inference from three trials. The paper's are
+        ``EEAConfig()``, Out-of-Band Inference from 25.
     seed, progress
         Everything random follows from the seed; see ``estimate_morphology_of``.
     target_engine
@@ -259,7 +261,7 @@ def estimate_morphology(
         substeps hold for the target too.
 
     """
-    settings = EEAConfig() if config is None else config
+    settings = RECOMMENDED if config is None else config
     instance("config", settings, EEAConfig)
     target = EngineTarget(
         target_morphology,

@@ -104,4 +104,5 @@ def watch_swim(
         if until_noticed and not look.same:
             break
     ends = cut.begun + window * np.arange(1, len(looks) + 1)
-    return Watched(TIMESTEP * ends, tuple(looks), watch.alarm)
+    time = np.asarray(TIMESTEP * ends, dtype=np.float64)
+    return Watched(time, tuple(looks), watch.alarm)

@@ -7,7 +7,7 @@ A robot is described by a ``Problem``, performs as a ``Target`` and is modelled 
 from eea.core.algorithm import EEA
 from eea.core.bits import BitLayout, Variable, action_layout, model_layout
 from eea.core.checks import ConfigurationError, TargetError
-from eea.core.config import CONDITIONS, EEAConfig, JointConfig, recovery_config
+from eea.core.config import CONDITIONS, RECOMMENDED, EEAConfig, JointConfig, recovery_config
 from eea.core.experiment import Performed, RevealingTarget, Simulator, Target, Trials
 from eea.core.problem import Problem
 from eea.core.replay import RecordedLog, ReplayTarget
@@ -17,6 +17,7 @@ from eea.core.rounds import streams
 __all__ = [
     "CONDITIONS",
     "EEA",
+    "RECOMMENDED",
     "BitLayout",
     "ConfigurationError",
     "EEAConfig",

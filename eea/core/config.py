@@ -158,11 +158,13 @@ PARTS: dict[str, type] = {
     "joint": JointConfig,
 }
 
+#: What is best where the gyroscope is logged: joint inference, from three trials.
+RECOMMENDED = EEAConfig("joint", rounds=3)
 RECOVERY = EEAConfig(rounds=16, out_of_band=OutOfBandConfig(sampled_models=5, revisit=5))
 
 
 def recovery_config(steps: int = 256, rounds: int = 16) -> EEAConfig:
-    """Return the recommended settings, those of the damage-recovery case study.
+    """Return the best settings of the EEA, those of the damage-recovery case study.
 
     They differ from the paper's Out-of-Band Inference in two settings. ``revisit=5`` lets each
     search for angles also infer those of five earlier trials anew, which the paper locks in, and

@@ -14,7 +14,6 @@ DOCS = pathlib.Path(__file__).parents[2] / "docs"
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 # What makes a page quick: the page's words, and what they become here.
 SMALLER = {
-    "recovery_config(rounds=10)": "recovery_config(steps=32, rounds=1)",
     "EvolveConfig(seed=0, generations=30)": "EvolveConfig(seed=0, generations=1, population=10)",
     "EEAConfig(rounds=3)": "EEAConfig(rounds=1)",
     'EEAConfig("joint", rounds=3)': 'EEAConfig("joint", rounds=1)',
