@@ -148,7 +148,7 @@ def distances_figure(outcomes: Outcomes) -> Figure:
             axes.scatter(np.full(count, place), values, s=18, color=colour, zorder=2)
             axes.plot([place - 0.25, place + 0.25], [values.mean()] * 2, color=colour, lw=2.5)
         axes.axhline(0, color="0.6", lw=0.8)
-        axes.set_xticks(places, [SHOWN[t].replace(" ", "\n", 1) for t in TREATMENTS])
+        axes.set_xticks(places, [SHOWN[t].replace(" ", "\n") for t in TREATMENTS])
         axes.grid(axis="y", color="0.92")
         axes.set_title(title)
     figure.suptitle(f"on the damaged robot, {count} replicate{'s' if count > 1 else ''}")
