@@ -14,6 +14,10 @@ COMMANDS = {
         "aquafish.recovery.command:Recover",
         "the case study: break a fish, let it model itself, evolve a gait, and score it",
     ),
+    "gap": (
+        "aquafish.gap.command:Gap",
+        "the reality-gap suite: every method in worlds that its models do not know",
+    ),
     "run": ("eea.cli.run:Run", "let a damaged fish work out its own body, as the paper"),
     "infer": (
         "eea.cli.run:Recover",

@@ -43,10 +43,10 @@ Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome
 Rows = list[list[str]]  # a table, its header first
 
 
-def versions() -> dict[str, str]:
+def versions(libraries: Sequence[str] = LIBRARIES) -> dict[str, str]:
     """Return the versions of what makes the numbers."""
     found = {"python": platform.python_version()}
-    for library in LIBRARIES:
+    for library in libraries:
         try:
             found[library] = version(library)
         except PackageNotFoundError:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         fish_models,
         fish_problem,
     )
+    from eea.aquafish.gap import RealityGap
     from eea.aquafish.posterior_file import load_posterior, save_posterior
     from eea.aquafish.session import load_session, save_session
     from eea.aquafish.simulator import EngineSimulator
@@ -31,6 +32,7 @@ __all__ = [
     "EngineTarget",
     "MorphologyEstimate",
     "Orientation",
+    "RealityGap",
     "Trace",
     "estimate_from_logs",
     "estimate_from_swims",

@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from eea.aquafish.gap import RealityGap
 from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
-from eea.aquafish.target import EngineTarget, Orientation
+from eea.aquafish.target import NO_GAP, EngineTarget, Orientation
 from eea.core.algorithm import EEA
 from eea.core.behavior import Log, signal_samples
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
@@ -236,6 +237,7 @@ def estimate_morphology(
     *,
     target_engine: str = "auto",
     target_orientation: Orientation = "upright",
+    gap: RealityGap = NO_GAP,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Let a damaged fish work out its own body, from blind trials only.
@@ -256,6 +258,8 @@ def estimate_morphology(
         in ``engine``.
     target_orientation
         How the target's body lies when a trial begins; see ``EngineTarget``.
+    gap
+        How the target's world differs from the candidates'.
     **simulator
         engine, dtype, current, substeps, threads; see ``EngineSimulator``. The current and the
         substeps hold for the target too.
@@ -272,5 +276,6 @@ def estimate_morphology(
         simulator.get("current", (0.0, 0.0, 0.0)),
         simulator.get("substeps", 1),
         target_orientation,
+        gap,
     )
     return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.base import MAXIMUM_SUBSTEPS, simulate
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.attitude import attitude, rotations
+from aquafish_gym.utils.validation import finite_array, integer
+from eea.aquafish.gap import RealityGap
 from eea.core.angles import Floats
-from eea.core.checks import choice
+from eea.core.checks import choice, instance
 
 Orientation = Literal["upright", "heading", "attitude"]
+NO_GAP = RealityGap()
 
 
 def random_orientation(orientation: str, rng: np.random.Generator) -> Floats:
@@ -69,6 +71,10 @@ class EngineTarget:
         attitude in the world. The hidden angles are the same for all three. Only the attitude
         signal, or a current, lets the models feel it: still water knows no direction, and the
         gyroscope reads the same in it.
+    gap
+        How the target differs from the world that its models swim in, which ``current`` and
+        ``substeps`` are of. The hidden angles are the same for all gaps, but for a seized servo's.
+        Noise and bias are the gyroscope's; they leave the attitude alone.
 
     Attributes
     ----------
@@ -99,30 +105,41 @@ class EngineTarget:
         current: ArrayLike = (0.0, 0.0, 0.0),
         substeps: int = 1,
         orientation: Orientation = "upright",
+        gap: RealityGap = NO_GAP,
     ) -> None:
+        instance("gap", gap, RealityGap)
         choice("orientation", orientation, ("upright", "heading", "attitude"))
         self.morphology: Morphology = Damage.coerce(damage).apply(Morphology.coerce(morphology))
         self.engine: str = resolve_engine("engine", engine)
         self._rng = np.random.default_rng() if rng is None else rng
-        # In the compiled engine too the target is computed in double precision: it plays nature.
-        self._swim = partial(
-            simulate, steps=steps, engine=self.engine, dtype="float64", substeps=substeps
+        self._gap = gap
+        shared = finite_array("current", current, (3,), unit="units/s")
+        world: dict[str, Any] = dict(
+            vars(gap.world(shared, integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)))
         )
-        self._swim(np.zeros(9), np.zeros(3), current=current)  # refuses wrong settings here
-        self._current = np.asarray(current, dtype=np.float64)
+        self._current = np.array(world.pop("current"))
+        # In the compiled engine too the target is computed in double precision: it plays nature.
+        self._how = {"steps": steps, "engine": self.engine, "dtype": "float64", **world}
+        self._swim(np.zeros(9), np.zeros(3), np.zeros(3), self._current)  # refuses wrong settings
         self._orientation = orientation
         self._start_angles = np.zeros(3)
 
     def perform(self, command: Floats) -> ImuLog:
         """Hold a command (3,) from fin angles drawn anew; return the log of that one trial."""
-        angles = self._start_angles = self._rng.uniform(-np.pi, np.pi, size=3)
-        body = self.morphology.to_array()
-        if self._orientation == "upright":
-            return self._swim(body, command, angles, current=self._current)
+        drawn = self._rng.uniform(-np.pi, np.pi, size=3)
         # From a hash of the angles: they stay the same whatever else is random.
-        start = random_orientation(self._orientation, np.random.default_rng(angles.view(np.uint64)))
+        entropy = drawn.view(np.uint64)
+        start = random_orientation(self._orientation, np.random.default_rng(entropy))
+        noise = np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(1,)))
+        angles = self._start_angles = self._gap.placed(drawn)
         water = start.T @ self._current  # as seen from that start
-        return turn_log(self._swim(body, command, angles, current=water), start)
+        log = self._swim(self.morphology.to_array(), command, angles, water)
+        if self._orientation != "upright":
+            log = turn_log(log, start)
+        return self._gap.felt(log, noise)
+
+    def _swim(self, body: Floats, command: Floats, angles: Floats, current: Floats) -> ImuLog:
+        return simulate(body, command, angles, current=current, **self._how)
 
     @property
     def start_angles(self) -> Floats:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -30,7 +30,7 @@ from aquafish_gym.utils.command_line import (
     Threads,
     read_morphology,
 )
-from eea.aquafish import EngineTarget, fish_eea, save_posterior
+from eea.aquafish import EngineTarget, RealityGap, fish_eea, save_posterior
 from eea.aquafish.simulator import SimulatorOptions
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
@@ -66,8 +66,11 @@ class Run:
     engine: ModelEngine = "numba"
     #: The compiled engine's precision, for the candidates.
     dtype: Literal["float32", "float64"] = "float32"
-    current: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: Velocity of the water, units/s.
-    substeps: int = 1  #: Physics steps in each 0.01 s.
+    #: Velocity of the water, units/s, for target and candidates.
+    current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    substeps: int = 1  #: Physics steps in each 0.01 s, for target and candidates.
+    #: How the target's world differs from the candidates', which they do not know.
+    gap: RealityGap = field(default_factory=RealityGap)
     threads: Threads = None
 
     def execute(self) -> None:
@@ -85,6 +88,7 @@ class Run:
             self.target_engine,
             self.current,
             self.substeps,
+            gap=self.gap,
         )
         simulator: SimulatorOptions = {
             "engine": resolve_engine("engine", self.engine),
@@ -101,6 +105,7 @@ class Run:
             "target_damage": str(damage),
             "target_morphology": intact.to_dict(),
             "target_engine": target.engine,
+            "gap": asdict(self.gap),
             **simulator,
         }
         with held(ensure_writable_directory(self.out)):

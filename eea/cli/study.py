@@ -28,7 +28,7 @@ from aquafish_gym.utils.command_line import (
     read_morphology,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.aquafish import Orientation
+from eea.aquafish import Orientation, RealityGap
 from eea.cli.arms import (
     ArmSettings,
     Figure,
@@ -94,9 +94,11 @@ class StudyCommand:
     dtype
         The compiled engine's precision, for the candidates.
     current
-        Velocity of the water, units/s.
+        Velocity of the water, units/s, for target and candidates.
     substeps
-        Physics steps in each 0.01 s.
+        Physics steps in each 0.01 s, for target and candidates.
+    gap
+        How the target's world differs from the candidates', which they do not know.
     workers
         Processes, each with one replicate at a time on one core; None for a process a core. No
         result depends on it.
@@ -131,6 +133,7 @@ class StudyCommand:
     dtype: Literal["float32", "float64"] = "float32"
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     substeps: int = 1
+    gap: RealityGap = field(default_factory=RealityGap)
     workers: int | None = None
     scheduler: str | None = None
     draw: bool = True
@@ -183,6 +186,7 @@ class StudyCommand:
                 self.dtype,
                 self.current,
                 self.substeps,
+                self.gap,
             ),
         )
 

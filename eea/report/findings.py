@@ -233,6 +233,7 @@ def _run(
         },
         "target_damage": str(damage),
         "target_orientation": header.get("target_orientation", "upright"),
+        **({"gap": header["gap"]} if header.get("gap") else {}),
         "steps": {arm: sorted(plan[arm]) for arm in arms},
         "signals": {arm: _setting(header["arms"][arm], "behavior", "signal", str) for arm in arms},
         "source": [str(stamp) for stamp in header["source"]],

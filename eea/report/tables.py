@@ -7,6 +7,7 @@ from math import degrees
 from pathlib import PurePath
 from typing import Any
 
+from eea.aquafish.gap import RealityGap
 from eea.report.arms import angle_label, setting_label, shown_in_full
 
 _STARTS = {
@@ -63,6 +64,8 @@ def _run(run: Mapping[str, Any], rounds: int, labels: Mapping[str, str]) -> str:
     damage = run["target_damage"]
     harm = "undamaged" if damage == "none" else f"damaged (`{damage}`)"
     start = _STARTS.get(run["target_orientation"], "")
+    if run.get("gap"):
+        start += f"; its world differs from its models' in this: {RealityGap(**run['gap'])}"
     steps = {arm: f"{_listed([str(n) for n in own])} steps" for arm, own in run["steps"].items()}
     signals = {
         arm: "an unknown signal" if signal is None else f"the {_SIGNALS.get(signal, signal)}"

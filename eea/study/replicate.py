@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ import eea
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.stamps import code_stamp
-from eea.aquafish import EngineTarget, Orientation, fish_eea
+from eea.aquafish import EngineTarget, Orientation, RealityGap, fish_eea
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.core.result import Belief, Result
@@ -56,6 +56,8 @@ class World:
         Velocity of the water, units/s.
     substeps
         Physics steps in each 0.01 s.
+    gap
+        How the target's world differs from the models'.
     """
 
     morphology: Morphology
@@ -66,6 +68,7 @@ class World:
     dtype: str = "float32"
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     substeps: int = 1
+    gap: RealityGap = field(default_factory=RealityGap)
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,7 @@ class Replicate:
             world.current,
             world.substeps,
             world.target_orientation,
+            world.gap,
         )
         return fish_eea(
             target,

@@ -96,11 +96,13 @@ class Study:
     def to_dict(self) -> dict[str, Any]:
         """Return all that decides the results, ready for JSON."""
         world = dict(vars(self.world))
+        gap = world.pop("gap")
         return {
             "target_morphology": world.pop("morphology").to_dict(),
             "target_damage": world.pop("damage").to_list(),
             **world,
             "current": list(self.world.current),
+            **({"gap": gap.changes} if gap.changes else {}),
             "rounds": self.rounds,
             "replicates": written_plan(self.plan),
             "arms": {

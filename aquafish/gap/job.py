@@ -1,0 +1,256 @@
+"""One job of the suite: a method models a damaged fish in a world, and its gait swims there."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from functools import cache, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import aquafish_gym
+import eea.aquafish
+import eea.core
+import eea.joint
+import gait
+from aquafish.gap.rivals import RIVALS, Rival
+from aquafish.gap.worlds import WORLDS, damage_of, gap_of
+from aquafish_gym import Morphology
+from aquafish_gym.morphology import DIMENSIONS, FINS
+from aquafish_gym.runs.stamps import code_stamp
+from eea.aquafish import EngineSimulator, EngineTarget, RealityGap, fish_eea, fish_problem
+from eea.aquafish.joint import HYPOTHESES, fish_joint
+from eea.core import ConfigurationError, EEAConfig, Result, streams
+from eea.core.angles import Floats
+from eea.core.config import Condition, JointConfig
+from eea.core.rounds import Rounds
+from eea.joint.belief import JointBelief
+from eea.joint.problem import AS_COMMANDED
+from gait import Controller
+from gait.evolve import EvolveConfig, evolve_gait
+from gait.rollout import random_poses
+from gait.transfer import score
+
+EEAS: dict[str, Condition] = {name: name for name in ("none", "in-band", "out-of-band", "joint")}
+METHODS: tuple[str, ...] = (*EEAS, *RIVALS)
+# Knows the body, as no robot does: how far its gait swims is what the others' are a share of.
+ORACLE = "oracle"
+MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is counted
+MODEL_SHARE = 0.6  # of a job's time, about; gait and swims take the rest
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What all jobs of a suite have in common."""
+
+    eea: EEAConfig  #: Of all methods, but for the condition.
+    budget: int  #: Of the rivals; see ``Rival``.
+    gait: EvolveConfig  #: How gaits are evolved, but for the seed.
+    bodies: int  #: Of the posterior, that a gait is evolved on.
+    poses: int  #: Random ones that a finished gait swims from.
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return everything that decides a result, ready for JSON."""
+        parts = {"eea": self.eea.to_dict(), "gait": asdict(self.gait)}
+        for part in parts.values():
+            for name in ("condition", "seed", "threads"):  # each job's own
+                part.pop(name, None)
+        return {**parts, "budget": self.budget, "bodies": self.bodies, "poses": self.poses}
+
+
+@dataclass(frozen=True)
+class GapJob:
+    """One method in one world for one seed, complete enough to be sent to another computer."""
+
+    world: str  #: Of ``WORLDS``.
+    method: str  #: Of ``METHODS``, or ``ORACLE``.
+    seed: int  #: Of everything random: what is hidden is the same for all methods and worlds.
+    settings: Settings
+    source: str = ""  #: The code that must do it (see ``source_stamp``); "" for any.
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.world}, {self.method}, seed {self.seed}"
+
+    @property
+    def file(self) -> str:
+        """Its result's file, relative to the suite's folder."""
+        return f"runs/{self.world}/{self.method}/{self.seed:03d}.json"
+
+    @property
+    def body(self) -> Morphology:
+        """The target's."""
+        return damage_of(self.seed).apply(Morphology.nominal())
+
+    @property
+    def gap(self) -> RealityGap:
+        """How the target's world differs from the models'."""
+        return gap_of(self.world, self.seed)
+
+    def begin(self) -> Rounds:
+        """Return the method before its first round; raises as ``EngineTarget`` and ``EEA``."""
+        settings, engine = self.settings.eea, WORLDS[self.world].engine
+        hidden, truth = streams(self.seed)["target"], self.body.to_array()
+        target = EngineTarget(self.body, None, hidden, settings.steps, engine, gap=self.gap)
+        config = replace(settings, condition=EEAS.get(self.method, "joint"))
+        if self.method in EEAS:
+            return fish_eea(target, config, self.seed, truth, threads=1)
+        joint = fish_joint(fish_problem(), EngineSimulator(config.steps, threads=1))
+        search, budget = RIVALS[self.method], self.settings.budget
+        return Rival(target, joint, config, self.seed, truth, search=search, budget=budget)
+
+
+def bridge(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
+    """Do one job and return its outcome, ready for JSON.
+
+    A robot that diverges has made no progress: its distance counts as 0.
+
+    Returns
+    -------
+    dict
+        ``world``, ``method``, ``seed``, ``damage``, ``gap`` in words, the ``truth``'s nine sizes,
+        and ``gaits``: the distances in units of 5 cm that a gait swims in the target's world from
+        random poses, by what it was evolved on, the ``body`` that the method came to or a
+        ``sample`` of the posterior. Of a method but the oracle also ``morphology``; by round
+        ``objective_fitness``, ``model_fitness``, simulated ``trials``, and ``cpu_seconds`` since
+        the beginning, the only field that two runs do not share. Of joint inference also
+        ``belief``: which dimensions its intervals of each of ``MASSES`` hold, whether the fit is
+        ``good``, the ``hypotheses``' probabilities, and those of their names that are ``true``.
+
+    Raises
+    ------
+    ConfigurationError
+        If this machine has other code than ``job.source``.
+    """
+    if job.source and job.source != source_stamp():
+        raise ConfigurationError(
+            f"this worker has other code (source {source_stamp()}, not {job.source}); install the "
+            "same version on every machine"
+        )
+    truth = job.body.to_array()
+    outcome: dict[str, Any] = {
+        "world": job.world,
+        "method": job.method,
+        "seed": job.seed,
+        "damage": str(damage_of(job.seed)),
+        "gap": str(job.gap),
+        "truth": truth.tolist(),
+    }
+    bodies: dict[str, Floats] = {"body": truth[None]}
+    if job.method != ORACLE:
+        rehearse((job,))
+        result, seconds = _model(job, say)
+        bodies["body"] = result.model[None]
+        outcome |= {
+            "morphology": result.model.tolist(),
+            "objective_fitness": [record.objective_fitness for record in result.rounds],
+            "model_fitness": [record.model_fitness for record in result.rounds],
+            "trials": [record.trials for record in result.rounds],
+            "cpu_seconds": seconds,
+        }
+        if isinstance(result.belief, JointBelief):
+            bodies["sample"] = result.sample(job.settings.bodies, job.seed)
+            outcome["belief"] = _judge(job, result.belief)
+    say("gait", MODEL_SHARE)
+    config = replace(job.settings.gait, seed=job.seed, threads=1)
+    outcome["gaits"] = {
+        name: _swim(job, _evolved(tuple(map(tuple, those.tolist())), config))
+        for name, those in bodies.items()
+    }
+    return outcome
+
+
+def _model(job: GapJob, say: Callable[[str, float], None]) -> tuple[Result, list[float]]:
+    """Return what a method came to, and the CPU's seconds at the end of each round."""
+    began, rounds, seconds = time.process_time(), job.settings.eea.rounds, []
+    method = job.begin()
+    for record in method:
+        seconds.append(time.process_time() - began)
+        say(f"round {record.round}/{rounds}", MODEL_SHARE * record.round / rounds)
+    return method.result, seconds
+
+
+def _judge(job: GapJob, belief: JointBelief) -> dict[str, Any]:
+    """Return how belief and truth compare."""
+    truth, covered = job.body.to_array(), {}
+    for mass in MASSES:
+        low, high = belief.interval(mass)
+        covered[f"{mass:.0%}"] = ((low <= truth) & (truth <= high)).tolist()
+    return {
+        "covered": covered,
+        "good": belief.good,
+        "hypotheses": {b.hypothesis.name: b.probability for b in belief.branches},
+        "true": _true_hypotheses(job),
+    }
+
+
+def _true_hypotheses(job: GapJob) -> list[str]:
+    """Return the names of the hypotheses that hold of a target; more than one may."""
+    sizes = dict(zip((d.name for d in DIMENSIONS), job.body.to_array().tolist(), strict=True))
+    missing = [f"{fin}.length" for fin in FINS if not any(getattr(job.body, fin))]
+    true = [
+        hypothesis.name
+        for hypothesis in HYPOTHESES
+        if any(hypothesis.fixed.get(name) == sizes[name] for name in missing)
+        or hypothesis.shared_angles == (job.gap.seized,)
+        or (job.gap.reactive and "reactive water" in hypothesis.fixed)
+    ]
+    return true or [AS_COMMANDED.name]
+
+
+@lru_cache(maxsize=2)
+def _evolved(bodies: tuple[tuple[float, ...], ...], config: EvolveConfig) -> Controller:
+    """Return a gait for bodies, of which a process that has just evolved it remembers it."""
+    return evolve_gait(np.array(bodies), config).controller
+
+
+def _swim(job: GapJob, controller: Controller) -> list[float]:
+    """Return how far a gait swims in the target's world from each random pose, units of 5 cm."""
+    engine, settings = WORLDS[job.world].engine, job.settings
+    poses = job.gap.placed(random_poses(settings.poses, job.seed))
+    scored = score(controller, job.body, poses, engine, settings.gait.seconds, job.gap.world())
+    distances = scored.random_distances
+    return [float(far) for far in np.where(np.isfinite(distances), distances, 0.0)]
+
+
+def rehearse(jobs: tuple[GapJob, ...]) -> None:
+    """Do jobs in small, so that all that they need is compiled and loaded; each kind once."""
+    for job in jobs:
+        engine = WORLDS[job.world].engine
+        like = next(name for name, world in WORLDS.items() if world.engine == engine)
+        _rehearse(job.world, "none", job.settings)  # its target and its gaits' swims
+        _rehearse(like, job.method, job.settings)
+
+
+@cache
+def _rehearse(world: str, method: str, settings: Settings) -> None:
+    few = replace(
+        settings.eea,
+        rounds=2,
+        exploration=replace(settings.eea.exploration, generations=1),
+        estimation=replace(settings.eea.estimation, generations=1),
+        out_of_band=replace(settings.eea.out_of_band, inner_generations=1, revisit=0),
+        joint=JointConfig(
+            bodies=4, poses=4, descents=2, polished=1, restarts=0, alternatives="always"
+        ),
+    )
+    brief = replace(settings.gait, generations=1, population=10, poses=1, seconds=0.1)
+    small = GapJob(world, method, 0, replace(settings, eea=few, gait=brief, budget=200, poses=1))
+    result, _ = _model(small, lambda _text, _share: None)
+    _swim(small, evolve_gait(result.model, replace(brief, threads=1)).controller)
+
+
+@cache
+def source_stamp() -> str:
+    """Return a hash of all code that the results come from."""
+    packages = (aquafish_gym, eea.core, eea.aquafish, eea.joint, gait)
+    folders = [Path(str(package.__file__)).parent for package in packages]
+    files = [
+        file for folder in folders for kind in ("*.py", "*.ini") for file in folder.rglob(kind)
+    ]
+    here = Path(__file__).parent
+    return code_stamp([*files, *(here / f"{name}.py" for name in ("job", "rivals", "worlds"))])

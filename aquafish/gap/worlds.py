@@ -1,0 +1,122 @@
+"""The suite's worlds and damages: a line each. To add one is to add its line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from aquafish_gym import Damage
+from aquafish_gym.morphology import FINS
+from eea.aquafish import RealityGap
+
+# Damages that no method was developed on: all of that was done on left_pectoral:length=0.5.
+# Replicate r has damage r modulo their number.
+DAMAGES: tuple[str, ...] = (
+    "right_pectoral:length=0.35",
+    "caudal:width=0.55",
+    "left_pectoral:missing",
+    "right_pectoral:width=0.4",
+    "caudal:length=0.6",
+    "left_pectoral:width=0.5;caudal:length=0.75",
+    "right_pectoral:missing",
+    "left_pectoral:length=0.7;right_pectoral:length=0.4",
+    "left_pectoral:thickness=4;right_pectoral:length=0.7",
+    "caudal:length=0.45;caudal:width=0.7",
+)
+
+USUAL_NOISE = 0.01  # rad/s in each sample: what a cheap gyroscope has
+_GAP = 0x676170  # "gap" in ASCII: the suite's own random streams
+
+
+class Drawn(NamedTuple):
+    """What differs in a replicate's worlds: the same numbers in every world that has them."""
+
+    drag: tuple[float, float]  #: Of fins and body, 0.8 to 1.2 each.
+    servo_gain: float  #: Of all three, 0.9 to 1.1.
+    current: tuple[float, float, float]  #: Up to 0.2 units/s, in any direction.
+    gyro_bias: tuple[float, float, float]  #: Up to 0.05 rad/s on each axis.
+    seized: str  #: A fin.
+    seized_angle: float  #: Any.
+
+
+@dataclass(frozen=True)
+class World:
+    """A world that targets swim in, as it differs from the one that their models swim in."""
+
+    says: str  #: What differs, as a clause for people.
+    gap: Callable[[Drawn], dict[str, Any]]  #: What of ``RealityGap`` differs.
+    engine: str = "numba"
+
+
+def _servo(drawn: Drawn) -> tuple[float, float, float]:
+    return (drawn.servo_gain,) * 3
+
+
+def _noisy(sd: float) -> World:
+    return World(f"gyro noise of {sd:g} rad/s", lambda _: {"gyro_noise": sd})
+
+
+WORLDS: dict[str, World] = {
+    "plain": World("no difference, not even noise", lambda _: {"gyro_noise": 0.0}),
+    **{f"noise-{sd:g}": _noisy(sd) for sd in (0.001, 0.01, 0.03, 0.1)},
+    "bias": World("gyro bias within 0.05 rad/s", lambda d: {"gyro_bias": d.gyro_bias}),
+    "drag": World("drag of fins and body within 20%", lambda d: {"drag": d.drag}),
+    "servo": World("servo gain 0.9 to 1.1", lambda d: {"servo_gain": _servo(d)}),
+    "lag": World("servos move 0.05 s late", lambda _: {"lag": 0.05}),
+    "current": World("a current of up to 0.2 units/s", lambda d: {"current": d.current}),
+    "everything": World(
+        "drag, servo gain, current and bias together",
+        lambda d: {
+            "drag": d.drag,
+            "servo_gain": _servo(d),
+            "current": d.current,
+            "gyro_bias": d.gyro_bias,
+        },
+    ),
+    "seized": World(
+        "one servo is stuck",
+        lambda d: {"seized": d.seized, "seized_angle": d.seized_angle},
+    ),
+    "reactive": World("the water resists acceleration, too", lambda _: {"reactive": True}),
+    "substeps-8": World("8 physics steps for each of the models'", lambda _: {"substeps": 8}),
+    "pybullet": World("PyBullet's mechanics", lambda _: {}, engine="pybullet"),
+    "mujoco": World("MuJoCo's mechanics and its own water", lambda _: {}, engine="mujoco"),
+}
+
+
+def draw(seed: int) -> Drawn:
+    """Return what is drawn for a replicate, whichever worlds have it."""
+    rng = np.random.default_rng([_GAP, seed])
+    drag, gain = rng.uniform(0.8, 1.2, 2), rng.uniform(0.9, 1.1)
+    direction, speed = rng.standard_normal(3), rng.uniform(0.0, 0.2)
+    current = speed * direction / np.linalg.norm(direction)
+    bias = rng.uniform(-0.05, 0.05, 3)
+    return Drawn(
+        (float(drag[0]), float(drag[1])),
+        float(gain),
+        (float(current[0]), float(current[1]), float(current[2])),
+        (float(bias[0]), float(bias[1]), float(bias[2])),
+        FINS[rng.integers(len(FINS))],
+        float(rng.uniform(-np.pi, np.pi)),
+    )
+
+
+def gap_of(world: str, seed: int) -> RealityGap:
+    """Return how a world differs from the models' in a replicate.
+
+    Every world has the usual gyro noise, unless it says another.
+
+    Examples
+    --------
+    >>> print(gap_of("lag", seed=0))
+    lag 0.05, gyro_noise 0.01
+    """
+    return RealityGap(**{"gyro_noise": USUAL_NOISE, **WORLDS[world].gap(draw(seed))})
+
+
+def damage_of(seed: int) -> Damage:
+    """Return what is broken in a replicate."""
+    return Damage.parse(DAMAGES[seed % len(DAMAGES)])

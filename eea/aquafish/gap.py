@@ -1,0 +1,102 @@
+"""How a target differs from the world that its models swim in: the reality gap, simulated."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from aquafish_gym.engines.worlds import WorldConfig
+from aquafish_gym.imu import ImuLog
+from aquafish_gym.morphology import FINS
+from aquafish_gym.utils.validation import finite_array, one_of
+from eea.core.angles import Floats, wrap
+
+MOST_SPIN = 100.0  # rad/s that a gyroscope may err by, which is beyond any
+
+
+@dataclass(frozen=True, kw_only=True)
+class RealityGap(WorldConfig):
+    """What a target has that its models do not know of; the default is nothing.
+
+    It is relative to what target and models share: currents add up, and substeps multiply.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError
+        If a number is out of range, or there is no such servo.
+
+    Examples
+    --------
+    >>> print(RealityGap(drag=(0.8, 1.2), seized="caudal", seized_angle=0.5))
+    drag 0.8 1.2, seized caudal, seized_angle 0.5
+    """
+
+    gyro_noise: float = 0.0
+    """Standard deviation of the gyroscope's white noise, rad/s in each sample and axis."""
+    gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """What the gyroscope says at rest, rad/s."""
+    seized: Literal["left_pectoral", "right_pectoral", "caudal"] | None = None
+    """A servo that is stuck, at the same angle in every trial."""
+    seized_angle: float = 0.0
+    """Where it is stuck: angle of a flipper, phase of the tail, rad."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        noise = float(finite_array("gyro_noise", self.gyro_noise, (), 0.0, MOST_SPIN, "rad/s"))
+        bias = finite_array("gyro_bias", self.gyro_bias, (3,), -MOST_SPIN, MOST_SPIN, "rad/s")
+        angle = float(finite_array("seized_angle", self.seized_angle, (), unit="rad"))
+        object.__setattr__(self, "gyro_noise", noise)
+        object.__setattr__(self, "gyro_bias", tuple(bias.tolist()))
+        object.__setattr__(self, "seized_angle", angle)
+        if self.seized is not None:
+            one_of("seized", self.seized, FINS)
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What is not as the models think, by name."""
+        plain = RealityGap()
+        return {name: value for name, value in vars(self).items() if value != vars(plain)[name]}
+
+    def __str__(self) -> str:
+        said = []
+        for name, value in self.changes.items():
+            values = value if isinstance(value, tuple) else (value,)
+            numbers = (f"{v:g}" if isinstance(v, float) else str(v) for v in values)
+            said.append(name if value is True else " ".join([name, *numbers]))
+        return ", ".join(said) or "nothing"
+
+    def world(self, current: Floats | None = None, substeps: int = 1) -> WorldConfig:
+        """Return the target's world where the models' has a current (3,) and so many substeps.
+
+        Examples
+        --------
+        >>> RealityGap(seized="caudal", servo_gain=(0.9, 0.9, 0.9)).world().servo_gain
+        (0.9, 0.9, 0.0)
+        """
+        left, right, caudal = (
+            0.0 if fin == self.seized else gain
+            for fin, gain in zip(FINS, self.servo_gain, strict=True)
+        )
+        x, y, z = (np.zeros(3) if current is None else current) + self.current
+        return WorldConfig(
+            current=(x, y, z),
+            drag=self.drag,
+            servo_gain=(left, right, caudal),
+            lag=self.lag,
+            reactive=self.reactive,
+            substeps=self.substeps * substeps,
+        )
+
+    def placed(self, angles: Floats) -> Floats:
+        """Return fin angles (..., 3) with that of a seized servo where it is stuck, rad."""
+        stuck = np.array([fin == self.seized for fin in FINS])
+        return np.where(stuck, wrap(self.seized_angle), angles)
+
+    def felt(self, log: ImuLog, rng: np.random.Generator) -> ImuLog:
+        """Return a log as the gyroscope says it, with its noise and its bias."""
+        if log.gyro is None or not (self.gyro_noise or any(self.gyro_bias)):
+            return log
+        noise = self.gyro_noise * rng.standard_normal(log.gyro.shape)
+        return replace(log, gyro=log.gyro + np.array(self.gyro_bias) + noise)

@@ -1,0 +1,192 @@
+"""A target that differs from the world its models swim in, and the commands that offer it."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from aquafish_gym import Damage, Morphology, WorldConfig, simulate
+from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
+from eea import EEAConfig, EngineTarget, RealityGap, estimate_morphology
+from eea.__main__ import main
+from eea.core.checks import ConfigurationError
+from eea.core.estimation import EstimationConfig
+from eea.core.exploration import ExplorationConfig
+from eea.study.replicate import World
+from eea.study.study import Study
+
+DAMAGE = "left_pectoral:length=0.5"
+COMMAND = np.array([0.4, -0.3, 0.8])
+STEPS = 128
+
+
+def fish(gap: RealityGap, **options) -> EngineTarget:
+    rng = np.random.default_rng(3)
+    return EngineTarget(
+        None, DAMAGE, rng, STEPS, options.pop("engine", "numba"), gap=gap, **options
+    )
+
+
+def test_no_gap_is_the_plain_target_to_the_bit():
+    plain = EngineTarget(None, DAMAGE, np.random.default_rng(3), STEPS, "numba")
+    same = fish(RealityGap())
+    for _ in range(2):
+        assert np.array_equal(plain.perform(COMMAND).gyro, same.perform(COMMAND).gyro)
+
+
+@pytest.mark.parametrize(
+    ("gap", "told"),
+    [
+        (RealityGap(drag=(0.8, 1.2)), {"drag": (0.8, 1.2)}),
+        (RealityGap(servo_gain=(0.9, 1.0, 1.1)), {"servo_gain": (0.9, 1.0, 1.1)}),
+        (RealityGap(lag=0.05), {"lag": 0.05}),
+        (RealityGap(reactive=True), {"reactive": True}),
+        (RealityGap(current=(0.1, -0.2, 0.0)), {"current": (0.1, -0.2, 0.0)}),
+        (RealityGap(substeps=8), {"substeps": 8}),
+    ],
+    ids=str,
+)
+def test_the_target_swims_in_the_world_that_the_gap_says(gap, told):
+    target = fish(gap)
+    log = target.perform(COMMAND)
+    body, angles = target.morphology, target.start_angles
+    same = simulate(body, COMMAND, angles, steps=STEPS, dtype="float64", **told)
+    plain = simulate(body, COMMAND, angles, steps=STEPS, dtype="float64")
+    assert np.array_equal(log.gyro, same.gyro)
+    assert np.abs(log.gyro - plain.gyro).max() > 1e-4
+    assert np.array_equal(fish(RealityGap()).morphology.to_array(), body.to_array())
+
+
+def test_a_gap_is_relative_to_what_target_and_models_share():
+    ours = fish(RealityGap(current=(0.1, 0.0, 0.0), substeps=4), current=(0.2, 0, 0), substeps=2)
+    same = fish(RealityGap(), current=(0.1 + 0.2, 0, 0), substeps=8)
+    assert np.array_equal(ours.perform(COMMAND).gyro, same.perform(COMMAND).gyro)
+    assert RealityGap(substeps=4).world(np.zeros(3), 2) == WorldConfig(substeps=8)
+
+
+def test_noise_and_bias_are_the_gyroscopes_alone():
+    clear = fish(RealityGap()).perform(COMMAND)
+    noisy = fish(RealityGap(gyro_noise=0.02, gyro_bias=(0.5, 0.0, -0.5))).perform(COMMAND)
+    apart = noisy.gyro - clear.gyro
+    assert apart.mean(axis=(0, 1)) == pytest.approx([0.5, 0.0, -0.5], abs=0.01)
+    assert apart.std(axis=(0, 1)) == pytest.approx(0.02, rel=0.25)
+    lagged = apart[0, 1:] * apart[0, :-1]  # white: what was tells nothing of what comes
+    assert (lagged[:, 1]).mean() == pytest.approx(0.0, abs=1.5e-4)
+    assert np.array_equal(noisy.rpy, clear.rpy)
+
+
+def test_all_gaps_hide_the_same_angles_and_make_the_same_noise():
+    gaps = [
+        RealityGap(gyro_noise=0.01),
+        RealityGap(gyro_noise=0.01, lag=0.02),
+        RealityGap(gyro_noise=0.01, drag=(0.9, 1.1)),
+    ]
+    hidden, noise = [], []
+    for gap in gaps:
+        target = fish(gap)
+        clear = fish(RealityGap(lag=gap.lag, drag=gap.drag))
+        for _ in range(2):  # of the second trial, too
+            felt = target.perform(COMMAND).gyro - clear.perform(COMMAND).gyro
+        hidden.append(target.start_angles)
+        noise.append(felt)
+    assert np.array_equal(hidden[0], hidden[1])
+    assert np.array_equal(hidden[0], hidden[2])
+    assert noise[0] == pytest.approx(noise[1], abs=1e-12)
+    assert noise[0] == pytest.approx(noise[2], abs=1e-12)
+    again = fish(gaps[0])
+    again.perform(COMMAND)
+    one, two = again.perform(COMMAND).gyro, fish(gaps[0]).perform(COMMAND).gyro
+    assert np.abs(one - two).max() > 0.01  # and another in each trial
+
+
+def test_a_seized_servo_is_stuck_at_one_angle_and_leaves_the_others_as_they_were():
+    gap = RealityGap(seized="right_pectoral", seized_angle=2.0)
+    target, free = fish(gap), fish(RealityGap())
+    for _ in range(3):
+        log = target.perform(COMMAND)
+        free.perform(COMMAND)
+        assert target.start_angles[1] == 2.0
+        assert target.start_angles[[0, 2]].tolist() == free.start_angles[[0, 2]].tolist()
+    gain = (1.0, 0.0, 1.0)
+    same = simulate(
+        target.morphology, COMMAND, target.start_angles, STEPS, dtype="float64", servo_gain=gain
+    )
+    assert np.array_equal(log.gyro, same.gyro)
+    assert gap.world().servo_gain == gain
+
+
+def test_a_gap_says_what_it_is():
+    assert str(RealityGap()) == "nothing"
+    gap = RealityGap(reactive=True, current=(0.1, 0.0, -0.1), seized="caudal")
+    assert str(gap) == "current 0.1 0 -0.1, reactive, seized caudal"
+    assert RealityGap(**json.loads(json.dumps(gap.changes))) == gap
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"drag": (1.0,)}, "drag must have shape"),
+        ({"gyro_noise": -0.1}, "gyro_noise must lie in"),
+        ({"gyro_bias": (0.0, 0.0, float("nan"))}, "gyro_bias must be finite"),
+        ({"seized_angle": "up"}, "seized_angle must be numbers"),
+        ({"substeps": 0}, "substeps must be a whole number"),
+    ],
+)
+def test_a_wrong_gap_is_refused(wrong, said):
+    with pytest.raises(InvalidArgumentError, match=said):
+        RealityGap(**wrong)
+
+
+def test_an_unknown_servo_is_refused_with_the_nearest():
+    with pytest.raises(UnknownNameError, match="did you mean 'left_pectoral'"):
+        RealityGap(seized="left_pectorl")
+
+
+def test_a_target_wants_a_gap_and_no_more_substeps_than_there_are():
+    with pytest.raises(ConfigurationError, match="gap must be of type RealityGap"):
+        EngineTarget(gap=0.01, engine="numba")
+    with pytest.raises(InvalidArgumentError, match="substeps must be"):
+        fish(RealityGap(substeps=64), substeps=2)
+
+
+QUICK = EEAConfig(
+    condition="none",
+    steps=32,
+    rounds=1,
+    exploration=ExplorationConfig(6, 3),
+    estimation=EstimationConfig(population=8, generations=5),
+)
+
+
+def test_an_estimate_takes_a_gap():
+    def estimate(gap: RealityGap):
+        return estimate_morphology(None, DAMAGE, QUICK, target_engine="numba", gap=gap)
+
+    plain, noisy = estimate(RealityGap()), estimate(RealityGap(gyro_noise=0.5))
+    assert plain.rounds[0].true_angles == noisy.rounds[0].true_angles
+    assert plain.rounds[0].model_fitness != noisy.rounds[0].model_fitness
+
+
+def test_run_takes_a_gap_and_notes_it(tmp_path):
+    options = ["--rounds", "1", "--steps", "32", "--estimation.generations", "2",
+               "--target-engine", "numba", "--condition", "none"]  # fmt: skip
+    given = ["--gap.gyro-noise", "0.01", "--gap.drag", "0.8", "1.2", "--gap.seized", "caudal"]
+    assert main(["run", "--out", str(tmp_path), *options, *given]) == 0
+    gap = json.loads((tmp_path / "settings.json").read_text())["settings"]["gap"]
+    assert gap["drag"] == [0.8, 1.2]
+    assert (gap["gyro_noise"], gap["seized"]) == (0.01, "caudal")
+    assert main(["run", "--out", str(tmp_path / "x"), "--gap.lag", "-1"]) == 2
+    assert not (tmp_path / "x").exists()
+
+
+def test_a_study_takes_a_gap_and_notes_it_only_if_there_is_one(tmp_path):
+    options = ["--preset", "smoke", "--conditions", "none", "--replicates", "1", "--workers", "1"]
+    out = tmp_path / "study"
+    assert main(["study", "--out", str(out), *options, "--gap.lag", "0.05"]) == 0
+    assert json.loads((out / "study.json").read_text())["gap"] == {"lag": 0.05}
+    assert "differs from its models' in this: lag 0.05" in (out / "summary.md").read_text()
+    assert main(["study", "--out", str(out), *options]) == 2  # another world than the folder's
+    plain = World(Morphology.nominal(), Damage())
+    assert "gap" not in Study({"none": QUICK}, (32,), 1, 0, 1, plain).to_dict()
