@@ -28,6 +28,11 @@ class Trace(NamedTuple):
 
     ``commands`` (N, 3), rev/s, rev/s and Hz, are in force in the 0.01 s that end with the samples
     of ``gyro`` (N, 3), rad/s about the body's axes.
+
+    Examples
+    --------
+    >>> len(Trace(np.zeros((500, 3)), np.zeros((500, 3))).gyro)
+    500
     """
 
     commands: Floats
