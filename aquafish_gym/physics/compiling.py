@@ -14,7 +14,7 @@ import inspect
 import multiprocessing
 import pkgutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -125,11 +125,13 @@ def source_stamp(*functions: Any) -> str:
     return digest.hexdigest()
 
 
-def _imported(source: bytes) -> Iterator[str]:
-    """Yield the names of what a source imports, some of which may be no modules."""
+@functools.cache
+def _imported(source: bytes) -> frozenset[str]:
+    """Return the names of what a source imports, some of which may be no modules."""
+    names: set[str] = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
-            yield node.module
-            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+            names |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+    return frozenset(names)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from eea.core.checks import ConfigurationError, brief, finite, real, whole
 
@@ -102,11 +102,11 @@ def goodness_of_fit(
     size_p = None
     if sigma is not None:
         real("sigma", sigma, np.finfo(float).tiny)
-        size_p = float(chi2.sf(squares / sigma**2, count - parameters))
+        size_p = float(chdtrc(count - parameters, squares / sigma**2))
     shares, spread = autocorrelation(trials, lags, floor)
     forgiven = parameters / (count - parameters)
     excess = np.where(shares > 0.0, shares, np.minimum(shares + forgiven, 0.0))
-    whiteness_p = float(chi2.sf(float(((excess / spread) ** 2).sum()), lags))
+    whiteness_p = float(chdtrc(lags, float(((excess / spread) ** 2).sum())))
     p = whiteness_p if size_p is None else min(1.0, 2.0 * min(size_p, whiteness_p))
     good = p >= alarm
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
