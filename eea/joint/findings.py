@@ -15,7 +15,9 @@ from eea.joint.posterior import Posterior
 Floats = NDArray[np.float64]
 
 MASS = 0.9  # of the intervals that are judged
+AT_BOUND = 1e-6  # of a range
 DRAWS = 512  # of a mode, for where its body lies
+NOTHING = "the data tell next to nothing of the body: each size may be almost any"
 FEW = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
@@ -60,8 +62,9 @@ def findings(
     tied_width: float = 0.1,
     untold: float = 0.5,
     least_weight: float = 0.05,
+    beyond: float = 4.0,
 ) -> list[str]:
-    """Return sentences on what is absent, trades off, is not told, or has several answers.
+    """Return sentences on what is absent or larger than can be, trades off, or is not told.
 
     Parameters
     ----------
@@ -80,6 +83,8 @@ def findings(
         and which trades off with none.
     least_weight
         Bodies of a smaller probability are not told of.
+    beyond
+        A parameter may be larger than its range allows if the best fit would be so many sd outside.
 
     Raises
     ------
@@ -100,6 +105,7 @@ def findings(
         ("untold", untold), ("least_weight", least_weight),
     ):  # fmt: skip
         real(name, share, 0.0, 1.0)
+    real("beyond", beyond, 0.0)
     for group in groups:
         for index in group.indices:
             whole(f"indices of {group.name}", index, 0, len(posterior.names) - 1)
@@ -116,9 +122,12 @@ def findings(
             said.append(sentence)
         else:
             speak += [(group, place) for place in range(len(group.labels))]
-    said += _bodies(posterior, speak, least_weight)
     low, high = posterior.interval(MASS)
     width = (high - low) / (posterior.high - posterior.low)
+    if len(speak) > 1 and min(width[_index(one)] for one in speak) > untold:
+        return [*said, NOTHING]
+    said += [_beyond(posterior, one) for one in speak if _is_beyond(posterior, _index(one), beyond)]
+    said += _bodies(posterior, speak, least_weight)
     trading = set()
     for first, second in combinations(speak, 2):
         a, b = _index(first), _index(second)
@@ -146,6 +155,23 @@ def _absence(posterior: Posterior, group: Group, absent: float) -> str | None:
     if most > absent * np.prod([group.high[place] for place in group.area]):
         return None
     return f"{group.name} is absent: its area is at most {most:.2g}"
+
+
+def _is_beyond(posterior: Posterior, index: int, beyond: float) -> bool:
+    """Return whether the most probable mode is held by a parameter's upper bound, and how hard.
+
+    With the information A and the slope g there, the best fit lies -A^-1 g away.
+    """
+    mode = posterior.modes[int(np.argmax(posterior.weights))]
+    if mode.gradient[index] >= 0.0 or mode.theta[index] < posterior.high[index] - AT_BOUND:
+        return False
+    spread = np.linalg.pinv(mode.information, hermitian=True)
+    return bool(-spread[index] @ mode.gradient > beyond * np.sqrt(spread[index, index]))
+
+
+def _beyond(posterior: Posterior, one: tuple[Group, int]) -> str:
+    end = _value(one, posterior, posterior.high[None])[0]
+    return f"{_called(one)} is at the end of its range, {end:.2g}, and may be beyond it"
 
 
 def _bodies(posterior: Posterior, speak: Sequence[tuple[Group, int]], least: float) -> list[str]:

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -37,6 +38,25 @@ def test_a_fin_of_no_length_is_absent_and_of_its_other_sizes_nothing_is_said():
     said = findings(known(Mode(theta, np.diag(precision), 0.0)), [FIN, TAIL])
     assert len(said) == 1
     assert said[0].startswith("the fin is absent: its area is at most 0.0")
+
+
+def test_of_data_that_tell_nothing_one_sentence_says_so():
+    precision = KNOWN.copy()
+    precision[:5] = 0.0
+    said = findings(known(Mode(MIDDLE, np.diag(precision), 0.0)), [FIN, TAIL])
+    assert said == ["the data tell next to nothing of the body: each size may be almost any"]
+    precision[0] = 1e4
+    assert len(findings(known(Mode(MIDDLE, np.diag(precision), 0.0)), [FIN, TAIL])) == 4
+
+
+@pytest.mark.parametrize(("pull", "theta", "beyond"), [(6, 1, 1), (3, 1, 0), (-6, 0, 0)])
+def test_a_size_that_would_rather_be_beyond_its_range_is_named(pull, theta, beyond):
+    """A best fit so many sd, 0.01, above the range; below it there is nothing."""
+    at, slope = MIDDLE.copy(), np.zeros(7)
+    at[0], slope[0] = theta, -100.0 * pull
+    said = findings(known(Mode(at, np.diag(KNOWN), 0.0, slope)), [TAIL, replace(FIN, area=None)])
+    expected = "the fin's length is at the end of its range, 2, and may be beyond it"
+    assert said == [expected] * beyond
 
 
 def test_a_small_fin_is_not_absent():
