@@ -20,8 +20,8 @@ COMMANDS = {
     ),
     "run": ("eea.cli.run:Run", "let a damaged fish work out its own body, as the paper"),
     "infer": (
-        "eea.cli.run:Recover",
-        "as run, with the case study's settings (python -m eea recover)",
+        "eea.cli.infer:Infer",
+        "from a recorded swim, a file alone, to the body and how sure that is",
     ),
     "study": ("eea.cli.study:StudyCommand", "replicates of the paper's figures, ablations"),
     "plot": ("eea.cli.study:Plot", "write a study's tables and figures anew"),

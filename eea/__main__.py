@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from aquafish_gym.utils.command_line import BAD_INPUT, Command, run_command_line, subcommands
+from eea.cli.infer import Infer
 from eea.cli.run import Recover, Run
 from eea.cli.study import Merge, Plot, StudyCommand
 from eea.core.checks import ConfigurationError, TargetError
@@ -16,6 +17,7 @@ REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
 COMMANDS: dict[str, type[Command]] = {
     "run": Run,
     "recover": Recover,
+    "infer": Infer,
     "study": StudyCommand,
     "plot": Plot,
     "merge": Merge,

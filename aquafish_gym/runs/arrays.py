@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from io import BytesIO
 from math import prod
 from typing import Any
@@ -18,7 +18,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from aquafish_gym.runs.storage import DamagedFileError, read_bytes, write_bytes
-from aquafish_gym.utils.validation import Shape, fits, spelled
+from aquafish_gym.utils.validation import Shape, brief, fits, spelled
 
 MOST_BYTES = 256 * 2**20  # of an archive's arrays together
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
@@ -40,10 +40,12 @@ def read_arrays(
     shapes: Mapping[str, Shape],
     argument: str = "file",
     most_bytes: int = MOST_BYTES,
+    optional: Collection[str] = (),
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays of an npz archive, which must be these and no others.
 
-    In messages ``argument`` names the file, which has at most ``most_bytes``, as have its arrays.
+    Those that are ``optional`` may be missing. In messages ``argument`` names the file, which has
+    at most ``most_bytes``, as have its arrays.
 
     Raises
     ------
@@ -56,13 +58,19 @@ def read_arrays(
     try:
         with zipfile.ZipFile(content) as archive:
             sizes = {member.filename: member.file_size for member in archive.infolist()}
-            if sorted(archive.namelist()) != sorted(f"{array}.npy" for array in shapes):
+            held = sorted(member.removesuffix(".npy") for member in archive.namelist())
+            if sorted({*held, *optional}) != sorted(shapes) or len(set(held)) < len(held):
                 wanted = ", ".join(sorted(shapes))
-                raise DamagedFileError(f"{name} must hold the arrays {wanted} and no others")
+                raise DamagedFileError(
+                    f"{name} must hold the arrays {wanted} and no others; "
+                    f"it holds {brief(', '.join(held))}"
+                )
             if sum(sizes.values()) > most_bytes:
                 raise DamagedFileError(f"{name} must hold at most {most_bytes} bytes of arrays")
             return {
-                array: _read_member(archive, array, shape, name) for array, shape in shapes.items()
+                array: _read_member(archive, array, shape, name)
+                for array, shape in shapes.items()
+                if array in held
             }
     except DamagedFileError:
         raise

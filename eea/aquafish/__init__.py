@@ -20,9 +20,11 @@ if TYPE_CHECKING:
         fish_problem,
     )
     from eea.aquafish.gap import RealityGap
+    from eea.aquafish.log_inference import infer_log
     from eea.aquafish.posterior_file import load_posterior, save_posterior
-    from eea.aquafish.session import load_session, save_session
     from eea.aquafish.simulator import EngineSimulator
+    from eea.aquafish.swim_log import SwimLog
+    from eea.aquafish.swim_log_file import read_log, write_log
     from eea.aquafish.swims import Trace, estimate_from_swims
     from eea.aquafish.target import EngineTarget, Orientation
     from eea.aquafish.watch import watch_swim
@@ -33,6 +35,7 @@ __all__ = [
     "MorphologyEstimate",
     "Orientation",
     "RealityGap",
+    "SwimLog",
     "Trace",
     "estimate_from_logs",
     "estimate_from_swims",
@@ -42,20 +45,23 @@ __all__ = [
     "fish_eea",
     "fish_models",
     "fish_problem",
+    "infer_log",
     "load_posterior",
-    "load_session",
+    "read_log",
     "save_posterior",
-    "save_session",
     "watch_swim",
+    "write_log",
 ]
 _ROOMS = {
+    "SwimLog": "swim_log",
     "Trace": "swims",
     "estimate_from_swims": "swims",
+    "infer_log": "log_inference",
     "load_posterior": "posterior_file",
-    "load_session": "session",
+    "read_log": "swim_log_file",
     "save_posterior": "posterior_file",
-    "save_session": "session",
     "watch_swim": "watch",
+    "write_log": "swim_log_file",
 }
 
 

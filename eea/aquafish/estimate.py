@@ -205,8 +205,8 @@ def estimate_from_logs(
     commands
         What the robot executed, shape (E, 3), rev/s, rev/s and Hz.
     logs
-        What it logged, one trial each; see ``estimate_morphology_of``. ``load_session`` reads
-        both from a file.
+        What it logged, one trial each; see ``estimate_morphology_of``. ``SwimLog.trials``
+        gives both of a file.
     config
         Settings; None for joint inference, with as many rounds as logs, of the logs' length.
     seed, progress, truth, **simulator

@@ -76,7 +76,7 @@ def posterior_figure(result: Result) -> Figure:
     figure.axes[0].set_title("sizes", fontsize="medium")
     if len(columns) > 1:
         figure.axes[1].set_title("besides the body; prior in grey", fontsize="medium")
-    done, config = len(result.rounds), result.config
+    done, config = belief.branches[0].parameters.trials, result.config
     figure.suptitle(
         f"{done} trial{'' if done == 1 else 's'} of {config.steps} steps, seed {result.seed}: "
         f"density, 50% and 90% interval{'' if result.truth is None else ', truth (▼)'}"

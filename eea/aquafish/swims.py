@@ -14,6 +14,7 @@ from aquafish_gym.command import check_commands
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import finite_array
 from eea.aquafish.estimate import MorphologyEstimate, fish_problem
+from eea.aquafish.sampling import at_times, steps_for
 from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
 from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, TargetError, instance, whole
@@ -40,13 +41,15 @@ class Trace(NamedTuple):
 
 
 class Windows(NamedTuple):
-    """Swims cut into windows of T samples."""
+    """Swims cut into windows of T samples, to be simulated for K steps of 0.01 s."""
 
-    series: Floats  #: (E, K, 3) commands.
+    series: Floats  #: (E, ., 3) commands.
     spin: Floats  #: (E, 3) the gyroscope just before.
     gyro: Floats  #: (E, T, 3).
     interval: int  #: Samples that each command is held.
     begun: int  #: Samples of a series before its window.
+    #: (E, T) s after each window's beginning; None for a sample each 0.01 s.
+    time: Floats | None = None
 
 
 def windows(swims: Sequence[Trace], moving: bool, steps: int | None = None) -> Windows:
@@ -87,7 +90,7 @@ def windows(swims: Sequence[Trace], moving: bool, steps: int | None = None) -> W
         for first in (range(before, len(gyro) - steps + 1, steps) if moving else (0,))
     ]
     series = np.array([told[i][first - before : first + steps] for i, first in cuts])
-    interval = _interval(series)
+    interval = held_for(series)
     return Windows(
         series[:, ::interval],
         np.array([felt[i][first - 1] if moving else np.zeros(3) for i, first in cuts]),
@@ -97,10 +100,10 @@ def windows(swims: Sequence[Trace], moving: bool, steps: int | None = None) -> W
     )
 
 
-def _interval(series: Floats) -> int:
+def held_for(series: Floats) -> int:
     """Return for how many samples each command of series (E, T, 3) is held."""
     changes = np.flatnonzero((np.diff(series, axis=1) != 0.0).any(axis=(0, 2))) + 1
-    return gcd(series.shape[1], *changes.tolist())
+    return gcd(*changes.tolist()) or series.shape[1]
 
 
 class _Nobody:
@@ -148,10 +151,6 @@ def estimate_from_swims(
     >>> bool(found.objective_fitness > 0.99)
     True
     """
-    # scipy's statistics come with it: importing this room stays quick.
-    from eea.aquafish.joint import Swims, fish_joint
-    from eea.joint.inference import JointInference
-
     cut = windows(swims, moving, None if config is None else config.steps)
     if config is None:
         config = EEAConfig("joint", steps=cut.gyro.shape[1], rounds=1)
@@ -160,11 +159,33 @@ def estimate_from_swims(
         raise ConfigurationError(
             f"config.condition must be joint for swims; got {config.condition}"
         )
-    engine = EngineSimulator(config.steps, **simulator)
+    return estimate_from_windows(cut, config, seed, truth, **simulator)
+
+
+def estimate_from_windows(
+    cut: Windows,
+    config: EEAConfig,
+    seed: int = 0,
+    truth: Morphology | ArrayLike | None = None,
+    **simulator: Unpack[SimulatorOptions],
+) -> MorphologyEstimate:
+    """Infer a body from windows of swims; see ``estimate_from_swims``.
+
+    ``config.steps`` is how many samples each has.
+    """
+    # scipy's statistics come with it: importing this room stays quick.
+    from eea.aquafish.joint import Swims, fish_joint
+    from eea.joint.inference import JointInference
+
+    steps = cut.gyro.shape[1] if cut.time is None else steps_for(cut.time)
+    engine = EngineSimulator(steps, **simulator)
     joint = fish_joint(fish_problem(), engine, Swims(cut.interval, cut.begun))
+    observed = Swims.array(cut.series, cut.spin)
+    if cut.time is not None:
+        joint, observed = at_times(joint, observed, cut.time)
     body = None if truth is None else Morphology.coerce(truth).to_array()
     inference = JointInference(_Nobody(), joint, config, seed, body)
     last = cut.series[-1, cut.begun // cut.interval :]
-    inference.observe(Swims.array(cut.series, cut.spin), cut.gyro, last.mean(axis=0))
+    inference.observe(observed, cut.gyro, last.mean(axis=0))
     result = inference.result
     return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})

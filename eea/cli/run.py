@@ -9,7 +9,6 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
-from aquafish_gym.bodies import write_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, Morphology
@@ -19,7 +18,6 @@ from aquafish_gym.runs.storage import (
     DamagedFileError,
     ensure_writable_directory,
     read_document,
-    write_document,
 )
 from aquafish_gym.utils.command_line import (
     ModelEngine,
@@ -30,17 +28,23 @@ from aquafish_gym.utils.command_line import (
     Threads,
     read_morphology,
 )
-from eea.aquafish import EngineTarget, RealityGap, fish_eea, save_posterior
+from eea.aquafish import EngineTarget, RealityGap, fish_eea
 from eea.aquafish.simulator import SimulatorOptions
+from eea.cli.outcome import (
+    MASS,
+    PICTURE,
+    RESULT,
+    belief_words,
+    draw_posterior,
+    outcome_words,
+    size_table,
+    write_outcome,
+)
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
 from eea.core.rounds import Rounds, streams
 
 KIND = "a run of the algorithm"
-RESULT, MODEL, PICTURE = "result.json", "morphology.json", "rounds.png"
-POSTERIOR, BODIES, MARGINALS = "posterior.npz", "bodies.json", "posterior.png"
-SAMPLED = 50  # bodies: as many as a gait's evolution takes for the price of one
-MASS = 0.9  # of the intervals that are printed
 FIN_WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
 SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
 
@@ -138,7 +142,7 @@ def _fill(folder: Path, eea: Rounds, intact: Morphology) -> None:
         with console.status(f"round 1 of {config.rounds}, {config.condition}") as status:
             for record in eea:
                 if record.round >= earlier:
-                    _write(folder, result)
+                    write_outcome(folder, result)
                 console.print(_progress_line(record, result))
                 status.update(f"round {record.round + 1} of {config.rounds}, {config.condition}")
     finally:
@@ -149,7 +153,7 @@ def _fill(folder: Path, eea: Rounds, intact: Morphology) -> None:
                 f"run ({_rounds(earlier)})"
             )
         else:
-            _write(folder, result)
+            write_outcome(folder, result)
             _conclude(folder, result, intact, console)
 
 
@@ -162,19 +166,6 @@ def _earlier_rounds(folder: Path) -> int:
         return 0
 
 
-def _write(folder: Path, result: Result) -> None:
-    """Put a result, and the body that it comes to, in the place of what was there."""
-    write_document(folder / RESULT, result.to_dict(), SCHEMA)
-    if result.rounds:
-        write_document(folder / MODEL, Morphology.from_array(result.model).to_dict())
-        if result.belief is not None:
-            save_posterior(folder / POSTERIOR, result.belief)
-            write_bodies(folder / BODIES, result.sample(SAMPLED, result.seed))
-    else:
-        for name in (MODEL, PICTURE, POSTERIOR, BODIES, MARGINALS):
-            (folder / name).unlink(missing_ok=True)
-
-
 def _conclude(folder: Path, result: Result, intact: Morphology, console: Console) -> None:
     """Draw the rounds and print what is known."""
     if not result.rounds:
@@ -184,19 +175,11 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
         from eea.aquafish.run_figure import fitness_figure
 
         save_figure(fitness_figure(result), folder / PICTURE)
-        for line in [*_table(result), *damage_words(intact, result), *_belief_words(result)]:
+        draw_posterior(folder, result)
+        for line in [*size_table(result), *damage_words(intact, result), *belief_words(result)]:
             console.print(line)
-        model = folder / MODEL
-        console.print(f"the body found is {model}, for python -m gait evolve --morphology {model}")
-        if result.belief is not None:
-            from eea.aquafish.posterior_figure import posterior_figure
-
-            save_figure(posterior_figure(result), folder / MARGINALS)
-            bodies = folder / BODIES
-            console.print(
-                f"{SAMPLED} bodies that the trials allow are {bodies}, for "
-                f"python -m gait evolve --morphology {bodies}"
-            )
+        for line in outcome_words(folder, result):
+            console.print(line)
     console.print(f"stopped: {result.stopped}; written to {folder}")
     if result.stopped == "interrupted":
         console.print("the same command begins anew, and replaces this with as many rounds")
@@ -217,44 +200,6 @@ def damage_words(intact: Morphology, result: Result) -> list[str]:
             what = f"{FIN_WORDS[dimension.fin]}: {words} its {dimension.size}"
             said.append(f"{what}, found {found:.2f} where it was {before:.2f}")
     return said or ["nothing was broken"]
-
-
-def _table(result: Result) -> list[str]:
-    """Return the sizes found beside the true ones, how sure they are, and OBJ_FIT."""
-    assert result.truth is not None
-    between, ends = "", [""] * len(result.truth)
-    if result.belief is not None:
-        low, high = result.interval(MASS)
-        between, ends = f"  {MASS:.0%} interval   ", list(map(_ends, low, high))
-    sizes = zip(result.layout.names, result.model, ends, result.truth, strict=True)
-    return [
-        f"{'in units of 5 cm':26s} {'found':>6s}{between}  {'true':>6s}",
-        *(f"{name:26s} {found:6.3f}{end}  {true:6.3f}" for name, found, end, true in sizes),
-        f"OBJ_FIT {result.objective_fitness:.2f}; the true body scores 1, "
-        f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}",
-    ]
-
-
-def _belief_words(result: Result) -> list[str]:
-    """Return what else was inferred, what cannot be told, and whether the fit explains all."""
-    if result.belief is None:
-        return []
-    assert result.truth is not None
-    low, high = result.interval(MASS)
-    held = int(((low <= result.truth) & (result.truth <= high)).sum())
-    rows = result.belief.table(MASS)
-    others = [name for name in rows if name not in result.layout.names and "@" not in name]
-    heading = [f"{'besides the body':26s} {'found':>6s}  {MASS:.0%} interval"] if others else []
-    return [
-        f"the {MASS:.0%} intervals hold {held} of the {len(low)} true sizes",
-        *heading,
-        *(f"{name:26s} {rows[name][0]:z6.3f}{_ends(*rows[name][1:])}" for name in others),
-        *dict.fromkeys([*result.belief.findings, result.belief.verdict]),
-    ]
-
-
-def _ends(low: float, high: float) -> str:
-    return f"  {low:z6.3f} to {high:z5.3f}"
 
 
 def _rounds(count: int) -> str:

@@ -8,7 +8,9 @@ import shlex
 
 import pytest
 
-from aquafish.cli import COMMANDS, main
+import aquafish.cli
+import eea.__main__
+import gait.cli
 
 ROOT = pathlib.Path(__file__).parents[2]
 PAGES = sorted(
@@ -17,21 +19,24 @@ PAGES = sorted(
     if "_build" not in page.parts
 )
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-# ``python -m eea recover`` is ``aquafish infer``; the other names are the same.
-BEGINNINGS = {("aquafish",): {}, ("python", "-m", "eea"): {"recover": "infer"}}
-BEGINNINGS[("python", "-m", "gait")] = {}
+PROGRAMS = {
+    "aquafish": (aquafish.cli.main, aquafish.cli.COMMANDS),
+    "python -m eea": (eea.__main__.main, eea.__main__.COMMANDS),
+    "python -m gait": (gait.cli.main, gait.cli.COMMANDS),
+}
 
 
-def written(text: str) -> list[tuple[str, list[str]]]:
-    """Return the commands of a page's shell blocks: the name as aquafish has it, its options."""
+def written(text: str) -> list[tuple[str, str, list[str]]]:
+    """Return the commands of a page's shell blocks: the program, the command, its options."""
     found = []
     for line in "".join(BLOCK.findall(text)).replace("\\\n", " ").splitlines():
-        words = tuple(shlex.split(line, comments=True))
-        for beginning, names in BEGINNINGS.items():
+        words = shlex.split(line, comments=True)
+        for program in PROGRAMS:
+            beginning = program.split()
             if words[: len(beginning)] == beginning:
                 name, *rest = words[len(beginning) :]
                 options = [word for word in rest if word.startswith("--")]
-                found.append((names.get(name, name), options))
+                found.append((program, name, options))
     return found
 
 
@@ -39,24 +44,28 @@ WRITTEN = {page: written(page.read_text(encoding="utf-8")) for page in PAGES}
 
 
 @pytest.fixture(scope="module")
-def described() -> dict[str, str]:
+def described() -> dict[tuple[str, str], str]:
     """What each command's ``--help`` says."""
     return {}
 
 
 @pytest.mark.parametrize("page", [p for p in PAGES if WRITTEN[p]], ids=lambda p: p.stem)
 def test_a_page_names_commands_and_options_that_exist(
-    page: pathlib.Path, described: dict[str, str], capsys: pytest.CaptureFixture[str]
+    page: pathlib.Path,
+    described: dict[tuple[str, str], str],
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    for name, options in WRITTEN[page]:
-        assert name in COMMANDS
-        if name not in described:
+    for program, name, options in WRITTEN[page]:
+        main, commands = PROGRAMS[program]
+        assert name in commands
+        if (program, name) not in described:
             assert main([name, "--help"]) == 0
-            described[name] = capsys.readouterr().out
+            described[program, name] = capsys.readouterr().out
         for option in options:
-            assert re.search(rf"{option}\b", described[name]), f"{name} has no {option}"
+            said = described[program, name]
+            assert re.search(rf"{option}\b", said), f"{program} {name} has no {option}"
 
 
 def test_commands_are_found_on_the_pages() -> None:
-    names = {name for commands in WRITTEN.values() for name, _ in commands}
+    names = {name for commands in WRITTEN.values() for _, name, _ in commands}
     assert {"recover", "study", "evolve", "transfer", "infer", "merge", "plot"} <= names

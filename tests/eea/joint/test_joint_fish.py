@@ -15,12 +15,13 @@ from eea import (
     JointConfig,
     Performed,
     RecordedLog,
+    SwimLog,
     TargetError,
     estimate_from_logs,
     estimate_morphology,
     estimate_morphology_of,
-    load_session,
-    save_session,
+    read_log,
+    write_log,
 )
 from eea.core.rounds import streams
 
@@ -143,8 +144,8 @@ def test_a_recorded_session_gives_the_live_runs_posterior(tmp_path):
     robot = Saturated(seed=2)
     live = estimate_morphology_of(robot, QUICK, seed=2)
     assert not np.array_equal(robot.asked, robot.executed), "the robot did as it was told"
-    save_session(tmp_path / "session.npz", robot.executed, robot.logs)
-    commands, logs = load_session(tmp_path / "session.npz")
+    write_log(tmp_path / "swim.csv", SwimLog.of_trials(robot.executed, robot.logs))
+    commands, logs = read_log(tmp_path / "swim.csv").trials(steps=64)
     again = estimate_from_logs(commands, logs, QUICK, seed=2)
     assert again.belief.to_dict() == live.belief.to_dict()
     assert np.array_equal(again.sample(5), live.sample(5))

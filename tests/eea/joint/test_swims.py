@@ -77,11 +77,11 @@ def test_from_rest_the_current_is_found_too() -> None:
 def test_windows_are_cut_where_they_should_be() -> None:
     trace = swim(3, 600)
     cut = windows([trace, Trace(*(part[:300] for part in trace))], moving=True, steps=250)
-    assert cut.interval == 5  # of commands held for 25 samples, the first of which is cut at 20
+    assert cut.interval == 25  # as the commands, of which a window begins in the middle of one
     assert [len(part) for part in cut[:3]] == [3, 3, 3]
     np.testing.assert_array_equal(cut.gyro[1], trace.gyro[BEFORE + 250 : BEFORE + 500])
     np.testing.assert_array_equal(cut.spin[1], trace.gyro[BEFORE + 249])
-    held = np.repeat(cut.series, cut.interval, axis=1)
+    held = np.repeat(cut.series, cut.interval, axis=1)[:, : 250 + BEFORE]
     np.testing.assert_array_equal(held[1], trace.commands[250 : 500 + BEFORE])
     resting = windows([trace], moving=False)
     assert resting.gyro.shape == (1, 600, 3)

@@ -1,0 +1,118 @@
+"""The command ``python -m eea infer``: from a recorded swim, a file alone, to a body."""
+
+from __future__ import annotations
+
+import hashlib
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+from rich.console import Console
+from tyro.conf import arg
+
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.folder import LOCK, claim, held
+from aquafish_gym.runs.stamps import versions
+from aquafish_gym.runs.storage import ensure_writable_directory
+from aquafish_gym.utils.command_line import BodyFile, Threads, read_morphology
+from aquafish_gym.utils.validation import one_of
+from eea.aquafish import infer_log, read_log
+from eea.aquafish.log_inference import disagreement, log_nuisances, log_windows
+from eea.aquafish.swim_log import SwimLog
+from eea.cli.outcome import belief_words, draw_posterior, outcome_words, size_table, write_outcome
+from eea.core.config import JointConfig
+from eea.core.rounds import streams
+
+KIND = "a body inferred from a recorded swim"
+CHECKS = (
+    "are the rates in rad/s, about x right, y forward and z up? Are the commands those that were "
+    "executed? Did each trial begin at rest (if not: --start moving)?"
+)
+
+
+@dataclass(frozen=True)
+class Infer:
+    """From a recorded swim, what is the body, and how sure is that?
+
+    The log has a row for each sample of the gyroscope, as CSV with the columns time (s), gyro_x,
+    gyro_y, gyro_z (rad/s about the body's axes: x right, y forward, z up), left_pectoral,
+    right_pectoral (rev/s), caudal (Hz): what the servos did from that time on; and trial, a number,
+    where there are several. Or as npz with the arrays time, gyro, commands and trial. More is in
+    docs/howto/logs.md.
+
+    It prints each size with its 90% interval, what else was inferred, and what cannot be told. Into
+    --out go result.json, morphology.json, posterior.npz, posterior.png and bodies.json, as run
+    writes them.
+    """
+
+    log: Annotated[Path, arg(metavar="FILE", help="The recorded swim: a .csv or a .npz.")]
+    out: Annotated[
+        Path | None,
+        arg(metavar="DIR", help="Directory for the results; without it, they are only printed."),
+    ] = None
+    #: How each trial's record begins: at rest, or already moving, as in ordinary swimming.
+    start: Literal["rest", "moving"] = "rest"
+    #: Standard deviation of the gyroscope's noise, rad/s, if known; None has it estimated.
+    noise: float | None = None
+    #: Which of current, drag, servo_gain, gyro_bias and lag may differ from the models' world; by
+    #: default all. "--nuisances" alone is none.
+    nuisances: tuple[str, ...] | None = None
+    seed: int = 0  #: Everything random follows from it.
+    truth: BodyFile = None
+    threads: Threads = None
+
+    def execute(self) -> None:
+        """Infer, and say what was found; if an option is wrong nothing has been written."""
+        log, moving = read_log(self.log), self.start == "moving"
+        remarks = log_windows(log, moving).remarks
+        for name in self.nuisances or ():
+            one_of("nuisances", name, log_nuisances(moving))
+        joint = JointConfig(noise=self.noise, nuisances=self.nuisances)
+        truth = None if self.truth is None else read_morphology(self.truth, "truth")
+        streams(self.seed)
+        console = Console(highlight=False, soft_wrap=True, markup=False)
+        for sentence in remarks:
+            console.print(sentence)
+        with ExitStack() as stack:
+            if self.out is not None:
+                stack.enter_context(held(ensure_writable_directory(self.out)))
+                self._claim(self.out, log, joint, truth)
+            count = f"{len(log)} trial{'' if len(log) == 1 else 's'}"
+            with console.status(f"fitting {count}, {sum(log.seconds):.3g} s of swimming"):
+                result = infer_log(
+                    log, joint, self.seed, truth, moving=moving, threads=self.threads
+                )
+            for line in [*size_table(result), *belief_words(result)]:
+                console.print(line)
+            if self.out is not None:
+                write_outcome(self.out, result)
+                draw_posterior(self.out, result)
+                for line in [*outcome_words(self.out, result), f"written to {self.out}"]:
+                    console.print(line)
+        if result.belief is not None and not result.belief.good:
+            with console.status("none fits: fitting each trial alone"):
+                why = disagreement(log, joint, self.seed, moving=moving, threads=self.threads)
+            console.print(why)
+            console.print(CHECKS)
+
+    def _claim(
+        self, folder: Path, log: SwimLog, joint: JointConfig, truth: Morphology | None
+    ) -> None:
+        settings = {
+            "log": _stamp(log),
+            "start": self.start,
+            "joint": asdict(joint),
+            "seed": self.seed,
+            "truth": None if truth is None else truth.to_dict(),
+        }
+        others = sorted(path.name for path in folder.iterdir() if path.name != LOCK)
+        claim(folder, KIND, settings, versions(), others, other_code=True)
+
+
+def _stamp(log: SwimLog) -> str:
+    """Return which log this is: a hash of its numbers, the same from CSV as from npz."""
+    digest = hashlib.sha256()
+    for part in (log.time, log.gyro, log.commands, log.trial):
+        digest.update(part.tobytes())
+    return digest.hexdigest()[:16]

@@ -1,0 +1,219 @@
+"""The command infer: from a file alone to a body, or to why there is none."""
+
+from __future__ import annotations
+
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aquafish_gym import Damage, Morphology, simulate
+from aquafish_gym.bodies import read_bodies
+from aquafish_gym.engines.base import Settings, Trials, find_engine
+from aquafish_gym.runs.storage import read_document
+from eea import RecordedLog, SwimLog, infer_log, load_posterior, read_log, write_log
+from eea.__main__ import main
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+SWIM, BODY = EXAMPLES / "logs" / "swim.csv", EXAMPLES / "logs" / "body.json"
+FAST = [(0.5, -0.5, 1.0), (-0.5, -0.5, 0.5), (0.5, 0.5, 1.0)]
+LEFT, RIGHT = (
+    Damage.parse(f"{side}_pectoral:length=0.5").apply(Morphology.nominal()).to_array()
+    for side in ("left", "right")
+)
+
+
+def swum(bodies, commands, seed=0, steps=128, noise=0.01):
+    """Return what fish (E, 9), of any size, feel under commands (E, 3), as a log."""
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(-np.pi, np.pi, (len(commands), 3))
+    trials = Trials(np.array(bodies), np.array(commands, dtype=float), angles)
+    felt = find_engine("numba")(trials, Settings(steps, dtype=np.float64, record="gyro")).gyro
+    assert felt is not None
+    noisy = felt + noise * rng.standard_normal(felt.shape)
+    return SwimLog.of_trials(commands, [RecordedLog(one) for one in noisy])
+
+
+def infer(log, tmp_path, capsys, *options):
+    write_log(tmp_path / "swim.npz", log)
+    assert main(["infer", "--log", str(tmp_path / "swim.npz"), "--threads", "1", *options]) == 0
+    return capsys.readouterr().out.splitlines()
+
+
+def test_the_example_is_written_again_to_the_same_bytes(tmp_path):
+    write = runpy.run_path(str(EXAMPLES / "recorded_swim.py"))["RecordedSwim"]
+    write(out=tmp_path).execute()
+    for path in (SWIM, BODY):
+        assert (tmp_path / path.name).read_bytes() == path.read_bytes()
+
+
+def test_the_example_becomes_a_body_with_intervals_and_a_folder(tmp_path, capsys):
+    out = tmp_path / "new" / "body"
+    words = ["infer", "--log", str(SWIM), "--truth", str(BODY), "--out", str(out)]
+    assert main(words) == 0
+    said = capsys.readouterr().out.splitlines()
+    result = read_document(out / "result.json", "eea.result/1")
+    assert result["rounds"][0]["objective_fitness"] > 0.99
+    low, high = load_posterior(out / "posterior.npz").interval(0.9)
+    rows = [line.split() for line in said[1:10]]
+    assert [row[0] for row in rows] == result["dimensions"]
+    np.testing.assert_allclose([float(row[1]) for row in rows], result["morphology"], atol=6e-4)
+    np.testing.assert_allclose([float(row[2]) for row in rows], low, atol=6e-4)
+    np.testing.assert_allclose([float(row[4]) for row in rows], high, atol=6e-4)
+    assert [float(row[5]) for row in rows] == result["truth"]
+    assert any(line.startswith("OBJ_FIT 1.00; the true body") for line in said)
+    assert any(line.startswith("servo gain  ") for line in said)
+    assert any(line.startswith("the best fit leaves 0.009") for line in said)
+    assert len(read_bodies(out / "bodies.json")) == 50
+    assert (out / "posterior.png").stat().st_size > 10_000
+    before = (out / "posterior.npz").read_bytes()
+    assert main([*words, "--threads", "1"]) == 0, "the same command replaces it"
+    assert (out / "posterior.npz").read_bytes() == before
+    assert main([*words, "--seed", "1"]) == 2
+    assert (
+        "holds a body inferred from a recorded swim with seed 0, not 1" in capsys.readouterr().err
+    )
+
+
+def test_without_the_truth_none_is_spoken_of(tmp_path, capsys):
+    said = infer(swum([LEFT] * 2, FAST[:2]), tmp_path, capsys, "--nuisances")
+    assert said[0].split() == ["in", "units", "of", "5", "cm", "found", "90%", "interval"]
+    assert not any("OBJ_FIT" in line or "true" in line or "besides" in line for line in said)
+    assert float(said[2].split()[1]) == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_known_noise_is_used(tmp_path, capsys):
+    said = infer(swum([LEFT] * 2, FAST[:2]), tmp_path, capsys, "--noise", "0.005", "--nuisances")
+    assert any("none of the bodies I can imagine" in s and "times the noise" in s for s in said)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--out", "new", "--nuisances", "gyro_bia"), "did you mean 'gyro_bias'?"),
+        (("--start", "moving", "--nuisances", "current"), "must be one of drag, servo_gain"),
+        (("--noise", "-1"), "joint.noise must be a finite number of at least 1e-09; got -1.0"),
+        (("--nuisances", "curent"), "did you mean 'current'?"),
+        (("--truth", "nothing.json"), "truth must be a file that can be read"),
+        (("--seed", "-1"), "seed must be a whole number"),
+        (("--out", "/dev/null/x"), "out must be a directory that can be written"),
+    ],
+)
+def test_a_wrong_option_is_one_line(options, message, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["infer", "--log", str(SWIM), *options]) == 2
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    assert message in said[0]
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_nan_in_a_log_is_named(tmp_path, capsys):
+    path = tmp_path / "swim.csv"
+    lines = SWIM.read_text().splitlines()
+    lines[41] = lines[41].replace(lines[41].split(",")[3], "nan")
+    path.write_text("\n".join(lines))
+    assert main(["infer", "--log", str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"eea: log: {path}: row 41: gyro_z is nan, and must be a finite number")
+
+
+@pytest.mark.parametrize("noise", [0.01, 0.0])
+def test_of_still_servos_nothing_is_told_nor_invented(noise, tmp_path, capsys):
+    write_log(tmp_path / "still.csv", swum([LEFT] * 2, [(0.0, 0.0, 0.0)] * 2, noise=noise))
+    assert main(["infer", "--log", str(tmp_path / "still.csv")]) == 2
+    said = capsys.readouterr()
+    assert "tells nothing of the body: no servo moves in any of its trials" in said.err
+    assert said.out == ""
+
+
+def test_a_still_trial_among_others_is_named(tmp_path, capsys):
+    log = swum([LEFT] * 2, [FAST[0], (0.0, 0.0, 0.0)])
+    said = infer(log, tmp_path, capsys, "--nuisances")
+    assert said[0] == "in trial 2 no servo moves, which tells next to nothing of the body"
+    assert float(said[3].split()[1]) == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_gyroscope_that_was_never_read_is_noticed(tmp_path, capsys):
+    log = SwimLog(0.01 * np.arange(100), np.full((100, 3), 0.02), np.full((100, 3), 0.2))
+    write_log(tmp_path / "dead.csv", log)
+    assert main(["infer", "--log", str(tmp_path / "dead.csv")]) == 2
+    assert "its gyroscope never changes; was it read?" in capsys.readouterr().err
+
+
+def test_slow_commands_tell_next_to_nothing(tmp_path, capsys):
+    slow = [(0.01, -0.01, 0.02), (-0.01, 0.01, 0.02)]
+    said = infer(swum([LEFT] * 2, slow), tmp_path, capsys)
+    assert "the data tell next to nothing of the body: each size may be almost any" in said
+
+
+def test_contradictory_trials_are_told_apart(tmp_path, capsys):
+    log = swum([LEFT, RIGHT, LEFT], FAST)
+    said = infer(log, tmp_path, capsys, "--nuisances")
+    assert any(line.startswith("none of the bodies I can imagine swims like this") for line in said)
+    assert said[-2].startswith("trial 2 does not fit with the others, which one body explains")
+    assert said[-1].startswith("are the rates in rad/s")
+
+
+def test_a_fin_larger_than_any_is_noticed(tmp_path, capsys):
+    large = Morphology.nominal().to_array()
+    large[1] *= 3.0 / 1.6  # 1.5 times the greatest length
+    said = infer(swum([large] * 2, FAST[:2]), tmp_path, capsys)
+    assert any(line.startswith("none of the bodies I can imagine swims like this") for line in said)
+    end = "the left flipper's length is at the end of its range, 2, and may be beyond it"
+    assert end in said
+
+
+def at_times(time, told, seed=0, body=LEFT):
+    """Return what a gyroscope reads at odd times (T,) of a swim under told (T, 3) commands."""
+    steps = int(np.ceil(time[-1] / 0.01)) + 4
+    within = 0.01 * np.arange(steps) + 0.005
+    held = told[np.searchsorted(time, within, "right") - 1]
+    rng = np.random.default_rng(seed)
+    angles = rng.uniform(-np.pi, np.pi, 3)
+    log = simulate(body, held[None], angles, steps, dtype="float64", record="gyro")
+    from scipy.interpolate import CubicSpline
+
+    felt = np.concatenate([np.zeros((1, 1, 3)), np.asarray(log.gyro)], axis=1)[0]
+    seen = CubicSpline(0.01 * np.arange(steps + 1), felt)(time)
+    return seen + rng.normal(0.0, 0.01, seen.shape)
+
+
+@pytest.mark.parametrize(("rate", "jitter"), [(104.0, 0.0), (100.0, 0.001), (40.0, 0.002)])
+def test_a_log_of_any_rate_is_taken_as_it_is(rate, jitter):
+    """Interpolating the log instead would make its noise look like a wrong model."""
+    rng = np.random.default_rng(1)
+    parts = []
+    for trial, command in enumerate(FAST[:2], 1):
+        time = np.arange(int(2.5 * rate)) / rate
+        time[1:] += np.clip(rng.normal(0.0, 1.0, len(time) - 1), -3, 3) * jitter
+        told = np.tile(command, (len(time), 1))
+        parts.append((time, at_times(time, told, trial), told, np.full(len(time), trial)))
+    estimate = infer_log(SwimLog(*map(np.concatenate, zip(*parts, strict=True))), truth=LEFT)
+    assert estimate.objective_fitness > 0.98
+    assert estimate.belief.good
+
+
+def test_ordinary_swimming_from_its_middle_is_enough(tmp_path, capsys):
+    time = np.arange(620) / 100.0
+    rng = np.random.default_rng(3)
+    told = np.repeat(rng.uniform([-0.5, -0.5, 0.5], [0.5, 0.5, 1.0], (31, 3)), 20, axis=0)
+    whole = SwimLog(time, at_times(time, told), told)
+    late = SwimLog(*(getattr(whole, part)[100:] for part in ("time", "gyro", "commands")))
+    said = infer(late, tmp_path, capsys, "--start", "moving", "--truth", str(BODY))
+    score = next(float(s.split()[1].strip(";")) for s in said if s.startswith("OBJ_FIT"))
+    assert score > 0.97
+    assert any(line.startswith("the best fit leaves") for line in said)
+    assert not any(line.startswith("current") for line in said)
+    # Taken for a start from rest it is no swim of any body, and the hint is given.
+    said = infer(late, tmp_path, capsys)
+    assert "(if not: --start moving)" in said[-1]
+
+
+def test_the_same_log_from_csv_and_from_npz_is_one(tmp_path):
+    log = read_log(SWIM)
+    write_log(tmp_path / "swim.npz", log)
+    first, second = (infer_log(one, seed=3) for one in (log, read_log(tmp_path / "swim.npz")))
+    assert np.array_equal(first.model, second.model)
+    assert np.array_equal(first.sample(5), second.sample(5))
