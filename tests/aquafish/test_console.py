@@ -29,8 +29,8 @@ def test_help_lists_every_command_and_loads_nothing_heavy() -> None:
 
 def test_its_commands_are_those_of_the_packages() -> None:
     ours = {name: resolve_name(where) for name, (where, _) in COMMANDS.items()}
-    case_study = ours.pop("recover")
-    assert case_study.__module__ == "aquafish.recovery.command"
+    for case_study, room in (("recover", "recovery"), ("gap", "gap")):
+        assert ours.pop(case_study).__module__ == f"aquafish.{room}.command"
     theirs: dict[str, object] = {**eea.__main__.COMMANDS, **gait.cli.COMMANDS}
     # As eea run, with the case study's settings: under aquafish, recover is all of that study.
     assert theirs.pop("recover") is eea.cli.run.Recover

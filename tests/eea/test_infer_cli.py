@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.bodies import read_bodies
@@ -173,8 +174,6 @@ def at_times(time, told, seed=0, body=LEFT):
     rng = np.random.default_rng(seed)
     angles = rng.uniform(-np.pi, np.pi, 3)
     log = simulate(body, held[None], angles, steps, dtype="float64", record="gyro")
-    from scipy.interpolate import CubicSpline
-
     felt = np.concatenate([np.zeros((1, 1, 3)), np.asarray(log.gyro)], axis=1)[0]
     seen = CubicSpline(0.01 * np.arange(steps + 1), felt)(time)
     return seen + rng.normal(0.0, 0.01, seen.shape)
