@@ -213,8 +213,16 @@ SIMULATE = {
         r"^morpholog(ies(\[\d, \d\])?|y( fin)?) must (have shape \((any, )?9\)|be numbers of shape "
         r"\(any, 9\)|be finite|lie in \[0, |be one of left_pectoral, right_pectoral, caudal)",
     ),
-    "commands": array("commands", (3,), -0.5, 1.0, "[", "(any, 3)"),
+    "commands": Bad(
+        array("commands", (3,), -0.5, 1.0, "[", "(any, 3)").values,
+        r"^commands(\[[\d, ]+\])? must (be numbers of shape \(any, 3\)|be finite|lie in \[[^;]*"
+        r"|have shape \(any, (any, )?3\)|hold a command at least); got ",
+    ),
     "fin_angles": array("fin_angles", (3,), rows="(any, 3)"),
+    "interval": whole("interval", 1, 1_000_000),
+    "begun": whole("begun", 0, 1_000_000),
+    "velocity": array("velocity", (3,), -20.0, 20.0, "[-20, 20] units/s", "(any, 3)"),
+    "spin": array("spin", (3,), -100.0, 100.0, "[-100, 100] rad/s", "(any, 3)"),
     "steps": whole("steps", 1, 1_000_000),
     "engine": ENVIRONMENT["engine"],
     "dtype": DTYPE,
