@@ -23,6 +23,10 @@ COMMANDS = {
         "eea.cli.infer:Infer",
         "from a recorded swim, a file alone, to the body and how sure that is",
     ),
+    "watch": (
+        "eea.cli.watch:Watch",
+        "is a recorded swim still that of the body that was inferred?",
+    ),
     "study": ("eea.cli.study:StudyCommand", "replicates of the paper's figures, ablations"),
     "plot": ("eea.cli.study:Plot", "write a study's tables and figures anew"),
     "merge": ("eea.cli.study:Merge", "add another folder of a study to this one"),

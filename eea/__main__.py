@@ -11,6 +11,7 @@ from aquafish_gym.utils.command_line import BAD_INPUT, Command, run_command_line
 from eea.cli.infer import Infer
 from eea.cli.run import Recover, Run
 from eea.cli.study import Merge, Plot, StudyCommand
+from eea.cli.watch import Watch
 from eea.core.checks import ConfigurationError, TargetError
 
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
@@ -18,6 +19,7 @@ COMMANDS: dict[str, type[Command]] = {
     "run": Run,
     "recover": Recover,
     "infer": Infer,
+    "watch": Watch,
     "study": StudyCommand,
     "plot": Plot,
     "merge": Merge,

@@ -31,10 +31,11 @@ class LogWindows(NamedTuple):
 
     windows: Windows  #: With their ``time``.
     names: tuple[str, ...]  #: Of each window: "trial 2", or "trial 1 from 5.3 s".
+    ends: Floats  #: (E,) when each ends, s after its trial's record began.
     remarks: tuple[str, ...]  #: What of the log is not used, in sentences.
 
 
-def log_windows(log: SwimLog, moving: bool = False) -> LogWindows:
+def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None) -> LogWindows:
     """Cut a log into what joint inference compares: windows of equally many samples.
 
     Each trial from rest is one, of 1024 samples at most. What is recorded in mid-swim is cut into
@@ -45,6 +46,8 @@ def log_windows(log: SwimLog, moving: bool = False) -> LogWindows:
     ----------
     moving
         Whether the robot was already under way when each trial's record begins.
+    seconds
+        Of a window, about, and then there are as many as the log has; None for the above.
 
     Raises
     ------
@@ -54,7 +57,8 @@ def log_windows(log: SwimLog, moving: bool = False) -> LogWindows:
     lead = BEFORE if moving else 0
     typical = float(np.median([np.median(np.diff(log.time[rows])) for rows in log.blocks]))
     averaged = max(1, int(TIMESTEP / typical + 1e-6))
-    cuts, count = _cuts(log, moving, averaged)
+    wanted = None if seconds is None else round(seconds / (typical * averaged))
+    cuts, count = _cuts(log, moving, averaged, wanted)
     time, gyro = [], []
     for _, begin in cuts:
         rows = slice(begin + 1, begin + 1 + count * averaged)
@@ -90,11 +94,20 @@ def log_windows(log: SwimLog, moving: bool = False) -> LogWindows:
     interval = held_for(series)
     spin = np.array([log.gyro[begin] if moving else np.zeros(3) for _, begin in cuts])
     cut = Windows(series[:, ::interval], spin, samples, interval, lead, times)
-    return LogWindows(cut, tuple(names), tuple(remarks))
+    ends = [
+        log.time[begin + count * averaged] - log.time[log.blocks[trial].start]
+        for trial, begin in cuts
+    ]
+    return LogWindows(cut, tuple(names), np.array(ends), tuple(remarks))
 
 
-def _cuts(log: SwimLog, moving: bool, averaged: int) -> tuple[list[tuple[int, int]], int]:
-    """Return trial and first row of each window, and how many samples, averaged, they have."""
+def _cuts(
+    log: SwimLog, moving: bool, averaged: int, wanted: int | None
+) -> tuple[list[tuple[int, int]], int]:
+    """Return trial and first row of each window, and how many samples, averaged, they have.
+
+    If any number is ``wanted``, all windows of as many.
+    """
     lead = BEFORE * TIMESTEP if moving else 0.0
     begins = [
         rows.start + int(np.searchsorted(log.time[rows], log.time[rows.start] + lead - NEAR))
@@ -103,7 +116,7 @@ def _cuts(log: SwimLog, moving: bool, averaged: int) -> tuple[list[tuple[int, in
     lengths = [
         (rows.stop - 1 - begin) // averaged for rows, begin in zip(log.blocks, begins, strict=True)
     ]
-    count = min(LONGEST[moving], *lengths)
+    count = min(wanted or LONGEST[moving], *lengths)
     if count < FEWEST:
         raise InvalidArgumentError(
             f"{log.name(int(np.argmin(lengths)))} must have at least {FEWEST} samples, of 0.01 s "
@@ -114,7 +127,7 @@ def _cuts(log: SwimLog, moving: bool, averaged: int) -> tuple[list[tuple[int, in
         for trial, (begin, length) in enumerate(zip(begins, lengths, strict=True))
         for k in range(length // count if moving else 1)
     ]
-    return cuts[: MOST_WINDOWS if moving else None], count
+    return cuts[: MOST_WINDOWS if moving and not wanted else None], count
 
 
 def _commands(log: SwimLog, trial: int, begin: float, steps: int) -> Floats:
@@ -224,7 +237,7 @@ def disagreement(
     For a log whose verdict is not good. Trials are fitted alone, and all but one; see ``infer_log``
     for the parameters.
     """
-    cut, names, _ = log_windows(log, moving)
+    cut, names, *_ = log_windows(log, moving)
     settings = replace(joint or JointConfig(), alternatives="never", restarts=1)
 
     def fits(some: tuple[int, ...]) -> bool:

@@ -9,12 +9,16 @@ import numpy as np
 
 from aquafish_gym.engines.base import TIMESTEP
 from eea.aquafish.estimate import fish_problem
+from eea.aquafish.sampling import at_times, steps_for
 from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
+from eea.aquafish.swim_log import SwimLog
 from eea.aquafish.swims import Trace, windows
 from eea.core.angles import Floats
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from matplotlib.figure import Figure
 
     from eea.joint.belief import JointBelief
     from eea.joint.watch import Look
@@ -47,37 +51,42 @@ class Watched:
             f"({said}; false alarms once in {1.0 / self.alarm:,.0f} windows)"
         )
 
+    def plot(self) -> Figure:
+        """Return a matplotlib figure of what each window leaves unexplained."""
+        from eea.aquafish.watched_figure import watched_figure
+
+        return watched_figure(self)
+
 
 def watch_swim(
-    swim: Trace,
+    swim: Trace | SwimLog,
     belief: JointBelief,
     *,
     alarm: float | None = None,
-    window: int = WINDOW,
     seed: int = 0,
     until_noticed: bool = False,
-    progress: Callable[[Look], None] | None = None,
+    progress: Callable[[int, int], None] | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> Watched:
-    """Hold a swim against what is believed of the body; see ``eea.joint.watch``.
+    """Hold a swim, second by second, against what is believed of the body.
+
+    How that is done, see ``eea.joint.watch``.
 
     Parameters
     ----------
     swim
-        A record of it from any moment on, 100 samples a second. Its first 0.2 s are only looked at
-        for how the servos moved.
+        A record of it from any moment on: 100 samples a second, or a log of any rate, whose trials
+        all count. The first 0.2 s are only looked at for how the servos moved.
     belief
         A ``result.belief`` of joint inference, or what ``load_posterior`` reads.
     alarm
         The chance of a false alarm in each window; None for one in a million.
-    window
-        Samples in a window.
     seed
         Of the starting points that are tried.
     until_noticed
         Whether to stop at the first window that is not the body's.
     progress
-        Called after each window.
+        Called after each window, with how many are done, and of how many.
     **simulator
         See ``EngineSimulator``.
 
@@ -85,24 +94,35 @@ def watch_swim(
     ------
     ConfigurationError, InvalidArgumentError
         If an argument is out of range, or the swim is shorter than a window.
+
+    Examples
+    --------
+    >>> log = read_log("swim.csv")  # doctest: +SKIP
+    >>> print(watch_swim(log, load_posterior("posterior.npz")))  # doctest: +SKIP
+    60 s of swimming, 59 windows: this is still the body that was inferred
     """
     # scipy's statistics come with it: importing this room stays quick.
     from eea.aquafish.joint import Swims, fish_joint
+    from eea.aquafish.log_inference import log_windows
     from eea.joint.watch import ALARM, Watch
 
-    cut = windows([swim], True, window)
-    problem = fish_joint(
-        fish_problem(), EngineSimulator(window, **simulator), Swims(cut.interval, cut.begun)
+    if isinstance(swim, Trace):
+        cut = windows([swim], True, WINDOW)
+        ends = TIMESTEP * (cut.begun + WINDOW * np.arange(1.0, len(cut.gyro) + 1.0))
+    else:
+        cut, _, ends, _ = log_windows(swim, True, WINDOW * TIMESTEP)
+    steps = WINDOW if cut.time is None else steps_for(cut.time)
+    joint = fish_joint(
+        fish_problem(), EngineSimulator(steps, **simulator), Swims(cut.interval, cut.begun)
     )
-    watch = Watch(problem, belief, ALARM if alarm is None else alarm, seed)
-    rows, looks = Swims.array(cut.series, cut.spin), []
-    for row, gyro in zip(rows, cut.gyro, strict=True):
-        look = watch.look(row[None], gyro)
-        looks.append(look)
+    observed = Swims.array(cut.series, cut.spin)
+    if cut.time is not None:
+        joint, observed = at_times(joint, observed, cut.time)
+    watch, looks = Watch(joint, belief, ALARM if alarm is None else alarm, seed), []
+    for i, gyro in enumerate(cut.gyro):
+        looks.append(watch.look(observed[i : i + 1], gyro))
         if progress is not None:
-            progress(look)
-        if until_noticed and not look.same:
+            progress(i + 1, len(cut.gyro))
+        if until_noticed and not looks[-1].same:
             break
-    ends = cut.begun + window * np.arange(1, len(looks) + 1)
-    time = np.asarray(TIMESTEP * ends, dtype=np.float64)
-    return Watched(time, tuple(looks), watch.alarm)
+    return Watched(ends[: len(looks)], tuple(looks), watch.alarm)
