@@ -26,6 +26,7 @@ SHARED_VALUES = 16  # tried for an angle that all trials share
 CLOSE = 10.0  # in cost: what is further from the best has under 1/20,000 of its weight
 HOPS, HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 3, 32, 4, 20.0, 16
 SAME = 1e-3  # of a range, or rad: closer optima are one
+VALLEY = 0.05  # of a range: bodies that differ by more in a size go on beside a slightly better one
 LEAST_SIGMA = 1e-7  # rad/s: what is closer differs by rounding alone
 
 
@@ -94,11 +95,11 @@ def _refine(
     noise = effort.noise
     coarse, fine = Misfit(parameters, observed, COARSE), Misfit(parameters, observed, FINE)
     sigma = noise or _sigma(coarse.squares(starts).min(), coarse.count, parameters)
-    first = _best(descend(coarse, starts, sigma, 25, 1e-3), 2 * effort.polished)
+    first = _different(parameters, descend(coarse, starts, sigma, 25, 1e-3), 2 * effort.polished)
     again = pose(parameters, observed, first.theta, 2 * effort.poses, rng)
     sigma = noise or _sigma(first.squares.min(), coarse.count, parameters)
     second = descend(coarse, np.concatenate([first.theta, again]), sigma, 25, 1e-3)
-    chosen = _best(second, effort.polished)
+    chosen = _different(parameters, second, effort.polished)
     sigma = noise or _sigma(chosen.squares.min(), coarse.count, parameters)
     polished = _best(descend(fine, chosen.theta, sigma, 40, 1e-6), effort.polished)
     for _ in range(HOPS):
@@ -123,8 +124,6 @@ def _optima(
     sigma = noise or _sigma(fitted.squares.min(), observed.signal.size, parameters)
     cost = 0.5 * fitted.squares / sigma**2 + parameters.prior_cost(fitted.theta)
     found = _unique(parameters, Fitted(fitted.theta, fitted.squares, cost))
-    if not len(found.cost):
-        raise TargetError("no body was found whose simulation stays finite")
     near = found.cost <= found.cost[0] + CLOSE
     return Optima(
         parameters, observed, found.theta[near], found.cost[near], found.squares[near], sigma
@@ -293,8 +292,19 @@ def _best(fitted: Fitted, count: int) -> Fitted:
     return Fitted(*(part[order] for part in fitted))
 
 
-def _unique(parameters: Parameters, fitted: Fitted) -> Fitted:
-    """Return each optimum once, best first."""
+def _different(parameters: Parameters, fitted: Fitted, count: int) -> Fitted:
+    """Return the best few whose bodies differ, best first.
+
+    The bottom of a narrow corner may be a little lower than that of a wide valley, in which nearly
+    all of the probability is: if all that came to the corner went on, nothing of the valley would.
+    """
+    return _best(_unique(parameters, fitted, parameters.body, VALLEY), count)
+
+
+def _unique(
+    parameters: Parameters, fitted: Fitted, entries: int | None = None, same: float = SAME
+) -> Fitted:
+    """Return each optimum once, best first: those that differ in the first entries (None: all)."""
     ordered = _best(fitted, len(fitted.cost))
     kept: list[int] = []
     for i, theta in enumerate(ordered.theta):
@@ -304,8 +314,10 @@ def _unique(parameters: Parameters, fitted: Fitted) -> Fitted:
             parameters.circular,
             circular_distance(ordered.theta[kept], theta),
             np.abs(ordered.theta[kept] - theta),
-        )
-        if not kept or apart.max(axis=1).min() > SAME:
+        )[:, :entries]
+        if not kept or apart.max(axis=1).min() > same:
             kept.append(i)
+    if not kept:
+        raise TargetError("no body was found whose simulation stays finite")
     which: NDArray[np.intp] = np.array(kept, dtype=np.intp)
     return Fitted(*(part[which] for part in ordered))

@@ -1,0 +1,42 @@
+"""Joint inference where two valleys explain the trial, and the lower one is by far the narrower."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from eea.core.bits import action_layout, model_layout
+from eea.core.config import EEAConfig, JointConfig
+from eea.core.problem import Problem
+from eea.core.replay import RecordedLog
+from eea.joint.inference import JointInference
+from eea.joint.problem import JointProblem
+
+SIGMA, NARROW, WIDE, MISSED = 0.01, 0.15, 0.8, 0.003
+PROBLEM = Problem(
+    model_layout([("radius", 1.0, 6)]), action_layout([("speed", 0.0, 2.0)]), ("angle",), 1
+)
+
+
+def wheel(bodies, _nuisances, commands, angles, _fine):
+    """A wheel that fits at radius 0.15 alone, and but for a small wobble all about radius 0.8."""
+    near = bodies < 0.6
+    swing = 1.0 + np.where(near, 0.4 * (bodies - NARROW), 0.03 * (bodies - WIDE))
+    turned = 0.1 * commands * np.arange(64) + angles
+    wobble = np.where(near, 0.0, MISSED) * np.cos(3.0 * turned)
+    return (swing * np.sin(turned) + wobble)[:, :, None]
+
+
+class Robot:
+    def perform(self, command):
+        felt = wheel(np.array([[NARROW]]), None, command[None], np.array([[0.5]]), True)
+        noise = np.random.default_rng(0).normal(0.0, SIGMA, felt.shape)
+        return RecordedLog(gyro=felt + noise)
+
+
+def test_what_comes_to_the_lower_valley_does_not_crowd_out_the_likelier_one() -> None:
+    config = EEAConfig("joint", steps=64, rounds=1, joint=JointConfig(noise=SIGMA, bodies=24))
+    result = JointInference(Robot(), JointProblem(PROBLEM, wheel), config).run()
+    sample = result.sample(1000)
+    assert 0.5 < (sample > 0.6).mean() < 1.0
+    modes = result.to_dict()["belief"]["modes"]["every servo does as it is told"]["values"]
+    assert abs(modes[0][0] - NARROW) < 0.01  # the lowest, and yet the less probable
