@@ -35,6 +35,7 @@ from aquafish_gym.utils.command_line import (
 )
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
+from eea.core.exploration import Strategy
 from gait.controller import Controller
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
@@ -67,6 +68,8 @@ class Recover:
     """Trials on the damaged robot, one a round."""
     joint_rounds: int = 3
     """Trials of joint inference, which needs fewer."""
+    joint_strategy: Literal["auto"] | Strategy = "auto"
+    """How joint inference chooses them; see --exploration.strategy of aquafish run."""
     steps: int = RECOVERY.steps
     """Length of a trial in steps of 0.01 s, a power of two."""
     models: int = RECOVERY.estimation.population
@@ -124,7 +127,8 @@ class Recover:
         )
         estimation = replace(eea.estimation, population=self.models)
         eea = replace(eea, estimation=estimation, out_of_band=out_of_band)
-        joint = replace(eea, rounds=self.joint_rounds)
+        chosen = replace(eea.exploration, strategy=self.joint_strategy)
+        joint = replace(eea, rounds=self.joint_rounds, exploration=chosen)
         gait = EvolveConfig(
             generations=self.generations,
             population=self.population,
@@ -245,7 +249,9 @@ def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
 def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
     """Return all that the results depend on, ready for JSON."""
     job = jobs[0]
-    rounds = {one.eea.rounds for one in jobs if one.treatment == "joint"}
+    joint = next(one.eea for one in jobs if one.treatment == "joint")
+    strategy = joint.exploration.strategy
+    how = {} if strategy == "auto" else {"joint_strategy": strategy}
     parts = {"eea": job.eea.to_dict(), "gait": asdict(job.gait), "transfer": asdict(job.transfer)}
     for part in parts.values():
         for name in ("condition", "seed", "threads"):  # each treatment's own
@@ -255,7 +261,8 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
         "damage": str(job.damage),
         "morphology": body,
         "first_seed": job.seed,
-        "joint_rounds": rounds.pop(),
+        "joint_rounds": joint.rounds,
+        **how,
         **parts,
     }
 

@@ -16,6 +16,8 @@ import eea.aquafish
 import eea.core
 import eea.joint
 import gait
+from aquafish import gait_utility
+from aquafish.gait_utility import GaitUtility
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.runs.stamps import code_stamp
 from eea.aquafish import EngineTarget, fish_eea, fish_models
@@ -168,7 +170,7 @@ def source_stamp() -> str:
     folders = [Path(str(package.__file__)).parent for package in packages]
     kinds = ("*.py", "*.ini")
     files = [file for folder in folders for kind in kinds for file in folder.rglob(kind)]
-    return code_stamp([*files, Path(__file__)])
+    return code_stamp([*files, Path(__file__), Path(gait_utility.__file__)])
 
 
 class Model(NamedTuple):
@@ -189,7 +191,10 @@ def _self_model(job: Treatment, say: Say) -> Model:
     hidden = streams(job.seed)["target"]
     engine = job.transfer.target_engine
     target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine)
-    algorithm = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
+    utility = GaitUtility.quicker(job.gait) if config.asks_gaits else None
+    algorithm = fish_eea(
+        target, config, job.seed, target.morphology, utility, threads=job.gait.threads
+    )
     rounds = []
     say("self-model: the first trial", 0.0)
     for record in algorithm:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -40,6 +40,7 @@ from eea.cli.outcome import (
     size_table,
     write_outcome,
 )
+from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
 from eea.core.rounds import Rounds, streams
@@ -76,12 +77,19 @@ class Run:
     #: How the target's world differs from the candidates', which they do not know.
     gap: RealityGap = field(default_factory=RealityGap)
     threads: Threads = None
+    #: How far gaits swim on bodies; aquafish gives it, as this package knows no gait.
+    utility: tyro.conf.Suppress[Any] = None
 
     def execute(self) -> None:
         """Run to a stop rule, with a line a round.
 
         If an option is wrong nothing has been written.
         """
+        if self.config.asks_gaits and self.utility is None:
+            raise ConfigurationError(
+                f"{self.config.asks_gaits} needs gaits, of which this package knows none: use "
+                "aquafish run (or aquafish infer), which evolves some, with the same options"
+            )
         damage = Damage.parse(self.target_damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
         target = EngineTarget(
@@ -101,7 +109,7 @@ class Run:
             "substeps": self.substeps,
             "threads": self.threads,
         }
-        eea = fish_eea(target, self.config, self.seed, target.morphology, **simulator)
+        eea = fish_eea(target, self.config, self.seed, target.morphology, self.utility, **simulator)
         simulator.pop("threads")  # no result depends on them
         settings = {
             **self.config.to_dict(),
@@ -180,7 +188,7 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
             console.print(line)
         for line in outcome_words(folder, result):
             console.print(line)
-    console.print(f"stopped: {result.stopped}; written to {folder}")
+    console.print(f"stopped: {_why(result)}; written to {folder}")
     if result.stopped == "interrupted":
         console.print("the same command begins anew, and replaces this with as many rounds")
 
@@ -200,6 +208,19 @@ def damage_words(intact: Morphology, result: Result) -> list[str]:
             what = f"{FIN_WORDS[dimension.fin]}: {words} its {dimension.size}"
             said.append(f"{what}, found {found:.2f} where it was {before:.2f}")
     return said or ["nothing was broken"]
+
+
+def _why(result: Result) -> str:
+    """Return why a run ended, and what the stop rules of joint inference mean by it."""
+    joint, why = result.config.joint, result.stopped
+    if why == "narrow" and joint.narrow is not None:
+        return f"{why}, every {MASS:.0%} interval is at most {joint.narrow:.2g} of its range"
+    if why == "robust" and joint.robust is not None:
+        return (
+            f"{why}, one gait keeps {joint.robust:.0%} of what is possible on nine in ten of the "
+            "bodies that the trials allow"
+        )
+    return why
 
 
 def _rounds(count: int) -> str:

@@ -43,7 +43,7 @@ class JointConfig:
     narrow: float | None = None
     #: Stop once the gait that swims farthest on average keeps, on nine in ten of the bodies that
     #: the trials allow, at least this share of what the best gait for each swims there, and the fit
-    #: leaves nothing but noise; None for never. It needs a utility.
+    #: leaves nothing but noise; None for never. It needs a utility (aquafish run has one).
     robust: float | None = None
     bodies: int = 96  #: Random bodies in the scan that finds starting points.
     poses: int = 96  #: Random poses tried for each of them in each trial.
@@ -142,6 +142,14 @@ class EEAConfig:
         if self.exploration.strategy != "auto":
             return self.exploration.strategy
         return "fast" if self.condition == "joint" else "disagreement"
+
+    @property
+    def asks_gaits(self) -> str | None:
+        """The setting that needs to know how far gaits swim on bodies, if any does."""
+        if self.strategy == "gait":
+            return "exploration.strategy = gait"
+        robust = self.condition == "joint" and self.joint.robust is not None
+        return "joint.robust" if robust else None
 
     def to_dict(self) -> dict[str, Any]:
         """Return every setting, nested, ready for JSON."""

@@ -45,8 +45,8 @@ class ExplorationConfig:
     #: all have been. The others choose, of the fast commands and random ones, that which promises
     #: most, and begin with a fast one: the least mean variance of the body's sizes ("a-optimal"),
     #: the smallest volume that they lie in ("d-optimal"), the most "information" about all that is
-    #: unknown, or the farthest swimming of the "gait" that is then chosen, which needs a utility.
-    #: "auto" is "disagreement", or "fast" under the joint condition.
+    #: unknown, or the farthest swimming of the "gait" that is then chosen, which needs a utility
+    #: (aquafish run has one). "auto" is "disagreement", or "fast" under the joint condition.
     strategy: Literal["auto"] | Strategy = "auto"
 
     def __post_init__(self) -> None:

@@ -75,17 +75,12 @@ class Rounds(ABC):
         instance("problem", problem, Problem)
         if truth is not None:
             truth = finite("truth", truth, (len(problem.models),))
-        robust = config.condition == "joint" and config.joint.robust is not None
-        for setting, needed in (
-            ("exploration.strategy = gait", config.strategy == "gait"),
-            ("joint.robust", robust),
-        ):
-            if needed and not callable(utility):
-                raise ConfigurationError(
-                    f"{setting} needs a utility: how far each of some gaits swims on each of some "
-                    f"bodies, a function from (N, {len(problem.models)}) to (K, N); got "
-                    f"{brief(utility)}"
-                )
+        if config.asks_gaits and not callable(utility):
+            raise ConfigurationError(
+                f"{config.asks_gaits} needs a utility: how far each of some gaits swims on each of "
+                f"some bodies, a function from (N, {len(problem.models)}) to (K, N); got "
+                f"{brief(utility)}"
+            )
         self.result: Result = Result(config, seed, problem.models, truth)
         self._target = target
         self._problem = problem
