@@ -136,7 +136,8 @@ def fish_eea(
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
         (x, y, z), or nine numbers.
     utility
-        How far gaits swim on bodies, where the settings need it; see ``EEA``.
+        How far gaits swim on bodies, where the settings need it: ``GaitUtility`` of
+        ``aquafish.gait_utility``, or as ``EEA`` takes it.
     **simulator
         engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``,
         and it and ``EEA`` for the errors.
@@ -162,6 +163,7 @@ def estimate_morphology_of(
     seed: int = 0,
     progress: Progress | None = None,
     truth: Morphology | ArrayLike | None = None,
+    utility: Utility | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Model any target that performs commands, a physical robot for example.
@@ -181,10 +183,11 @@ def estimate_morphology_of(
         Called with each round's record.
     config
         Settings; None for those recommended, joint inference from three trials.
-    seed, truth, **simulator
+    seed, truth, utility, **simulator
         See ``fish_eea``.
     """
-    eea = fish_eea(target, RECOMMENDED if config is None else config, seed, truth, **simulator)
+    settings = RECOMMENDED if config is None else config
+    eea = fish_eea(target, settings, seed, truth, utility, **simulator)
     result = eea.run(progress)
     return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
 
@@ -238,6 +241,7 @@ def estimate_morphology(
     target_engine: str = "auto",
     target_orientation: Orientation = "upright",
     gap: RealityGap = NO_GAP,
+    utility: Utility | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Let a damaged fish work out its own body, from blind trials only.
@@ -260,6 +264,8 @@ def estimate_morphology(
         How the target's body lies when a trial begins; see ``EngineTarget``.
     gap
         How the target's world differs from the candidates'.
+    utility
+        See ``fish_eea``.
     **simulator
         engine, dtype, current, substeps, threads; see ``EngineSimulator``. The current and the
         substeps hold for the target too.
@@ -278,4 +284,6 @@ def estimate_morphology(
         target_orientation,
         gap,
     )
-    return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)
+    return estimate_morphology_of(
+        target, settings, seed, progress, target.morphology, utility, **simulator
+    )
