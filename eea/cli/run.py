@@ -217,8 +217,8 @@ def _why(result: Result) -> str:
         return f"{why}, every {MASS:.0%} interval is at most {joint.narrow:.2g} of its range"
     if why == "robust" and joint.robust is not None:
         return (
-            f"{why}, one gait keeps {joint.robust:.0%} of what is possible on nine in ten of the "
-            "bodies that the trials allow"
+            f"{why}, one gait keeps at least {joint.robust:.0%} of what is possible on nine in ten "
+            "of the bodies that the trials allow"
         )
     return why
 
