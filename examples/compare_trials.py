@@ -33,25 +33,12 @@ from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.command_line import BAD_INPUT, Out, run_command_line, single_command
 from aquafish_gym.utils.validation import finite_array, integer
 from eea import ConfigurationError, EEAConfig, EngineTarget, fish_eea, streams
+from eea.aquafish.gap import RealityGap
 from eea.core.exploration import ExplorationConfig, Strategy
-from eea.core.replay import RecordedLog
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
 LEAST, POSES = 0.1, 16  # of a range; of a gait that is scored
 ORACLE = "oracle"
-
-
-class NoisyTarget:
-    """A fish whose gyroscope adds white noise, sigma in rad/s."""
-
-    def __init__(self, target: EngineTarget, sigma: float, rng: np.random.Generator) -> None:
-        self._target, self._sigma, self._rng = target, sigma, rng
-
-    def perform(self, command: NDArray[np.float64]) -> RecordedLog:
-        """Return the log of a command's trial."""
-        gyro = self._target.perform(command).gyro
-        assert gyro is not None
-        return RecordedLog(gyro=gyro + self._sigma * self._rng.standard_normal(gyro.shape))
 
 
 @dataclass(frozen=True)
@@ -93,9 +80,10 @@ def compare(job: Job, say: Callable[[str, float], None]) -> dict[str, Any]:
     if job.how == ORACLE:
         return {"rows": [{"distance": far(body.to_array()[None])}]}
     steps, hidden = job.config.steps, streams(job.seed)["target"]
-    target = EngineTarget(body, None, hidden, steps, "numba")
+    noisy = RealityGap(gyro_noise=job.noise)
+    target = EngineTarget(body, None, hidden, steps, "numba", gap=noisy)
     method = fish_eea(
-        NoisyTarget(target, job.noise, np.random.default_rng([job.seed, 1])),
+        target,
         job.config,
         job.seed,
         body,

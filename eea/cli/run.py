@@ -88,7 +88,7 @@ class Run:
         if self.config.asks_gaits and self.utility is None:
             raise ConfigurationError(
                 f"{self.config.asks_gaits} needs gaits, of which this package knows none: use "
-                "aquafish run (or aquafish infer), which evolves some, with the same options"
+                "aquafish run, which evolves some, with the same options"
             )
         damage = Damage.parse(self.target_damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
