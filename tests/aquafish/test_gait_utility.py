@@ -134,6 +134,7 @@ def test_a_run_stops_early_and_says_why(
     assert words in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_the_case_study_chooses_joint_inferences_trials_as_told() -> None:
     small = Recover(
         rounds=2, joint_rounds=2, steps=64, models=6, angle_sets=6, generations=2, population=10,

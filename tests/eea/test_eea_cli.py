@@ -245,7 +245,8 @@ def test_the_nearest_subcommand_is_offered(capsys):
     assert main(["rum"]) == 2
     said = capsys.readouterr().err
     assert said == (
-        "eea: the command must be one of run, recover, infer, study, plot, merge; got 'rum'; "
+        "eea: the command must be one of run, recover, infer, watch, study, plot, merge; "
+        "got 'rum'; "
         "did you mean 'run'?\n"
     )
 

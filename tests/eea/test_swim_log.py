@@ -220,7 +220,7 @@ def test_an_npz_of_one_trial_needs_no_numbers(tmp_path):
 
 
 def test_windows_of_simulated_trials_are_what_was_simulated():
-    (cut, names, remarks), log = log_windows(recorded(steps=100)), recorded(steps=100)
+    (cut, names, _, remarks), log = log_windows(recorded(steps=100)), recorded(steps=100)
     assert (names, remarks, cut.begun, cut.interval) == (("trial 1", "trial 2"), (), 0, 100)
     assert np.array_equal(cut.series, np.array(COMMANDS)[:, None])
     assert np.array_equal(cut.gyro, log.gyro.reshape(2, 101, 3)[:, 1:])
@@ -232,7 +232,7 @@ def test_commands_that_change_are_followed_on_the_logs_clock():
     told = np.zeros((120, 3))
     told[time >= 0.3, 0], told[time >= 0.515, 0] = 0.4, -0.2
     gyro = np.random.default_rng(0).normal(size=(120, 3))
-    cut, _, _ = log_windows(SwimLog(time, gyro, told))
+    cut, *_ = log_windows(SwimLog(time, gyro, told))
     assert cut.interval == 1
     turned = TIMESTEP * np.cumsum(cut.series[0, :, 0])
     # The change after 0.515 s came with the row at 0.5167 s, which lies within a step.
@@ -245,7 +245,7 @@ def test_commands_that_change_are_followed_on_the_logs_clock():
 def test_many_readings_are_averaged_and_what_is_too_long_is_said():
     time = np.arange(30_000) / 1000.0
     gyro = np.stack([0.1 * time, np.sin(time), 0 * time], axis=1)
-    cut, _, remarks = log_windows(SwimLog(time, gyro, np.full((30_000, 3), 0.2)))
+    cut, _, _, remarks = log_windows(SwimLog(time, gyro, np.full((30_000, 3), 0.2)))
     assert cut.gyro.shape == (1, 1023, 3)  # of 1024 the first is before the simulator's first step
     assert cut.time is not None
     np.testing.assert_allclose(cut.gyro[0, :, 0], 0.1 * cut.time[0])
@@ -254,12 +254,16 @@ def test_many_readings_are_averaged_and_what_is_too_long_is_said():
 
 def test_a_swim_is_cut_into_windows_with_what_was_felt_before():
     log = recorded(steps=700)
-    cut, names, remarks = log_windows(log, moving=True)
+    cut, names, ends, remarks = log_windows(log, moving=True)
     assert cut.gyro.shape == (2, 512, 3)
     assert (names, cut.begun) == (("trial 1 from 0.2 s", "trial 2 from 0.2 s"), 20)
     assert np.array_equal(cut.spin, log.gyro[[20, 721]])
     assert np.array_equal(cut.gyro[0], log.gyro[21:533])
     assert remarks[0] == "of the 7 s of trial 1 the first 5.32 s are used"
+    np.testing.assert_allclose(ends, 5.32)
+    seconds = log_windows(log, moving=True, seconds=1.0)
+    assert seconds.windows.gyro.shape == (12, 100, 3)  # of each trial those that it holds
+    np.testing.assert_allclose(seconds.ends, 2 * [1.2, 2.2, 3.2, 4.2, 5.2, 6.2])
     with pytest.raises(InvalidArgumentError, match="trial 1 must have at least 32 samples"):
         log_windows(recorded(steps=40), moving=True)
 
