@@ -133,7 +133,7 @@ def fish_signal(
             **options,
         ).gyro
         assert gyro is not None
-        gyro = gyro + told[:, None, BIAS].astype(gyro.dtype)
+        gyro += told[:, None, BIAS].astype(gyro.dtype)
         if rows.all():
             whole: NDArray[np.floating] = gyro
             return whole

@@ -81,7 +81,9 @@ class Misfit:
         self.parameters = parameters
         self.precision = precision
         self._observed = observed
-        self._wanted = observed.signal[:, :: precision.stride].reshape(len(observed), -1)
+        sampled = observed.signal[:, :: precision.stride]
+        # (E, M): one axis after the other, as simulators lay it out.
+        self._wanted = sampled.swapaxes(1, 2).reshape(len(observed), -1)
         self._trials = np.arange(len(observed))
         #: Which entries (P,) a descent may change.
         self.movable: NDArray[np.bool_] = np.ones(len(parameters), dtype=np.bool_)
@@ -96,53 +98,63 @@ class Misfit:
         """How many samples are compared, of all trials and axes."""
         return self._wanted[self._trials].size
 
-    def differences(self, local: Floats, trial: NDArray[np.intp]) -> Floats:
-        """Return simulated less observed (B, M) of slots (B, W), each of a trial (B,)."""
-        out = np.empty((len(local), self._wanted.shape[1]))
-        for first in range(0, len(local), MOST_ROBOTS):
+    def differences(self, local: Floats, trials: NDArray[np.intp]) -> NDArray[np.floating]:
+        """Return simulated less observed (S, E, C, M) of slots (S, E, C, W), of ``trials`` (E,).
+
+        They are of the simulation's own precision.
+        """
+        robots = local.reshape(-1, local.shape[-1])
+        which = np.broadcast_to(trials[:, None], local.shape[:-1]).reshape(-1)
+        parts = []
+        for first in range(0, len(robots), MOST_ROBOTS):
             rows = slice(first, first + MOST_ROBOTS)
-            inputs = self.parameters.inputs(local[rows])
+            inputs = self.parameters.inputs(robots[rows])
             signal = self.parameters.joint.simulate(
                 inputs.bodies,
                 inputs.nuisances,
-                self._observed.commands[trial[rows]],
+                self._observed.commands[which[rows]],
                 inputs.angles,
                 self.precision.fine,
             )
-            kept = signal[:, :: self.precision.stride]
-            np.subtract(kept.reshape(len(kept), -1), self._wanted[trial[rows]], out=out[rows])
-        return out
+            kept = signal[:, :: self.precision.stride].swapaxes(1, 2)
+            parts.append(kept.reshape(len(kept), -1))
+        simulated = parts[0] if len(parts) == 1 else np.concatenate(parts)
+        wanted = self._wanted[trials, None].astype(np.result_type(simulated, np.float32))
+        apart: NDArray[np.floating] = simulated.reshape(*local.shape[:-1], -1) - wanted
+        return apart
 
-    def residuals(self, theta: Floats) -> Floats:
+    def residuals(self, theta: Floats) -> NDArray[np.floating]:
         """Return simulated less observed (S, E, M) of vectors (S, P)."""
         local = self.parameters.local(theta)[:, self._trials]
-        which = np.tile(self._trials, len(theta))
-        rows = self.differences(local.reshape(len(which), -1), which)
-        return rows.reshape(len(theta), len(self._trials), -1)
+        return self.differences(local[:, :, None], self._trials)[:, :, 0]
 
     def squares(self, theta: Floats) -> Floats:
         """Return the sum of squared residuals (S,), infinite where a robot diverged."""
         residuals = self.residuals(theta)
-        sums = np.einsum("sem,sem->s", residuals, residuals)
+        sums = np.einsum("sem,sem->s", residuals, residuals).astype(np.float64)
         return np.where(np.isfinite(sums), sums, np.inf)
 
     def jacobian(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return residuals (S, E, M) and their derivatives (S, E, F, M) by the free slots."""
+        """Return residuals (S, E, M) and their derivatives (S, E, F, M) by the free slots.
+
+        Of what a robot that left the finite numbers says nothing is finite: it counts as zero.
+        """
         parameters, free = self.parameters, self._free
         local = parameters.local(theta)[:, self._trials]
-        trials, width = local.shape[1:]
         entries = parameters.slots[self._trials][:, free]  # (E, F)
         high = np.where(entries == FIXED, np.inf, parameters.high[entries])
         step = np.where(local[:, :, free] + self.precision.difference > high, -1.0, 1.0)
         step *= self.precision.difference
         moved = np.repeat(local[:, :, None], len(free) + 1, axis=2)
         moved[:, :, np.arange(1, len(free) + 1), free] += step
-        which = np.tile(np.repeat(self._trials, len(free) + 1), len(theta))
-        rows = self.differences(moved.reshape(-1, width), which)
-        rows = rows.reshape(len(theta), trials, len(free) + 1, -1)
+        rows = self.differences(moved, self._trials)
         with np.errstate(invalid="ignore", over="ignore"):
-            slopes = (rows[:, :, 1:] - rows[:, :, :1]) / step[..., None]
-        return rows[:, :, 0], np.where(np.isfinite(slopes), slopes, 0.0)
+            lost = ~np.isfinite(rows.sum(axis=-1))
+            slopes = np.subtract(rows[:, :, 1:], rows[:, :, :1], dtype=np.float64)
+            slopes /= step[..., None]
+        if lost.any():
+            slopes[lost[:, :, 1:] | lost[:, :, :1]] = 0.0
+        return rows[:, :, 0].astype(np.float64), slopes
 
     def linearise(self, theta: Floats) -> Linear:
         """Return the misfit near vectors (S, P), by forward differences."""

@@ -48,7 +48,8 @@ class Optima:
     def residuals(self) -> Floats:
         """Return simulated less observed (E, T, axes) of the best."""
         flat = Misfit(self.parameters, self.observed, FINE).residuals(self.theta[:1])[0]
-        residuals: Floats = flat.reshape(self.observed.signal.shape)
+        trials, samples, axes = self.observed.signal.shape
+        residuals: Floats = flat.reshape(trials, axes, samples).swapaxes(1, 2)
         return residuals
 
 
@@ -211,8 +212,8 @@ def _pose(
             tried = np.concatenate([begun, tried], axis=-1)
         rows = np.repeat(local[:, e], groups * each, axis=0).reshape(len(theta), -1, width)
         rows[:, :, slots] = tried.reshape(-1, len(slots))
-        apart = misfit.differences(rows.reshape(-1, width), np.full(rows.size // width, e))
-        sums = np.einsum("rm,rm->r", apart, apart).reshape(len(theta), groups, each)
+        apart = misfit.differences(rows[:, None], np.array([e]))[:, 0]
+        sums = np.einsum("scm,scm->sc", apart, apart).reshape(len(theta), groups, each)
         sums = np.where(np.isfinite(sums), sums, np.inf)
         at = sums.argmin(axis=2)
         total += np.take_along_axis(sums, at[:, :, None], 2)[:, :, 0]
