@@ -15,7 +15,7 @@ from scipy.special import log_ndtr
 from eea.core.angles import Floats
 from eea.core.behavior import similarity, summarize
 from eea.core.checks import ConfigurationError, choice, finite
-from eea.core.config import EEAConfig, JointConfig
+from eea.core.config import EEAConfig
 from eea.core.design import Utility
 from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
@@ -29,7 +29,7 @@ from eea.joint.next_trial import enough, next_command
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
-from eea.joint.search import Optima, pose, search
+from eea.joint.search import Optima, halved, pose, search
 
 FEWEST_STEPS = 32
 ABSENT = 0.02  # of a range: a part this small may as well be one that does not move
@@ -295,17 +295,6 @@ class JointInference(Rounds):
     def _stopped(self) -> str | None:
         settings = self.result.config.joint
         return enough(self._belief, self._problem.models, settings, self._utility)
-
-
-def halved(settings: JointConfig) -> JointConfig:
-    """Return settings for a search of half the effort."""
-    return replace(
-        settings,
-        bodies=max(2, settings.bodies // 2),
-        poses=max(1, settings.poses // 2),
-        descents=max(1, settings.descents // 2),
-        polished=max(1, settings.polished // 2),
-    )
 
 
 def posterior_of(optima: Optima, sigma: float, share: float = 1.0) -> Posterior:

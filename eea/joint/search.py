@@ -9,7 +9,7 @@ look like noise the scan begins anew, since the commonest reason is a wrong vall
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,9 +25,11 @@ SCANNED_TRIALS = 4  # of a session; what ranks bodies need not be all of it
 SHARED_VALUES = 16  # tried for an angle that all trials share
 CLOSE = 10.0  # in cost: what is further from the best has under 1/20,000 of its weight
 HOPS, HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 3, 32, 4, 20.0, 16
+SOON = 8  # iterations, after which the worse half of the starting points is given up
 SAME = 1e-3  # of a range, or rad: closer optima are one
 VALLEY = 0.05  # of a range: bodies that differ by more in a size go on beside a slightly better one
 LEAST_SIGMA = 1e-7  # rad/s: what is closer differs by rounding alone
+PROMISING = 1e-3  # rad/s: what single precision may leave of an exact fit, and more
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,16 +75,62 @@ def search(
         Whether a fit leaves nothing but noise; else the search begins anew.
     """
     best: Optima | None = None
-    for _ in range(effort.restarts + 1):
-        starts = _scan(parameters, observed, rng, effort)
+    for attempt in range(effort.restarts + 1):
+        starts, scanned = np.empty((0, len(parameters))), effort
         if known is not None:
-            starts = np.concatenate([known, starts])
+            starts = _downhill(parameters, observed, known, effort.noise).theta
+            exact = _exact(parameters, observed, starts, effort.noise)
+            if exact is not None:
+                return exact
+            # It is most of the way, unless it has just turned out not to be.
+            scanned = effort if attempt else halved(effort)
+            known = starts
+        starts = np.concatenate([starts, _scan(parameters, observed, rng, scanned)])
         found = _refine(parameters, observed, starts, rng, effort)
         best = found if best is None else _joined(best, found, effort.noise)
         if explained(best):
             break
     assert best is not None
     return best
+
+
+def halved(effort: JointConfig) -> JointConfig:
+    """Return settings for a search of half the effort."""
+    return replace(
+        effort,
+        bodies=max(2, effort.bodies // 2),
+        poses=max(1, effort.poses // 2),
+        descents=max(1, effort.descents // 2),
+        polished=max(1, effort.polished // 2),
+    )
+
+
+def _downhill(
+    parameters: Parameters,
+    observed: Observed,
+    starts: Floats,
+    noise: float | None,
+    iterations: int = 25,
+) -> Fitted:
+    """Go downhill from vectors (S, P) in single precision."""
+    coarse = Misfit(parameters, observed, COARSE)
+    sigma = noise or _sigma(coarse.squares(starts).min(), coarse.count, parameters)
+    return descend(coarse, starts, sigma, iterations, 1e-3)
+
+
+def _exact(
+    parameters: Parameters, observed: Observed, theta: Floats, noise: float | None
+) -> Optima | None:
+    """Return the best of vectors (S, P) to the end if it leaves but rounding: nothing is better."""
+    fine = Misfit(parameters, observed, FINE)
+    squares = fine.squares(theta)
+    sigma = _sigma(squares.min(), fine.count, parameters)
+    if noise is not None or sigma > PROMISING:
+        return None
+    polished = descend(fine, theta[squares.argmin()][None], sigma, 40, 1e-6)
+    if _sigma(polished.squares.min(), fine.count, parameters) > LEAST_SIGMA:
+        return None
+    return _optima(parameters, observed, polished, noise)
 
 
 def _refine(
@@ -94,14 +142,17 @@ def _refine(
 ) -> Optima:
     """Go downhill from vectors (S, P), and hop."""
     noise = effort.noise
-    coarse, fine = Misfit(parameters, observed, COARSE), Misfit(parameters, observed, FINE)
-    sigma = noise or _sigma(coarse.squares(starts).min(), coarse.count, parameters)
-    first = _different(parameters, descend(coarse, starts, sigma, 25, 1e-3), 2 * effort.polished)
+    fine = Misfit(parameters, observed, FINE)
+    some = _best(_downhill(parameters, observed, starts, noise, SOON), -(-len(starts) // 2))
+    ended = _downhill(parameters, observed, some.theta, noise)
+    first = _different(parameters, ended, 2 * effort.polished)
+    exact = _exact(parameters, observed, first.theta, noise)
+    if exact is not None:
+        return exact
     again = pose(parameters, observed, first.theta, 2 * effort.poses, rng)
-    sigma = noise or _sigma(first.squares.min(), coarse.count, parameters)
-    second = descend(coarse, np.concatenate([first.theta, again]), sigma, 25, 1e-3)
+    second = _downhill(parameters, observed, np.concatenate([first.theta, again]), noise)
     chosen = _different(parameters, second, effort.polished)
-    sigma = noise or _sigma(chosen.squares.min(), coarse.count, parameters)
+    sigma = noise or _sigma(fine.squares(chosen.theta).min(), fine.count, parameters)
     polished = _best(descend(fine, chosen.theta, sigma, 40, 1e-6), effort.polished)
     for _ in range(HOPS):
         sigma = noise or _sigma(polished.squares.min(), fine.count, parameters)
