@@ -1,0 +1,142 @@
+"""Measure joint inference: ``python -m tests.inference``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from aquafish_gym.engines.base import check_engine
+from aquafish_gym.runs.executors import workers
+from aquafish_gym.runs.folder import claim, described, held
+from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.utils.command_line import run_command_line, single_command
+from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from tests.inference.cases import Case, measure, source_stamp
+from tests.inference.plots import save_pictures
+from tests.inference.settings import SETTINGS
+from tests.inference.summary import summarise
+from tests.inference.tables import make_tables
+from tests.verification.tables import fill_page
+
+SCHEMA = "aquafish.inference/1"
+REPORT = "report.json"
+
+
+@dataclass(frozen=True)
+class Inference:
+    """Infer many random robots and print how right and how sure the results are.
+
+    In each setting robots are drawn, swim some trials and are inferred: how near the body is, how
+    often intervals hold the truth, whether the best optimum was found, and whether a world that no
+    body explains is noticed. What was done is kept: the same command goes on.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIRECTORY")] = Path("out/inference")
+    """Where every robot's result is kept, and report.json and the pictures are written."""
+    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """A Markdown page whose marked tables to fill, such as docs/inference.md."""
+    bodies: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1.0
+    """How many robots, as a share of each setting's own number."""
+    seed: int = 0
+    """All that is random follows from it."""
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SETTING ...")] = ()
+    """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco."""
+    workers: int | None = None
+    """Processes, of one thread each; a core each by default."""
+    markdown: bool = False
+    """Print the tables in Markdown."""
+    other_code: bool = False
+    """Go on although other code began the folder; the report names both."""
+
+    def cases(self) -> dict[str, list[Case]]:
+        """Return the robots of each setting."""
+        integer("seed", self.seed, 0)
+        if not 0.0 < self.bodies <= 100.0:
+            raise InvalidArgumentError(f"bodies must be over 0, 100 at most; got {self.bodies}")
+        names = [one_of("only", name, SETTINGS) for name in self.only] or list(SETTINGS)
+        if "mujoco" in names:
+            check_engine("mujoco")
+        # Two for one share's interval, ten for ranks.
+        return {
+            name: [
+                Case(name, number, self.seed)
+                for number in range(max(10, round(self.bodies * SETTINGS[name].robots)))
+            ]
+            for name in names
+        }
+
+    def execute(self) -> None:
+        """Infer whom is missing, and print the tables."""
+        cases = self.cases()
+        if self.page is not None and not self.page.is_file():
+            raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
+        folder = ensure_writable_directory(self.out, "out")
+        with held(folder):
+            code = {"source": source_stamp()}
+            claim(folder, "joint inference measured", {"seed": self.seed}, code, (REPORT,),
+                  other_code=self.other_code)  # fmt: skip
+            self._work([case for some in cases.values() for case in some], folder)
+            report = {
+                "seed": self.seed,
+                "code": (described(folder) or {})["code"],
+                "settings": {
+                    name: summarise(name, [_read(folder, case) for case in some])
+                    for name, some in cases.items()
+                },
+            }
+            write_document(folder / REPORT, report, SCHEMA)
+            save_pictures(report, folder)
+        tables = make_tables(report)
+        console = Console(highlight=False)
+        for table in tables.values():
+            if self.markdown:
+                print(f"\n{table.title}\n\n{table.markdown()}")
+            else:
+                console.print(table.rich())
+        if self.page is not None:
+            filled = fill_page(self.page.read_text(encoding="utf-8"), tables)
+            write_bytes(self.page, filled.encode())
+
+    def _work(self, cases: list[Case], folder: Path) -> None:
+        done = finished(folder, cases)
+        missing = [case for case in cases if case not in done]
+        if not missing:
+            return
+        with workers(self.workers) as executor, _progress(missing) as tell:
+            failures = run_jobs(missing, measure, folder, executor, tell)
+        if failures:
+            print("\n".join(f"failed: {failure}" for failure in failures), file=sys.stderr)
+            raise SystemExit(1)
+
+
+def _read(folder: Path, case: Case) -> dict[str, Any]:
+    document = read_result(folder, case)
+    assert document is not None
+    return document
+
+
+@contextmanager
+def _progress(cases: Sequence[Case]) -> Iterator[Any]:
+    """Show how many robots are done."""
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
+    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
+        bar = progress.add_task("robots", total=len(cases))
+
+        def tell(event: Event[Case]) -> None:
+            if event.kind in ("done", "failed"):
+                progress.update(bar, advance=1, description=event.job.name)
+
+        yield tell
+
+
+if __name__ == "__main__":
+    sys.exit(run_command_line("tests.inference", single_command(Inference)))

@@ -1,0 +1,171 @@
+"""One robot inferred, and all that is asked of the result: a pure function of its description."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import aquafish_gym
+import eea
+from aquafish_gym.runs.runner import Say
+from aquafish_gym.runs.stamps import code_stamp
+from eea import EEAConfig, JointConfig, fish_problem
+from eea.aquafish.joint import fish_joint
+from eea.aquafish.simulator import EngineSimulator
+from eea.core.exploration import ExplorationConfig
+from eea.joint import JointBelief, JointInference, ranks
+from eea.joint.belief import Branch
+from eea.joint.fitting import FINE, Misfit, Observed, descend
+from eea.joint.problem import AS_COMMANDED
+from tests.inference.robots import Floats, Robot, draw_body, draw_world
+from tests.inference.settings import SETTINGS, Setting
+
+MASSES = (0.5, 0.8, 0.9)
+DRAWS = 99  # that a truth is ranked among
+# In -log posterior: by so much the truth's own valley must be better than what was found.
+WORSE = 1.0
+LEAST_SIGMA = 1e-5  # rad/s, at which that is judged without noise
+
+
+@dataclass(frozen=True)
+class Case:
+    """One robot of one setting; all that is random follows from its number and the seed."""
+
+    setting: str
+    number: int
+    seed: int = 0
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.setting}, robot {self.number}"
+
+    @property
+    def file(self) -> str:
+        """Where its result is, within the folder."""
+        return f"cases/{self.setting}/{self.number}.json"
+
+
+@cache
+def source_stamp() -> str:
+    """Return a hash of all code that the results come from."""
+    folders = [
+        *(Path(str(aquafish_gym.__file__)).parent / name for name in ("physics", "engines")),
+        *(Path(str(eea.__file__)).parent / name for name in ("core", "joint", "aquafish")),
+    ]
+    here = Path(__file__).parent
+    own = [here / f"{name}.py" for name in ("settings", "robots", "cases")]
+    return code_stamp([*own, *(file for one in folders for file in sorted(one.rglob("*.py")))])
+
+
+def measure(case: Case, say: Say) -> dict[str, Any]:
+    """Return what was found of one robot, and how it compares with the truth."""
+    which = list(SETTINGS).index(case.setting)
+    rng = np.random.default_rng([case.seed, which, case.number])
+    return examine(SETTINGS[case.setting], case.number, rng, say=say)
+
+
+def examine(
+    setting: Setting,
+    number: int,
+    rng: np.random.Generator,
+    effort: JointConfig | None = None,
+    say: Say = lambda _text, _share: None,
+) -> dict[str, Any]:
+    """Return what was found of a setting's robot, and how it compares with the truth."""
+    body = draw_body(setting, number, rng)
+    robot = Robot(setting, body, draw_world(setting, rng), rng)
+    config = EEAConfig(
+        "joint",
+        steps=setting.steps,
+        rounds=setting.trials,
+        exploration=ExplorationConfig(strategy="fast" if setting.fast else "random"),
+        joint=effort or JointConfig(),
+    )
+    joint = fish_joint(fish_problem(), EngineSimulator(setting.steps, threads=1))
+    if setting.world == "reactive":
+        imagined = tuple(h for h in joint.hypotheses if "reactive water" not in h.fixed)
+        joint = replace(joint, hypotheses=imagined)
+    method = JointInference(robot, joint, config, int(rng.integers(2**32)), body)
+    rounds = []
+    began = time.process_time()
+    for record in method:
+        seconds = time.process_time() - began
+        rounds.append({"fitness": record.objective_fitness, "seconds": seconds})
+        say(f"trial {record.round}", record.round / setting.trials)
+    belief = method.result.belief
+    assert isinstance(belief, JointBelief)
+    ends = np.array([belief.interval(mass) for mass in MASSES])
+    return {
+        "rounds": rounds,
+        "trials": sum(record.trials for record in method.result.rounds),
+        "truth": body.tolist(),
+        "model": belief.model.tolist(),
+        "low": ends[:, 0].tolist(),
+        "high": ends[:, 1].tolist(),
+        "ranks": ranks(belief.sample(DRAWS, rng), body, rng).tolist(),
+        "sigma": belief.sigma,
+        "good": belief.good,
+        "p": belief.goodness.p,
+        "findings": belief.findings,
+        "hypotheses": {b.hypothesis.name: b.probability for b in belief.branches},
+        **_all_unknowns(belief, robot, rng),
+    }
+
+
+def _all_unknowns(belief: JointBelief, robot: Robot, rng: np.random.Generator) -> dict[str, Any]:
+    """Return what needs the whole truth, nuisances and angles included: where it has one."""
+    plain = [b for b in belief.branches if b.hypothesis.name == AS_COMMANDED.name]
+    if not plain or robot.setting.world in ("reactive", "mujoco"):
+        return {"excess": None, "others": None}
+    branch = plain[0]
+    posterior, truth = branch.posterior, _truth(branch, robot)
+    n = branch.parameters.body
+    circular = posterior.circular
+    rank = ranks(posterior.sample(DRAWS, rng), truth, rng, circular)
+    ends = np.array([posterior.interval(mass) for mass in MASSES])[:, :, n:]
+    return {
+        "excess": _excess(branch, belief.sigma, robot, truth),
+        "others": {
+            "names": list(posterior.names[n:]),
+            "circular": circular[n:].tolist(),
+            "truth": truth[n:].tolist(),
+            "low": ends[:, 0].tolist(),
+            "high": ends[:, 1].tolist(),
+            "ranks": rank[n:].tolist(),
+        },
+    }
+
+
+def _truth(branch: Branch, robot: Robot) -> Floats:
+    """Return the truth as a vector (P,) of the branch's unknowns."""
+    parameters = branch.parameters
+    joint = parameters.joint
+    values = dict(zip(joint.problem.models.names, robot.body.tolist(), strict=True))
+    values |= {n.name: v for n, v in zip(joint.nuisances, robot.world.tolist(), strict=True)}
+    ranges = {v.name: (v.low, v.high) for v in joint.problem.models.variables}
+    ranges |= {n.name: (n.low, n.high) for n in joint.nuisances}
+    theta = np.empty(len(parameters))
+    for i, name in enumerate(parameters.names):
+        plain, _, trial = name.partition("@")
+        if trial:
+            theta[i] = robot.angles[int(trial) - 1][joint.problem.hidden.index(plain)]
+        else:
+            low, high = ranges[plain]
+            theta[i] = (values[plain] - low) / (high - low)
+    return theta
+
+
+def _excess(branch: Branch, sigma: float, robot: Robot, truth: Floats) -> float:
+    """Return by how much what was found is worse, in -log posterior, than the truth's valley."""
+    parameters, sigma = branch.parameters, max(sigma, LEAST_SIGMA)
+    misfit = Misfit(parameters, Observed(np.array(robot.commands), np.array(robot.logs)), FINE)
+    reached = descend(misfit, truth[None], sigma, 60, 1e-6)
+    best = branch.posterior.modes[0].theta
+    found = 0.5 * misfit.squares(best[None])[0] / sigma**2 + parameters.prior_cost(best)
+    return float(found - reached.cost[0])

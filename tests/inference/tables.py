@@ -1,0 +1,103 @@
+"""The report's numbers as tables, for the terminal and for docs/inference.md."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from tests.inference.settings import SETTINGS
+from tests.verification.tables import Table
+
+Report = Mapping[str, Any]
+
+WORDS = {
+    "median": "median OBJ_FIT",
+    "exact": "OBJ_FIT at least 0.99",
+    "close": "OBJ_FIT at least 0.98",
+    "coverage.90%.share": "90% intervals that hold",
+    "missed": "optimum missed",
+    "alarms": "“none of the bodies…”",
+    "seconds": "mean CPU seconds",
+    "ranks.least": "chance of such ranks",
+}
+
+
+def make_tables(report: Report) -> dict[str, Table]:
+    """Return every table that a report has the numbers of, by the name that a page gives it."""
+    parts = report["settings"]
+    tables = {"calibration": settings_table(parts), "asked": asked_table(parts)}
+    if "exact" in parts:
+        tables["exact"] = exact_table(parts["exact"])
+    return tables
+
+
+def settings_table(parts: Mapping[str, Any]) -> Table:
+    """Return what was found in each setting, after the last trial."""
+    rows = []
+    for name, part in parts.items():
+        held = part["coverage"]
+        covered = [f"{held[mass]['share']:.1%}" for mass in ("50%", "80%", "90%")]
+        if not SETTINGS[name].noise:
+            covered = ["", "", ""]
+        missed = "" if part["missed"] is None else f"{part['missed']['share']:.1%}"
+        rows.append(
+            (SETTINGS[name].title, str(part["robots"]), f"{part['median']:.4f}",
+             f"{part['close']:.0%}", f"{part['worst']:.3f}", *covered, missed,
+             f"{part['alarms']['share']:.1%}", f"{part['seconds']:.1f} ({part['p95']:.1f})")
+        )  # fmt: skip
+    columns = (
+        "setting", "robots", "median OBJ_FIT", "≥ 0.98", "least", "50%", "80%", "90%",
+        "missed", "alarms", "CPU s (95%)",
+    )  # fmt: skip
+    return Table("joint inference, after three trials", columns, rows)
+
+
+def exact_table(part: Mapping[str, Any]) -> Table:
+    """Return what was found without noise, by trials."""
+    return Table(
+        "without noise",
+        ("trials", "OBJ_FIT ≥ 0.99", "median", "least", "CPU s so far, mean", "95% quantile"),
+        [
+            (trials, f"{r['exact']:.0%}", f"{r['median']:.6f}", f"{r['worst']:.3f}",
+             f"{r['seconds']:.2f}", f"{r['p95']:.2f}")
+            for trials, r in part["rounds"].items()
+        ],
+    )  # fmt: skip
+
+
+def asked_table(parts: Mapping[str, Any]) -> Table:
+    """Return what was asked of each setting, and what was found."""
+    return Table(
+        "asked and found",
+        ("setting", "what", "asked", "found", "met"),
+        [
+            (SETTINGS[name].title, words(a["what"]), _bounds(a), _number(a["what"], a["found"]),
+             "yes" if a["met"] else "no")
+            for name, part in parts.items()
+            for a in part["asked"]
+        ],
+        words=3,
+    )  # fmt: skip
+
+
+def words(what: str) -> str:
+    """Return a target's entry in words."""
+    if what.startswith("rounds."):
+        _, trials, entry = what.split(".")
+        return f"{WORDS[entry]}, {trials} trial{'s' * (trials != '1')}"
+    return WORDS[what]
+
+
+def _bounds(asked: Mapping[str, Any]) -> str:
+    low, high = (
+        None if asked[end] is None else _number(asked["what"], asked[end])
+        for end in ("low", "high")
+    )
+    if low and high:
+        return f"{low} to {high}"
+    return f"at least {low}" if low else f"at most {high}"
+
+
+def _number(what: str, value: float) -> str:
+    entry = what.rpartition(".")[2]
+    return f"{value:.4g}" if entry in ("median", "seconds", "least") else f"{value:.1%}"
