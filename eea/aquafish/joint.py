@@ -25,7 +25,8 @@ NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(f"drag of the {what}", 0.5, 1.5, 1.0, 0.2, "drag") for what in ("fins", "body")),
     Nuisance("servo gain", 0.7, 1.3, 1.0, 0.1, "servo_gain"),
     *(Nuisance(f"gyro bias {axis}", -0.3, 0.3, 0.0, 0.05, "gyro_bias") for axis in "xyz"),
-    Nuisance("lag", 0.0, 0.2, 0.0, 0.05),
+    # A servo starts with a jerk, which a sample of 0.01 s feels or not.
+    Nuisance("lag", 0.0, 0.2, 0.0, 0.05, valleys=20),
     *(Nuisance(f"servo of the {word}", 0.0, 1.0, 1.0, switch=True) for word in FIN_WORDS.values()),
     Nuisance("reactive water", 0.0, 1.0, 0.0, switch=True),
 )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, log_ndtr
 
 from eea.core.checks import ConfigurationError, brief, finite, real, whole
 
@@ -37,7 +37,8 @@ class Goodness:
     size_p: float | None
     #: The chance of residuals as correlated in time from white noise.
     whiteness_p: float
-    p: float  #: Of both together (Bonferroni): the chance of an alarm at this level.
+    peak_p: float  #: The chance of a largest residual as large from normal noise.
+    p: float  #: Of all together (Bonferroni): the chance of an alarm at this level.
     good: bool  #: Whether ``p`` is at least the alarm's rate.
     verdict: str  #: In a sentence.
 
@@ -51,7 +52,7 @@ def goodness_of_fit(
     lags: int = LAGS,
     alarm: float = ALARM,
 ) -> Goodness:
-    """Test whether residuals are but noise: their size if its sd is known, and their whiteness.
+    """Test residuals for being but noise: whiteness, the largest, and size if the sd is known.
 
     Size: the sum of squares over sigma^2 against chi-square of as many degrees as samples less
     parameters; too large is bad. Whiteness: a portmanteau test (Ljung and Box 1978) of the
@@ -98,7 +99,7 @@ def goodness_of_fit(
     rms = (squares / count) ** 0.5
     if rms <= floor:
         words = f"the best fit explains all that was felt, to rounding ({rms:.1g} rad/s)"
-        return Goodness(rms, None if sigma is None else 1.0, 1.0, 1.0, good=True, verdict=words)
+        return Goodness(rms, sigma and 1.0, 1.0, 1.0, 1.0, good=True, verdict=words)
     size_p = None
     if sigma is not None:
         real("sigma", sigma, np.finfo(float).tiny)
@@ -107,23 +108,26 @@ def goodness_of_fit(
     forgiven = parameters / (count - parameters)
     excess = np.where(shares > 0.0, shares, np.minimum(shares + forgiven, 0.0))
     whiteness_p = float(chdtrc(lags, float(((excess / spread) ** 2).sum())))
-    p = whiteness_p if size_p is None else min(1.0, 2.0 * min(size_p, whiteness_p))
+    peak, off = _largest(trials, floor)
+    peak_p = min(1.0, float(2.0 * count * np.exp(log_ndtr(-peak))))
+    chances = [whiteness_p, peak_p] + ([] if size_p is None else [size_p])
+    p = min(1.0, len(chances) * min(chances))
     good = p >= alarm
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
     if good:
         words = f"the best fit leaves {rms:.3g} rad/s, as noise would ({how_sure})"
     else:
-        large = size_p is not None and size_p < whiteness_p
-        how = (
-            f"{rms / (sigma or 1.0):.3g} times the noise"
-            if large
-            else f"no noise: neighbouring samples correlate by {shares[0]:.2f}"
-        )
+        if min(chances) == size_p:
+            how = f"{rms / (sigma or 1.0):.3g} times the noise"
+        elif min(chances) == whiteness_p:
+            how = f"no noise: neighbouring samples correlate by {shares[0]:.2f}"
+        else:
+            how = f"no noise: a sample is off by {off:.2g} rad/s"
         words = (
             "none of the bodies I can imagine swims like this: what the best fit leaves, "
             f"{rms:.3g} rad/s, is {how} ({how_sure})"
         )
-    return Goodness(rms, size_p, whiteness_p, p, good, words)
+    return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words)
 
 
 def autocorrelation(
@@ -148,6 +152,15 @@ def autocorrelation(
     if not weight:
         return np.zeros(lags), np.ones(lags)
     return above / weight, np.sqrt(variance) / weight
+
+
+def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:
+    """Return the largest residual, in its axis's rms over all trials, and as it is."""
+    samples = np.concatenate(trials)
+    rms = np.sqrt(np.mean(samples**2, axis=0))
+    most = np.abs(samples).max(axis=0)
+    worst = int(np.argmax(np.where(rms > floor, most / np.maximum(rms, floor), 0.0)))
+    return float(most[worst] / rms[worst]), float(most[worst])
 
 
 def effective_count(residuals: Sequence[ArrayLike] | NDArray[np.float64]) -> float:

@@ -10,7 +10,7 @@ from typing import Any, Protocol
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, choice, flag, instance, real
+from eea.core.checks import ConfigurationError, choice, flag, instance, real, whole
 from eea.core.problem import Problem
 
 
@@ -59,6 +59,9 @@ class Nuisance:
     #: Whether it is what a trial begins with, as the hidden angles are: each trial has its own, and
     #: it is always inferred.
     start: bool = False
+    #: Into how many parts of equal width its range falls, such that a descent does not get from
+    #: one to the next: each is tried. 0 where a descent finds the best by itself.
+    valleys: int = 0
 
     def __post_init__(self) -> None:
         real(f"low of {self.name}", self.low, -math.inf)
@@ -68,6 +71,7 @@ class Nuisance:
             real(f"sd of {self.name}", self.sd, 1e-12)
         flag(f"switch of {self.name}", self.switch)
         flag(f"start of {self.name}", self.start)
+        whole(f"valleys of {self.name}", self.valleys, 0, 1000)
         if not self.group:
             object.__setattr__(self, "group", self.name)
 

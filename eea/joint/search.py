@@ -1,8 +1,7 @@
 """From what was felt to every body, nuisance and angle that explains it about as well.
 
 A scan of random bodies and poses gives starting points; damped least squares goes downhill from
-the best of them; and hops of single trials' angles find what a descent cannot: a slow fin that
-began on the other side of its cycle moves almost alike. Where the residuals of the best fit do not
+the best of them; hops find what a descent cannot. Where the residuals of the best fit do not
 look like noise the scan begins anew, since the commonest reason is a wrong valley.
 """
 
@@ -14,17 +13,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.angles import Floats, circular_distance, wrap
+from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import JointConfig
-from eea.joint.fitting import COARSE, FINE, Fitted, Linear, Misfit, Observed, Precision, descend
+from eea.joint.fitting import COARSE, FINE, Fitted, Linear, Misfit, Observed, descend
 from eea.joint.parameters import Parameters
+from eea.joint.starts import hop, pose, relined, scan
 
-SCANNED = Precision(fine=False, stride=4, difference=0.0)
-SCANNED_TRIALS = 4  # of a session; what ranks bodies need not be all of it
-SHARED_VALUES = 16  # tried for an angle that all trials share
 CLOSE = 10.0  # in cost: what is further from the best has under 1/20,000 of its weight
-HOPS, HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 3, 32, 4, 20.0, 16
+HOPS = 3  # from the best, at most
 SOON = 8  # iterations, after which the worse half of the starting points is given up
 SAME = 1e-3  # of a range, or rad: closer optima are one
 VALLEY = 0.05  # of a range: bodies that differ by more in a size go on beside a slightly better one
@@ -85,7 +82,7 @@ def search(
             # It is most of the way, unless it has just turned out not to be.
             scanned = effort if attempt else halved(effort)
             known = starts
-        starts = np.concatenate([starts, _scan(parameters, observed, rng, scanned)])
+        starts = np.concatenate([starts, scan(parameters, observed, rng, scanned)])
         found = _refine(parameters, observed, starts, rng, effort)
         best = found if best is None else _joined(best, found, effort.noise)
         if explained(best):
@@ -150,7 +147,9 @@ def _refine(
     if exact is not None:
         return exact
     again = pose(parameters, observed, first.theta, 2 * effort.poses, rng)
-    second = _downhill(parameters, observed, np.concatenate([first.theta, again]), noise)
+    sigma = noise or _sigma(fine.squares(first.theta).min(), fine.count, parameters)
+    moved = relined(parameters, observed, first.theta, sigma, 1)
+    second = _downhill(parameters, observed, np.concatenate([first.theta, again, moved]), noise)
     chosen = _different(parameters, second, effort.polished)
     sigma = noise or _sigma(fine.squares(chosen.theta).min(), fine.count, parameters)
     polished = _best(descend(fine, chosen.theta, sigma, 40, 1e-6), effort.polished)
@@ -158,7 +157,12 @@ def _refine(
         sigma = noise or _sigma(polished.squares.min(), fine.count, parameters)
         if sigma <= LEAST_SIGMA:  # there is nothing better
             break
-        hopped = _hop(parameters, observed, polished.theta[0], sigma, rng)
+        hopped = np.concatenate(
+            [
+                hop(parameters, observed, polished.theta[0], sigma, rng),
+                relined(parameters, observed, polished.theta[:1], sigma, 2),
+            ]
+        )
         if not len(hopped):
             break
         more = descend(fine, hopped, sigma, 15, 1e-6)
@@ -190,148 +194,6 @@ def _joined(one: Optima, other: Optima, noise: float | None) -> Optima:
 def _sigma(squares: float, count: int, parameters: Parameters) -> float:
     """Return the noise's standard deviation that a sum of squares means."""
     return max(float(np.sqrt(squares / max(count - len(parameters), 1))), LEAST_SIGMA)
-
-
-def _scan(
-    parameters: Parameters, observed: Observed, rng: np.random.Generator, effort: JointConfig
-) -> Floats:
-    """Return the most promising of random bodies, as vectors (descents, P)."""
-    theta = parameters.typical(latin_hypercube(effort.bodies, parameters.body, rng))
-    some = range(min(SCANNED_TRIALS, len(observed)))
-    posed, squares = _pose(parameters, observed, theta, effort.poses, rng, some)
-    kept = np.argsort(squares, kind="stable")[: effort.descents]
-    rest = range(len(some), len(observed))
-    if not rest:
-        return posed[kept]
-    return _pose(parameters, observed, posed[kept], effort.poses, rng, rest)[0]
-
-
-def latin_hypercube(count: int, width: int, rng: np.random.Generator) -> Floats:
-    """Return points (count, width) in [0, 1], one in each of ``count`` slices of every axis.
-
-    McKay, Beckman and Conover (1979); the same draws as scipy's, whose statistics take a second
-    to import.
-
-    Examples
-    --------
-    >>> points = latin_hypercube(4, 2, np.random.default_rng(0))
-    >>> np.sort((4 * points).astype(int), axis=0).T
-    array([[0, 1, 2, 3],
-           [0, 1, 2, 3]])
-    """
-    (rng,) = rng.spawn(1)
-    within = rng.random((count, width))
-    slices = np.tile(np.arange(1, count + 1), (width, 1))
-    for row in slices:
-        rng.shuffle(row)
-    points: Floats = (slices.T - within) / count
-    return points
-
-
-def pose(
-    parameters: Parameters, observed: Observed, theta: Floats, count: int, rng: np.random.Generator
-) -> Floats:
-    """Return vectors (S, P) with what each trial began with the best of ``count`` random ones."""
-    return _pose(parameters, observed, theta, count, rng, range(len(observed)))[0]
-
-
-def _pose(
-    parameters: Parameters,
-    observed: Observed,
-    theta: Floats,
-    count: int,
-    rng: np.random.Generator,
-    trials: range,
-) -> tuple[Floats, Floats]:
-    """Return vectors with the best angles for some trials, and their sum of squares there."""
-    misfit = Misfit(parameters, observed, SCANNED)
-    angles = parameters.angle_entries(0)
-    common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
-    groups = SHARED_VALUES if common.any() else 1
-    each = -(-2 * count // groups) if groups > 1 else count
-    shared = rng.uniform(-np.pi, np.pi, (groups, 1, len(angles)))
-    total = np.zeros((len(theta), groups))
-    local, width = parameters.local(theta), parameters.slots.shape[1]
-    starts = parameters.start_slots()
-    slots = np.concatenate([starts, np.arange(width - len(angles), width)])
-    chosen = np.empty((len(theta), groups, len(trials), len(slots)))
-    for column, e in enumerate(trials):
-        tried = rng.uniform(-np.pi, np.pi, (groups, each, len(angles)))
-        tried = np.where(common, shared, tried)
-        if len(starts):
-            begun = _drawn(parameters, parameters.slots[e, starts], (groups, each), rng)
-            tried = np.concatenate([begun, tried], axis=-1)
-        rows = np.repeat(local[:, e], groups * each, axis=0).reshape(len(theta), -1, width)
-        rows[:, :, slots] = tried.reshape(-1, len(slots))
-        apart = misfit.differences(rows[:, None], np.array([e]))[:, 0]
-        sums = np.einsum("scm,scm->sc", apart, apart).reshape(len(theta), groups, each)
-        sums = np.where(np.isfinite(sums), sums, np.inf)
-        at = sums.argmin(axis=2)
-        total += np.take_along_axis(sums, at[:, :, None], 2)[:, :, 0]
-        chosen[:, :, column] = tried[np.arange(groups), at]
-    group, pick = total.argmin(axis=1), np.arange(len(theta))
-    posed = theta.copy()
-    for column, e in enumerate(trials):
-        posed[:, parameters.slots[e, slots]] = chosen[pick, group, column]
-    return posed, total[pick, group]
-
-
-def _drawn(
-    parameters: Parameters,
-    entries: NDArray[np.intp],
-    shape: tuple[int, ...],
-    rng: np.random.Generator,
-) -> Floats:
-    """Return draws (*shape, len(entries)) from the prior of entries that are no angles."""
-    mean, precision = parameters.prior_mean[entries], parameters.prior_precision[entries]
-    told = precision > 0.0
-    normal = mean + rng.standard_normal((*shape, len(entries))) / np.sqrt(
-        np.where(told, precision, 1.0)
-    )
-    drawn: Floats = np.where(told, np.clip(normal, 0.0, 1.0), rng.random(normal.shape))
-    return drawn
-
-
-def _hop(
-    parameters: Parameters,
-    observed: Observed,
-    theta: Floats,
-    sigma: float,
-    rng: np.random.Generator,
-) -> Floats:
-    """Return vectors (H, P) like one (P,), but with one trial's angles in another valley."""
-    hidden = len(parameters.joint.problem.hidden)
-    others: list[tuple[float, Floats]] = []
-    for e in range(len(observed)):
-        entries = parameters.angle_entries(e)
-        movable = np.isin(entries, parameters.angle_entries(e - 1), invert=len(observed) > 1)
-        here = theta[entries]
-        mirrored = [
-            np.where(np.arange(hidden) == i, turned, here)
-            for i in range(hidden)
-            for turned in (np.pi - here, -here, here + np.pi)
-        ]
-        starts = rng.uniform(-np.pi, np.pi, (HOP_STARTS, hidden))
-        starts[: len(mirrored)] = mirrored[:HOP_STARTS]
-        starts[-1] = here
-        vectors = np.tile(theta, (HOP_STARTS, 1))
-        vectors[:, entries] = np.where(movable, wrap(starts), here)
-        trial = Misfit(parameters, observed, COARSE, only_of=e)
-        fits = descend(trial, vectors, sigma, 15, 1e-3)
-        order = np.argsort(fits.squares, kind="stable")
-        valleys: list[Floats] = [theta[entries]]
-        for i in order:
-            excess = 0.5 * (fits.squares[i] - fits.squares[order[0]]) / sigma**2 * COARSE.stride
-            if excess > HOP_CLOSE or len(valleys) > HOP_MODES:
-                break
-            angles = fits.theta[i, entries]
-            if all(circular_distance(angles, valley).max() > 0.1 for valley in valleys):
-                valleys.append(angles)
-                hopped = theta.copy()
-                hopped[entries] = angles
-                others.append((excess, hopped))
-    others.sort(key=lambda pair: pair[0])
-    return np.array([hopped for _, hopped in others[:HOP_FITS]]).reshape(-1, len(theta))
 
 
 def _together(one: Fitted, other: Fitted) -> Fitted:

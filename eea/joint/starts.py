@@ -1,0 +1,222 @@
+"""Where descents begin: random bodies, poses, and what a descent cannot reach by itself.
+
+A descent ends in the valley that it began in. A slow fin that began on the other side of its cycle
+moves almost alike, so that a trial's angles have several; and a lag has one at every sample, since
+the robot starts with a jerk that a sample either feels or does not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eea.core.angles import Floats, circular_distance, wrap
+from eea.core.config import JointConfig
+from eea.joint.fitting import COARSE, Misfit, Observed, Precision, descend
+from eea.joint.parameters import Parameters
+
+SCANNED = Precision(fine=False, stride=4, difference=0.0)
+EVERY = Precision(fine=False, stride=1, difference=0.0)  # a jerk is felt by one sample
+SCANNED_TRIALS = 4  # of a session; what ranks bodies need not be all of it
+SHARED_VALUES = 16  # tried for an angle that all trials share
+HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 32, 4, 20.0, 16
+
+
+def scan(
+    parameters: Parameters, observed: Observed, rng: np.random.Generator, effort: JointConfig
+) -> Floats:
+    """Return the most promising of random bodies, as vectors (descents, P)."""
+    theta = parameters.typical(latin_hypercube(effort.bodies, parameters.body, rng))
+    some = range(min(SCANNED_TRIALS, len(observed)))
+    posed, squares = _pose(parameters, observed, theta, effort.poses, rng, some)
+    kept = posed[np.argsort(squares, kind="stable")[: 2 * effort.descents]]
+    rest = range(len(some), len(observed))
+    if rest:
+        kept = _pose(parameters, observed, kept, effort.poses, rng, rest)[0]
+    if not _lined(parameters):
+        return kept[: effort.descents]
+    seen = observed.signal[some, :: SCANNED.stride].size
+    sigma = effort.noise or float(np.sqrt(squares.min() / seen))
+    kept, cost = aligned(parameters, observed, kept, sigma)
+    return kept[np.argsort(cost, kind="stable")[: effort.descents]]
+
+
+def latin_hypercube(count: int, width: int, rng: np.random.Generator) -> Floats:
+    """Return points (count, width) in [0, 1], one in each of ``count`` slices of every axis.
+
+    McKay, Beckman and Conover (1979); the same draws as scipy's, whose statistics take a second
+    to import.
+
+    Examples
+    --------
+    >>> points = latin_hypercube(4, 2, np.random.default_rng(0))
+    >>> np.sort((4 * points).astype(int), axis=0).T
+    array([[0, 1, 2, 3],
+           [0, 1, 2, 3]])
+    """
+    (rng,) = rng.spawn(1)
+    within = rng.random((count, width))
+    slices = np.tile(np.arange(1, count + 1), (width, 1))
+    for row in slices:
+        rng.shuffle(row)
+    points: Floats = (slices.T - within) / count
+    return points
+
+
+def pose(
+    parameters: Parameters, observed: Observed, theta: Floats, count: int, rng: np.random.Generator
+) -> Floats:
+    """Return vectors (S, P) with what each trial began with the best of ``count`` random ones."""
+    return _pose(parameters, observed, theta, count, rng, range(len(observed)))[0]
+
+
+def _pose(
+    parameters: Parameters,
+    observed: Observed,
+    theta: Floats,
+    count: int,
+    rng: np.random.Generator,
+    trials: range,
+) -> tuple[Floats, Floats]:
+    """Return vectors with the best angles for some trials, and their sum of squares there."""
+    misfit = Misfit(parameters, observed, SCANNED)
+    angles = parameters.angle_entries(0)
+    common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
+    groups = SHARED_VALUES if common.any() else 1
+    each = -(-2 * count // groups) if groups > 1 else count
+    shared = rng.uniform(-np.pi, np.pi, (groups, 1, len(angles)))
+    total = np.zeros((len(theta), groups))
+    local, width = parameters.local(theta), parameters.slots.shape[1]
+    starts = parameters.start_slots()
+    slots = np.concatenate([starts, np.arange(width - len(angles), width)])
+    chosen = np.empty((len(theta), groups, len(trials), len(slots)))
+    for column, e in enumerate(trials):
+        tried = rng.uniform(-np.pi, np.pi, (groups, each, len(angles)))
+        tried = np.where(common, shared, tried)
+        if len(starts):
+            begun = _drawn(parameters, parameters.slots[e, starts], (groups, each), rng)
+            tried = np.concatenate([begun, tried], axis=-1)
+        rows = np.repeat(local[:, e], groups * each, axis=0).reshape(len(theta), -1, width)
+        rows[:, :, slots] = tried.reshape(-1, len(slots))
+        apart = misfit.differences(rows[:, None], np.array([e]))[:, 0]
+        sums = np.einsum("scm,scm->sc", apart, apart).reshape(len(theta), groups, each)
+        sums = np.where(np.isfinite(sums), sums, np.inf)
+        at = sums.argmin(axis=2)
+        total += np.take_along_axis(sums, at[:, :, None], 2)[:, :, 0]
+        chosen[:, :, column] = tried[np.arange(groups), at]
+    group, pick = total.argmin(axis=1), np.arange(len(theta))
+    posed = theta.copy()
+    for column, e in enumerate(trials):
+        posed[:, parameters.slots[e, slots]] = chosen[pick, group, column]
+    return posed, total[pick, group]
+
+
+def _drawn(
+    parameters: Parameters,
+    entries: NDArray[np.intp],
+    shape: tuple[int, ...],
+    rng: np.random.Generator,
+) -> Floats:
+    """Return draws (*shape, len(entries)) from the prior of entries that are no angles."""
+    mean, precision = parameters.prior_mean[entries], parameters.prior_precision[entries]
+    told = precision > 0.0
+    normal = mean + rng.standard_normal((*shape, len(entries))) / np.sqrt(
+        np.where(told, precision, 1.0)
+    )
+    drawn: Floats = np.where(told, np.clip(normal, 0.0, 1.0), rng.random(normal.shape))
+    return drawn
+
+
+def hop(
+    parameters: Parameters,
+    observed: Observed,
+    theta: Floats,
+    sigma: float,
+    rng: np.random.Generator,
+) -> Floats:
+    """Return vectors (H, P) like one (P,), but with one trial's angles in another valley."""
+    hidden = len(parameters.joint.problem.hidden)
+    others: list[tuple[float, Floats]] = []
+    for e in range(len(observed)):
+        entries = parameters.angle_entries(e)
+        movable = np.isin(entries, parameters.angle_entries(e - 1), invert=len(observed) > 1)
+        here = theta[entries]
+        mirrored = [
+            np.where(np.arange(hidden) == i, turned, here)
+            for i in range(hidden)
+            for turned in (np.pi - here, -here, here + np.pi)
+        ]
+        starts = rng.uniform(-np.pi, np.pi, (HOP_STARTS, hidden))
+        starts[: len(mirrored)] = mirrored[:HOP_STARTS]
+        starts[-1] = here
+        vectors = np.tile(theta, (HOP_STARTS, 1))
+        vectors[:, entries] = np.where(movable, wrap(starts), here)
+        trial = Misfit(parameters, observed, COARSE, only_of=e)
+        fits = descend(trial, vectors, sigma, 15, 1e-3)
+        order = np.argsort(fits.squares, kind="stable")
+        valleys: list[Floats] = [theta[entries]]
+        for i in order:
+            excess = 0.5 * (fits.squares[i] - fits.squares[order[0]]) / sigma**2 * COARSE.stride
+            if excess > HOP_CLOSE or len(valleys) > HOP_MODES:
+                break
+            angles = fits.theta[i, entries]
+            if all(circular_distance(angles, valley).max() > 0.1 for valley in valleys):
+                valleys.append(angles)
+                hopped = theta.copy()
+                hopped[entries] = angles
+                others.append((excess, hopped))
+    others.sort(key=lambda pair: pair[0])
+    return np.array([hopped for _, hopped in others[:HOP_FITS]]).reshape(-1, len(theta))
+
+
+def relined(
+    parameters: Parameters, observed: Observed, theta: Floats, sigma: float, each: int
+) -> Floats:
+    """Return vectors (H, P) like those given (S, P), but in another valley of a nuisance.
+
+    Of each vector the best ``each`` for a nuisance with ``valleys``, all else held.
+    """
+    found = [np.empty((0, len(parameters)))]
+    for entry, tried in _lined(parameters):
+        line, cost = _along(parameters, observed, theta, sigma, entry, tried)
+        own = np.abs(tried - theta[:, entry, None]) <= 0.5 / len(tried)
+        best = np.argsort(np.where(own, np.inf, cost[:, 1:]), axis=1, kind="stable")[:, :each]
+        found.append(line[np.arange(len(theta))[:, None], best + 1].reshape(-1, len(parameters)))
+    return np.concatenate(found)
+
+
+def aligned(
+    parameters: Parameters, observed: Observed, theta: Floats, sigma: float
+) -> tuple[Floats, Floats]:
+    """Return vectors (S, P) with each nuisance that has ``valleys`` in its best, and costs (S,)."""
+    pick = np.arange(len(theta))
+    cost = np.zeros(len(theta))
+    for entry, tried in _lined(parameters):
+        line, costs = _along(parameters, observed, theta, sigma, entry, tried)
+        at = costs.argmin(axis=1)
+        theta, cost = line[pick, at], costs[pick, at]
+    return theta, cost
+
+
+def _lined(parameters: Parameters) -> list[tuple[int, Floats]]:
+    """Return the entries of nuisances with valleys, and the middle of each valley."""
+    count = {n.name: n.valleys for n in parameters.joint.nuisances}
+    names = enumerate(name.partition("@")[0] for name in parameters.names)
+    return [(i, (np.arange(count[n]) + 0.5) / count[n]) for i, n in names if count.get(n)]
+
+
+def _along(
+    parameters: Parameters,
+    observed: Observed,
+    theta: Floats,
+    sigma: float,
+    entry: int,
+    tried: Floats,
+) -> tuple[Floats, Floats]:
+    """Return vectors (S, 1 + V, P), as they are and with an entry's other values, and costs."""
+    line = np.repeat(theta[:, None], len(tried) + 1, axis=1)
+    line[:, 1:, entry] = tried
+    flat = line.reshape(-1, len(parameters))
+    squares = Misfit(parameters, observed, EVERY).squares(flat)
+    cost = 0.5 * squares / sigma**2 + parameters.prior_cost(flat)
+    return line, cost.reshape(len(theta), -1)
