@@ -9,7 +9,7 @@ OUT ?= out/recovery
 # A worker a core, each of one thread; who has nothing left to do takes from the others.
 PARALLEL ?= --numprocesses auto --dist worksteal
 
-.PHONY: recover test test-slow lint verify bench docs clean
+.PHONY: recover test test-slow lint verify verify-inference bench docs clean
 .DEFAULT_GOAL := recover
 
 recover: $(VENV)/.installed
@@ -30,6 +30,10 @@ lint: $(VENV)/.installed-test
 # Is the physics right, and how fast is it? ARGS="--help" lists the parts of each.
 verify: $(VENV)/.installed-test
 	$(PY) -m tests.verification $(ARGS)
+
+# Is joint inference right and honest? It takes about an hour on two cores; ARGS="--bodies 0.1" is less.
+verify-inference: $(VENV)/.installed-test
+	$(PY) -m tests.inference $(ARGS)
 
 bench: $(VENV)/.installed-test
 	$(PY) -m tests.benchmarks $(ARGS)

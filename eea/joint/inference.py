@@ -29,7 +29,8 @@ from eea.joint.next_trial import enough, next_command
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
-from eea.joint.search import Optima, halved, pose, search
+from eea.joint.search import Optima, halved, search
+from eea.joint.starts import pose
 
 FEWEST_STEPS = 32
 ABSENT = 0.02  # of a range: a part this small may as well be one that does not move

@@ -25,7 +25,7 @@ from eea.joint.belief import JointBelief
 from eea.joint.fitting import COARSE, FINE, Misfit, Observed, descend
 from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
-from eea.joint.search import pose
+from eea.joint.starts import pose
 
 ALARM = 1e-6  # the chance of a false alarm in each window
 EFFORTS = (64, 512, 4096)  # random starts, one after another until one explains the window

@@ -24,7 +24,7 @@ from tests.inference.cases import Case, measure, source_stamp
 from tests.inference.plots import save_pictures
 from tests.inference.settings import SETTINGS
 from tests.inference.summary import summarise
-from tests.inference.tables import make_tables
+from tests.inference.tables import Pictures, make_tables
 from tests.verification.tables import fill_page
 
 SCHEMA = "aquafish.inference/1"
@@ -65,13 +65,13 @@ class Inference:
         names = [one_of("only", name, SETTINGS) for name in self.only] or list(SETTINGS)
         if "mujoco" in names:
             check_engine("mujoco")
-        # Two for one share's interval, ten for ranks.
+        if self.page is not None and self.only:
+            raise InvalidArgumentError("page needs all settings; leave out only")
+        counts = {name: round(self.bodies * SETTINGS[name].robots) for name in names}
+        least = {name: 10 if SETTINGS[name].world == "prior" else 2 for name in names}  # for ranks
         return {
-            name: [
-                Case(name, number, self.seed)
-                for number in range(max(10, round(self.bodies * SETTINGS[name].robots)))
-            ]
-            for name in names
+            name: [Case(name, i, self.seed) for i in range(max(least[name], count))]
+            for name, count in counts.items()
         }
 
     def execute(self) -> None:
@@ -82,8 +82,8 @@ class Inference:
         folder = ensure_writable_directory(self.out, "out")
         with held(folder):
             code = {"source": source_stamp()}
-            claim(folder, "joint inference measured", {"seed": self.seed}, code, (REPORT,),
-                  other_code=self.other_code)  # fmt: skip
+            settings = {"seed": self.seed}
+            claim(folder, "a measurement of inference", settings, code, other_code=self.other_code)
             self._work([case for some in cases.values() for case in some], folder)
             report = {
                 "seed": self.seed,
@@ -94,7 +94,7 @@ class Inference:
                 },
             }
             write_document(folder / REPORT, report, SCHEMA)
-            save_pictures(report, folder)
+            pictures = save_pictures(report, folder)
         tables = make_tables(report)
         console = Console(highlight=False)
         for table in tables.values():
@@ -103,7 +103,8 @@ class Inference:
             else:
                 console.print(table.rich())
         if self.page is not None:
-            filled = fill_page(self.page.read_text(encoding="utf-8"), tables)
+            shown = Pictures(folder.resolve().name, tuple(pictures))
+            filled = fill_page(self.page.read_text(encoding="utf-8"), {**tables, "pictures": shown})
             write_bytes(self.page, filled.encode())
 
     def _work(self, cases: list[Case], folder: Path) -> None:

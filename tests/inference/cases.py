@@ -20,7 +20,8 @@ from eea.aquafish.simulator import EngineSimulator
 from eea.core.exploration import ExplorationConfig
 from eea.joint import JointBelief, JointInference, ranks
 from eea.joint.belief import Branch
-from eea.joint.fitting import FINE, Misfit, Observed, descend
+from eea.joint.fitting import FINE, Misfit, descend
+from eea.joint.parameters import Parameters
 from eea.joint.problem import AS_COMMANDED
 from tests.inference.robots import Floats, Robot, draw_body, draw_world
 from tests.inference.settings import SETTINGS, Setting
@@ -124,7 +125,7 @@ def _all_unknowns(belief: JointBelief, robot: Robot, rng: np.random.Generator) -
     if not plain or robot.setting.world in ("reactive", "mujoco"):
         return {"excess": None, "others": None}
     branch = plain[0]
-    posterior, truth = branch.posterior, _truth(branch, robot)
+    posterior, truth = branch.posterior, truth_of(branch.parameters, robot)
     n = branch.parameters.body
     circular = posterior.circular
     rank = ranks(posterior.sample(DRAWS, rng), truth, rng, circular)
@@ -142,9 +143,8 @@ def _all_unknowns(belief: JointBelief, robot: Robot, rng: np.random.Generator) -
     }
 
 
-def _truth(branch: Branch, robot: Robot) -> Floats:
-    """Return the truth as a vector (P,) of the branch's unknowns."""
-    parameters = branch.parameters
+def truth_of(parameters: Parameters, robot: Robot) -> Floats:
+    """Return the truth as a vector (P,) of the unknowns."""
     joint = parameters.joint
     values = dict(zip(joint.problem.models.names, robot.body.tolist(), strict=True))
     values |= {n.name: v for n, v in zip(joint.nuisances, robot.world.tolist(), strict=True)}
@@ -164,7 +164,7 @@ def _truth(branch: Branch, robot: Robot) -> Floats:
 def _excess(branch: Branch, sigma: float, robot: Robot, truth: Floats) -> float:
     """Return by how much what was found is worse, in -log posterior, than the truth's valley."""
     parameters, sigma = branch.parameters, max(sigma, LEAST_SIGMA)
-    misfit = Misfit(parameters, Observed(np.array(robot.commands), np.array(robot.logs)), FINE)
+    misfit = Misfit(parameters, robot.observed, FINE)
     reached = descend(misfit, truth[None], sigma, 60, 1e-6)
     best = branch.posterior.modes[0].theta
     found = 0.5 * misfit.squares(best[None])[0] / sigma**2 + parameters.prior_cost(best)

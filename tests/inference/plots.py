@@ -24,7 +24,7 @@ def save_pictures(report: Mapping[str, Any], folder: Path) -> list[str]:
         figures["ranks"] = ranks_figure(parts["prior"]["ranks"])
     for name, figure in figures.items():
         figure.savefig(folder / f"{name}.png", dpi=150, metadata={"Software": None})
-    return list(figures)
+    return sorted(figures)
 
 
 def coverage_figure(parts: Mapping[str, Any]) -> Figure:

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import truncnorm
 
-from aquafish_gym.engines.base import simulate
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
-from eea import RecordedLog
+from eea.aquafish.gap import RealityGap
 from eea.aquafish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
+from eea.aquafish.target import EngineTarget
+from eea.joint.fitting import Observed
 from tests.inference.settings import Setting
 
 Floats = NDArray[np.float64]
@@ -46,42 +46,38 @@ def draw_world(setting: Setting, rng: np.random.Generator) -> Floats:
     return values
 
 
-@dataclass
-class Robot:
-    """A robot as the inference asks it; what it did is kept."""
+class Robot(EngineTarget):
+    """A robot as the inference asks it; what it was told, hid and felt is kept."""
 
-    setting: Setting
-    body: Floats
-    world: Floats
-    rng: np.random.Generator
-
-    def __post_init__(self) -> None:
+    def __init__(
+        self, setting: Setting, body: Floats, world: Floats, rng: np.random.Generator
+    ) -> None:
+        gap = RealityGap(
+            current=tuple(world[CURRENT]),
+            drag=tuple(world[DRAG]),
+            servo_gain=(world[GAIN].item(),) * 3,
+            lag=world[LAG].item(),
+            reactive=setting.world == "reactive",
+            gyro_bias=tuple(world[BIAS]),
+            gyro_noise=setting.noise,
+        )
+        engine = "mujoco" if setting.world == "mujoco" else "numba"
+        super().__init__(body, None, rng, setting.steps, engine, gap=gap)
+        self.setting, self.body, self.world = setting, body, world
         self.commands: list[Floats] = []
         self.angles: list[Floats] = []
         self.logs: list[Floats] = []
 
-    def perform(self, command: Floats) -> RecordedLog:
+    def perform(self, command: Floats) -> ImuLog:
         """Hold a command (3,) from fin angles drawn anew; return the log of that one trial."""
-        angles = self.rng.uniform(-np.pi, np.pi, 3)
-        gyro = simulate(
-            self.body,
-            command,
-            angles,
-            steps=self.setting.steps,
-            engine="mujoco" if self.setting.world == "mujoco" else "numba",
-            dtype="float64",
-            threads=1,
-            record="gyro",
-            current=self.world[CURRENT],
-            drag=self.world[DRAG],
-            servo_gain=self.world[GAIN].item(),
-            lag=self.world[LAG].item(),
-            reactive=self.setting.world == "reactive",
-        ).gyro
-        assert gyro is not None
-        noise = self.setting.noise * self.rng.normal(size=gyro.shape)
-        felt = gyro + self.world[BIAS] + noise
+        log = super().perform(command)
+        assert log.gyro is not None
         self.commands.append(command)
-        self.angles.append(angles)
-        self.logs.append(felt[0])
-        return RecordedLog(gyro=felt)
+        self.angles.append(self.start_angles)
+        self.logs.append(log.gyro[0])
+        return log
+
+    @property
+    def observed(self) -> Observed:
+        """What it was told and felt so far."""
+        return Observed(np.array(self.commands), np.array(self.logs))

@@ -85,14 +85,17 @@ SETTINGS: dict[str, Setting] = {
         asked=(Target("median", low=0.99), COVERED, MISSED, QUIET),
     ),
     "prior": Setting(
-        "everything drawn from the prior", 200, "prior", "prior",
+        "everything drawn from the prior", 200, "prior", "prior", steps=512,
         asked=(COVERED, MISSED, QUIET),
     ),
     "world": Setting(
         "drag ±20%, current 0.15, gain 0.95", 200, world="other numbers", steps=512,
         asked=(Target("median", low=0.99), COVERED, MISSED, QUIET),
     ),
-    "edges": Setting("a fin without length, or of the greatest thickness", 60, "edge"),
+    "edges": Setting(
+        "a fin without length, or of the greatest thickness", 60, "edge",
+        asked=(Target("named", low=0.9), MISSED, QUIET),
+    ),
     "reactive": Setting(
         "reactive water, not imagined", 30, world="reactive", asked=(NOTICED,)
     ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from tests.inference.settings import SETTINGS
@@ -17,9 +18,21 @@ WORDS = {
     "coverage.90%.share": "90% intervals that hold",
     "missed": "optimum missed",
     "alarms": "“none of the bodies…”",
+    "named": "a fin without length is said to be absent or missing",
     "seconds": "mean CPU seconds",
-    "ranks.least": "chance of such ranks",
 }
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Pictures where a page has a marked block for them."""
+
+    folder: str  #: From the page.
+    names: tuple[str, ...]
+
+    def markdown(self) -> str:
+        """Return them as a page shows them."""
+        return "\n\n".join(f"![{name}]({self.folder}/{name}.png)" for name in self.names)
 
 
 def make_tables(report: Report) -> dict[str, Table]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from rich.table import Table as RichTable
 
@@ -193,7 +193,14 @@ def make_tables(report: Report) -> dict[str, Table]:
     return {name: make(report[part]) for name, (part, make) in TABLES.items() if report.get(part)}
 
 
-def fill_page(text: str, tables: dict[str, Table]) -> str:
+class Shown(Protocol):
+    """What a page's marked block may show."""
+
+    def markdown(self) -> str:
+        """Return it as the page's text."""
+
+
+def fill_page(text: str, tables: Mapping[str, Shown]) -> str:
     """Return a page with each of its marked blocks filled.
 
     A block begins with the line ``<!-- table: NAME -->`` and ends with
