@@ -24,6 +24,7 @@ from tests.inference.cases import Case, measure, source_stamp
 from tests.inference.plots import save_pictures
 from tests.inference.settings import SETTINGS
 from tests.inference.summary import summarise
+from tests.inference.swims import SWIMS, summarise_swims
 from tests.inference.tables import Pictures, make_tables
 from tests.verification.tables import fill_page
 
@@ -49,7 +50,8 @@ class Inference:
     seed: int = 0
     """All that is random follows from it."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SETTING ...")] = ()
-    """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco."""
+    """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco; and of the
+    swims: window, unchanged, struck."""
     workers: int | None = None
     """Processes, of one thread each; a core each by default."""
     markdown: bool = False
@@ -62,13 +64,14 @@ class Inference:
         integer("seed", self.seed, 0)
         if not 0.0 < self.bodies <= 100.0:
             raise InvalidArgumentError(f"bodies must be over 0, 100 at most; got {self.bodies}")
-        names = [one_of("only", name, SETTINGS) for name in self.only] or list(SETTINGS)
+        sizes = {name: setting.robots for name, setting in SETTINGS.items()} | SWIMS
+        names = [one_of("only", name, sizes) for name in self.only] or list(sizes)
         if "mujoco" in names:
             check_engine("mujoco")
         if self.page is not None and self.only:
             raise InvalidArgumentError("page needs all settings; leave out only")
-        counts = {name: round(self.bodies * SETTINGS[name].robots) for name in names}
-        least = {name: 10 if SETTINGS[name].world == "prior" else 2 for name in names}  # for ranks
+        counts = {name: round(self.bodies * sizes[name]) for name in names}
+        least = {name: 10 if name == "prior" else 2 for name in names}  # for ranks
         return {
             name: [Case(name, i, self.seed) for i in range(max(least[name], count))]
             for name, count in counts.items()
@@ -91,6 +94,12 @@ class Inference:
                 "settings": {
                     name: summarise(name, [_read(folder, case) for case in some])
                     for name, some in cases.items()
+                    if name in SETTINGS
+                },
+                "swims": {
+                    name: summarise_swims(name, [_read(folder, case) for case in some])
+                    for name, some in cases.items()
+                    if name in SWIMS
                 },
             }
             write_document(folder / REPORT, report, SCHEMA)

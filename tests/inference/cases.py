@@ -25,6 +25,7 @@ from eea.joint.parameters import Parameters
 from eea.joint.problem import AS_COMMANDED
 from tests.inference.robots import Floats, Robot, draw_body, draw_world
 from tests.inference.settings import SETTINGS, Setting
+from tests.inference.swims import SWIMS, measure_swim
 
 MASSES = (0.5, 0.8, 0.9)
 DRAWS = 99  # that a truth is ranked among
@@ -35,7 +36,7 @@ LEAST_SIGMA = 1e-5  # rad/s, at which that is judged without noise
 
 @dataclass(frozen=True)
 class Case:
-    """One robot of one setting; all that is random follows from its number and the seed."""
+    """One robot of a setting, or one of ``SWIMS``; its number and the seed decide all."""
 
     setting: str
     number: int
@@ -60,12 +61,15 @@ def source_stamp() -> str:
         *(Path(str(eea.__file__)).parent / name for name in ("core", "joint", "aquafish")),
     ]
     here = Path(__file__).parent
-    own = [here / f"{name}.py" for name in ("settings", "robots", "cases")]
+    own = [here / f"{name}.py" for name in ("settings", "robots", "cases", "swims")]
     return code_stamp([*own, *(file for one in folders for file in sorted(one.rglob("*.py")))])
 
 
 def measure(case: Case, say: Say) -> dict[str, Any]:
     """Return what was found of one robot, and how it compares with the truth."""
+    if case.setting in SWIMS:
+        rng = np.random.default_rng([case.seed, *case.setting.encode(), case.number])
+        return measure_swim(case.setting, case.number, rng, say)
     which = list(SETTINGS).index(case.setting)
     rng = np.random.default_rng([case.seed, which, case.number])
     return examine(SETTINGS[case.setting], case.number, rng, say=say)

@@ -19,7 +19,7 @@ NAMED_MASSES = tuple(f"{mass:.0%}" for mass in MASSES)
 def save_pictures(report: Mapping[str, Any], folder: Path) -> list[str]:
     """Write the pictures that a report has the numbers of; return their names."""
     parts = report["settings"]
-    figures = {"coverage": coverage_figure(parts)}
+    figures = {"coverage": coverage_figure(parts)} if parts else {}
     if "prior" in parts:
         figures["ranks"] = ranks_figure(parts["prior"]["ranks"])
     for name, figure in figures.items():

@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from tests.inference.settings import SETTINGS
+from tests.inference.swims import TITLES
 from tests.verification.tables import Table
 
 Report = Mapping[str, Any]
@@ -38,10 +41,41 @@ class Pictures:
 def make_tables(report: Report) -> dict[str, Table]:
     """Return every table that a report has the numbers of, by the name that a page gives it."""
     parts = report["settings"]
-    tables = {"calibration": settings_table(parts), "asked": asked_table(parts)}
+    tables = {"calibration": settings_table(parts), "asked": asked_table(parts)} if parts else {}
     if "exact" in parts:
         tables["exact"] = exact_table(parts["exact"])
+    if report.get("swims"):
+        tables["swims"] = swims_table(report["swims"])
     return tables
+
+
+def swims_table(parts: Mapping[str, Any]) -> Table:
+    """Return what was found of swims."""
+    rows = []
+    for name, part in parts.items():
+        swims = str(part["swims"])
+        if name == "window":
+            still = part["median_tail_still"]
+            found = (
+                f"OBJ_FIT {part['median']:.3f} in the median, {part['least']:.3f} at least; "
+                f"{part['all_fins']} gaits move all fins, median "
+                f"{part['median_all_fins'] or np.nan:.3f}"
+                + (f"; with the tail still {still:.3f}" if still else "")
+                + f"; 90% intervals hold {part['covered']:.0%} of the sizes"
+            )
+        elif name == "unchanged":
+            found = (
+                f"{part['alarms']} false alarms in {part['windows']} windows of a second; the "
+                f"least chance is {part['least']:.1g}"
+            )
+        else:
+            found = (
+                f"{part['soon']} noticed within 3 s, the median after {part['median_delay']:.1f} "
+                f"s; {part['early']} false alarms before; never noticed: "
+                + (", ".join(part["unnoticed"]) or "none")
+            )
+        rows.append((TITLES[name], swims, found))
+    return Table("swims", ("swims", "how many", "found"), rows, words=3)
 
 
 def settings_table(parts: Mapping[str, Any]) -> Table:

@@ -13,6 +13,7 @@ import pytest
 from tests.inference.cases import Case, measure
 from tests.inference.settings import SETTINGS, Target
 from tests.inference.summary import covered, met, summarise
+from tests.inference.swims import SWIMS, measure_swim, summarise_swims
 from tests.inference.tables import Pictures, make_tables
 from tests.verification.tables import fill_page
 
@@ -23,10 +24,11 @@ def test_the_page_shows_the_committed_report():
     page = (DOCS / "inference.md").read_text(encoding="utf-8")
     committed = DOCS / "inference" / "report.json"
     if not committed.exists():  # then it has no numbers either
-        assert page.count("-->\n<!-- end of table") == 4
+        assert page.count("-->\n<!-- end of table") == 5
         return
     report = json.loads(committed.read_text(encoding="utf-8"))
     assert list(report["settings"]) == list(SETTINGS)
+    assert list(report["swims"]) == list(SWIMS)
     names = tuple(sorted(path.stem for path in committed.parent.glob("*.png")))
     shown = {**make_tables(report), "pictures": Pictures("inference", names)}
     assert fill_page(page, shown) == page
@@ -72,6 +74,21 @@ def test_a_setting_is_summarised_in_shares():
 def test_an_interval_that_ends_at_a_truth_at_the_bound_holds_it():
     robot = {"truth": [0.0], "low": [[1e-9]] * 3, "high": [[0.5]] * 3}
     assert covered([robot, robot], ["length"])["90%"]["share"] == 1.0
+
+
+def test_a_change_in_mid_swim_is_measured():
+    struck = [
+        measure_swim("struck", number, np.random.default_rng(number), lambda _text, _share: None)
+        for number in (0, 20)
+    ]
+    part = summarise_swims("struck", struck)
+    assert (part["swims"], part["soon"], part["early"]) == (2, 2, 0)
+    lost = {**struck[0], "noticed": None}
+    early = {**struck[1], "noticed": struck[1]["struck"] - 1.0}
+    part = summarise_swims("struck", [*struck, lost, early])
+    assert (part["soon"], part["early"], part["unnoticed"]) == (2, 1, [lost["damage"]])
+    row = make_tables({"settings": {}, "swims": {"struck": part}})["swims"].rows[0]
+    assert row[2].startswith("2 noticed within 3 s")
 
 
 @pytest.mark.slow
