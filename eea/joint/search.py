@@ -140,7 +140,8 @@ def _refine(
     """Go downhill from vectors (S, P), and hop."""
     noise = effort.noise
     fine = Misfit(parameters, observed, FINE)
-    some = _best(_downhill(parameters, observed, starts, noise, SOON), -(-len(starts) // 2))
+    begun = _downhill(parameters, observed, starts, noise, SOON)
+    some = _different(parameters, begun, -(-len(starts) // 2))
     ended = _downhill(parameters, observed, some.theta, noise)
     first = _different(parameters, ended, 2 * effort.polished)
     exact = _exact(parameters, observed, first.theta, noise)

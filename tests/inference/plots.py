@@ -30,7 +30,7 @@ def save_pictures(report: Mapping[str, Any], folder: Path) -> list[str]:
 def coverage_figure(parts: Mapping[str, Any]) -> Figure:
     """Return how often intervals held the truth, in each setting, against what they promise."""
     noisy = [name for name in parts if SETTINGS[name].noise]
-    figure = Figure(figsize=(7.0, 1.2 + 0.42 * len(noisy)), layout="constrained")
+    figure = Figure(figsize=(8.0, 1.4 + 0.42 * len(noisy)), layout="constrained")
     axes = figure.subplots()
     for k, (mass, named) in enumerate(zip(MASSES, NAMED_MASSES, strict=True)):
         held = [parts[name]["coverage"][named] for name in noisy]
@@ -41,9 +41,9 @@ def coverage_figure(parts: Mapping[str, Any]) -> Figure:
         axes.errorbar(shares, rows, xerr=reach, fmt="o", color=f"C{k}", label=named)
         axes.axvline(mass, color=f"C{k}", linestyle=":", linewidth=1.0)
     axes.set_yticks(np.arange(len(noisy))[::-1], [SETTINGS[name].title for name in noisy])
-    axes.set_xlabel("share of the nine sizes that their intervals hold, with its 95% interval")
+    axes.set_xlabel("share of sizes that their intervals hold")
     axes.set_xlim(0.0, 1.0)
-    axes.legend(title="intervals", loc="lower left", fontsize="small")
+    axes.legend(title="intervals", loc="upper left", fontsize="small")
     return figure
 
 
@@ -64,5 +64,6 @@ def ranks_figure(found: Mapping[str, Any]) -> Figure:
         axes.set_title(names[k].replace("_pectoral", ""), fontsize="small")
     for axes in grid[len(shown) :]:
         axes.set_axis_off()
+    grid[0].set_ylim(bottom=0)
     figure.supxlabel(f"rank of the truth among {DRAWS} draws of the posterior", fontsize="small")
     return figure
