@@ -7,6 +7,13 @@ a constant, for white noise of standard deviation sigma::
 
 and its derivatives are forward differences. A trial's own angles touch that trial alone, so a
 trial needs a column for each of its slots, not for each parameter.
+
+Where data tell little the valleys are long, narrow and curved, and straight steps must be short
+there. So in double precision a step v bends with the valley, by half its geodesic acceleration a,
+which one more robot a trial gives (M. K. Transtrum and J. P. Sethna, "Improvements to the
+Levenberg-Marquardt algorithm for nonlinear least-squares minimization", 2012)::
+
+    A v = -gradient,    A a = -J^T r'',    r'' = 2 ((r(theta + h v) - r) / h - J v) / h
 """
 
 from __future__ import annotations
@@ -25,6 +32,8 @@ FACTORS = (0.1, 1.0, 10.0)  # of the damping, tried in one batch
 AFTER_FAILURE = 30.0
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-12, 1e10
 LARGEST_SHARE, LARGEST_TURN = 0.3, 0.7  # of a step: share of a range, rad
+LOOK_AHEAD = 0.1  # h, of a step
+MOST_BEND = 0.75  # 2 |a| / |v|: what bends more is not followed
 ENOUGH = 2  # small decreases in a row end a descent
 MOST_ROBOTS = 2**15  # a batch, so that a fit of many trials needs no more memory than one of few
 
@@ -55,6 +64,8 @@ class Linear(NamedTuple):
     squares: Floats  #: Sum of squared residuals, (S,).
     gradient: Floats  #: Of half of it, (S, P).
     normal: Floats  #: Gauss and Newton's matrix J^T J, (S, P, P).
+    residuals: Floats  #: (S, E, M).
+    slopes: Floats  #: Their derivatives (S, E, F, M) by the free slots.
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,18 +171,36 @@ class Misfit:
         """Return the misfit near vectors (S, P), by forward differences."""
         residuals, slopes = self.jacobian(theta)
         sums = np.einsum("sem,sem->s", residuals, residuals)
-        finite = np.where(np.isfinite(residuals), residuals, 0.0)
-        pulls = np.einsum("sefm,sem->sef", slopes, finite)
         blocks = slopes @ slopes.swapaxes(-1, -2)  # (S, E, F, F)
         size = len(self.parameters)
-        gradient = np.zeros((len(theta), size))
         normal = np.zeros((len(theta), size, size))
         for e, entries in enumerate(self.parameters.slots[self._trials][:, self._free]):
             used = entries != FIXED
             at = entries[used]
-            gradient[:, at] += pulls[:, e, used]
             normal[:, at[:, None], at] += blocks[:, e][:, used][:, :, used]
-        return Linear(np.where(np.isfinite(sums), sums, np.inf), gradient, normal)
+        squares = np.where(np.isfinite(sums), sums, np.inf)
+        return Linear(squares, self._pull(slopes, residuals), normal, residuals, slopes)
+
+    def _pull(self, slopes: Floats, signal: Floats) -> Floats:
+        """Return J^T (S, P) of slopes (S, E, F, M) times a signal (S, E, M)."""
+        finite = np.where(np.isfinite(signal), signal, 0.0)
+        pulls = np.einsum("sefm,sem->sef", slopes, finite)
+        pulled = np.zeros((len(slopes), len(self.parameters)))
+        for e, entries in enumerate(self.parameters.slots[self._trials][:, self._free]):
+            used = entries != FIXED
+            pulled[:, entries[used]] += pulls[:, e, used]
+        return pulled
+
+    def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
+        """Return J^T r'' (S, P), what steps (S, P) from vectors (S, P) bend by."""
+        entries = self.parameters.slots[self._trials][:, self._free]
+        taken = np.where(entries == FIXED, 0.0, step[:, entries])  # (S, E, F)
+        straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
+        ahead = np.clip(theta + LOOK_AHEAD * step, self.parameters.low, self.parameters.high)
+        with np.errstate(invalid="ignore", over="ignore"):
+            risen = self.residuals(ahead) - linear.residuals
+            bent = 2.0 * (risen / LOOK_AHEAD - straight) / LOOK_AHEAD
+        return self._pull(linear.slopes, bent)
 
 
 def descend(
@@ -197,7 +226,10 @@ def descend(
         gradient = 2 * per_square * linear.gradient + away @ parameters.prior_information
         normal = 2 * per_square * linear.normal + parameters.prior_information
         trial = np.stack(
-            [_stepped(misfit, here, gradient, normal, factor * damping[live]) for factor in FACTORS]
+            [
+                _stepped(misfit, here, linear, gradient, normal, factor * damping[live], sigma)
+                for factor in FACTORS
+            ]
         )  # (3, L, P)
         flat = trial.reshape(-1, len(parameters))
         sums = misfit.squares(flat)
@@ -222,7 +254,13 @@ def descend(
 
 
 def _stepped(
-    misfit: Misfit, theta: Floats, gradient: Floats, normal: Floats, damping: Floats
+    misfit: Misfit,
+    theta: Floats,
+    linear: Linear,
+    gradient: Floats,
+    normal: Floats,
+    damping: Floats,
+    sigma: float,
 ) -> Floats:
     """Return one damped step from each vector (L, P), within the bounds."""
     parameters = misfit.parameters
@@ -236,7 +274,16 @@ def _stepped(
     matrix = np.where(free[:, :, None] & free[:, None, :], normal, 0.0)
     index = np.arange(len(parameters))
     matrix[:, index, index] = np.where(held, 1.0, diagonal + damping[:, None] * scale)
-    step = -np.linalg.solve(matrix, np.where(held, 0.0, gradient)[..., None])[..., 0]
+
+    def solved(slope: Floats) -> Floats:
+        step: Floats = -np.linalg.solve(matrix, np.where(held, 0.0, slope)[..., None])[..., 0]
+        return step
+
     most = np.where(parameters.circular, LARGEST_TURN, LARGEST_SHARE)
-    stepped = theta + np.clip(step, -most, most)
-    return np.clip(stepped, parameters.low, parameters.high)
+    step = np.clip(solved(gradient), -most, most)
+    step = np.clip(theta + step, parameters.low, parameters.high) - theta
+    if misfit.precision.fine:
+        bend = 0.5 * solved(misfit.curvature(theta, linear, step) / sigma**2)
+        length, bent = (np.sqrt((scale * way * way).sum(axis=1)) for way in (step, bend))
+        step += np.where((4.0 * bent <= MOST_BEND * length)[:, None], bend, 0.0)
+    return np.clip(theta + step, parameters.low, parameters.high)

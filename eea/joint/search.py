@@ -124,7 +124,7 @@ def _exact(
     sigma = _sigma(squares.min(), fine.count, parameters)
     if noise is not None or sigma > PROMISING:
         return None
-    polished = descend(fine, theta[squares.argmin()][None], sigma, 40, 1e-6)
+    polished = descend(fine, theta[squares.argmin()][None], sigma, 400, 1e-9)
     if _sigma(polished.squares.min(), fine.count, parameters) > LEAST_SIGMA:
         return None
     return _optima(parameters, observed, polished, noise)
