@@ -151,9 +151,15 @@ class JointBelief:
     def findings(self) -> list[str]:
         """What a person should know, in sentences: most important first."""
         best = self.branches[0]
-        said = [] if self.goodness.good else [self.goodness.verdict]
-        odd = [b for b in self.branches if b.hypothesis.name != AS_COMMANDED.name]
-        said += [f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01]
+        if self.goodness.good:
+            odd = [b for b in self.branches if b.hypothesis.name != AS_COMMANDED.name]
+            said = [
+                f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01
+            ]
+        else:  # a likelihood that nothing explains says little of what is more probable
+            said = [self.goodness.verdict]
+            if best.hypothesis.name != AS_COMMANDED.name:
+                said.append(f"the least unlike of what I can imagine: {best.hypothesis.name}")
         return said + findings(best.posterior, groups(best.parameters.joint))
 
     def to_dict(self) -> dict[str, Any]:
