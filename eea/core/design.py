@@ -243,19 +243,20 @@ def checked_utilities(utility: Utility, bodies: Floats) -> Floats:
 def corners(actions: BitLayout, rng: np.random.Generator) -> Floats:
     """Return fast commands (C, c): every servo that turns both ways at one end of its range.
 
-    Others are at the upper end or in the middle, for the lower end may be standing still. Where
-    there are more than 32 corners, 32 random ones are returned.
+    Others are at the upper end or at three quarters: the lower end may be standing still, and in
+    the middle the rhythm may fall in with the other servos', whose angles then meet in few phases.
+    Where there are more than 32 corners, 32 random ones are returned.
 
     Examples
     --------
     >>> from eea.core.bits import action_layout
     >>> corners(action_layout([("fin", -0.5, 0.5), ("tail", 0.0, 1.0)]), np.random.default_rng(0))
-    array([[-0.5,  0.5],
-           [-0.5,  1. ],
-           [ 0.5,  0.5],
-           [ 0.5,  1. ]])
+    array([[-0.5 ,  0.75],
+           [-0.5 ,  1.  ],
+           [ 0.5 ,  0.75],
+           [ 0.5 ,  1.  ]])
     """
-    low = np.where(actions.low < 0.0, actions.low, 0.5 * (actions.low + actions.high))
+    low = np.where(actions.low < 0.0, actions.low, 0.25 * actions.low + 0.75 * actions.high)
     if 2 ** len(actions) > MOST_CORNERS:
         upper = rng.random((MOST_CORNERS, len(actions))) < 0.5
     else:

@@ -259,7 +259,7 @@ def test_fast_commands_are_all_used_before_one_is_repeated():
         for _ in range(8):
             command = fast_command(ACTIONS, performed, rng)
             performed = np.concatenate([performed, command[None]])
-        assert set(np.unique(performed[-8:], axis=0)[:, 2]) == {0.5, 1.0}
+        assert set(np.unique(performed[-8:], axis=0)[:, 2]) == {0.75, 1.0}
         assert len(np.unique(performed[-8:], axis=0)) == 8
     assert (np.abs(performed[:, :2]) == 0.5).all()
 

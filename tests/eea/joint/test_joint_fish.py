@@ -152,7 +152,7 @@ def test_a_recorded_session_gives_the_live_runs_posterior(tmp_path):
 
 
 def test_a_log_is_credited_to_the_command_that_was_executed():
-    robot = Saturated(seed=2)
+    robot = Saturated(seed=2, sigma=0.001)
     truth = robot._fish.morphology
     estimate_morphology_of(robot, QUICK, seed=2)
     # With another seed other commands are asked for, and the session's are modelled.
