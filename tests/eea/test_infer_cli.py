@@ -144,7 +144,7 @@ def test_a_gyroscope_that_was_never_read_is_noticed(tmp_path, capsys):
 
 
 def test_slow_commands_tell_next_to_nothing(tmp_path, capsys):
-    slow = [(0.01, -0.01, 0.02), (-0.01, 0.01, 0.02)]
+    slow = [(0.002, -0.002, 0.004), (-0.002, 0.002, 0.004)]
     said = infer(swum([LEFT] * 2, slow), tmp_path, capsys)
     assert "the data tell next to nothing of the body: each size may be almost any" in said
 

@@ -168,10 +168,11 @@ def test_code_that_decides_results_is_stamped_and_no_other(tmp_path, monkeypatch
     source, other = tmp_path / "eea/core/algorithm.py", tmp_path / "eea/study/folder.py"
     (tmp_path / "eea/study/replicate.py").write_text("")
     source.write_text('"""A text."""\n\ndef f(x):\n    """Another."""\n    return x + 1\n')
+    ours = source_stamp()  # it is remembered, and must not be of what follows
     monkeypatch.setattr(eea.study.replicate.eea, "__file__", str(tmp_path / "eea" / "__init__.py"))
     stamp_now = source_stamp.__wrapped__
     stamp = stamp_now()
-    assert stamp != source_stamp()
+    assert stamp != ours
     source.write_text("def f(x):  # short\n    return x + 1\n")
     other.write_text("ANY = 1\n")
     assert stamp_now() == stamp
