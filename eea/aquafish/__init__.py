@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from eea.aquafish.simulator import EngineSimulator
     from eea.aquafish.swim_log import SwimLog
     from eea.aquafish.swim_log_file import read_log, write_log
-    from eea.aquafish.swims import Trace, estimate_from_swims
     from eea.aquafish.target import EngineTarget, Orientation
     from eea.aquafish.watch import watch_swim
 
@@ -36,9 +35,7 @@ __all__ = [
     "Orientation",
     "RealityGap",
     "SwimLog",
-    "Trace",
     "estimate_from_logs",
-    "estimate_from_swims",
     "estimate_morphology",
     "estimate_morphology_of",
     "fish_actions",
@@ -54,8 +51,6 @@ __all__ = [
 ]
 _ROOMS = {
     "SwimLog": "swim_log",
-    "Trace": "swims",
-    "estimate_from_swims": "swims",
     "infer_log": "log_inference",
     "load_posterior": "posterior_file",
     "read_log": "swim_log_file",

@@ -1,9 +1,10 @@
-"""From a recorded swim to a body."""
+"""Any swimming is an experiment: from a recorded swim to a body."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import NamedTuple, Unpack
+from dataclasses import fields, replace
+from math import gcd
+from typing import NamedTuple, NoReturn, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,16 +15,31 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.aquafish.estimate import MorphologyEstimate, fish_problem
 from eea.aquafish.joint import Swims, fish_joint
-from eea.aquafish.sampling import NEAR, steps_for
+from eea.aquafish.sampling import NEAR, at_times, steps_for
 from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
 from eea.aquafish.swim_log import FEWEST, SwimLog
-from eea.aquafish.swims import BEFORE, Windows, estimate_from_windows, held_for
 from eea.core.angles import Floats
+from eea.core.checks import TargetError
 from eea.core.config import EEAConfig, JointConfig
 from eea.joint.contradiction import contradiction
+from eea.joint.inference import JointInference
 
+#: Samples of the commands before a window that its servos may still obey: a lag of 0.2 s.
+BEFORE = 20
 LONGEST = {False: 1024, True: 512}  # samples of a trial from rest, and of a window of a swim
 MOST_WINDOWS = 8  # of swims: more tell little, slowly
+
+
+class Windows(NamedTuple):
+    """Swims cut into windows of T samples, to be simulated for K steps of 0.01 s."""
+
+    series: Floats  #: (E, ., 3) commands.
+    spin: Floats  #: (E, 3) the gyroscope just before.
+    gyro: Floats  #: (E, T, 3).
+    interval: int  #: Samples that each command is held.
+    begun: int  #: Samples of a series before its window.
+    #: (E, T) s after each window's beginning; None for a sample each 0.01 s.
+    time: Floats | None = None
 
 
 class LogWindows(NamedTuple):
@@ -91,7 +107,7 @@ def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None
             for name, told in zip(names, series, strict=True)
             if not told.any()
         ]
-    interval = held_for(series)
+    interval = _held_for(series)
     spin = np.array([log.gyro[begin] if moving else np.zeros(3) for _, begin in cuts])
     cut = Windows(series[:, ::interval], spin, samples, interval, lead, times)
     ends = [
@@ -211,7 +227,42 @@ def infer_log(
     """
     settings = JointConfig() if joint is None else joint
     cut = log_windows(log, moving).windows
-    return estimate_from_windows(cut, _config(cut, settings), seed, truth, **simulator)
+    return _of_windows(cut, _config(cut, settings), seed, truth, **simulator)
+
+
+def _of_windows(
+    cut: Windows,
+    config: EEAConfig,
+    seed: int = 0,
+    truth: Morphology | ArrayLike | None = None,
+    **simulator: Unpack[SimulatorOptions],
+) -> MorphologyEstimate:
+    """Infer a body from windows of swims; ``config.steps`` is how many samples each has."""
+    steps = cut.gyro.shape[1] if cut.time is None else steps_for(cut.time)
+    engine = EngineSimulator(steps, **simulator)
+    joint = fish_joint(fish_problem(), engine, Swims(cut.interval, cut.begun))
+    observed = Swims.array(cut.series, cut.spin)
+    if cut.time is not None:
+        joint, observed = at_times(joint, observed, cut.time)
+    body = None if truth is None else Morphology.coerce(truth).to_array()
+    inference = JointInference(_Nobody(), joint, config, seed, body)
+    last = cut.series[-1, cut.begun // cut.interval :]
+    inference.observe(observed, cut.gyro, last.mean(axis=0))
+    result = inference.result
+    return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
+
+
+def _held_for(series: Floats) -> int:
+    """Return for how many samples each command of series (E, T, 3) is held."""
+    changes = np.flatnonzero((np.diff(series, axis=1) != 0.0).any(axis=(0, 2))) + 1
+    return gcd(*changes.tolist()) or series.shape[1]
+
+
+class _Nobody:
+    """In the place of a target where all that there is has happened already."""
+
+    def perform(self, command: Floats) -> NoReturn:
+        raise TargetError(f"nobody is there to perform {command}: the swims are all that there is")
 
 
 def log_nuisances(moving: bool) -> tuple[str, ...]:
@@ -248,7 +299,7 @@ def disagreement(
             gyro=cut.gyro[rows],
             time=None if cut.time is None else cut.time[rows],
         )
-        belief = estimate_from_windows(part, _config(cut, settings), seed, **simulator).belief
+        belief = _of_windows(part, _config(cut, settings), seed, **simulator).belief
         return belief is not None and belief.good
 
     return contradiction(names, fits)

@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from eea.aquafish.swims import Trace
 from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Log, signal_samples
-from eea.core.replay import ReplayTarget
+from eea.core.replay import RecordedLog, ReplayTarget
 
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 COLUMNS = ("time", *GYRO, *SERVOS)  # of a table; "trial" may follow
@@ -83,7 +82,8 @@ class SwimLog:
             Of each trial the one that it holds, (3,) in rev/s, rev/s and Hz, or those (T, 3) in
             force in the 0.01 s that end with its samples.
         logs
-            As many, with ``gyro`` (T, 3), as ``estimate_from_logs`` takes them; ``Trace`` is one.
+            As many, with ``gyro`` (T, 3), as ``estimate_from_logs`` takes them; a swim of
+            ``gait.swim`` is one.
         moving
             Whether the trials begin in mid-swim, a trial's first row being its first sample;
             else it is the rest from which it began.
@@ -134,7 +134,7 @@ class SwimLog:
         """Return what a trial, from 0, is called: by its own number."""
         return f"trial {self.trial[self.blocks[index].start]}"
 
-    def trials(self, steps: int) -> tuple[Floats, list[Trace]]:
+    def trials(self, steps: int) -> tuple[Floats, list[RecordedLog]]:
         """Return commands (E, 3) and logs of ``steps`` samples of 0.01 s, for any condition.
 
         The gyroscope's samples are interpolated linearly where they were not taken each 0.01 s,
@@ -146,7 +146,7 @@ class SwimLog:
             If a trial is shorter, or its command changes.
         """
         ends = _ends(integer("steps", steps, 2) + 1)[1:]
-        traces = []
+        held, logs = [], []
         for index, rows in enumerate(self.blocks):
             time, told = self.time[rows] - self.time[rows.start], self.commands[rows]
             if time[-1] < ends[-1] - 0.5 * TIMESTEP:
@@ -160,8 +160,9 @@ class SwimLog:
                     "inference follows: infer_log"
                 )
             felt = np.stack([np.interp(ends, time, axis) for axis in self.gyro[rows].T], axis=1)
-            traces.append(Trace(np.repeat(told[:1], steps, axis=0), felt))
-        return np.array([trace.commands[0] for trace in traces]), traces
+            held.append(told[0])
+            logs.append(RecordedLog(gyro=felt))
+        return np.array(held), logs
 
 
 def _ends(count: int) -> Floats:

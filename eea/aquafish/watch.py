@@ -5,14 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Unpack
 
-import numpy as np
-
-from aquafish_gym.engines.base import TIMESTEP
 from eea.aquafish.estimate import fish_problem
 from eea.aquafish.sampling import at_times, steps_for
 from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
 from eea.aquafish.swim_log import SwimLog
-from eea.aquafish.swims import Trace, windows
 from eea.core.angles import Floats
 
 if TYPE_CHECKING:
@@ -23,7 +19,7 @@ if TYPE_CHECKING:
     from eea.joint.belief import JointBelief
     from eea.joint.watch import Look
 
-WINDOW = 100  # samples: what changed is seen in the first window that is all after it
+WINDOW = 1.0  # s: what changed is seen in the first window that is all after it
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +55,7 @@ class Watched:
 
 
 def watch_swim(
-    swim: Trace | SwimLog,
+    log: SwimLog,
     belief: JointBelief,
     *,
     alarm: float | None = None,
@@ -74,9 +70,9 @@ def watch_swim(
 
     Parameters
     ----------
-    swim
-        A record of it from any moment on: 100 samples a second, or a log of any rate, whose trials
-        all count. The first 0.2 s are only looked at for how the servos moved.
+    log
+        The swim from any moment on; of several trials all count. The first 0.2 s are only looked
+        at for how the servos moved.
     belief
         A ``result.belief`` of joint inference, or what ``load_posterior`` reads.
     alarm
@@ -106,12 +102,8 @@ def watch_swim(
     from eea.aquafish.log_inference import log_windows
     from eea.joint.watch import ALARM, Watch
 
-    if isinstance(swim, Trace):
-        cut = windows([swim], True, WINDOW)
-        ends = TIMESTEP * (cut.begun + WINDOW * np.arange(1.0, len(cut.gyro) + 1.0))
-    else:
-        cut, _, ends, _ = log_windows(swim, True, WINDOW * TIMESTEP)
-    steps = WINDOW if cut.time is None else steps_for(cut.time)
+    cut, _, ends, _ = log_windows(log, True, WINDOW)
+    steps = cut.gyro.shape[1] if cut.time is None else steps_for(cut.time)
     joint = fish_joint(
         fish_problem(), EngineSimulator(steps, **simulator), Swims(cut.interval, cut.begun)
     )

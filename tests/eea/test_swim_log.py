@@ -10,7 +10,7 @@ import pytest
 from aquafish_gym import simulate
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea import RecordedLog, SwimLog, Trace, read_log, write_log
+from eea import RecordedLog, SwimLog, read_log, write_log
 from eea.aquafish.log_inference import log_windows
 from eea.aquafish.sampling import cubic_weights
 from eea.aquafish.swim_log import COLUMNS
@@ -50,11 +50,11 @@ def test_simulated_trials_have_a_row_at_rest_and_one_after_each_step():
     assert np.array_equal(np.concatenate([t.gyro for t in traces]), log.gyro[log.time > 0])
 
 
-def test_a_trace_in_mid_swim_begins_at_its_first_sample_and_keeps_its_commands():
-    trace = Trace(np.repeat(COMMANDS, 32, axis=0), np.arange(192.0).reshape(64, 3) / 100)
-    log = SwimLog.of_trials([trace.commands], [trace], moving=True)
-    assert np.array_equal(log.gyro, trace.gyro)
-    assert np.array_equal(log.commands[:-1], trace.commands[1:])
+def test_a_trial_in_mid_swim_begins_at_its_first_sample_and_keeps_its_commands():
+    told, felt = np.repeat(COMMANDS, 32, axis=0), np.arange(192.0).reshape(64, 3) / 100
+    log = SwimLog.of_trials([told], [RecordedLog(gyro=felt)], moving=True)
+    assert np.array_equal(log.gyro, felt)
+    assert np.array_equal(log.commands[:-1], told[1:])
     assert log.time[0] == TIMESTEP
 
 

@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Damage, Morphology
-from eea import SwimLog, Trace, infer_log, read_log, save_posterior, write_log
+from eea import infer_log, read_log, save_posterior, write_log
 from eea.__main__ import main
 from eea.core.config import JointConfig
-from eea.core.replay import RecordedLog
 from tests.eea.joint.test_swims import BODY, swim
 
 STRUCK = 320  # samples
@@ -22,7 +21,7 @@ STRUCK = 320  # samples
 def belief(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a posterior inferred from a swim in a file."""
     folder = tmp_path_factory.mktemp("belief")
-    write_log(folder / "swim.csv", as_log(swim(1, 520)))
+    write_log(folder / "swim.csv", swim(1, 520))
     found = infer_log(
         read_log(folder / "swim.csv"), JointConfig(alternatives="never"), moving=True, threads=1
     )
@@ -30,14 +29,10 @@ def belief(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "posterior.npz"
 
 
-def as_log(trace: Trace) -> SwimLog:
-    return SwimLog.of_trials([trace.commands], [RecordedLog(gyro=trace.gyro)], moving=True)
-
-
 def test_a_swim_of_the_same_body_is_said_to_be_that(
     belief: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_log(tmp_path / "swim.npz", as_log(swim(5, 520)))
+    write_log(tmp_path / "swim.npz", swim(5, 520))
     words = ["watch", "--log", str(tmp_path / "swim.npz"), "--posterior", str(belief)]
     assert main([*words, "--threads", "1"]) == 0
     assert "4 windows: this is still the body that was inferred" in capsys.readouterr().out
@@ -47,7 +42,7 @@ def test_a_change_is_said_drawn_and_written(
     belief: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     other = Damage.parse("right_pectoral:length=0.6").apply(Morphology.coerce(BODY))
-    write_log(tmp_path / "swim.csv", as_log(swim(6, 720, other, STRUCK)))
+    write_log(tmp_path / "swim.csv", swim(6, 720, other, STRUCK))
     words = ["watch", "--log", str(tmp_path / "swim.csv"), "--posterior", str(belief)]
     assert main([*words, "--out", str(tmp_path / "out"), "--threads", "1"]) == 0
     assert "this is no longer the body that was inferred" in capsys.readouterr().out
@@ -60,7 +55,7 @@ def test_a_change_is_said_drawn_and_written(
 def test_what_is_no_posterior_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_log(tmp_path / "swim.csv", as_log(swim(5, 200)))
+    write_log(tmp_path / "swim.csv", swim(5, 200))
     np.savez(tmp_path / "other.npz", x=np.zeros(3))
     words = ["watch", "--log", str(tmp_path / "swim.csv")]
     assert main([*words, "--posterior", str(tmp_path / "other.npz")]) == 2

@@ -16,8 +16,8 @@ from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.morphology import DIMENSIONS
 from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.runs.runner import Say
-from eea import RecordedLog, Trace, estimate_from_swims, estimate_morphology_of, watch_swim
-from eea.aquafish.swims import BEFORE
+from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
+from eea.aquafish.log_inference import BEFORE
 from eea.joint import JointBelief
 from gait.controller import Controller
 from gait.evolve import EvolveConfig, evolve_gait
@@ -72,9 +72,9 @@ def _window(number: int, rng: np.random.Generator) -> dict[str, Any]:
     body = Morphology.from_array(shares * Morphology.nominal().to_array())
     gait = evolve_gait(body, EvolveConfig(seed=number, generations=15, population=60, threads=1))
     swim = _swim(gait.controller, body, 2 * SECONDS, rng)
-    first = len(swim.gyro) - round(SECONDS / TIMESTEP) - BEFORE
-    swim = Trace(swim.commands[first:], swim.gyro[first:])
-    found = estimate_from_swims([swim], seed=number, truth=body, moving=True, threads=1)
+    first = len(swim.time) - round(SECONDS / TIMESTEP) - BEFORE - 1
+    swim = SwimLog(swim.time[first:], swim.gyro[first:], swim.commands[first:])
+    found = infer_log(swim, seed=number, truth=body, moving=True, threads=1)
     low, high = found.interval(0.9)
     assert isinstance(found.belief, JointBelief)
     truth = body.to_array()
@@ -124,7 +124,7 @@ def _swim(
     rng: np.random.Generator,
     become: Morphology | None = None,
     at: float = 0.0,
-) -> Trace:
+) -> SwimLog:
     """Return a swim of a gait that feels its noisy gyroscope; the robot may become another."""
     world, policy = CompiledWorld(), new_policy(gait)
     left, right, phase = rng.uniform(-np.pi, np.pi, 3).tolist()
@@ -140,7 +140,7 @@ def _swim(
         world.advance((left, right, caudal))
         felt.append(np.array(world.state().spin) + rng.normal(0.0, NOISE, 3))
         told.append((left, right, caudal))
-    return Trace(np.array(told), np.array(felt[1:]))
+    return SwimLog.of_trials([np.array(told)], [RecordedLog(np.array(felt[1:]))], moving=True)
 
 
 def summarise_swims(name: str, documents: Sequence[dict[str, Any]]) -> dict[str, Any]:

@@ -12,17 +12,20 @@ from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.aquafish.estimate import MorphologyEstimate
-from eea.aquafish.swims import BEFORE, Trace, estimate_from_swims, windows
-from eea.aquafish.watch import WINDOW, watch_swim
-from eea.core import ConfigurationError, EEAConfig
+from eea.aquafish.log_inference import BEFORE, infer_log, log_windows
+from eea.aquafish.swim_log import SwimLog
+from eea.aquafish.watch import watch_swim
+from eea.core.checks import ConfigurationError
 from eea.core.config import JointConfig
+from eea.core.replay import RecordedLog
 
 NOISE = 0.01
 BODY = Damage.parse("left_pectoral:length=0.6").apply(Morphology.nominal())
 PLAIN = JointConfig(alternatives="never")
+SECOND = 100  # samples
 
 
-def swim(seed: int, samples: int, become: Morphology | None = None, at: int = 0) -> Trace:
+def swim(seed: int, samples: int, become: Morphology | None = None, at: int = 0) -> SwimLog:
     """Return a swim of brisk commands at 4 Hz, in which the robot may become another."""
     rng, world = np.random.default_rng(seed), CompiledWorld()
     left, right, phase = rng.uniform(-np.pi, np.pi, 3).tolist()
@@ -36,14 +39,23 @@ def swim(seed: int, samples: int, become: Morphology | None = None, at: int = 0)
             world.become(become.to_array())
         world.advance((left, right, caudal))
         gyro.append(world.state().spin)
-    return Trace(commands, np.array(gyro) + rng.normal(0.0, NOISE, (samples, 3)))
+    felt = RecordedLog(np.array(gyro) + rng.normal(0.0, NOISE, (samples, 3)))
+    return SwimLog.of_trials([commands], [felt], moving=True)
+
+
+def together(*logs: SwimLog) -> SwimLog:
+    """Return logs of a trial each as one."""
+    number = np.repeat(np.arange(len(logs)), [len(log.time) for log in logs])
+    return SwimLog(
+        *(np.concatenate([getattr(log, n) for log in logs]) for n in ("time", "gyro", "commands")),
+        number,
+    )
 
 
 @pytest.fixture(scope="module")
 def known() -> MorphologyEstimate:
-    config = EEAConfig("joint", steps=500, rounds=1, joint=PLAIN)
-    traces = [swim(seed, 500 + BEFORE) for seed in (1, 2)]
-    return estimate_from_swims(traces, config, truth=BODY, moving=True, threads=1)
+    log = together(*(swim(seed, 501 + BEFORE) for seed in (1, 2)))
+    return infer_log(log, PLAIN, truth=BODY, moving=True, threads=1)
 
 
 def test_a_body_is_known_from_swimming_alone(known: MorphologyEstimate) -> None:
@@ -64,8 +76,7 @@ def test_from_rest_the_current_is_found_too() -> None:
         record="gyro", interval=1, servo_gain=0.95, lag=0.03,
     )  # fmt: skip
     assert log.gyro is not None
-    config = EEAConfig("joint", steps=300, rounds=1, joint=PLAIN)
-    found = estimate_from_swims([Trace(commands, log.gyro[0])], config, truth=BODY, threads=1)
+    found = infer_log(SwimLog.of_trials([commands], [log]), PLAIN, truth=BODY, threads=1)
     assert found.objective_fitness is not None
     assert found.objective_fitness > 0.999
     table = found.belief.table()  # type: ignore[union-attr]
@@ -75,39 +86,36 @@ def test_from_rest_the_current_is_found_too() -> None:
 
 
 def test_windows_are_cut_where_they_should_be() -> None:
-    trace = swim(3, 600)
-    cut = windows([trace, Trace(*(part[:300] for part in trace))], moving=True, steps=250)
-    assert cut.interval == 25  # as the commands, of which a window begins in the middle of one
+    log = swim(3, 601)
+    short = SwimLog(*(part[:301] for part in (log.time, log.gyro, log.commands)))
+    cut = log_windows(together(log, short), moving=True, seconds=2.5).windows
+    assert cut.interval == 1  # of commands held for 25 rows, the first of which is cut at 24
     assert [len(part) for part in cut[:3]] == [3, 3, 3]
-    np.testing.assert_array_equal(cut.gyro[1], trace.gyro[BEFORE + 250 : BEFORE + 500])
-    np.testing.assert_array_equal(cut.spin[1], trace.gyro[BEFORE + 249])
-    held = np.repeat(cut.series, cut.interval, axis=1)[:, : 250 + BEFORE]
-    np.testing.assert_array_equal(held[1], trace.commands[250 : 500 + BEFORE])
-    resting = windows([trace], moving=False)
+    np.testing.assert_array_equal(cut.gyro[1], log.gyro[BEFORE + 251 : BEFORE + 501])
+    np.testing.assert_array_equal(cut.spin[1], log.gyro[BEFORE + 250])
+    held = np.repeat(cut.series, cut.interval, axis=1)
+    np.testing.assert_array_equal(held[1], log.commands[250 : 500 + BEFORE])
+    resting = log_windows(log).windows
     assert resting.gyro.shape == (1, 600, 3)
     assert resting.begun == 0
 
 
 @pytest.mark.parametrize(
-    ("wrong", "says"),
+    ("samples", "options", "says"),
     [
-        ({"swims": []}, "swims must hold at least one"),
-        ({"swims": [Trace(np.zeros((15, 3)), np.zeros((15, 3)))]}, "steps must be"),
-        ({"swims": [Trace(np.zeros((90, 3)), np.zeros((80, 3)))]}, "gyro of swim 1 must have"),
-        ({"swims": [Trace(np.ones((90, 3)), np.zeros((90, 3)))]}, "commands of swim 1"),
-        ({"config": EEAConfig("none")}, "config.condition must be joint"),
+        (45, {"moving": True}, "trial 1 must have at least 32 samples"),
+        (300, {"joint": JointConfig(nuisances=("current",)), "moving": True}, "joint.nuisances"),
     ],
 )
-def test_what_makes_no_sense_is_refused(wrong: dict[str, Any], says: str) -> None:
-    right = {"swims": [swim(3, 300)], "moving": True}
+def test_what_makes_no_sense_is_refused(samples: int, options: dict[str, Any], says: str) -> None:
     with pytest.raises((ConfigurationError, InvalidArgumentError), match=says):
-        estimate_from_swims(**right | wrong)
+        infer_log(swim(3, samples), **options)
 
 
 def test_an_unchanged_body_raises_no_alarm_more_often_than_is_said(
     known: MorphologyEstimate,
 ) -> None:
-    watched = watch_swim(swim(7, BEFORE + 40 * WINDOW), known.belief, threads=1)  # type: ignore[arg-type]
+    watched = watch_swim(swim(7, BEFORE + 40 * SECOND + 1), known.belief, threads=1)  # type: ignore[arg-type]
     chances = [look.p for look in watched.looks]
     assert watched.noticed is None
     assert "still the body" in str(watched)
@@ -120,9 +128,9 @@ def test_an_unchanged_body_raises_no_alarm_more_often_than_is_said(
 @pytest.mark.parametrize("damage", ["right_pectoral:length=0.7", "caudal:missing"])
 def test_a_change_of_body_is_noticed_at_once(known: MorphologyEstimate, damage: str) -> None:
     other = Damage.parse(damage).apply(BODY)
-    struck = BEFORE + 3 * WINDOW + 40
-    trace = swim(8, BEFORE + 8 * WINDOW, other, struck)
-    watched = watch_swim(trace, known.belief, threads=1, until_noticed=True)  # type: ignore[arg-type]
+    struck = BEFORE + 3 * SECOND + 40
+    log = swim(8, BEFORE + 8 * SECOND + 1, other, struck)
+    watched = watch_swim(log, known.belief, threads=1, until_noticed=True)  # type: ignore[arg-type]
     assert watched.noticed is not None
     assert 0.0 < watched.noticed - 0.01 * struck < 3.0
     assert "no longer the body" in str(watched)
