@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from importlib.util import find_spec
@@ -16,17 +14,16 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from aquafish.batch import do_missing, say
 from aquafish.gap.job import METHODS, ORACLE, GapJob, Settings, bridge, rehearse, source_stamp
 from aquafish.gap.rivals import PACKAGES
 from aquafish.gap.worlds import WORLDS
 from aquafish.recovery.report import LIBRARIES, versions
 from aquafish_gym.engines.base import check_engine
-from aquafish_gym.runs.executors import workers
 from aquafish_gym.runs.folder import claim, described, held
-from aquafish_gym.runs.processes import WorkerDiedError
-from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
+from aquafish_gym.runs.runner import Event, read_result
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.command_line import RESUMES, Out
+from aquafish_gym.utils.command_line import Out
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -43,7 +40,6 @@ KIND = "a reality-gap suite"
 SCHEMA = "aquafish.gap/1"
 REPORT = "report.json"
 MOST_SEEDS = 10_000
-PATIENCE = 3.0  # s, in which a worker with everything compiled is ready
 EVERY = 30.0  # s between two lines about the progress, where there is no terminal
 
 
@@ -197,30 +193,14 @@ class Gap:
             claim(
                 folder, KIND, settings.to_dict(), code, ("runs", REPORT), other_code=self.other_code
             )
-            failures = self._work(jobs, folder)
+            failures = do_missing(
+                jobs, bridge, folder, rehearse, progress,
+                processes=self.workers, scheduler=self.scheduler,
+            )  # fmt: skip
             publish(folder, settings, self.format)
             if failures:
-                _say("\n".join(f"failed: {failure}" for failure in failures))
+                say("\n".join(f"failed: {failure}" for failure in failures))
                 raise SystemExit(1)
-
-    def _work(self, jobs: list[GapJob], folder: Path) -> list[str]:
-        done = finished(folder, jobs)
-        missing = [job for job in jobs if job not in done]
-        for job in missing:
-            if (folder / job.file).exists():
-                _say(f"damaged: {folder / job.file}; {job.name} is done anew")
-        if not missing:
-            return []
-        try:
-            with workers(self.workers, self.scheduler) as executor:
-                compile_once(executor, missing)
-                with progress(missing) as tell:
-                    return run_jobs(missing, bridge, folder, executor, tell)
-        except KeyboardInterrupt:
-            left = len(jobs) - len(finished(folder, jobs))
-            raise KeyboardInterrupt(
-                f"interrupted with {left} of {len(jobs)} jobs to do; {RESUMES}"
-            ) from None
 
 
 def publish(folder: Path, settings: Settings, formats: Sequence[str]) -> None:
@@ -264,18 +244,6 @@ def read_all(folder: Path, settings: Settings) -> list[dict[str, Any]]:
     return outcomes
 
 
-def compile_once(executor: Executor, jobs: Sequence[GapJob]) -> None:
-    """Have one worker compile what all of them then find compiled, and say so if it takes time."""
-    kinds = {(job.world, job.method): job for job in jobs if job.method != ORACLE}
-    rehearsal = executor.submit(rehearse, tuple(kinds.values()))
-    if not wait([rehearsal], PATIENCE).done:
-        _say("preparing: the first run on a machine compiles, for about two minutes")
-    try:
-        rehearsal.result()
-    except WorkerDiedError as error:
-        raise OSError(f"no job was begun: {error}") from None
-
-
 @contextmanager
 def progress(jobs: Sequence[GapJob]) -> Iterator[Callable[[Event[GapJob]], None]]:
     """Show one bar on a terminal, or a line every half a minute elsewhere."""
@@ -291,17 +259,13 @@ def progress(jobs: Sequence[GapJob]) -> Iterator[Callable[[Event[GapJob]], None]
         def tell(event: Event[GapJob]) -> None:
             nonlocal done, told
             if event.kind == "retried":
-                _say(f"{event.job.name}: {event.text}; it is begun again")
+                say(f"{event.job.name}: {event.text}; it is begun again")
             if event.kind not in ("done", "failed"):
                 return
             done, now = done + 1, time.monotonic()
             bars.update(bar, completed=done, description=event.job.name)
             if not live and (now > told + EVERY or done == len(jobs)):
                 told, rest = now, (now - began) / done * (len(jobs) - done)
-                _say(f"{done} of {len(jobs)} jobs, {duration(rest)} to go")
+                say(f"{done} of {len(jobs)} jobs, {duration(rest)} to go")
 
         yield tell
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
 from pathlib import Path
@@ -11,21 +11,17 @@ from typing import Any
 
 import numpy as np
 
-import aquafish_gym
-import eea.aquafish
-import eea.core
-import eea.joint
-import gait
+from aquafish import batch
+from aquafish.batch import check_source, in_small
 from aquafish.gap.rivals import RIVALS, Rival
 from aquafish.gap.worlds import WORLDS, damage_of, gap_of
 from aquafish_gym import Morphology
 from aquafish_gym.morphology import DIMENSIONS, FINS
-from aquafish_gym.runs.stamps import code_stamp
 from eea.aquafish import EngineSimulator, EngineTarget, RealityGap, fish_eea, fish_problem
 from eea.aquafish.joint import HYPOTHESES, fish_joint
-from eea.core import ConfigurationError, EEAConfig, Result, streams
+from eea.core import EEAConfig, Result, streams
 from eea.core.angles import Floats
-from eea.core.config import Condition, JointConfig
+from eea.core.config import Condition
 from eea.core.rounds import Rounds
 from eea.joint.belief import JointBelief
 from eea.joint.problem import AS_COMMANDED
@@ -126,11 +122,7 @@ def bridge(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
     ConfigurationError
         If this machine has other code than ``job.source``.
     """
-    if job.source and job.source != source_stamp():
-        raise ConfigurationError(
-            f"this worker has other code (source {source_stamp()}, not {job.source}); install the "
-            "same version on every machine"
-        )
+    check_source(job, source_stamp())
     truth = job.body.to_array()
     outcome: dict[str, Any] = {
         "world": job.world,
@@ -217,9 +209,11 @@ def _swim(job: GapJob, controller: Controller) -> list[float]:
     return [float(far) for far in np.where(np.isfinite(distances), distances, 0.0)]
 
 
-def rehearse(jobs: tuple[GapJob, ...]) -> None:
+def rehearse(jobs: Sequence[GapJob]) -> None:
     """Do jobs in small, so that all that they need is compiled and loaded; each kind once."""
     for job in jobs:
+        if job.method == ORACLE:
+            continue
         engine = WORLDS[job.world].engine
         like = next(name for name, world in WORLDS.items() if world.engine == engine)
         _rehearse(job.world, "none", job.settings)  # its target and its gaits' swims
@@ -228,29 +222,18 @@ def rehearse(jobs: tuple[GapJob, ...]) -> None:
 
 @cache
 def _rehearse(world: str, method: str, settings: Settings) -> None:
-    few = replace(
-        settings.eea,
-        rounds=2,
-        exploration=replace(settings.eea.exploration, generations=1),
-        estimation=replace(settings.eea.estimation, generations=1),
-        out_of_band=replace(settings.eea.out_of_band, inner_generations=1, revisit=0),
-        joint=JointConfig(
-            bodies=4, poses=4, descents=2, polished=1, restarts=0, alternatives="always"
-        ),
-    )
     brief = replace(settings.gait, generations=1, population=10, poses=1, seconds=0.1)
-    small = GapJob(world, method, 0, replace(settings, eea=few, gait=brief, budget=200, poses=1))
+    small = GapJob(
+        world,
+        method,
+        0,
+        replace(settings, eea=in_small(settings.eea), gait=brief, budget=200, poses=1),
+    )
     result, _ = _model(small, lambda _text, _share: None)
     _swim(small, evolve_gait(result.model, replace(brief, threads=1)).controller)
 
 
-@cache
 def source_stamp() -> str:
     """Return a hash of all code that the results come from."""
-    packages = (aquafish_gym, eea.core, eea.aquafish, eea.joint, gait)
-    folders = [Path(str(package.__file__)).parent for package in packages]
-    files = [
-        file for folder in folders for kind in ("*.py", "*.ini") for file in folder.rglob(kind)
-    ]
     here = Path(__file__).parent
-    return code_stamp([*files, *(here / f"{name}.py" for name in ("job", "rivals", "worlds"))])
+    return batch.source_stamp(*(here / f"{name}.py" for name in ("job", "rivals", "worlds")))

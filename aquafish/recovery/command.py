@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
-import sys
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, wait
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -15,18 +13,16 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+from aquafish.batch import do_missing, say
 from aquafish.recovery.report import Outcomes, build_report, show, to_markdown, versions
 from aquafish.recovery.treatment import TREATMENTS, Treatment, rehearse, source_stamp, treat
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.engines.base import check_engine
-from aquafish_gym.runs.executors import workers
 from aquafish_gym.runs.folder import claim, described, held
-from aquafish_gym.runs.processes import WorkerDiedError
-from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
+from aquafish_gym.runs.runner import Event, finished, read_result
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.command_line import (
-    RESUMES,
     BodyDamage,
     BodyFile,
     Out,
@@ -42,7 +38,6 @@ from gait.transfer import TransferConfig
 
 SCHEMA = "aquafish.recovery/1"
 REPORT = "report.json"
-PATIENCE = 3.0  # s, in which a worker with everything compiled is ready
 
 
 @dataclass(frozen=True)
@@ -166,31 +161,14 @@ class Recover:
             code = None if self.redraw else {"source": source_stamp(), **versions()}
             settings = _settings(jobs)
             claim(folder, "a case study", settings, code, (REPORT,), other_code=self.other_code)
-            if not self.redraw:
-                self._work(jobs, folder)
+            failures = [] if self.redraw else do_missing(
+                jobs, treat, folder, rehearse, progress,
+                processes=self.workers, scheduler=self.scheduler,
+            )  # fmt: skip
+            if failures:
+                say("\n".join(f"failed: {failure}" for failure in failures))
+                raise SystemExit(1)
             self._publish(jobs, folder, settings)
-
-    def _work(self, jobs: list[Treatment], folder: Path) -> None:
-        done = finished(folder, jobs)
-        missing = [job for job in jobs if job not in done]
-        for job in missing:
-            if (folder / job.file).exists():
-                _say(f"damaged: {folder / job.file}; {job.name} is done anew")
-        if not missing:
-            return
-        try:
-            with workers(self.workers, self.scheduler) as executor:
-                compile_once(executor, missing[0])
-                with progress(missing) as tell:
-                    failures = run_jobs(missing, treat, folder, executor, tell)
-        except KeyboardInterrupt:
-            left = len(jobs) - len(finished(folder, jobs))
-            raise KeyboardInterrupt(
-                f"interrupted with {left} of {len(jobs)} treatments to do; {RESUMES}"
-            ) from None
-        if failures:
-            _say("\n".join(f"failed: {failure}" for failure in failures))
-            raise SystemExit(1)
 
     def _publish(self, jobs: list[Treatment], folder: Path, settings: dict[str, Any]) -> None:
         """Write everything for people and for the next command, and print the report."""
@@ -217,22 +195,7 @@ class Recover:
         show(report, console)
         console.print(f"Report and pictures: {folder}", soft_wrap=True)
         if not drawable:
-            _say("the bodies and the film need PyBullet, which draws the robot")
-
-
-def _say(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
-def compile_once(executor: Executor, job: Treatment) -> None:
-    """Have one worker compile what all of them then find compiled, and say so if it takes time."""
-    rehearsal = executor.submit(rehearse, job)
-    if not wait([rehearsal], PATIENCE).done:
-        _say("preparing: the first run on a machine compiles, for about a minute")
-    try:
-        rehearsal.result()
-    except WorkerDiedError as error:
-        raise OSError(f"no treatment was begun: {error}") from None
+            say("the bodies and the film need PyBullet, which draws the robot")
 
 
 def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
@@ -286,7 +249,7 @@ def progress(jobs: Sequence[Treatment]) -> Iterator[Callable[[Event[Treatment]],
                 bars.reset(tasks[event.job])
             bars.update(tasks[event.job], completed=event.share, text=text)
             if not live and event.kind in ("done", "retried"):
-                _say(f"{event.job.name}: {text}")
+                say(f"{event.job.name}: {text}")
 
         yield tell
 

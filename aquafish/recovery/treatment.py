@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-import aquafish_gym
-import eea.aquafish
-import eea.core
-import eea.joint
-import gait
-from aquafish import gait_utility
+from aquafish import batch, gait_utility
+from aquafish.batch import check_source, in_small
 from aquafish.gait_utility import GaitUtility
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.runs.stamps import code_stamp
+from aquafish_gym.runs.runner import Say
 from eea.aquafish import EngineTarget, fish_eea, fish_models
-from eea.core import ConfigurationError, EEAConfig, streams
+from eea.core import EEAConfig, streams
 from eea.core.config import Condition
 from eea.core.fitness import objective_fitness
 from gait.evolve import EvolveConfig, Generation, evolve_gait
@@ -43,8 +38,6 @@ MASS = 0.9  # of the intervals that an outcome holds
 PATH = ("time", "position", "quaternion", "fin_angles")
 DECIMALS = 6  # of a path's numbers, as many as a float32 holds
 MODEL_SHARE, GAIT_SHARE = 0.4, 0.5  # of a treatment's time, about; the swims take the rest
-
-Say = Callable[[str, float], None]  # what happens now, and the share of the work that is done
 
 
 @dataclass(frozen=True)
@@ -102,11 +95,7 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     ConfigurationError
         If this machine has other code than ``job.source``.
     """
-    if job.source and job.source != source_stamp():
-        raise ConfigurationError(
-            f"this worker has other code (source {source_stamp()}, not {job.source}); install the "
-            "same version on every machine"
-        )
+    check_source(job, source_stamp())
     model = _self_model(job, say)
 
     def tell(row: Generation) -> None:
@@ -146,31 +135,19 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     }
 
 
-def rehearse(job: Treatment) -> None:
-    """Do a treatment in small, so that whatever it needs is compiled."""
-    few = replace(
-        job.eea,
-        rounds=2,
-        exploration=replace(job.eea.exploration, generations=1),
-        estimation=replace(job.eea.estimation, generations=1),
-        out_of_band=replace(job.eea.out_of_band, inner_generations=1, revisit=0),
-        joint=replace(job.eea.joint, bodies=8, poses=8, descents=2, polished=1, restarts=0),
-    )
+def rehearse(jobs: Sequence[Treatment]) -> None:
+    """Do a treatment in small, so that whatever they need is compiled."""
+    job = jobs[0]
     brief = replace(job.gait, generations=1, population=10, poses=1, seconds=0.1)
     swims = replace(job.transfer, poses=1, seconds=0.1)
     for name in ("out-of-band", "joint"):
-        small = replace(job, treatment=name, eea=few, gait=brief, transfer=swims)
+        small = replace(job, treatment=name, eea=in_small(job.eea), gait=brief, transfer=swims)
         treat(small, lambda _text, _share: None)
 
 
-@cache
 def source_stamp() -> str:
     """Return a hash of all code that the results come from."""
-    packages = (aquafish_gym, eea.core, eea.joint, eea.aquafish, gait)
-    folders = [Path(str(package.__file__)).parent for package in packages]
-    kinds = ("*.py", "*.ini")
-    files = [file for folder in folders for kind in kinds for file in folder.rglob(kind)]
-    return code_stamp([*files, Path(__file__), Path(gait_utility.__file__)])
+    return batch.source_stamp(Path(__file__), Path(gait_utility.__file__))
 
 
 class Model(NamedTuple):

@@ -1,0 +1,125 @@
+"""What the commands that do many jobs in a folder have in common."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import wait
+from contextlib import AbstractContextManager
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any, Protocol
+
+import aquafish_gym
+import eea.aquafish
+import eea.core
+import eea.joint
+import gait
+from aquafish_gym.runs.executors import workers
+from aquafish_gym.runs.processes import WorkerDiedError
+from aquafish_gym.runs.runner import Event, Job, JobLike, Say, finished, run_jobs
+from aquafish_gym.runs.stamps import code_stamp
+from aquafish_gym.utils.command_line import RESUMES
+from eea.core import ConfigurationError, EEAConfig
+from eea.core.config import JointConfig
+
+PATIENCE = 3.0  # s, in which a worker with everything compiled is ready
+
+
+class Stamped(JobLike, Protocol):
+    """A job that knows which code must do it; "" for any."""
+
+    @property
+    def source(self) -> str: ...
+
+
+def say(text: str) -> None:
+    """Tell a person something beside the results."""
+    print(text, file=sys.stderr, flush=True)
+
+
+@cache
+def source_stamp(*files: Path) -> str:
+    """Return a hash of all code that self-models and gaits come from, and of more files."""
+    packages = (aquafish_gym, eea.core, eea.joint, eea.aquafish, gait)
+    folders = [Path(str(package.__file__)).parent for package in packages]
+    kinds = ("*.py", "*.ini")
+    theirs = [file for folder in folders for kind in kinds for file in folder.rglob(kind)]
+    return code_stamp([*theirs, *files])
+
+
+def check_source(job: Stamped, here: str) -> None:
+    """Raise ConfigurationError if ``here``, this machine's code, is not what a job asks for."""
+    if job.source and job.source != here:
+        raise ConfigurationError(
+            f"this worker has other code (source {here}, not {job.source}); install the same "
+            "version on every machine"
+        )
+
+
+def in_small(config: EEAConfig) -> EEAConfig:
+    """Return what takes little time and has all compiled that a run with these settings needs."""
+    return replace(
+        config,
+        rounds=2,
+        exploration=replace(config.exploration, generations=1),
+        estimation=replace(config.estimation, generations=1),
+        out_of_band=replace(config.out_of_band, inner_generations=1, revisit=0),
+        joint=JointConfig(
+            bodies=4, poses=4, descents=2, polished=1, restarts=0, alternatives="always"
+        ),
+    )
+
+
+def do_missing(
+    jobs: Sequence[Job],
+    work: Callable[[Job, Say], dict[str, Any]],
+    folder: Path,
+    rehearse: Callable[[Sequence[Job]], None],
+    progress: Callable[[Sequence[Job]], AbstractContextManager[Callable[[Event[Job]], None]]],
+    *,
+    processes: int | None,
+    scheduler: str | None,
+) -> list[str]:
+    """Do the jobs that a held folder lacks; return a sentence for each that could not be done.
+
+    Parameters
+    ----------
+    rehearse
+        Has one worker compile what all of them then find compiled, before any job begins.
+    progress
+        Shows how the jobs that it is given come along.
+    processes, scheduler
+        See ``executors.workers``.
+
+    Raises
+    ------
+    KeyboardInterrupt
+        On Ctrl-C, with how many are left.
+    OSError
+        If no process can do anything, or a file cannot be written.
+    """
+    done = finished(folder, jobs)
+    missing = [job for job in jobs if job not in done]
+    for job in missing:
+        if (folder / job.file).exists():
+            say(f"damaged: {folder / job.file}; {job.name} is done anew")
+    if not missing:
+        return []
+    try:
+        with workers(processes, scheduler) as executor:
+            rehearsal = executor.submit(rehearse, tuple(missing))
+            if not wait([rehearsal], PATIENCE).done:
+                say("preparing: the first run on a machine compiles, for a minute or two")
+            try:
+                rehearsal.result()
+            except WorkerDiedError as error:
+                raise OSError(f"nothing was begun: {error}") from None
+            with progress(missing) as tell:
+                return run_jobs(missing, work, folder, executor, tell)
+    except KeyboardInterrupt:
+        left = len(jobs) - len(finished(folder, jobs))
+        raise KeyboardInterrupt(
+            f"interrupted with {left} of {len(jobs)} jobs to do; {RESUMES}"
+        ) from None
