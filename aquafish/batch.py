@@ -11,6 +11,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
+
 import aquafish_gym
 import eea.aquafish
 import eea.core
@@ -21,6 +23,8 @@ from aquafish_gym.runs.processes import WorkerDiedError
 from aquafish_gym.runs.runner import Event, Job, JobLike, Say, finished, run_jobs
 from aquafish_gym.runs.stamps import code_stamp
 from aquafish_gym.utils.command_line import RESUMES
+from eea.aquafish import EngineSimulator, fish_problem
+from eea.aquafish.joint import fish_joint
 from eea.core import ConfigurationError, EEAConfig
 from eea.core.config import JointConfig
 
@@ -59,7 +63,12 @@ def check_source(job: Stamped, here: str) -> None:
 
 
 def in_small(config: EEAConfig) -> EEAConfig:
-    """Return what takes little time and has all compiled that a run with these settings needs."""
+    """Return what takes little time and has all compiled that a run with these settings needs.
+
+    But for joint inference's other hypotheses: to fit them to anything takes ten seconds, so that
+    they are simulated here.
+    """
+    _simulate_hypotheses(config.steps)
     return replace(
         config,
         rounds=2,
@@ -67,9 +76,24 @@ def in_small(config: EEAConfig) -> EEAConfig:
         estimation=replace(config.estimation, generations=1),
         out_of_band=replace(config.out_of_band, inner_generations=1, revisit=0),
         joint=JointConfig(
-            bodies=4, poses=4, descents=2, polished=1, restarts=0, alternatives="always"
+            bodies=4, poses=4, descents=2, polished=1, restarts=0, alternatives="never"
         ),
     )
+
+
+@cache
+def _simulate_hypotheses(steps: int) -> None:
+    """Simulate a fish under each hypothesis, its servos late or not, in both precisions."""
+    joint = fish_joint(fish_problem(), EngineSimulator(steps, threads=1))
+    still = np.zeros((len(joint.hypotheses), 3))
+    bodies = np.zeros((len(still), 9))
+    for lag in (0.0, 0.1):
+        told = [
+            [h.fixed.get(n.name, lag if n.name == "lag" else n.nominal) for n in joint.nuisances]
+            for h in joint.hypotheses
+        ]
+        for fine in (False, True):
+            joint.simulate(bodies, np.array(told), still, still, fine)
 
 
 def do_missing(
