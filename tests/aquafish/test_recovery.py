@@ -6,6 +6,7 @@ import importlib.util
 import json
 import os
 import random
+import runpy
 import shutil
 import signal
 import subprocess
@@ -43,6 +44,14 @@ def study(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def again(study: Path, tmp_path: Path) -> Path:
     """A copy to be harmed."""
     return Path(shutil.copytree(study, tmp_path / "again"))
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures are drawn where they are looked at: they take longer than all else."""
+    names = [f"{name}.png" for name in ("bodies", "paths", "fitness", "distances")]
+    drawn = [name for name in names if name.removesuffix(".png") in PICTURES]
+    monkeypatch.setattr("aquafish.recovery.figures.draw_all", lambda *_: drawn)
 
 
 def test_the_report_holds_every_number(study: Path) -> None:
@@ -111,6 +120,7 @@ def test_bodies_and_controllers_are_there_for_the_next_command(study: Path) -> N
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_lost_or_damaged_is_done_again_to_the_byte(study: Path, again: Path) -> None:
     """With one worker or two; what is whole is not done again."""
     shutil.rmtree(again / "seed-001" / "out-of-band")
@@ -131,6 +141,7 @@ def test_what_is_lost_or_damaged_is_done_again_to_the_byte(study: Path, again: P
     assert results(again) == results(study)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_swim_that_diverged_counts_as_no_progress_and_is_told(again: Path) -> None:
     path = again / "seed-000" / "none" / "outcome.json"
     outcome = read_document(path)
@@ -264,6 +275,7 @@ def test_an_unwritable_folder_is_refused(tmp_path: Path) -> None:
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(
     "sent", [signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.slow)]
 )
@@ -282,6 +294,7 @@ def test_an_interrupted_run_says_so_and_goes_on(
     assert results(out) == results(study)
 
 
+@pytest.mark.slow
 def test_kills_at_random_instants_change_no_byte(study: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     rng = random.Random(1)
@@ -296,16 +309,17 @@ def test_kills_at_random_instants_change_no_byte(study: Path, tmp_path: Path) ->
     assert not list(out.rglob(".*")), "what was being written is swept"
 
 
-def test_the_example_is_the_command(study: Path, again: Path) -> None:
+@pytest.mark.usefixtures("undrawn")
+def test_the_example_is_the_command(
+    study: Path, again: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The options that its readers know are there too."""
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), "--out", str(again), *SMALL, "--engine", "numba",
-         "--seeds", "2", "--redraw"],
-        capture_output=True,
-        text=True,
-        check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
+    words = ["--out", str(again), *SMALL, "--engine", "numba", "--seeds", "2", "--redraw"]
+    monkeypatch.setattr(sys, "argv", [str(SCRIPT), *words])
+    (again / "report.json").unlink()
+    with pytest.raises(SystemExit) as left:
+        runpy.run_path(str(SCRIPT), run_name="__main__")
+    assert left.value.code == 0
     assert results(again) == results(study)
 
 
