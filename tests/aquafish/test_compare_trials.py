@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import runpy
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from eea import EEAConfig, JointConfig
 from gait import EvolveConfig
 
 SCRIPT = Path(__file__).parents[2] / "examples" / "compare_trials.py"
@@ -18,6 +20,11 @@ def test_strategies_are_compared_after_each_trial_and_none_again(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "140")  # narrower terminals break cells in two
     script = runpy.run_path(str(SCRIPT))
+    little = JointConfig(
+        (), bodies=24, poses=24, descents=6, polished=2, restarts=0, alternatives="never"
+    )
+    usual = partial(EEAConfig, joint=little)
+    monkeypatch.setitem(script["CompareTrials"].jobs.__globals__, "EEAConfig", usual)
     gait = EvolveConfig(generations=2, population=10, poses=1, seconds=1.0, threads=1)
     command = script["CompareTrials"](
         out=tmp_path, strategies=("fast", "gait"), trials=2, seeds=2, steps=64, gait=gait

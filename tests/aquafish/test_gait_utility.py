@@ -22,7 +22,8 @@ QUICK = GaitUtility(threads=1, gaits=3, generations=3, population=20, poses=1, s
 HEALTHY = Morphology.nominal().to_array()
 SMALL = ("--steps", "64", "--rounds", "2", "--target-engine", "numba", "--threads", "1",
          "--joint.bodies", "8", "--joint.poses", "8", "--joint.descents", "2",
-         "--joint.polished", "1", "--joint.restarts", "0", "--condition", "joint")  # fmt: skip
+         "--joint.polished", "1", "--joint.restarts", "0", "--joint.alternatives", "never",
+         "--condition", "joint")  # fmt: skip
 
 
 @pytest.fixture

@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,7 @@ from aquafish.gap.report import build_report, results, to_markdown
 from aquafish.gap.worlds import DAMAGES, WORLDS, damage_of, draw, gap_of
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.runs.storage import read_document
+from eea import JointConfig
 
 SETTINGS = Gap()._settings()
 WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
@@ -205,7 +207,10 @@ def test_the_command_leaves_a_report(suite: Path):
 
 
 def test_joint_inference_is_judged_and_has_two_gaits():
-    job = GapJob("noise-0.01", "joint", 1, Gap(preset="smoke")._settings())
+    settings = Gap(preset="smoke")._settings()
+    little = JointConfig(bodies=48, poses=48, descents=12, polished=2, restarts=0)
+    settings = replace(settings, eea=replace(settings.eea, joint=little))
+    job = GapJob("noise-0.01", "joint", 1, settings)
     found = bridge(job, lambda _text, _share: None)
     assert set(found["gaits"]) == {"body", "sample"}
     assert [len(those) for those in found["belief"]["covered"].values()] == [9, 9, 9]
@@ -246,6 +251,7 @@ def test_other_settings_are_refused(suite: Path, capsys):
     assert "holds a reality-gap suite with eea.rounds 2, not 3" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_an_interrupted_suite_says_so_and_goes_on(suite: Path, tmp_path: Path):
     out = tmp_path / "out"
     process = subprocess.Popen(
