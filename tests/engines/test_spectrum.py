@@ -19,6 +19,16 @@ from tests.verification.trials import random_trials
 
 COUNT = 35  # no multiple of any width
 ROUNDING = {np.float32: 3e-7, np.float64: 1e-15}
+# Each width is compiled anew, which takes ten seconds; test_determinism.py has compiled these.
+QUICK_WIDTHS = {np.float32: 4, np.float64: 1}
+WIDTHS = [
+    pytest.param(
+        dtype, width, id=f"{np.dtype(dtype)}-{width}",
+        marks=() if width == QUICK_WIDTHS[dtype] else pytest.mark.slow,
+    )
+    for dtype in ROUNDING
+    for width in (1, 4, 8, 16)
+]  # fmt: skip
 dtypes = pytest.mark.parametrize("dtype", ROUNDING)
 both_signals = pytest.mark.parametrize("rates", [False, True], ids=["attitude", "rates"])
 
@@ -69,19 +79,25 @@ def test_distances_are_those_of_the_coefficients(dtype: type[np.floating]) -> No
 
 @both_signals
 @dtypes
-def test_no_spectrum_depends_on_width_threads_or_batch(
-    dtype: type[np.floating], rates: bool
-) -> None:
+def test_no_spectrum_depends_on_threads_or_batch(dtype: type[np.floating], rates: bool) -> None:
     whole = spectra(32, dtype, rates)
-    for width in (1, 4, 8, 16):
-        np.testing.assert_array_equal(spectra(32, dtype, rates, width=width), whole)
     np.testing.assert_array_equal(spectra(32, dtype, rates, threads=3), whole)
     # Only work that is worth it is split.
-    one, three = (spectra(512, dtype, rates, width=4, threads=threads) for threads in (1, 3))
+    width = QUICK_WIDTHS[dtype]
+    one, three = (spectra(512, dtype, rates, width=width, threads=threads) for threads in (1, 3))
     np.testing.assert_array_equal(three, one)
     t = random_trials(COUNT, 0)
     some = LaneBatch(t.morphologies[9:12], t.fin_angles[9:12], dtype=dtype)
     np.testing.assert_array_equal(some.spectra(t.commands[9:12], 32, 2.0, rates), whole[9:12])
+
+
+@both_signals
+@pytest.mark.parametrize(("dtype", "width"), WIDTHS)
+def test_no_spectrum_depends_on_the_width(
+    dtype: type[np.floating], width: int, rates: bool
+) -> None:
+    found = spectra(32, dtype, rates, width=width)
+    np.testing.assert_array_equal(found, spectra(32, dtype, rates))
 
 
 @dtypes
