@@ -91,11 +91,11 @@ def test_study_json_says_what_is_run(tiny):
 
 
 def test_a_study_can_be_extended_and_merged_and_keeps_what_it_has(tiny, tmp_path, capsys):
-    first = ["--replicates", "1", "--conditions", "none"]
+    first = ["--replicates", "1", "--conditions", "none", "--workers", "1"]
     assert main([*TINY, *first, "--out", str(tmp_path / "a")]) == 0
     begun = files(tmp_path / "a")
     assert list(begun) == ["runs/none/16/0.json", "study.json"]
-    more = ["--first-seed", "1", "--replicates", "1"]
+    more = ["--first-seed", "1", "--replicates", "1", "--workers", "1"]
     assert main([*TINY, *more, "--out", str(tmp_path / "a")]) == 0
     assert files(tmp_path / "a")["runs/none/16/0.json"] == begun["runs/none/16/0.json"]
     spans = read_description(tmp_path / "a")["replicates"]
@@ -181,7 +181,9 @@ def test_a_damaged_study_json_is_refused_and_a_run_keeps_out_of_a_study(tmp_path
     assert said.count("\n") == 1
 
 
-def test_joint_inference_is_an_arm_like_the_others(tmp_path):
+def test_joint_inference_is_an_arm_like_the_others(tmp_path, monkeypatch):
+    # Its pictures are made, and not written in full, which takes the longest.
+    monkeypatch.setattr("eea.report.figures.save_figure", lambda _, path: path.write_bytes(b""))
     arguments = [
         *("study", "--conditions", "joint", "none", "--steps", "32", "--replicates", "1"),
         *("--rounds", "2", "--joint.bodies", "12", "--joint.poses", "12", "--joint.descents", "4"),
