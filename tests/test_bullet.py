@@ -84,11 +84,11 @@ def by_hand(trials: Trials, how: Settings) -> tuple[Floats, Floats, Floats]:
 @pytest.mark.parametrize(
     ("trials", "how"),
     [
-        (random_trials(20, 0), settings(512)),
+        (random_trials(8, 0), settings(512)),
         (random_trials(6, 1, without=0.5), settings(256)),
         (random_trials(4, 2, current=(0.3, -0.5, 0.2)), settings(128, substeps=4)),
     ],
-    ids=["20 random bodies, 5.12 s", "fins of no size", "current and substeps"],
+    ids=["8 random bodies, 5.12 s", "fins of no size", "current and substeps"],
 )
 def test_pybullet_is_the_equations_to_rounding(trials: Trials, how: Settings) -> None:
     log = simulate_bullet(trials, how)

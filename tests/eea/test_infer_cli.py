@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import runpy
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.bodies import read_bodies
 from aquafish_gym.engines.base import Settings, Trials, find_engine
 from aquafish_gym.runs.storage import read_document
-from eea import RecordedLog, SwimLog, infer_log, load_posterior, read_log, write_log
+from eea import JointConfig, RecordedLog, SwimLog, infer_log, load_posterior, read_log, write_log
 from eea.__main__ import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -34,6 +35,13 @@ def swum(bodies, commands, seed=0, steps=128, noise=0.01):
     assert felt is not None
     noisy = felt + noise * rng.standard_normal(felt.shape)
     return SwimLog.of_trials(commands, [RecordedLog(one) for one in noisy])
+
+
+@pytest.fixture
+def little_effort(monkeypatch):
+    """What no body explains is soon known, and the command searches long to be sure."""
+    little = partial(JointConfig, bodies=48, poses=48, descents=12, polished=2, restarts=0)
+    monkeypatch.setattr("eea.cli.infer.JointConfig", little)
 
 
 def infer(log, tmp_path, capsys, *options):
@@ -84,8 +92,10 @@ def test_without_the_truth_none_is_spoken_of(tmp_path, capsys):
     assert float(said[2].split()[1]) == pytest.approx(0.8, abs=0.05)
 
 
+@pytest.mark.usefixtures("little_effort")
 def test_a_known_noise_is_used(tmp_path, capsys):
-    said = infer(swum([LEFT] * 2, FAST[:2]), tmp_path, capsys, "--noise", "0.005", "--nuisances")
+    swim = swum([LEFT], FAST[:1], steps=64)
+    said = infer(swim, tmp_path, capsys, "--noise", "0.005", "--nuisances")
     assert any("none of the bodies I can imagine" in s and "times the noise" in s for s in said)
 
 
@@ -149,6 +159,7 @@ def test_slow_commands_tell_next_to_nothing(tmp_path, capsys):
     assert "the data tell next to nothing of the body: each size may be almost any" in said
 
 
+@pytest.mark.usefixtures("little_effort")
 def test_contradictory_trials_are_told_apart(tmp_path, capsys):
     log = swum([LEFT, RIGHT, LEFT], FAST)
     said = infer(log, tmp_path, capsys, "--nuisances")
@@ -157,6 +168,7 @@ def test_contradictory_trials_are_told_apart(tmp_path, capsys):
     assert said[-1].startswith("are the rates in rad/s")
 
 
+@pytest.mark.usefixtures("little_effort")
 def test_a_fin_larger_than_any_is_noticed(tmp_path, capsys):
     large = Morphology.nominal().to_array()
     large[1] *= 3.0 / 1.6  # 1.5 times the greatest length
@@ -194,6 +206,7 @@ def test_a_log_of_any_rate_is_taken_as_it_is(rate, jitter):
     assert estimate.belief.good
 
 
+@pytest.mark.usefixtures("little_effort")
 def test_ordinary_swimming_from_its_middle_is_enough(tmp_path, capsys):
     time = np.arange(620) / 100.0
     rng = np.random.default_rng(3)
@@ -206,13 +219,15 @@ def test_ordinary_swimming_from_its_middle_is_enough(tmp_path, capsys):
     assert any(line.startswith("the best fit leaves") for line in said)
     assert not any(line.startswith("current") for line in said)
     # Taken for a start from rest it is no swim of any body, and the hint is given.
-    said = infer(late, tmp_path, capsys)
+    said = infer(late, tmp_path, capsys, "--nuisances")
     assert "(if not: --start moving)" in said[-1]
 
 
 def test_the_same_log_from_csv_and_from_npz_is_one(tmp_path):
     log = read_log(SWIM)
     write_log(tmp_path / "swim.npz", log)
-    first, second = (infer_log(one, seed=3) for one in (log, read_log(tmp_path / "swim.npz")))
+    little = JointConfig(nuisances=(), bodies=24, poses=24, descents=6, polished=2, restarts=0)
+    logs = (log, read_log(tmp_path / "swim.npz"))
+    first, second = (infer_log(one, little, seed=3) for one in logs)
     assert np.array_equal(first.model, second.model)
     assert np.array_equal(first.sample(5), second.sample(5))

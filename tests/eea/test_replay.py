@@ -18,9 +18,10 @@ from eea import (
     read_log,
     write_log,
 )
-from eea.aquafish import estimate_morphology_of
+from eea.aquafish import estimate, estimate_morphology_of
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
+from eea.core.config import RECOMMENDED, JointConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.inference import OutOfBandConfig
@@ -77,11 +78,14 @@ def test_what_another_command_would_have_done_is_not_credited_to_it():
     assert [record.action_fitness for record in other.rounds] == [None] * 3
 
 
-def test_rounds_and_steps_are_the_sessions_by_default():
+def test_rounds_and_steps_are_the_sessions_by_default(monkeypatch):
     robot = Recorder(seed=0)
     estimate_morphology_of(robot, QUICK)
+    little = JointConfig((), noise=0.01, alternatives="never", restarts=0)
+    monkeypatch.setattr(estimate, "RECOMMENDED", replace(RECOMMENDED, joint=little))
     quick = estimate_from_logs(robot.commands[:1], robot.logs[:1], dtype="float32")
     assert (quick.config.rounds, quick.config.steps, len(quick.rounds)) == (1, 32, 1)
+    assert quick.config.condition == "joint"
     with pytest.raises(
         ConfigurationError, match="rounds must be at most the number of logs, 2; got 3"
     ):

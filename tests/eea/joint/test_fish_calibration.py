@@ -24,8 +24,8 @@ from tests.inference.summary import NAMES, TOUCH
 # As much of a search as one trial needs, and no hypotheses: nothing here is seized.
 QUICK = JointConfig(bodies=48, poses=48, descents=16, alternatives="never")
 NEARLY_NONE = JointConfig(bodies=2, poses=1, descents=1, polished=1, restarts=0)
-# So little noise that one trial tells a body.
-PRIOR = Setting("everything drawn from the prior", 32, "prior", "prior", 1, noise=0.001)
+# So little noise that one trial tells a body, and more than is tried to be explained exactly.
+PRIOR = Setting("everything drawn from the prior", 32, "prior", "prior", 1, noise=0.0015)
 
 
 def examined(setting, numbers, effort=QUICK):
