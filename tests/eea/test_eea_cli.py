@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import itertools
 import json
 import os
 import signal
@@ -15,22 +14,14 @@ import eea.cli.run
 from aquafish_gym.bodies import body_array, read_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import read_document, write_document
+from aquafish_gym.runs.storage import read_document
 from aquafish_gym.utils.command_line import read_morphology
 from eea.__main__ import main
 from eea.aquafish import fish_models, load_posterior
 from eea.cli.run import damage_words
 from eea.core.config import EEAConfig
 from eea.core.result import Result
-
-QUICK = [
-    "run",
-    *("--condition", "none", "--steps", "32", "--rounds", "2", "--target-engine", "numba"),
-    *("--exploration.population", "6", "--exploration.generations", "3"),
-    *("--estimation.population", "8", "--estimation.generations", "5"),
-    *("--target-damage", "left_pectoral:length=0.5"),
-]
-
+from quick_run import QUICK
 
 JOINT = [
     "run",
@@ -167,90 +158,6 @@ def test_a_body_can_be_read_from_a_file(tmp_path):
     assert truth == [0, 0, 0, 1, 2, 0.5, 0.5, 2, 1]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--steps", "100"], "steps must be a power of two; got 100"),
-        (["--steps", "1099511627776"], "and at most 1048576; got 1099511627776"),
-        (["--condition", "joint", "--steps", "16"], "steps must be at least 32 under the joint"),
-        (["--condition", "joint", "--joint.nuisances", "curent"], "did you mean 'current'"),
-        (["--condition", "joint", "--behavior.signal", "attitude"], "must be body_rates under the"),
-        (["--genetic.elites", "6"], "genetic.elites must be at most exploration.population - 1, 5"),
-        (["--genetic.mutations", "19"], "genetic.mutations must be at most"),
-        (["--seed", "-1"], "seed must be a whole number"),
-        (["--seed", "1" + 400 * "0"], "seed must be a whole number"),
-        (["--rounds", "10001"], "rounds must be a whole number of at least 1 and at most 10000"),
-        (["--out", ""], "--out must not be empty"),
-        (["--target-damage", "left_pectoral:lenght=0.5"], "did you mean 'length'"),
-        (["--target-damage", "left_fin:length=0.5"], "damage fin must be one of"),
-        (["--target-morphology", "/nowhere.json"], "target_morphology must be a file"),
-        (["--current", "0", "nan", "0"], "current must be finite"),
-        (["--threads", "0"], "threads must be"),
-        (["--out", "/proc/nothing/here"], "out must be a directory that can be written"),
-    ],
-)
-def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, message):
-    out = [] if "--out" in arguments else ["--out", str(tmp_path / "out")]
-    assert main([*QUICK, *out, *arguments]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert message in said.err
-    assert said.err.count("\n") == 1
-    assert not (tmp_path / "out" / "settings.json").exists()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "Missing from python -m eea run: --out DIR"),
-        (["--ouut", "x"], "Unrecognized options: --ouut x"),
-        ([*QUICK[1:], "--out", "OUT", "--step", "64"], "--steps INT"),
-        (["--out", "OUT", "--steps", "many"], "--steps"),
-        (["--out", "OUT", "--condition", "outofband"], "out-of-band"),
-        (
-            ["--out", "OUT", "--estimation.population", str(10**12)],
-            "and at most 1000000; got 1000000000000",
-        ),
-        (
-            ["--out", "OUT", "--exploration.generations", str(10**12)],
-            "and at most 1000000; got 1000000000000",
-        ),
-        (
-            ["--out", "OUT", "--out-of-band.inner-population", str(10**7)],
-            "and at most 1000000; got 10000000",
-        ),
-        (
-            ["--out", "OUT", "--behavior.maximum", "1e400"],
-            "behavior.maximum must be a finite number",
-        ),
-        (["--out", "OUT", "--target-engine", "bullet"], "--target-engine"),
-        (["--out", "OUT", "--out-of-band.period", "0"], "out_of_band.period"),
-        (["--out", "OUT", "--behavior.maximum", "0"], "behavior.maximum"),
-    ],
-)
-def test_a_mistyped_option_is_explained_in_a_box(tmp_path, capsys, monkeypatch, arguments, message):
-    monkeypatch.setattr(sys, "argv", ["__main__.py"])
-    monkeypatch.setenv("COLUMNS", "200")
-    out = tmp_path / "out"
-    assert main(["run", *(str(out) if word == "OUT" else word for word in arguments)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "Traceback" not in said.err
-    rows = [row.strip("│╭╮╰╯─ ") for row in said.err.splitlines()]
-    assert message in " ".join(" ".join(rows).split())
-    assert not out.exists()
-
-
-def test_the_nearest_subcommand_is_offered(capsys):
-    assert main(["rum"]) == 2
-    said = capsys.readouterr().err
-    assert said == (
-        "eea: the command must be one of run, recover, infer, watch, study, plot, merge; "
-        "got 'rum'; "
-        "did you mean 'run'?\n"
-    )
-
-
 def test_recover_is_run_with_the_case_studys_settings(tmp_path):
     out = tmp_path / "out"
     assert main(["recover", *QUICK[1:], "--condition", "out-of-band", "--out", str(out)]) == 0
@@ -357,50 +264,6 @@ def test_recover_breaks_what_the_case_study_breaks(tmp_path, capsys):
     assert main(["recover", *arguments, "--out", str(tmp_path)]) == 0
     assert "left flipper: half its length, found " in capsys.readouterr().out
     assert read_document(tmp_path / "result.json")["truth"][1] == 0.8
-
-
-def test_the_folder_of_another_program_is_refused(tmp_path, capsys):
-    write_document(
-        tmp_path / "settings.json",
-        {"kind": "a gait run", "settings": {}, "code": []},
-        "aquafish.folder/1",
-    )
-    assert main([*QUICK, "--out", str(tmp_path)]) == 2
-    said = capsys.readouterr().err
-    assert f"{tmp_path} holds a gait run\n" in said
-    assert said.count("\n") == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["settings.json"]
-
-
-@pytest.mark.parametrize("name", ["result.json", "rounds.png", "study.json", "notes.txt"])
-def test_files_that_are_not_a_runs_are_left_alone(tmp_path, capsys, name):
-    (tmp_path / name).write_text("mine")
-    assert main([*QUICK, "--out", str(tmp_path)]) == 2
-    assert f"holds {name} but no settings.json" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == [name]
-    assert (tmp_path / name).read_text() == "mine"
-
-
-def test_help_lists_the_options(capsys):
-    assert main(["run", "--help"]) == 0
-    printed = capsys.readouterr().out
-    for option in ("--condition", "--steps", "--rounds", "--seed", "--target-damage", "--out"):
-        assert option in printed
-
-
-@pytest.mark.parametrize("command", ["run", "recover"])
-def test_help_is_text_and_says_what_each_option_is(capsys, monkeypatch, command):
-    monkeypatch.setenv("COLUMNS", "120")
-    assert main([command, "--help-verbose"]) == 0
-    printed = capsys.readouterr().out
-    # In the verbose help a sentence follows each option.
-    rows = [row.strip(" │") for row in printed.splitlines()]
-    for row, after in itertools.pairwise(rows):
-        if row.startswith("--") and not row.startswith("---"):
-            assert after[:1].isupper(), row
-    assert "``" not in printed
-    assert 'FIN:SIZE=FACTOR or FIN:missing, joined by ";"' in printed
-    assert ("Unlike run" in printed) == (command == "recover")
 
 
 def test_ctrl_c_leaves_readable_output(tmp_path):
