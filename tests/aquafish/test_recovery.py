@@ -202,11 +202,12 @@ def test_without_pybullet_the_study_is_whole_but_for_the_robots_picture(
     out = tmp_path / "out"
     usual = [word for word in SMALL if word not in ("--target-engine", "numba")]
     done = subprocess.run(
-        [sys.executable, "-c", hidden, "recover", "--out", str(out), *usual, "--seeds", "1"],
+        [sys.executable, "-c", hidden, "recover", "--out", str(out), *usual, "--seeds", "1",
+         "--workers", "1"],
         capture_output=True,
         text=True,
         check=False,
-    )
+    )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("PyBullet is not installed here") == 1
     assert "need PyBullet" in done.stderr
@@ -290,7 +291,7 @@ def test_an_interrupted_run_says_so_and_goes_on(
     assert process.returncode == 130
     assert said.splitlines()[-1].endswith("the same command resumes")
     assert "Traceback" not in said
-    assert recover(out, *SMALL, "--seeds", "2").returncode == 0
+    assert recover(out, *SMALL, "--seeds", "2", "--workers", "1").returncode == 0
     assert results(out) == results(study)
 
 
