@@ -2,14 +2,46 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, NamedTuple
 
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
-from gait.controller import MAXIMUM_SEED
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    integer,
+    one_of,
+)
+from gait.controller import MAXIMUM_HARMONICS, MAXIMUM_SEED
+from gait.network import Senses
 from gait.rollout import MAXIMUM_THREADS, SECONDS, step_count
+from gait.search import schedules
 
 DEFAULT_QUANTILE = 0.2
+Sense = Literal["imu", "clock", "fins"]
+Class = Literal["feed-forward", "recurrent", "linear", "mlp", "fourier"]
+# Of each search, the first being its own choice.
+CLASSES: dict[str, tuple[Class, ...]] = {
+    "neat": ("feed-forward", "recurrent"),
+    "cma": ("recurrent", "mlp", "linear", "fourier"),
+}
+FOURIER = 3  # harmonics of a gait that feels nothing
+
+
+# Population, starts, generations and polish, where they are not given.
+NEAT, CMA = (150, 3, 60, 300), (24, 6, 560, 0)
+
+
+class Plan(NamedTuple):
+    """What a configuration comes to where it leaves a choice to the search."""
+
+    controller: Class
+    senses: Senses
+    population: int
+    starts: int
+    generations: int  #: Of the start that goes on to the end.
+    polish: int
+    rows: int  #: Generations of all starts, polishing and screening together.
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -18,21 +50,39 @@ class EvolveConfig:
 
     Examples
     --------
-    >>> EvolveConfig(generations=200, seed=3).population
+    >>> EvolveConfig(generations=200, seed=3).plan.population
     150
     """
 
     seed: int = 0
     """The run follows from it alone."""
-    generations: int = 60
-    """How many in all, those that the directory already holds included."""
-    population: int = 150
-    """Controllers in a generation."""
+    search: Literal["neat", "cma"] = "neat"
+    """What searches: NEAT, as the paper has it, or CMA-ES, which finds better gaits."""
+    controller: Class | None = None
+    """What a controller is. For NEAT a feed-forward network or a recurrent one; for CMA-ES a
+    recurrent network, an mlp, a linear one, or fourier, which swims by the clock alone. The first
+    if not given."""
+    senses: tuple[Sense, ...] = ("imu", "clock")
+    """What it feels. The fins are not measured, but known from where they stood at first and what
+    they were told since."""
+    hidden: int = 6
+    """Nodes between inputs and outputs, of an mlp or CMA-ES's recurrent network."""
+    harmonics: int | None = None
+    """Of the clock, at multiples of its frequency: 1, or 3 of a fourier gait, if not given."""
+    starts: int | None = None
+    """How many searches begin, of which the best goes on: 3 of NEAT, 6 of CMA-ES, if not given."""
+    generations: int | None = None
+    """How many the search that goes on has in all: 60 of NEAT, 560 of CMA-ES, if not given."""
+    polish: int | None = None
+    """Generations of CMA-ES on the weights and the clock of the network that NEAT found; 300 if not
+    given."""
+    population: int | None = None
+    """Controllers in a generation: 150 of NEAT, 24 of CMA-ES, if not given."""
     poses: int = 8
     """Random fin poses to swim from besides the zero pose, others in every generation. In a sample
     of bodies, each pose is another body's, and each generation draws others."""
     clock: float = 0.7
-    """Frequency of the controllers' clock, in Hz."""
+    """Frequency of the controllers' clock, in Hz; CMA-ES tunes it."""
     seconds: float = SECONDS
     """How long a swim lasts, in s."""
     aggregate: Literal["mean", "quantile"] = "mean"
@@ -45,8 +95,34 @@ class EvolveConfig:
 
     def __post_init__(self) -> None:
         integer("seed", self.seed, 0, MAXIMUM_SEED)
-        integer("generations", self.generations, 1, 100_000)
-        integer("population", self.population, 10, 10_000)
+        for name, low, high in (
+            ("generations", 1, 100_000), ("population", 10, 10_000), ("starts", 1, 100),
+            ("polish", 0, 100_000), ("harmonics", 1, MAXIMUM_HARMONICS),
+        ):  # fmt: skip
+            if getattr(self, name) is not None:
+                integer(name, getattr(self, name), low, high)
+        integer("hidden", self.hidden, 1, 100)
+        classes = CLASSES[one_of("search", self.search, CLASSES)]
+        if self.controller is not None:
+            one_of("controller", self.controller, classes)
+        if not isinstance(self.senses, list | tuple):
+            raise InvalidArgumentError(
+                f"senses must be some of imu, clock, fins; got {brief(self.senses)}"
+            )
+        for sense in self.senses:
+            one_of("senses", sense, ("imu", "clock", "fins"))
+        object.__setattr__(self, "senses", tuple(self.senses))
+        if not self.senses:
+            raise InvalidArgumentError("senses must be some of imu, clock, fins; got none")
+        if self.controller == "fourier" and set(self.senses) != {"clock"}:
+            raise InvalidArgumentError(
+                "senses must be clock alone for a fourier gait, which feels nothing; got "
+                f"{', '.join(self.senses)}"
+            )
+        if self.polish and self.search != "neat":
+            raise InvalidArgumentError(
+                f'polish has a say only with search="neat"; got {self.polish} with "{self.search}"'
+            )
         integer("poses", self.poses, 0, 1000)
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         step_count(self.seconds)
@@ -63,3 +139,44 @@ class EvolveConfig:
             )
         if self.threads is not None:
             integer("threads", self.threads, 1, MAXIMUM_THREADS)
+
+    @property
+    def plan(self) -> Plan:
+        """What all choices come to.
+
+        Examples
+        --------
+        >>> EvolveConfig(search="cma").plan.controller
+        'recurrent'
+        """
+        neat = self.search == "neat"
+        controller = self.controller or CLASSES[self.search][0]
+        usual = FOURIER if controller == "fourier" else 1
+        harmonics = (usual if self.harmonics is None else self.harmonics) * ("clock" in self.senses)
+        senses = Senses("imu" in self.senses, harmonics, "fins" in self.senses)
+        population, starts, generations, polish = (
+            usual if given is None else given
+            for given, usual in zip(
+                (self.population, self.starts, self.generations, self.polish),
+                NEAT if neat else CMA,
+                strict=True,
+            )
+        )
+        rows = (schedules.neat if neat else schedules.cma)(starts, generations) + polish
+        return Plan(controller, senses, population, starts, generations, polish, rows)
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that a run follows from, ready for JSON, but for how long its last part is."""
+        plan, given = self.plan, asdict(self)
+        for name in ("threads", "harmonics"):
+            del given[name]
+        given |= {
+            name: getattr(plan, name)
+            for name in ("controller", "population", "starts", "generations", "polish")
+        }
+        given["senses"] = asdict(plan.senses)
+        del given["polish" if plan.polish else "generations"]
+        if self.aggregate == "mean":
+            del given["aggregate"], given["quantile"]
+        return given

@@ -1,43 +1,60 @@
-"""A controller: a feed-forward network as arrays, and the clock it listens to."""
+"""A controller: a small network as arrays, what it senses, and the clock it listens to."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from itertools import accumulate, pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.storage import read_document, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer
-from gait.network import INPUTS, OUTPUTS, forward, listen
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    flag,
+    integer,
+    one_of,
+)
+from gait.network import OUTPUTS, Senses, respond
 from gait.policy import Policy
 
-SCHEMA = "gait.controller/2"  # 1 had no checksum
+SCHEMA = "gait.controller/3"  # 1 had no checksum, 2 one kind of network
 # Nobody's network is this large; a file that says so is broken or meant to hurt.
 MAXIMUM_NODES = 1000
+MAXIMUM_HARMONICS = 32
 MOST_BYTES = 64 * 2**20  # of such a network's file
 MAXIMUM_SEED = 2**64 - 1
+INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
+IMU_AND_CLOCK = Senses()
+FELT = tuple(Senses.__dataclass_fields__)
 _HEARD = 9  # entries of an observation
+_NO_GAIN = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
-    """A feed-forward network from IMU and clock to three servo speeds.
+    """A network from senses to three servo speeds.
 
-    Node n computes tanh(2.5 (bias_n + response_n sum_k weights_nk v_k)), where v holds the
-    inputs (``network.INPUTS``) and then the nodes' own values, so a node hears only the nodes
-    before it. The last three nodes are the outputs, in [-1, 1], in the order of the servos.
+    Node n computes tanh(2.5 (bias_n + response_n sum_k weights_nk v_k)), where v holds the inputs
+    (``senses.names``) and then the nodes' values: of nodes in layers before its own those of now,
+    of all others those of the time before, 0 at first. The last three nodes are the outputs, in
+    [-1, 1], in the order of the servos. So one kind of table holds every class of controller:
+    NEAT's feed-forward networks have a layer a node, its recurrent ones a single layer.
 
     Parameters
     ----------
     weights
-        (N, I + N), zero where a node would hear itself or a later one.
+        (N, I + N).
     bias, response
         (N,).
     clock
@@ -47,11 +64,19 @@ class Controller:
     sample
         Of a sample of bodies, of which ``morphology`` is then the median, how many they were and a
         hash of them, as ``aquafish_gym.bodies.sample_stamp`` says it; None of one body.
+    senses
+        What it feels.
+    layers
+        How many nodes are in each layer, N in all; None for a layer a node and no memory.
+    output
+        What squashes the outputs: "tanh", or "clip", which cuts 2.5 (...) off at 1.
+    interval
+        For how many steps of 0.01 s an action is held.
 
     Raises
     ------
     InvalidArgumentError
-        If a shape does not fit, a number is not finite, or a node hears a later one.
+        If a shape does not fit, a number is not finite, or a node hears a later one without layers.
 
     Examples
     --------
@@ -70,8 +95,20 @@ class Controller:
     morphology: Morphology
     seed: int
     sample: str | None = None
+    senses: Senses = IMU_AND_CLOCK
+    layers: tuple[int, ...] | None = None
+    output: Literal["tanh", "clip"] = "tanh"
+    interval: int = INTERVAL
 
     def __post_init__(self) -> None:
+        if not isinstance(self.senses, Senses):
+            raise InvalidArgumentError(
+                f"controller.senses must be Senses; got {brief(self.senses)}"
+            )
+        flag("controller.senses.imu", self.senses.imu)
+        flag("controller.senses.fins", self.senses.fins)
+        integer("controller.senses.clock", self.senses.clock, 0, MAXIMUM_HARMONICS)
+        inputs = len(self.senses.names)
         bias = finite_array("controller.bias", self.bias, (None,))
         nodes = len(bias)
         if not len(OUTPUTS) <= nodes <= MAXIMUM_NODES:
@@ -79,11 +116,25 @@ class Controller:
                 f"controller.bias must have {len(OUTPUTS)} to {MAXIMUM_NODES} entries; got {nodes}"
             )
         response = finite_array("controller.response", self.response, (nodes,))
-        weights = finite_array("controller.weights", self.weights, (nodes, len(INPUTS) + nodes))
-        if np.triu(weights[:, len(INPUTS) :]).any():
-            raise InvalidArgumentError(
-                "controller.weights must be zero where a node would hear itself or a later node"
-            )
+        weights = finite_array("controller.weights", self.weights, (nodes, inputs + nodes))
+        if self.layers is None:
+            if np.triu(weights[:, inputs:]).any():
+                raise InvalidArgumentError(
+                    "controller.weights must be zero where a node would hear itself or a later "
+                    "node, unless controller.layers says what it remembers"
+                )
+        else:
+            if not isinstance(self.layers, list | tuple) or not self.layers:
+                raise InvalidArgumentError(
+                    f"controller.layers must be numbers of nodes; got {brief(self.layers)}"
+                )
+            layers = tuple(integer("controller.layers", n, 1, nodes) for n in self.layers)
+            if sum(layers) != nodes or layers[-1] < len(OUTPUTS):
+                raise InvalidArgumentError(
+                    f"controller.layers must come to {nodes} nodes, {len(OUTPUTS)} or more in the "
+                    f"last; got {layers}"
+                )
+            object.__setattr__(self, "layers", layers)
         for name, array in (("bias", bias), ("response", response), ("weights", weights)):
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -94,6 +145,8 @@ class Controller:
             raise InvalidArgumentError(
                 f"controller.sample must be text or None; got {brief(self.sample)}"
             )
+        one_of("controller.output", self.output, ("tanh", "clip"))
+        integer("controller.interval", self.interval, 1, 1000)
 
     @property
     def nodes(self) -> int:
@@ -105,23 +158,76 @@ class Controller:
         """How many weights are not zero."""
         return int(np.count_nonzero(self.weights))
 
-    def genes(self, nodes: int | None = None) -> NDArray[np.float64]:
-        """Return clock and network as the rows that ``network.steer`` reads, for one robot.
+    @property
+    def memory(self) -> bool:
+        """Whether a node hears one of its own layer or of a later one, as it was before."""
+        inputs = len(self.senses.names)
+        return any(
+            self.weights[begin:end, inputs + begin :].any()
+            for begin, end in pairwise((0, *self._ends))
+        )
 
-        They are padded with silent hidden nodes up to ``nodes``, if that is given, so that
-        networks of different sizes can run side by side.
+    @property
+    def kind(self) -> tuple[Any, ...]:
+        """What controllers must share to swim side by side."""
+        shape = None if self.layers is None else self.layers if len(self.layers) > 1 else ()
+        return self.senses, shape, self.output, self.interval
+
+    @property
+    def _ends(self) -> tuple[int, ...]:
+        layers = (1,) * self.nodes if self.layers is None else self.layers
+        return tuple(accumulate(layers))
+
+    def layout(self, nodes: int | None = None, memory: bool | None = None) -> NDArray[np.int64]:
+        """Return the whole numbers that ``network.respond`` reads, padded as :meth:`genes` is."""
+        padded = self._padded(self.nodes if nodes is None else nodes)
+        remembers = self.memory if memory is None else memory
+        senses, ends = self.senses, padded._ends
+        return np.array(
+            [
+                senses.imu, senses.clock, senses.fins, len(senses.names), padded.nodes, remembers,
+                self.output == "clip", self.interval, len(ends), *ends,
+            ],
+            np.int64,
+        )  # fmt: skip
+
+    def genes(
+        self,
+        nodes: int | None = None,
+        memory: bool | None = None,
+        fin_angles: ArrayLike = (0.0, 0.0, 0.0),
+        servo_gain: ArrayLike = _NO_GAIN,
+    ) -> NDArray[np.float64]:
+        """Return the rows that ``network.respond`` reads, for one robot.
+
+        Controllers of one :attr:`kind` swim side by side: with silent hidden nodes up to ``nodes``,
+        and room for memories if one of them has any. ``fin_angles``, rad, and ``servo_gain`` are
+        what they are told of the fins.
         """
-        total = self.nodes if nodes is None else nodes
-        pad, hidden, inputs = total - self.nodes, self.nodes - len(OUTPUTS), len(INPUTS)
-        # Silent nodes stand between the hidden nodes and the outputs.
-        place = np.concatenate([np.arange(hidden), np.arange(hidden, self.nodes) + pad])
-        table = np.zeros((total, 2 + inputs + total))
-        table[place, 0] = self.bias
-        table[place, 1] = self.response
-        table[place, 2 : 2 + inputs] = self.weights[:, :inputs]
-        table[np.ix_(place, 2 + inputs + place)] = self.weights[:, inputs:]
-        rows = [row[: 2 + inputs + n] for n, row in enumerate(table)]
-        return np.concatenate([[self.clock], *rows])
+        padded = self._padded(self.nodes if nodes is None else nodes)
+        remembers = self.memory if memory is None else memory
+        inputs = len(self.senses.names)
+        rows = [np.array([self.clock]), np.asarray(fin_angles) / TAU, np.asarray(servo_gain)]
+        for begin, end in pairwise((0, *padded._ends)):
+            heard = inputs + (padded.nodes if remembers else begin)
+            for n in range(begin, end):
+                rows += [padded.bias[n : n + 1], padded.response[n : n + 1]]
+                rows.append(padded.weights[n, :heard])
+        return np.concatenate(rows, dtype=np.float64)
+
+    def _padded(self, nodes: int) -> Controller:
+        """Return a controller with silent nodes between the hidden ones and the outputs."""
+        more = nodes - self.nodes
+        if not more:
+            return self
+        hidden, inputs = self.nodes - len(OUTPUTS), len(self.senses.names)
+        place = np.concatenate([np.arange(hidden), np.arange(hidden, self.nodes) + more])
+        weights = np.zeros((nodes, inputs + nodes))
+        weights[np.ix_(place, [*range(inputs), *(inputs + place)])] = self.weights
+        bias, response = np.zeros(nodes), np.zeros(nodes)
+        bias[place], response[place] = self.bias, self.response
+        layers = None if self.layers is None else (nodes,)
+        return replace(self, weights=weights, bias=bias, response=response, layers=layers)
 
     def __repr__(self) -> str:
         return (
@@ -129,16 +235,30 @@ class Controller:
             f"clock {self.clock:g} Hz, seed {self.seed})"
         )
 
-    def policy(self) -> Policy:
-        """Return this controller ready to steer one robot.
+    def policy(
+        self, fin_angles: ArrayLike = (0.0, 0.0, 0.0), servo_gain: ArrayLike = _NO_GAIN
+    ) -> Policy:
+        """Return this controller ready to steer one robot through one swim.
 
         It hears the first nine entries of an observation, and raises InvalidArgumentError if
         there are fewer, or one of them or the time is not finite.
+
+        Parameters
+        ----------
+        fin_angles, servo_gain
+            Where the fins stand at first, (3,) in rad, and how much faster each servo (3,) is than
+            told, as far as is known: all that a controller with this sense ever learns of its fins.
         """
-        genes: list[float] = self.genes().tolist()
-        values = [0.0] * (len(INPUTS) + self.nodes)  # scratch space
+        angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
+        gains = finite_array("servo_gain", servo_gain, (3,))
+        genes: list[float] = self.genes(fin_angles=angles, servo_gain=gains).tolist()
+        layout: list[int] = self.layout().tolist()
+        scratch = [0.0] * scratch_size(self)
+        held = self.interval * TIMESTEP
+        action, due = np.zeros(3), 0.0
 
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
+            nonlocal action, due
             senses = np.asarray(observation)
             if senses.ndim != 1 or len(senses) < _HEARD:
                 raise InvalidArgumentError(
@@ -148,16 +268,23 @@ class Controller:
             o = finite_array("observation", senses[:_HEARD], (_HEARD,)).tolist()
             if not math.isfinite(time):
                 raise InvalidArgumentError(f"time must be finite; got {time}")
-            listen(values, genes[0], time, o[0:3], o[3:6], o[6:9])
-            return np.array(forward(genes, self.nodes, values, 0, 1, 0.0))
+            if due and time < due - TIMESTEP / 2:
+                return action
+            due = time + held
+            action = np.array(respond(genes, layout, scratch, 0, 1, time, o[0:3], o[3:6], o[6:9]))
+            return action
 
         return act
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""
         return {
-            "inputs": list(INPUTS),
+            "inputs": list(self.senses.names),
             "outputs": list(OUTPUTS),
+            "senses": asdict(self.senses),
+            "layers": None if self.layers is None else list(self.layers),
+            "output": self.output,
+            "interval": self.interval,
             "clock": self.clock,
             "seed": self.seed,
             "morphology": self.morphology.to_dict(),
@@ -175,7 +302,9 @@ class Controller:
         fields = dict(
             check_fields("controller", data, ("inputs", "outputs", *cls.__dataclass_fields__))
         )
-        for name, names in (("inputs", INPUTS), ("outputs", OUTPUTS)):
+        senses = Senses(**check_fields("controller.senses", fields["senses"], FELT))
+        fields["senses"] = senses
+        for name, names in (("inputs", senses.names), ("outputs", OUTPUTS)):
             if fields.pop(name) != list(names):
                 raise InvalidArgumentError(f"controller.{name} must be {', '.join(names)}")
         fields["morphology"] = Morphology.from_json(json.dumps(fields["morphology"]))
@@ -193,6 +322,11 @@ class Controller:
             return cls.from_dict(data)
         except InvalidArgumentError as error:
             raise InvalidArgumentError(f"controller: {path}: {error}") from None
+
+
+def scratch_size(controller: Controller, nodes: int | None = None) -> int:
+    """Return how many numbers ``network.respond`` keeps in a swim."""
+    return len(controller.senses.names) + 2 * (nodes or controller.nodes) + 3
 
 
 def check_fields(argument: str, data: object, names: Collection[str]) -> dict[str, Any]:

@@ -1,8 +1,9 @@
-"""Evolving a gait for a body, or a sample of them: NEAT, scored in the lanes, taken up anywhere."""
+"""Evolving a gait for a body, or a sample of them: scored in the lanes, taken up anywhere."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -26,9 +27,9 @@ from aquafish_gym.runs.storage import (
     write_document,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.config import CMA
 from gait.config import EvolveConfig as EvolveConfig
 from gait.controller import Controller
-from gait.evolution import Evolution, genome_to_controller
 from gait.fitness import Scorer, Swims, draw_swims, every_pair, worth
 from gait.records import (
     BODIES_FILE,
@@ -41,13 +42,10 @@ from gait.records import (
     write_history,
 )
 from gait.records import Generation as Generation
-from gait.rollout import (
-    ZERO_POSE,
-    lane_world,
-    random_poses,
-    stream,
-    swim_all,
-)
+from gait.rollout import ZERO_POSE, lane_world, random_poses, stream, swim_all
+from gait.search import cma, neat
+from gait.search.asking import Answer, Ask, Search
+from gait.search.templates import Template
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,6 +56,7 @@ if TYPE_CHECKING:
 FINALISTS = 8
 FINAL_POSES = 32
 MAXIMUM_BODIES = 1000
+EVERY = 1.0  # s between two writings of what there is
 
 
 @dataclass(frozen=True)
@@ -126,55 +125,80 @@ class _Run:
             )
         )
         # Streams of their own, found by name, so that a run taken up again needs no generator.
-        self._evolution = Evolution(
-            config.population, int(stream(config.seed, 0).generate_state(1)[0])
-        )
+        self._search = self._begin()
+        self._asked = next(self._search)
+        self._answers: list[tuple[list[float], int]] = []
         swims = 1 + (FINAL_POSES if config.poses else 0)
         rounds = -(-swims // len(bodies))
         poses = self._poses(max(swims, rounds * len(bodies)) - 1, 1)
         self._final_poses = poses[:swims]
         self._finals = Swims(np.resize(bodies, (len(poses), 9)), poses)
 
+    def _begin(self) -> Search:
+        """Return the search, whose streams of random numbers are found by name."""
+        c, plan = self.config, self.config.plan
+        if c.search == "neat":
+            recurrent = plan.controller == "recurrent"
+            seeds = [stream(c.seed, 0), *(stream(c.seed, 4, k) for k in range(1, plan.starts))]
+            inputs = len(plan.senses.names)
+            return neat.race(
+                [
+                    neat.Evolution(
+                        plan.population, int(source.generate_state(1)[0]), inputs, recurrent
+                    )
+                    for source in seeds
+                ],
+                lambda genome: neat.genome_to_controller(
+                    genome, c.clock, self.morphology, c.seed, plan.senses, recurrent
+                ),
+                plan.generations,
+                (CMA[0], np.random.default_rng(stream(c.seed, 5))) if plan.polish else None,
+            )
+        template = Template.of_class(plan.controller, plan.senses, c.hidden)
+        rng = np.random.default_rng(stream(c.seed, 6))
+        return cma.race(
+            template.random(cma.SCREENED, rng),
+            lambda x: template.controller(x, c.clock, self.morphology, c.seed),
+            plan.population,
+            plan.starts,
+            rng,
+        )
+
     @property
     def settings(self) -> dict[str, Any]:
         """All that decides what each generation comes to."""
-        config = asdict(self.config)
-        del config["generations"], config["threads"]
-        if self.config.aggregate == "mean":
-            del config["aggregate"], config["quantile"]
         sample = {} if self.sample is None else {"sample": self.sample}
         world = {} if self.world == WorldConfig() else {"world": asdict(self.world)}
-        return {"morphology": self.morphology.to_dict(), **sample, **world, **config}
+        return {
+            "morphology": self.morphology.to_dict(), **sample, **world, **self.config.settings
+        }  # fmt: skip
 
     def step(self) -> Generation:
-        """Let one generation swim, and breed the next."""
-        c = self.config
-        controllers = [
-            genome_to_controller(genome, c.clock, self.morphology, c.seed)
-            for genome in self._evolution.ask()
-        ]
-        now = len(self.history)
-        swims = draw_swims(self.bodies, self._poses(c.poses, 2, now), stream(c.seed, 3, now))
-        fitness = self._fitness(self._score(controllers, swims))
-        leaders = [controllers[i] for i in np.argsort(-fitness, kind="stable")[:FINALISTS]]
+        """Let one generation swim, and tell the search how it did."""
+        c, asked, now = self.config, self._asked, len(self.history)
+        poses = self._poses(c.poses, 2, now)[: None if asked.poses is None else 1 + asked.poses]
+        swims = draw_swims(self.bodies, poses, stream(c.seed, 3, now))
+        fitness = self._fitness(self._score(asked.controllers, swims))
+        leaders = _finalists(asked, fitness)
         finals = self._score(leaders, self._finals)
         final = self._fitness(finals)
         first = int(final.argmax())
         winner = leaders[first]
         row = Generation(
-            generation=len(self.history),
+            generation=now,
             best=float(fitness.max()),
             mean=float(fitness.mean()),
-            species=self._evolution.species,
+            species=asked.species,
             final=float(final[first]),
             distance=float(finals[first, 0]),
             nodes=winner.nodes,
             connections=winner.connections,
         )
-        self._evolution.tell(fitness.tolist())
         if row.final > self.fitness:
             self.best, self.fitness = replace(winner, sample=self.sample), row.final
+        self._answers.append((fitness.tolist(), first))
         self.history.append(row)
+        self._asked = self._search.send(Answer(fitness.tolist(), winner, row.final))
         return row
 
     def result(self) -> Evolved:
@@ -203,7 +227,8 @@ class _Run:
             "history": [asdict(row) for row in self.history],
             "best": self.best.to_dict(),
             "fitness": self.fitness,
-            "evolution": self._evolution.state(),
+            # What the search is told again, to come to where it was.
+            "answers": self._answers[: len(self.history)],
         }
         write_document(directory / CHECKPOINT_FILE, checkpoint, CHECKPOINT_SCHEMA)
         self.best.save(directory / CONTROLLER_FILE)
@@ -219,18 +244,31 @@ class _Run:
             self.history = [Generation(**row) for row in checkpoint["history"]]
             self.best = Controller.from_dict(checkpoint["best"])
             self.fitness = checkpoint["fitness"]
-            self._evolution = Evolution.from_state(checkpoint["evolution"])
+            for row, (fitness, first) in zip(self.history, checkpoint["answers"], strict=True):
+                winner = _finalists(self._asked, np.array(fitness))[first]
+                self._answers.append((fitness, first))
+                self._asked = self._search.send(Answer(fitness, winner, row.final))
         except DamagedFileError as error:
             raise DamagedFileError(f"{error}; delete it to start again") from None
-        except (KeyError, TypeError):
+        except (KeyError, TypeError, ValueError, IndexError):
             raise InvalidArgumentError(
                 f"out: {path} lacks something that a run needs; choose another directory"
             ) from None
-        if len(self.history) > self.config.generations:
+        plan = self.config.plan
+        if len(self.history) > plan.rows:
+            name = "polish" if plan.polish else "generations"
+            most = getattr(plan, name) + len(self.history) - plan.rows
             raise InvalidArgumentError(
-                f"generations must be at least the {len(self.history)} that out already holds; "
-                f"got {self.config.generations}"
+                f"{name} must be at least the {most} that out already holds; "
+                f"got {getattr(plan, name)}"
             )
+
+
+def _finalists(asked: Ask, fitness: NDArray[np.float64]) -> Sequence[Controller]:
+    """Return those of a generation that swim once more."""
+    if asked.finalists is not None:
+        return asked.finalists
+    return [asked.controllers[i] for i in np.argsort(-fitness, kind="stable")[:FINALISTS]]
 
 
 def evolve_gait(
@@ -259,8 +297,7 @@ def evolve_gait(
         How; None is ``EvolveConfig()``.
     out
         A directory for ``controller.json`` (the best so far), ``history.csv`` and
-        ``checkpoint.json``, all brought up to date with every generation, and a sample's
-        ``bodies.json``. If it holds an unfinished run of the same bodies and configuration, that
+        ``checkpoint.json``, all brought up to date every second, and a sample's ``bodies.json``. If it holds an unfinished run of the same bodies and configuration, that
         run is taken up, and ends in the same files as if it had never stopped.
     scorer
         Says how far networks swim on which body from which pose; by default in the lanes.
@@ -303,9 +340,14 @@ def evolve_gait(
                 run.write(directory)  # a kill may have left the results a generation behind
         for row in run.history:
             tell(row)
-        while len(run.history) < run.config.generations:
-            row = run.step()
-            if directory:
+        written = time.monotonic()
+        try:
+            while len(run.history) < config.plan.rows:
+                tell(run.step())
+                if directory and time.monotonic() > written + EVERY:
+                    run.write(directory)
+                    written = time.monotonic()
+        finally:
+            if directory and run.history:
                 run.write(directory)
-            tell(row)
         return run.result()

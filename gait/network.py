@@ -1,16 +1,18 @@
 """What a controller computes, as straight-line scalar Python.
 
-:func:`steer` is the only statement of the controller's inputs and of its forward pass. It
-runs on plain floats (one robot), and the lane engine compiles the same function objects into
-its time loop, where a number is a register of many robots. So nothing here branches on data,
-and nothing but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
+:func:`steer` is the only statement of the controllers' inputs and of their network. It runs on
+plain floats (one robot), and the lane engine compiles the same function objects into its time
+loop, where a number is a register of many robots. So nothing here branches on data, and nothing
+but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.physics.arithmetic import (
     TAU,
     Number,
@@ -22,34 +24,44 @@ from aquafish_gym.physics.arithmetic import (
     where_less,
 )
 
-# What the IMU gives, as AquaFish-v0 observes it, and a clock; in this order in every
-# controller's weights. Attitude comes as direction cosines rather than as angles: they are
-# bounded, never jump, and do not depend on which of its two triples (see imu.py) the log is in.
-INPUTS: tuple[str, ...] = (
-    "up_x",  # the world's vertical (z) in body axes
-    "up_y",
-    "up_z",
-    "north_x",  # the world's y, where the robot faces at the start, in body axes
-    "north_y",
-    "north_z",
-    "gyro_x",  # body rates, 1 at GYRO_SCALE, clipped to [-1, 1]
-    "gyro_y",
-    "gyro_z",
-    "clock_sine",
-    "clock_cosine",
-)
 OUTPUTS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
-INPUT_COUNT = len(INPUTS)
-
 GYRO_SCALE = 2.0  # rad/s
 
 # neat-python's activation is tanh(2.5 z); its clamp at 60 is far beyond where tanh is 1.
 GAIN = 2.5
 _TANH_LIMIT = 20.0  # 1 - tanh(20) = 8e-18
 
-# scale_action, for one robot in numbers of any arithmetic.
 _MIDDLE = tuple(float(v) for v in (COMMAND_LOW + COMMAND_HIGH) / 2)
 _REACH = tuple(float(v) for v in (COMMAND_HIGH - COMMAND_LOW) / 2)
+
+
+# Of a controller's layout and genes, see :func:`respond`.
+IMU, CLOCK, FINS, INPUTS, NODES, MEMORY, CLIPPED, HELD, LAYERS = range(9)
+HEADER = 7  # rows: the clock, the fins' turns, the servos' gains
+
+
+@dataclass(frozen=True)
+class Senses:
+    """What a controller feels.
+
+    Examples
+    --------
+    >>> Senses(imu=False, fins=True, clock=0).names[:2]
+    ('left_pectoral_sine', 'left_pectoral_cosine')
+    """
+
+    imu: bool = True  #: Where is up, where north, and how fast the body turns.
+    clock: int = 1  #: Harmonics of a clock, at multiples of its frequency.
+    fins: bool = False  #: Where the fins are, from where they stood at first and the commands.
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The inputs, in the order of the weights."""
+        axes = [f"{what}_{axis}" for what in ("up", "north", "gyro") for axis in "xyz"]
+        waves = [f"{i}" if i > 1 else "" for i in range(1, self.clock + 1)]
+        clock = [f"clock{i}_{wave}" for i in waves for wave in ("sine", "cosine")]
+        fins = [f"{fin}_{wave}" for fin in OUTPUTS for wave in ("sine", "cosine")]
+        return (*(axes if self.imu else ()), *clock, *(fins if self.fins else ()))
 
 
 def clip(x: Number, limit: float) -> Number:
@@ -81,28 +93,6 @@ def sine_cosine(turns: Number) -> tuple[Number, Number]:
     return s, c
 
 
-def listen(
-    values: Any, clock: Number, time: float, up: Vector, north: Vector, gyro: Vector
-) -> None:
-    """Put the inputs, in the order of ``INPUTS``, into the first entries of ``values``.
-
-    The clock is in Hz, and the time in s since the controller was switched on; ``up`` and
-    ``north`` are the world's z and y, and ``gyro`` the angular velocity in rad/s, in body axes.
-    """
-    sine, cosine = sine_cosine(clock * time)
-    put(values, 0, up[0])
-    put(values, 1, up[1])
-    put(values, 2, up[2])
-    put(values, 3, north[0])
-    put(values, 4, north[1])
-    put(values, 5, north[2])
-    put(values, 6, clip(gyro[0] * (1 / GYRO_SCALE), 1.0))
-    put(values, 7, clip(gyro[1] * (1 / GYRO_SCALE), 1.0))
-    put(values, 8, clip(gyro[2] * (1 / GYRO_SCALE), 1.0))
-    put(values, 9, sine)
-    put(values, 10, cosine)
-
-
 def directions(rpy: Vector) -> tuple[Vector, Vector]:
     """Return the world's z and y in body axes, for roll, pitch, yaw in rad."""
     rs, rc = sine_cosine(rpy[0] * (1 / TAU))
@@ -113,37 +103,152 @@ def directions(rpy: Vector) -> tuple[Vector, Vector]:
     return up, north
 
 
-def forward(genes: Any, nodes: int, values: Any, group: int, groups: int, like: Number) -> Vector:
+def listen_imu(values: Any, at: int, up: Vector, north: Vector, gyro: Vector) -> None:
+    """Put what the IMU says, as AquaFish-v0 observes it, into nine entries of ``values``.
+
+    Attitude comes as direction cosines rather than as angles: they are bounded, never jump, and do
+    not depend on which of its two triples (see imu.py) the log is in. They are the world's
+    vertical, z, and its y, where the robot faces at the start, in body axes. The gyroscope's rad/s
+    about body axes are 1 at ``GYRO_SCALE``.
+    """
+    for i in range(3):
+        put(values, at + i, up[i])
+        put(values, at + 3 + i, north[i])
+        put(values, at + 6 + i, clip(gyro[i] * (1 / GYRO_SCALE), 1.0))
+
+
+def listen_clock(values: Any, at: int, harmonics: int, turns: Number) -> None:
+    """Put sine and cosine of so many harmonics of a clock that has made ``turns``."""
+    first = sine_cosine(turns)
+    sine, cosine = first
+    for k in range(harmonics):
+        put(values, at + 2 * k, sine)
+        put(values, at + 2 * k + 1, cosine)
+        sine, cosine = (
+            sine * first[1] + cosine * first[0],
+            cosine * first[1] - sine * first[0],
+        )
+
+
+def listen_fins(values: Any, at: int, turns: int, like: Number) -> None:
+    """Put sine and cosine of three fin angles that stand, in turns, from ``turns`` on."""
+    for i in range(3):
+        sine, cosine = sine_cosine(fetch(values, turns + i, like))
+        put(values, at + 2 * i, sine)
+        put(values, at + 2 * i + 1, cosine)
+
+
+def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like: Number) -> Vector:
     """Return the last three nodes' values, given the inputs in ``values``.
+
+    A node hears all inputs, all nodes of the layers before its own, and, where there is memory,
+    the nodes of its own layer and of those after as they were the last time.
 
     Parameters
     ----------
-    genes
-        Flat table whose row r is entry ``r * groups + group``. Row 0 is the clock; then, for
-        each node in topological order, follow its bias, its response, and its weights from
-        the inputs and from all nodes before it.
+    genes, layout
+        See :func:`respond`.
     values
-        Flat scratch space of ``INPUT_COUNT + nodes`` entries.
+        Flat scratch space: the inputs, the nodes, and as many once more.
     group, groups
         Which robots (see ``engines/kernel.py``); 0 of 1 on plain floats.
     like
         Any number of the arithmetic.
     """
-    at = groups + group
-    for node in range(INPUT_COUNT, INPUT_COUNT + nodes):
-        bias = fetch(genes, at, like)
-        response = fetch(genes, at + groups, like)
-        at += 2 * groups
-        total = 0.0 * like
-        for i in range(node):
-            total = total + fetch(genes, at, like) * fetch(values, i, like)
-            at += groups
-        put(values, node, tanh(GAIN * (bias + response * total)))
-    last = INPUT_COUNT + nodes
+    inputs, nodes, memory, clipped = layout[INPUTS], layout[NODES], layout[MEMORY], layout[CLIPPED]
+    at = HEADER * groups + group
+    begin = inputs
+    for layer in range(layout[LAYERS]):
+        end = inputs + layout[LAYERS + 1 + layer]
+        heard = inputs + nodes if memory else begin
+        for node in range(begin, end):
+            bias = fetch(genes, at, like)
+            response = fetch(genes, at + groups, like)
+            at += 2 * groups
+            total = 0.0 * like
+            for i in range(heard):
+                total = total + fetch(genes, at, like) * fetch(values, i, like)
+                at += groups
+            z = GAIN * (bias + response * total)
+            if clipped and end == inputs + nodes:
+                put(values, node + nodes, clip(z, 1.0))
+            else:
+                put(values, node + nodes, tanh(z))
+        for node in range(begin, end):
+            put(values, node, fetch(values, node + nodes, like))
+        begin = end
+    last = inputs + nodes
     return (
         fetch(values, last - 3, like),
         fetch(values, last - 2, like),
         fetch(values, last - 1, like),
+    )
+
+
+def respond(
+    genes: Any,
+    layout: Any,
+    scratch: Any,
+    group: int,
+    groups: int,
+    time: float,
+    up: Vector,
+    north: Vector,
+    gyro: Vector,
+) -> Vector:
+    """Return the action, in [-1, 1], for what is felt ``time`` s after the swim began.
+
+    Parameters
+    ----------
+    genes
+        Flat table whose row r is entry ``r * groups + group``. ``HEADER`` rows say the clock's
+        frequency in Hz, where the fins stand at first as far as is known, in turns, and by what
+        factor each servo is faster than told; then follow, for each node, its bias, its response,
+        and its weights from the inputs and from the nodes that it hears.
+    layout
+        Whole numbers, in this order: whether the IMU is heard; how many harmonics of the clock;
+        whether the fins are; how many inputs that makes; nodes; whether they have a memory; whether
+        the outputs are clipped at 1 instead of tanh; for how many steps of 0.01 s an action is
+        held; how many layers, and up to which node each goes.
+    scratch
+        ``scratch_size`` numbers that live through a swim.
+    up, north, gyro
+        See :func:`listen_imu`.
+    """
+    like = gyro[0]
+    imu, harmonics, fins, inputs = layout[IMU], layout[CLOCK], layout[FINS], layout[INPUTS]
+    turns = inputs + 2 * layout[NODES]
+    if time == 0.0:
+        for i in range(turns):
+            put(scratch, i, 0.0 * like)
+        for i in range(3 * fins):
+            put(scratch, turns + i, fetch(genes, (1 + i) * groups + group, like))
+    at = 0
+    if imu:
+        listen_imu(scratch, at, up, north, gyro)
+        at += 9
+    if harmonics:
+        listen_clock(scratch, at, harmonics, fetch(genes, group, like) * time)
+        at += 2 * harmonics
+    if fins:
+        listen_fins(scratch, at, turns, like)
+    action = forward(genes, layout, scratch, group, groups, like)
+    if fins:
+        # The servos do what they are told: who knows where the fins were, knows where they are.
+        told = command(action)
+        for i in range(3):
+            gain = fetch(genes, (4 + i) * groups + group, like)
+            turned = gain * told[i] * (layout[HELD] * TIMESTEP)
+            put(scratch, turns + i, fetch(scratch, turns + i, like) + turned)
+    return action
+
+
+def command(action: Vector) -> Vector:
+    """Return the servo command in rev/s, rev/s, Hz: ``scale_action``, for any arithmetic."""
+    return (
+        _MIDDLE[0] + _REACH[0] * action[0],
+        _MIDDLE[1] + _REACH[1] * action[1],
+        _MIDDLE[2] + _REACH[2] * action[2],
     )
 
 
@@ -157,15 +262,6 @@ def steer(
     rpy: Vector,
     gyro: Vector,
 ) -> Vector:
-    """Return the servo command in rev/s, rev/s, Hz: the policy of ``engines/kernel.py``.
-
-    ``layout[0]`` is the number of nodes; for the rest see :func:`listen` and :func:`forward`.
-    """
+    """Return the servo command for an attitude, rpy in rad: the policy of ``engines/kernel.py``."""
     up, north = directions(rpy)
-    listen(scratch, fetch(genes, group, rpy[0]), time, up, north, gyro)
-    a = forward(genes, layout[0], scratch, group, groups, rpy[0])
-    return (
-        _MIDDLE[0] + _REACH[0] * a[0],
-        _MIDDLE[1] + _REACH[1] * a[1],
-        _MIDDLE[2] + _REACH[2] * a[2],
-    )
+    return command(respond(genes, layout, scratch, group, groups, time, up, north, gyro))

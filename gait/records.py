@@ -15,8 +15,9 @@ CONTROLLER_FILE = "controller.json"
 HISTORY_FILE = "history.csv"
 CHECKPOINT_FILE = "checkpoint.json"
 BODIES_FILE = "bodies.json"
-# 1 drew from streams that were not this package's own, 2 had no schema of the storage's
-CHECKPOINT_SCHEMA = "gait.checkpoint/3"
+# 1 drew from streams that were not this package's own, 2 had no schema of the storage's, 3 held
+# NEAT's population
+CHECKPOINT_SCHEMA = "gait.checkpoint/4"
 FILES = (CHECKPOINT_FILE, CONTROLLER_FILE, HISTORY_FILE)  # and a sample's BODIES_FILE
 MOST_CHECKPOINT_BYTES = 512 * 2**20  # a generation of 10,000 networks
 

@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,11 +16,11 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import Triple, WorldConfig, make_world
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.physics.kinematics import State, rotation
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait import network
-from gait.controller import MAXIMUM_SEED, Controller
+from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, scratch_size
 from gait.policy import ControllerLike, new_policy
 
 if TYPE_CHECKING:
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
 MAXIMUM_POSES = 10_000
 MAXIMUM_THREADS = 1024
-INTERVAL = 5  # physics steps a command is held for, as in AquaFish-v0
 ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 
 # "gait" in ASCII. The environments' and the estimation's random streams follow from the bare
@@ -114,6 +113,8 @@ def swim_all(
     dtype: str = "float32",
     threads: int | None = None,
     world: WorldConfig | None = None,
+    believed: ArrayLike | None = None,
+    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
 ) -> NDArray[np.float64]:
     """Return how far each controller swims from each pose, all at once in the lanes.
 
@@ -137,6 +138,10 @@ def swim_all(
         None takes every core; no result depends on it.
     world
         The water and the servos, without a lag; None is ``WorldConfig()``.
+    believed, believed_gain
+        What controllers that feel their fins are told of them: where they stand at first, (Q, 3) or
+        (1, 3) in rad, None for the truth, and how much faster each servo is than told, (3,) or
+        (Q, 3).
 
     Returns
     -------
@@ -171,33 +176,61 @@ def swim_all(
         )
     steps = step_count(seconds)
     kind = np.float32 if one_of("dtype", dtype, ("float32", "float64")) == "float32" else np.float64
-    batch = len(controllers) * swims
-    if batch == 0:
+    if not controllers or not swims:
         return np.zeros((len(controllers), swims))
-    nodes = max(c.nodes for c in controllers)
-    genes = np.stack([c.genes(nodes) for c in controllers], axis=1)
-    lanes = LaneBatch(
-        np.tile(np.broadcast_to(bodies, (swims, 9)), (len(controllers), 1)),
-        np.tile(np.broadcast_to(poses, (swims, 3)), (len(controllers), 1)),
-        current=world.current,
-        dtype=kind,
-        substeps=world.substeps,
-        threads=threads,
-        reactive=world.reactive,
-        drag=world.drag,
-        servo_gain=world.servo_gain,
-    )
-    log = lanes.run(
-        network.steer,
-        pack_rows(np.repeat(genes, swims, axis=1), kind, lanes.width),
-        np.array([nodes], dtype=np.int64),
-        network.INPUT_COUNT + nodes,
-        steps,
-        INTERVAL,
-    )
-    ground = lanes.state()["position"][:, 1]
-    distances = np.where(log.diverged, np.nan, ground - world.current[1] * (steps * TIMESTEP))
-    return distances.reshape(len(controllers), swims)
+    told, gains = _told(poses, swims, believed, believed_gain)
+    distances = np.empty((len(controllers), swims))
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    for i, controller in enumerate(controllers):
+        kinds.setdefault(controller.kind, []).append(i)
+    for those in kinds.values():
+        some = [controllers[i] for i in those]
+        nodes, memory = max(c.nodes for c in some), any(c.memory for c in some)
+        genes = np.repeat(np.stack([c.genes(nodes, memory) for c in some], axis=1), swims, axis=1)
+        genes[1:4] = np.tile(told.T / TAU, len(some))
+        genes[4:7] = np.tile(gains.T, len(some))
+        lanes = LaneBatch(
+            np.tile(np.broadcast_to(bodies, (swims, 9)), (len(some), 1)),
+            np.tile(np.broadcast_to(poses, (swims, 3)), (len(some), 1)),
+            current=world.current,
+            dtype=kind,
+            substeps=world.substeps,
+            threads=threads,
+            reactive=world.reactive,
+            drag=world.drag,
+            servo_gain=world.servo_gain,
+        )
+        log = lanes.run(
+            network.steer,
+            pack_rows(genes, kind, lanes.width),
+            some[0].layout(nodes, memory),
+            scratch_size(some[0], nodes),
+            steps,
+            some[0].interval,
+        )
+        ground = lanes.state()["position"][:, 1]
+        far = np.where(log.diverged, np.nan, ground - world.current[1] * (steps * TIMESTEP))
+        distances[those] = far.reshape(len(some), swims)
+    return distances
+
+
+def _told(
+    poses: NDArray[np.float64], swims: int, believed: ArrayLike | None, gain: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return what swims (Q, 3) are told of their fins, angles in rad and servos' gains."""
+    rows = {
+        "believed": finite_array(
+            "believed", poses if believed is None else believed, (None, 3), unit="rad"
+        ),
+        "believed_gain": finite_array("believed_gain", gain, (None, 3), flat=True),
+    }
+    for name, table in rows.items():
+        if len(table) not in (1, swims):
+            raise InvalidArgumentError(
+                f"{name} must be one for all swims or {swims}; got {len(table)}"
+            )
+    told, gains = rows.values()
+    return np.broadcast_to(told, (swims, 3)), np.broadcast_to(gains, (swims, 3))
 
 
 def swim(
@@ -207,6 +240,8 @@ def swim(
     engine: str = "auto",
     seconds: float = SECONDS,
     world: WorldConfig | None = None,
+    believed: ArrayLike | None = None,
+    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
 ) -> Swim:
     """Swim one robot and return its path.
 
@@ -226,6 +261,9 @@ def swim(
         How long it swims.
     world
         What the water and the servos are like; None is ``WorldConfig()``.
+    believed, believed_gain
+        What a controller that feels its fins is told of them: where they stand at first, (3,) in
+        rad, None for the truth, and how much faster each servo (3,) is than told.
 
     Raises
     ------
@@ -236,7 +274,11 @@ def swim(
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
-    steps, policy = step_count(seconds), new_policy(controller)
+    steps = step_count(seconds)
+    if isinstance(controller, Controller):
+        policy = controller.policy(angles if believed is None else believed, believed_gain)
+    else:
+        policy = new_policy(controller)
     config = world or WorldConfig()
     place = make_world(
         check_engine(engine),
