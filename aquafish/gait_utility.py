@@ -65,8 +65,8 @@ class GaitUtility:
         return cls(
             gait.seed,
             gait.threads,
-            generations=-(-gait.generations // 4),
-            population=max(10, gait.population // 2),
+            generations=min(cls.generations, gait.plan.generations),
+            population=min(cls.population, max(10, gait.population or cls.population)),
             poses=max(1, gait.poses // 2),
             seconds=gait.seconds / 2,
         )
@@ -95,6 +95,8 @@ class GaitUtility:
             seed=self.seed,
             generations=self.generations,
             population=self.population,
+            starts=1,
+            polish=0,
             poses=integer("poses", self.poses, 1),
             seconds=self.seconds,
             threads=self.threads,

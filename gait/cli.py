@@ -46,20 +46,27 @@ from gait.transfer import TransferConfig, score, transfer
 class Evolve:
     """Evolve a controller that swims a body forward, or a sample of bodies.
 
+    NEAT has some starts, and the best one goes on and has its weights polished by CMA-ES; with
+    --starts 1 --polish 0 it is the paper's. --search cma finds better gaits: of many random
+    networks the best are starts, of these the best go on. With --senses imu clock fins the
+    controller knows where its fins are, from where they stood at first and what they were told
+    since: a self-model tells where that was.
+
     Into --out go controller.json (the best so far), history.csv (a row a generation),
     checkpoint.json, settings.json and history.png. The same command resumes a run that was
-    interrupted, and more --generations prolong it.
+    interrupted, and more --generations (more --polish, of NEAT) prolong it.
 
     A file with a sample of bodies, which estimations write as bodies.json, gives a gait that does
     well on all of them, for no more time: each swim is on another body. It goes into --out, too.
 
     Columns of history.csv, with distances in units of 5 cm:
-    - generation: from 0.
+    - generation: from 0, of one start after the other.
     - best, mean: over the generation's controllers, each one's mean distance over its poses.
-    - species: how many.
+    - species: how many; of CMA-ES, how many starts are still in the race.
     - final: the winner's mean distance over the zero pose and 32 random ones, always the same; of
     a sample so many that each body swims equally often.
-    The 8 best of a generation swim from these, and the one with the highest mean is the winner.
+    The 8 best of NEAT's generation swim from these, and the one with the highest mean is the
+    winner; of CMA-ES it is the controller that the generation is scattered about.
     - distance: the winner's from the zero pose, on the first body.
     - nodes, connections: of the winner's network.
     With --aggregate quantile, read that quantile where it says mean, but for the column mean: that
@@ -79,7 +86,7 @@ class Evolve:
         try:
             with (
                 _no_folder_for_nothing(self.out),
-                _counting("evolving", self.config.generations, before) as show,
+                _counting("evolving", self.config.plan.rows, before) as show,
             ):
                 evolved = evolve_gait(
                     [damage.apply(Morphology.coerce(body)) for body in bodies],

@@ -29,7 +29,7 @@ FOURIER = 3  # harmonics of a gait that feels nothing
 
 
 # Population, starts, generations and polish, where they are not given.
-NEAT, CMA = (150, 3, 60, 300), (24, 6, 560, 0)
+NEAT, CMA = (150, 3, 40, 400), (24, 6, 560, 0)
 
 
 class Plan(NamedTuple):
@@ -72,9 +72,9 @@ class EvolveConfig:
     starts: int | None = None
     """How many searches begin, of which the best goes on: 3 of NEAT, 6 of CMA-ES, if not given."""
     generations: int | None = None
-    """How many the search that goes on has in all: 60 of NEAT, 560 of CMA-ES, if not given."""
+    """How many the search that goes on has in all: 40 of NEAT, 560 of CMA-ES, if not given."""
     polish: int | None = None
-    """Generations of CMA-ES on the weights and the clock of the network that NEAT found; 300 if not
+    """Generations of CMA-ES on the weights and the clock of the network that NEAT found; 400 if not
     given."""
     population: int | None = None
     """Controllers in a generation: 150 of NEAT, 24 of CMA-ES, if not given."""

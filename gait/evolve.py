@@ -213,7 +213,7 @@ class _Run:
             return np.asarray(distances.mean(axis=1))
         return np.asarray(np.quantile(distances, self.config.quantile, axis=1))
 
-    def _score(self, controllers: list[Controller], swims: Swims) -> NDArray[np.float64]:
+    def _score(self, controllers: Sequence[Controller], swims: Swims) -> NDArray[np.float64]:
         return worth(self._scorer(controllers, *swims), self.config.seconds)
 
     def _poses(self, count: int, *key: int) -> NDArray[np.float64]:
@@ -250,6 +250,8 @@ class _Run:
                 self._asked = self._search.send(Answer(fitness, winner, row.final))
         except DamagedFileError as error:
             raise DamagedFileError(f"{error}; delete it to start again") from None
+        except InvalidArgumentError:
+            raise
         except (KeyError, TypeError, ValueError, IndexError):
             raise InvalidArgumentError(
                 f"out: {path} lacks something that a run needs; choose another directory"
@@ -297,8 +299,9 @@ def evolve_gait(
         How; None is ``EvolveConfig()``.
     out
         A directory for ``controller.json`` (the best so far), ``history.csv`` and
-        ``checkpoint.json``, all brought up to date every second, and a sample's ``bodies.json``. If it holds an unfinished run of the same bodies and configuration, that
-        run is taken up, and ends in the same files as if it had never stopped.
+        ``checkpoint.json``, all brought up to date every second, and a sample's ``bodies.json``.
+        If it holds an unfinished run of the same bodies and configuration, that run is taken up,
+        and ends in the same files as if it had never stopped.
     scorer
         Says how far networks swim on which body from which pose; by default in the lanes.
     world

@@ -47,7 +47,7 @@ env.step(env.action_space.sample())
     """
 from eea import EEAConfig, estimate_morphology
 from gait import EvolveConfig, evolve_gait, swim_all
-gait = evolve_gait(config=EvolveConfig(generations=1, population=10, seconds=1))
+gait = evolve_gait(config=EvolveConfig(generations=1, population=10, seconds=1, starts=1, polish=0))
 swim_all([gait.controller], None, seconds=1, dtype="float64")
 estimate_morphology(config=EEAConfig(rounds=2, steps=16))
 """,

@@ -318,9 +318,9 @@ def test_the_usual_way_to_score_neat_is_the_same_swim() -> None:
     pytest.importorskip("pybullet")
     from aquafish_gym.engines.bullet.world import BulletWorld
     from aquafish_gym.morphology import Morphology
-    from gait.evolution import Evolution, genome_to_controller
     from gait.evolve import EvolveConfig
     from gait.rollout import swim
+    from gait.search.neat import Evolution, genome_to_controller
     from tests.benchmarks.gait import swim_as_usual
 
     body = Morphology.nominal()

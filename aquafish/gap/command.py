@@ -170,6 +170,8 @@ class Gap:
             eea=eea,
             budget=integer("budget", size.budget, 1),
             gait=EvolveConfig(
+                starts=1,
+                polish=0,
                 generations=size.generations,
                 population=size.population,
                 poses=integer("gait_poses", size.gait_poses, 1),  # a sample needs one

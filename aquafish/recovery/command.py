@@ -125,6 +125,8 @@ class Recover:
         chosen = replace(eea.exploration, strategy=self.joint_strategy)
         joint = replace(eea, rounds=self.joint_rounds, exploration=chosen)
         gait = EvolveConfig(
+            starts=1,
+            polish=0,
             generations=self.generations,
             population=self.population,
             poses=self.gait_poses,

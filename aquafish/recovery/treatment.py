@@ -99,7 +99,7 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     model = _self_model(job, say)
 
     def tell(row: Generation) -> None:
-        done, total = row.generation + 1, job.gait.generations
+        done, total = row.generation + 1, job.gait.plan.rows
         share = MODEL_SHARE + GAIT_SHARE * done / total
         say(f"gait: generation {done}/{total}, {row.best:.1f} units", share)
 

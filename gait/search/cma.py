@@ -1,4 +1,4 @@
-"""CMA-ES over the numbers of a class of controllers, by pycma: many starts, of which the best go on.
+"""CMA-ES over the numbers of a class of controllers, by pycma; of many starts the best go on.
 
 With some 20,000 controllers to spend on a hundred or two of free numbers there is no time to learn
 how these depend on each other: the covariance matrix stays diagonal (Ros and Hansen, A simple
@@ -21,7 +21,7 @@ from gait.search.schedules import legs
 # Random controllers that are looked at, from few poses; of the best of them CMA-ES starts. Starting
 # anywhere it sticks, one time in three, where no step is worth anything.
 SCREENED, SCREEN_POSES = 1200, 2
-SIGMA, POLISHING_SIGMA = 0.15, 0.1
+SIGMA = 0.15  # of the first step
 
 Build = Callable[[NDArray[np.float64]], Controller]
 
@@ -30,7 +30,7 @@ class Strategy:
     """One CMA-ES, with a diagonal covariance matrix, that maximises."""
 
     def __init__(
-        self, first: NDArray[np.float64], sigma: float, population: int, rng: np.random.Generator
+        self, first: NDArray[np.float64], population: int, rng: np.random.Generator
     ) -> None:
         import cma  # slowly, and only where it is needed
 
@@ -49,7 +49,7 @@ class Strategy:
             "tolupsigma": np.inf,
             **never,
         }
-        self._strategy = cma.CMAEvolutionStrategy(first, sigma, options)
+        self._strategy = cma.CMAEvolutionStrategy(first, SIGMA, options)
         self._asked: list[NDArray[np.float64]] = []
         self.final = -np.inf  #: The best that a generation's mean has come to.
 
@@ -91,7 +91,7 @@ def race(
     answer = yield Ask([build(x) for x in screened], None, starts, SCREEN_POSES)
     best = np.argsort(answer.fitness, kind="stable")[::-1][:starts]
     going = [
-        Strategy(screened[i], SIGMA, population, child)
+        Strategy(screened[i], population, child)
         for i, child in zip(best, rng.spawn(starts), strict=True)
     ]
     for many, generations in legs(starts, sys.maxsize)[:-1]:
@@ -108,6 +108,6 @@ def polish(
     first: NDArray[np.float64], build: Build, population: int, rng: np.random.Generator
 ) -> Search:
     """Search about one vector (D,)."""
-    strategy = Strategy(first, POLISHING_SIGMA, population, rng)
+    strategy = Strategy(first, population, rng)
     while True:
         yield from strategy.turn(build, 1)

@@ -23,13 +23,15 @@ from gait.search.asking import Ask, Search
 from gait.search.schedules import NEAT_SCREENING
 from gait.search.templates import Template
 
+USUAL = len(Senses().names)  # inputs
+
 Build = Callable[[Any], Controller]
 
 
 class Evolution:
     """One NEAT run: :meth:`ask` for ``size`` genomes, :meth:`tell` their fitness, and again."""
 
-    def __init__(self, size: int, seed: int, inputs: int, recurrent: bool = False) -> None:
+    def __init__(self, size: int, seed: int, inputs: int = USUAL, recurrent: bool = False) -> None:
         self._config = load_config(size, inputs, recurrent)
         self._random = random.Random(seed).getstate()
         with self._global_random():
@@ -134,9 +136,11 @@ def genome_to_controller(
     senses = senses or Senses()
     inputs, outputs = [-i - 1 for i in range(len(senses.names))], list(range(len(OUTPUTS)))
     enabled = [key for key, c in genome.connections.items() if c.enabled]
+    told = {sink for _, sink in enabled}
     if recurrent:
+        # A node that hears nothing says 0 in neat-python's recurrent networks, not its bias.
         needed = neat.graphs.required_for_output(inputs, outputs, enabled)
-        hidden = sorted(needed - set(outputs))
+        hidden = sorted((needed & told) - set(outputs))
     else:
         layers, _ = neat.graphs.feed_forward_layers(inputs, outputs, enabled)
         hidden = [key for layer in layers for key in sorted(layer) if key not in outputs]
@@ -150,7 +154,9 @@ def genome_to_controller(
             weights[column[sink] - len(inputs), column[source]] = weight
     return Controller(
         weights=weights,
-        bias=np.array([genome.nodes[key].bias for key in order]),
+        bias=np.array(
+            [genome.nodes[key].bias if key in told or not recurrent else 0.0 for key in order]
+        ),
         response=np.array([genome.nodes[key].response for key in order]),
         clock=clock,
         morphology=morphology,
@@ -160,7 +166,7 @@ def genome_to_controller(
     )
 
 
-def load_config(size: int, inputs: int, recurrent: bool = False) -> Any:
+def load_config(size: int, inputs: int = USUAL, recurrent: bool = False) -> Any:
     """Return neat-python's configuration for so many genomes of so many inputs."""
     with as_file(files("gait.search") / "neat.ini") as path:
         config = neat.Config(

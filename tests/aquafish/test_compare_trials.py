@@ -25,7 +25,9 @@ def test_strategies_are_compared_after_each_trial_and_none_again(
     )
     usual = partial(EEAConfig, joint=little)
     monkeypatch.setitem(script["CompareTrials"].jobs.__globals__, "EEAConfig", usual)
-    gait = EvolveConfig(generations=2, population=10, poses=1, seconds=1.0, threads=1)
+    gait = EvolveConfig(
+        generations=2, population=10, poses=1, seconds=1.0, threads=1, starts=1, polish=0
+    )
     command = script["CompareTrials"](
         out=tmp_path, strategies=("fast", "gait"), trials=2, seeds=2, steps=64, gait=gait
     )

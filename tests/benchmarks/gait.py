@@ -21,12 +21,12 @@ from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
 from gait.baselines import BaselineConfig
-from gait.controller import Controller
-from gait.evolution import Evolution, genome_to_controller, load_config
+from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig
 from gait.fitness import DIVERGED_SPEED
 from gait.network import GYRO_SCALE
-from gait.rollout import INTERVAL, SECONDS, random_poses, step_count, swim_all
+from gait.rollout import SECONDS, random_poses, step_count, swim_all
+from gait.search.neat import Evolution, genome_to_controller, load_config
 from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet
 
 LEAST_POPULATION = 10  # NEAT's species need some members
@@ -43,7 +43,7 @@ NO_LEARNING = (
 
 def populations(settings: Settings, cleanup: ExitStack) -> Group:
     """Return a population as NEAT begins with, as chance breeds it, and as evolution does."""
-    usual = EvolveConfig()
+    usual = EvolveConfig().plan
     count = max(LEAST_POPULATION, min(usual.population, settings.robots))
     generations = 2 if settings.quick else GENERATIONS
     seconds = 0.1 if settings.quick else SECONDS
@@ -88,7 +88,7 @@ def populations(settings: Settings, cleanup: ExitStack) -> Group:
         (f"{generations} of chance", bred, "float32", 1),
         (f"{generations} evolved", evolved, "float32", 1),
         (f"{generations} evolved", evolved, "float64", 1),
-        (f"{generations} evolved", evolved, "float32", usual.poses + 1),
+        (f"{generations} evolved", evolved, "float32", EvolveConfig.poses + 1),
     ):
         one = row(name, controllers, dtype, poses, 1)
         rows.append(one)

@@ -21,7 +21,8 @@ from aquafish_gym.physics.attitude import rotations
 from aquafish_gym.physics.compiling import register_module
 from aquafish_gym.physics.layout import FIELDS, STATE_ROWS
 from gait import network
-from gait.evolution import Evolution, genome_to_controller
+from gait.controller import scratch_size
+from gait.search.neat import Evolution, genome_to_controller
 from tests.verification.trials import random_trials
 
 COUNT = 21  # no multiple of a register's robots
@@ -225,11 +226,12 @@ def test_the_state_still_holds_an_attitude(dtype: str) -> None:
 def test_a_policy_that_asks_for_the_attitude_gets_it_though_it_is_not_recorded() -> None:
     register_module(network)
     genome = Evolution(10, seed=3).ask()[0]
-    genes = genome_to_controller(genome, 1.0, Morphology.nominal(), 0).genes(8)[:, None]
+    controller = genome_to_controller(genome, 1.0, Morphology.nominal(), 0)
+    genes, layout = controller.genes(8)[:, None], controller.layout(8)
     bare, both = (
         (lanes := LaneBatch(BODIES, ANGLES)).run(
             network.steer, pack_rows(genes.repeat(COUNT, 1), np.float32, lanes.width),
-            np.array([8]), network.INPUT_COUNT + 8, 60, 5, record,
+            layout, scratch_size(controller, 8), 60, 5, record,
         )
         for record in ("gyro", "attitude")
     )  # fmt: skip

@@ -13,14 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
-from gait import evolution
 from gait.controller import Controller
+from gait.network import Senses
 from gait.records import Generation
+from gait.search.neat import genome_to_controller, load_config
+
+INPUT_COUNT = len(Senses().names)
 
 
-def random_genome(seed: int, mutations: int) -> tuple[Any, Any]:
+def random_genome(seed: int, mutations: int, recurrent: bool = False) -> tuple[Any, Any]:
     """Return neat-python's configuration and a genome mutated so many times."""
-    config = evolution.load_config(10)
+    config = load_config(10, INPUT_COUNT, recurrent)
     genome_config = config.genome_config
     # Quicker growth, and responses too, so that a few mutations reach every kind of network.
     genome_config.conn_add_prob = genome_config.node_add_prob = 0.5
@@ -44,7 +47,7 @@ def random_genome(seed: int, mutations: int) -> tuple[Any, Any]:
 def make_controller(seed: int = 3, mutations: int = 12) -> Controller:
     """Return a small network with hidden nodes."""
     _, genome = random_genome(seed, mutations)
-    return evolution.genome_to_controller(genome, 1.0, Morphology.nominal(), seed)
+    return genome_to_controller(genome, 1.0, Morphology.nominal(), seed)
 
 
 class WeightScorer:

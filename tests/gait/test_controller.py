@@ -16,8 +16,8 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import DamagedFileError, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controller import Controller
-from gait.network import INPUT_COUNT
-from gait_fakes import make_controller
+from gait.network import HEADER, forward
+from gait_fakes import INPUT_COUNT, make_controller
 
 
 @given(st.integers(0, 1000), st.integers(0, 40))
@@ -31,16 +31,15 @@ def test_json_gives_back_the_same_controller(seed: int, mutations: int) -> None:
 
 @given(st.integers(0, 1000), st.integers(0, 40), st.integers(0, 5))
 def test_padding_changes_no_answer(seed: int, mutations: int, padding: int) -> None:
-    from gait.network import forward
-
     controller = make_controller(seed, mutations)
     inputs = np.random.default_rng(seed).uniform(-1, 1, INPUT_COUNT).tolist()
     outputs = []
     for nodes in (controller.nodes, controller.nodes + padding):
         genes = controller.genes(nodes)
-        # The clock, and each node's bias, response, and weights from all before it.
-        assert len(genes) == 1 + sum(2 + INPUT_COUNT + n for n in range(nodes))
-        outputs.append(forward(genes, nodes, inputs + [0.0] * nodes, 0, 1, 0.0))
+        # Clock and fins, and each node's bias, response, and weights from all before it.
+        assert len(genes) == HEADER + sum(2 + INPUT_COUNT + n for n in range(nodes))
+        layout = controller.layout(nodes).tolist()
+        outputs.append(forward(genes, layout, inputs + [0.0] * 2 * nodes, 0, 1, 0.0))
     assert outputs[0] == outputs[1]
 
 
@@ -172,9 +171,9 @@ def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
         with pytest.raises(DamagedFileError, match=message):
             Controller.load(path)
     write_document(path, {"a": 1}, "gait.transfer/2")
-    with pytest.raises(DamagedFileError, match=r"fish\.json must be of schema gait\.controller/2"):
+    with pytest.raises(DamagedFileError, match=r"fish\.json must be of schema gait\.controller/3"):
         Controller.load(path)
-    write_document(path, {"a": 1}, "gait.controller/2")
+    write_document(path, {"a": 1}, "gait.controller/3")
     with pytest.raises(InvalidArgumentError, match=r"fish\.json: controller has missing"):
         Controller.load(path)
     with pytest.raises(InvalidArgumentError, match=r"controller must be a file .*none\.json"):

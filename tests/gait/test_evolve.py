@@ -29,7 +29,8 @@ from gait.records import (
 from gait.rollout import SECONDS, random_poses, stream
 from gait_fakes import WeightScorer, contents, read_history
 
-CONFIG = EvolveConfig(seed=1000, generations=6, population=20, poses=2)
+PLAIN: dict[str, Any] = {"starts": 1, "polish": 0}  # NEAT alone, so that rows are generations
+CONFIG = EvolveConfig(seed=1000, generations=6, population=20, poses=2, **PLAIN)
 
 
 def test_files_say_what_the_result_says(tmp_path: Path) -> None:
@@ -69,7 +70,7 @@ def test_poses_are_other_ones_every_generation_and_the_finals_are_always_the_sam
 
 
 def test_without_random_poses_the_finals_change_nothing() -> None:
-    config = EvolveConfig(seed=1000, generations=4, population=20, poses=0)
+    config = EvolveConfig(seed=1000, generations=4, population=20, poses=0, **PLAIN)
     for row in evolve_gait(None, config, scorer=WeightScorer()).history:
         assert row.final == row.distance == row.best
 
@@ -79,7 +80,7 @@ def test_same_seed_same_files_and_another_seed_another_run(tmp_path: Path) -> No
         evolve_gait(None, CONFIG, out=tmp_path / name, scorer=WeightScorer())
     assert contents(tmp_path / "a") == contents(tmp_path / "b")
     other = evolve_gait(
-        None, EvolveConfig(seed=1001, generations=6, population=20), scorer=WeightScorer()
+        None, EvolveConfig(seed=1001, generations=6, population=20, **PLAIN), scorer=WeightScorer()
     )
     assert other.history != read_history(tmp_path / "a" / HISTORY_FILE)
 
@@ -101,7 +102,7 @@ def test_an_interrupted_run_ends_in_the_same_files(tmp_path: Path, at: int) -> N
 
 
 def test_a_run_may_be_prolonged(tmp_path: Path) -> None:
-    short = EvolveConfig(seed=1000, generations=3, population=20, poses=2, threads=1)
+    short = EvolveConfig(seed=1000, generations=3, population=20, poses=2, threads=1, **PLAIN)
     evolve_gait(None, short, out=tmp_path / "grown", scorer=WeightScorer())
     grown = evolve_gait(None, CONFIG, out=tmp_path / "grown", scorer=WeightScorer())
     assert grown.history == evolve_gait(None, CONFIG, scorer=WeightScorer()).history
@@ -129,7 +130,9 @@ def test_a_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
             distances[1::3, 0] = np.inf
             return distances
 
-    result = evolve_gait(None, EvolveConfig(generations=3, population=20), scorer=Diverging())
+    result = evolve_gait(
+        None, EvolveConfig(generations=3, population=20, **PLAIN), scorer=Diverging()
+    )
     assert np.isfinite([row.mean for row in result.history]).all()
     assert result.fitness > DIVERGED_SPEED * SECONDS / 2
 
@@ -139,10 +142,22 @@ def test_another_run_in_the_directory_is_refused(tmp_path: Path) -> None:
     before = contents(tmp_path)
     half = Morphology.coerce({"left_pectoral": (0.4, 0.8, 0.1)})
     for body, config, message in (
-        (None, EvolveConfig(seed=1001, generations=6, population=20, poses=2), "with seed 1000"),
-        (None, EvolveConfig(seed=1000, generations=6, population=21, poses=2), "population 20"),
+        (
+            None,
+            EvolveConfig(seed=1001, generations=6, population=20, poses=2, **PLAIN),
+            "with seed 1000",
+        ),
+        (
+            None,
+            EvolveConfig(seed=1000, generations=6, population=21, poses=2, **PLAIN),
+            "population 20",
+        ),
         (half, CONFIG, "with morphology.left_pectoral"),
-        (None, EvolveConfig(seed=1000, generations=5, population=20, poses=2), "at least the 6"),
+        (
+            None,
+            EvolveConfig(seed=1000, generations=5, population=20, poses=2, **PLAIN),
+            "at least the 6",
+        ),
     ):
         with pytest.raises(InvalidArgumentError, match=message):
             evolve_gait(body, config, out=tmp_path, scorer=WeightScorer())
@@ -166,7 +181,7 @@ def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
             evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
 
 
-@pytest.mark.parametrize("lost", ["settings", "history", "best", "evolution"])
+@pytest.mark.parametrize("lost", ["settings", "history", "best", "answers"])
 def test_a_checkpoint_that_lacks_something_is_refused(tmp_path: Path, lost: str) -> None:
     evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
     path = tmp_path / CHECKPOINT_FILE
@@ -179,7 +194,7 @@ def test_a_checkpoint_that_lacks_something_is_refused(tmp_path: Path, lost: str)
 
 def test_a_checkpoint_from_elsewhere_is_refused(tmp_path: Path) -> None:
     for name, seed in (("a", 1), ("b", 2)):
-        config = EvolveConfig(seed=seed, generations=2, population=20)
+        config = EvolveConfig(seed=seed, generations=2, population=20, **PLAIN)
         evolve_gait(None, config, out=tmp_path / name, scorer=WeightScorer())
     (tmp_path / "a" / CHECKPOINT_FILE).replace(tmp_path / "b" / CHECKPOINT_FILE)
     with pytest.raises(InvalidArgumentError, match="another run's checkpoint"):
@@ -232,7 +247,7 @@ def test_random_streams_are_no_other_packages() -> None:
 
 
 def test_a_body_is_whatever_makes_one() -> None:
-    config = EvolveConfig(seed=1000, generations=1, population=10, poses=0)
+    config = EvolveConfig(seed=1000, generations=1, population=10, poses=0, **PLAIN)
     whole = Morphology.coerce({"caudal": (0.0, 0.0, 0.0)})
     for body in (whole, {"caudal": (0, 0, 0)}, whole.to_array()):
         evolved = evolve_gait(body, config, scorer=WeightScorer())
@@ -267,6 +282,15 @@ def test_an_unwritable_directory_is_refused_before_anything_swims(tmp_path: Path
         ("seed", 10**400),
         ("seed", np.arange(3)),
         ("seed", 1.5),
+        ("starts", 0),
+        ("polish", -1),
+        ("harmonics", 0),
+        ("hidden", 0),
+        ("search", "random"),
+        ("senses", ()),
+        ("senses", "imu"),
+        ("senses", ("imu", "sonar")),
+        ("controller", "mlp"),
     ],
 )
 def test_a_bad_setting_is_refused_by_name(name: str, value: Any) -> None:

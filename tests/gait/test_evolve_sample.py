@@ -21,7 +21,7 @@ from gait.records import BODIES_FILE, CONTROLLER_FILE, FILES
 from gait.rollout import ZERO_POSE, random_poses, stream
 from gait_fakes import WeightScorer, contents
 
-CONFIG = EvolveConfig(seed=1000, generations=6, population=20, poses=2)
+CONFIG = EvolveConfig(seed=1000, generations=6, population=20, poses=2, starts=1, polish=0)
 BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (20, 9)) * MAXIMA
 
 
@@ -48,7 +48,9 @@ class Noting(WeightScorer):
 
 def test_copies_of_one_body_are_that_body() -> None:
     body = Morphology.coerce({"left_pectoral": (0.4, 0.8, 0.1)})
-    config = EvolveConfig(seed=3, generations=3, population=12, poses=4, seconds=1.0)
+    config = EvolveConfig(
+        seed=3, generations=3, population=12, poses=4, seconds=1.0, starts=1, polish=0
+    )
     one, three = evolve_gait(body, config), evolve_gait([body] * 3, config)
     assert one.history == three.history
     assert one.controller.sample is None
@@ -87,7 +89,9 @@ def test_the_poses_are_those_of_one_body() -> None:
 
 
 def test_distances_say_how_the_winner_does_on_each_body() -> None:
-    config = EvolveConfig(seed=3, generations=2, population=12, poses=2, seconds=1.0)
+    config = EvolveConfig(
+        seed=3, generations=2, population=12, poses=2, seconds=1.0, starts=1, polish=0
+    )
     evolved = evolve_gait(BODIES[:4], config)
     poses = np.vstack([ZERO_POSE, random_poses(32, stream(3, 1))])
     again = distances([evolved.controller], BODIES[:4], poses, seconds=1.0)

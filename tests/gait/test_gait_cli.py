@@ -26,7 +26,8 @@ from gait.controller import Controller
 from gait.records import Generation, finished_generations
 from gait_fakes import contents, make_controller, read_history
 
-QUICK = ["--generations", "3", "--population", "12", "--seconds", "1", "--seed", "1000"]
+PLAIN = ["--starts", "1", "--polish", "0"]  # NEAT alone
+QUICK = [*PLAIN, "--generations", "3", "--population", "12", "--seconds", "1", "--seed", "1000"]
 
 
 @pytest.fixture
@@ -192,7 +193,8 @@ def test_bad_input_is_one_line_and_exit_code_2(
 
 def test_ctrl_c_leaves_readable_files_and_the_run_goes_on(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    settings = ["--generations", "400", "--population", "12", "--seconds", "0.5", "--seed", "1000"]
+    settings = [*PLAIN, "--generations", "400", "--population", "12", "--seconds", "0.5"]
+    settings += ["--seed", "1000"]
     command = [sys.executable, "-m", "gait", "evolve", "--out", str(out), *settings]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 120
@@ -232,7 +234,7 @@ def test_a_directory_with_other_results_is_refused(
 
 def test_of_two_commands_in_one_directory_the_second_is_refused(tmp_path: Path) -> None:
     """Both exited 0 once, and one was lost."""
-    settings = ["--generations", "400", "--population", "12", "--seconds", "0.5", "--seed"]
+    settings = [*PLAIN, "--generations", "400", "--population", "12", "--seconds", "0.5", "--seed"]
     commands = [
         [sys.executable, "-m", "gait", "evolve", "--out", str(tmp_path), *settings, seed]
         for seed in ("1", "2")

@@ -14,7 +14,8 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.attitude import attitude
 from gait import network
-from gait.evolution import genome_to_controller
+from gait.network import Senses
+from gait.search.neat import genome_to_controller
 from gait_fakes import random_genome
 
 finite = st.floats(-1e6, 1e6)
@@ -58,17 +59,25 @@ def test_sine_cosine_agrees_with_the_standard_library(turns: float) -> None:
 
 
 @settings(max_examples=150)
-@given(st.integers(0, 2**32), st.integers(0, 60), st.lists(unit, min_size=11, max_size=11))
-def test_forward_is_neat_pythons_activate(seed: int, mutations: int, inputs: list[float]) -> None:
-    config, genome = random_genome(seed, mutations)
-    expected = neat.nn.FeedForwardNetwork.create(genome, config).activate(inputs)
-    controller = genome_to_controller(genome, 1.0, Morphology.nominal(), 0)
-    for padding in (0, 3):
-        nodes = controller.nodes + padding
-        values = inputs + [0.0] * nodes
-        out = network.forward(controller.genes(nodes), nodes, values, 0, 1, 0.0)
-        # A deep network of large weights passes rounding on, magnified.
-        assert out == pytest.approx(expected, abs=1e-12)
+@given(st.integers(0, 2**32), st.integers(0, 60), st.booleans(), st.integers(0, 2**32))
+def test_forward_is_neat_pythons_activate(
+    seed: int, mutations: int, recurrent: bool, heard: int
+) -> None:
+    config, genome = random_genome(seed, mutations, recurrent)
+    kind = neat.nn.RecurrentNetwork if recurrent else neat.nn.FeedForwardNetwork
+    expected = kind.create(genome, config)
+    body = Morphology.nominal()
+    controller = genome_to_controller(genome, 1.0, body, 0, recurrent=recurrent)
+    values = {padding: [0.0] * (11 + 2 * (controller.nodes + padding)) for padding in (0, 3)}
+    for inputs in np.random.default_rng(heard).uniform(-1.0, 1.0, (4, 11)).tolist():
+        out = expected.activate(inputs)
+        for padding, scratch in values.items():
+            scratch[:11] = inputs
+            nodes = controller.nodes + padding
+            genes, layout = controller.genes(nodes), controller.layout(nodes)
+            found = network.forward(genes, layout.tolist(), scratch, 0, 1, 0.0)
+            # A deep network of large weights passes rounding on, magnified.
+            assert found == pytest.approx(out, abs=1e-12 if not recurrent else 1e-9)
 
 
 @given(angle, angle, angle)
@@ -91,11 +100,15 @@ def test_directions_are_rows_of_the_rotation_matrix(seed: int) -> None:
 
 
 def test_upright_and_facing_north_reads_plainly() -> None:
-    values = [0.0] * network.INPUT_COUNT
+    senses = Senses(clock=2, fins=True)
+    values = [0.0] * (len(senses.names) + 3)
     up, north = network.directions((0.0, 0.0, 0.0))
-    network.listen(values, 0.5, 0.25, up, north, (1.0, -5.0, 0.5))
-    named = dict(zip(network.INPUTS, values, strict=True))
-    expected = dict.fromkeys(network.INPUTS, 0.0) | {
+    values[-3:] = [0.25, -0.25, 0.0]  # turns of the fins
+    network.listen_imu(values, 0, up, north, (1.0, -5.0, 0.5))
+    network.listen_clock(values, 9, 2, 0.5 * 0.25)
+    network.listen_fins(values, 13, 19, 0.0)
+    named = dict(zip(senses.names, values, strict=False))
+    expected = dict.fromkeys(senses.names, 0.0) | {
         "up_z": 1.0,
         "north_y": 1.0,
         "gyro_x": 0.5,
@@ -103,18 +116,17 @@ def test_upright_and_facing_north_reads_plainly() -> None:
         "gyro_z": 0.25,
         "clock_sine": math.sin(math.pi / 4),
         "clock_cosine": math.cos(math.pi / 4),
+        "clock2_sine": 1.0,
+        "left_pectoral_sine": 1.0,
+        "right_pectoral_sine": -1.0,
+        "caudal_cosine": 1.0,
     }
     assert named == pytest.approx(expected, abs=1e-15)
 
 
 @given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
 def test_commands_are_scaled_as_actions_are(action: list[float]) -> None:
-    # A network without connections answers tanh(2.5 bias) for ever.
-    bias = [math.atanh(max(-0.999, min(0.999, a))) / 2.5 for a in action]
-    genes = [1.0]
-    for node, b in enumerate(bias):
-        genes += [b, 1.0, *[0.0] * (network.INPUT_COUNT + node)]
-    rest = (0.0, 0.0, 0.0)
-    command = network.steer(genes, [3], [0.0] * (network.INPUT_COUNT + 3), 0, 1, 0.0, rest, rest)
-    expected = scale_action(np.clip(action, -0.999, 0.999))
-    assert command == pytest.approx(tuple(expected), abs=1e-14)
+    left, right, caudal = action
+    assert network.command((left, right, caudal)) == pytest.approx(
+        tuple(scale_action(np.array(action))), abs=1e-15
+    )

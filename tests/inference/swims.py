@@ -19,10 +19,9 @@ from aquafish_gym.runs.runner import Say
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
 from eea.aquafish.log_inference import BEFORE
 from eea.joint import JointBelief
-from gait.controller import Controller
+from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.policy import new_policy
-from gait.rollout import INTERVAL
 from tests.inference.robots import SPANS, Floats
 
 #: Swims -> how many, at full size.
@@ -70,7 +69,10 @@ def _window(number: int, rng: np.random.Generator) -> dict[str, Any]:
     """Return what five seconds of a damaged fish's own gait tell of its body."""
     shares = rng.uniform(0.5, 1.0, len(DIMENSIONS))
     body = Morphology.from_array(shares * Morphology.nominal().to_array())
-    gait = evolve_gait(body, EvolveConfig(seed=number, generations=15, population=60, threads=1))
+    gait = evolve_gait(
+        body,
+        EvolveConfig(seed=number, generations=15, population=60, threads=1, starts=1, polish=0),
+    )
     swim = _swim(gait.controller, body, 2 * SECONDS, rng)
     first = len(swim.time) - round(SECONDS / TIMESTEP) - BEFORE - 1
     swim = SwimLog(swim.time[first:], swim.gyro[first:], swim.commands[first:])
@@ -113,7 +115,7 @@ def _known(number: int) -> tuple[Controller, JointBelief]:
 
     belief = estimate_morphology_of(Fish(), seed=number, threads=1).belief
     assert isinstance(belief, JointBelief)
-    config = EvolveConfig(seed=number, generations=30, population=60, threads=1)
+    config = EvolveConfig(seed=number, generations=30, population=60, threads=1, starts=1, polish=0)
     return evolve_gait(body, config).controller, belief
 
 

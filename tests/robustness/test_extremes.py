@@ -36,9 +36,10 @@ from eea.core.experiment import Simulator, Trials
 from eea.core.exploration import Exploration, ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.core.laboratory import DIVERGED, Laboratory
-from gait import evolve, network, rollout
+from gait import evolve, rollout
 from gait.controller import Controller
 from gait.fitness import DIVERGED_SPEED
+from gait.network import Senses
 from gait.transfer import score
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
@@ -409,7 +410,7 @@ def test_a_target_that_diverges_is_an_error_and_leaves_no_trace(
 
 def steady(clock: float = 0.7) -> Controller:
     return Controller(
-        weights=np.zeros((3, network.INPUT_COUNT + 3)),
+        weights=np.zeros((3, len(Senses().names) + 3)),
         bias=np.ones(3),
         response=np.ones(3),
         clock=clock,
@@ -477,7 +478,9 @@ def test_a_controller_that_diverges_is_the_worst_of_its_generation(
 
     monkeypatch.setattr(evolve.Evolution, "tell", listen)
     sicken(monkeypatch, robot=7)
-    config = evolve.EvolveConfig(generations=2, population=12, poses=0, seconds=2.0)
+    config = evolve.EvolveConfig(
+        generations=2, population=12, poses=0, seconds=2.0, starts=1, polish=0
+    )
     result = evolve.evolve_gait(None, config)
     for fitness in told:
         assert int(np.argmin(fitness)) == 7
