@@ -343,13 +343,14 @@ def evolve_gait(
                 run.write(directory)  # a kill may have left the results a generation behind
         for row in run.history:
             tell(row)
-        written = time.monotonic()
+        written = -np.inf
         try:
             while len(run.history) < config.plan.rows:
-                tell(run.step())
+                row = run.step()
                 if directory and time.monotonic() > written + EVERY:
                     run.write(directory)
                     written = time.monotonic()
+                tell(row)
         finally:
             if directory and run.history:
                 run.write(directory)

@@ -211,7 +211,7 @@ def test_ctrl_c_leaves_readable_files_and_the_run_goes_on(tmp_path: Path) -> Non
     assert (out / "history.png").exists()
     assert len(read_history(out / "history.csv")) in (done - 1, done)
     Controller.load(out / "controller.json")
-    settings[1] = str(done + 2)
+    settings[len(PLAIN) + 1] = str(done + 2)
     assert main(["evolve", "--out", str(out), *settings]) == 0
     assert len(read_history(out / "history.csv")) == done + 2
 
