@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         fish_models,
         fish_problem,
     )
+    from eea.aquafish.fins import Fins, fins_after
     from eea.aquafish.gap import RealityGap
     from eea.aquafish.log_inference import infer_log
     from eea.aquafish.posterior_file import load_posterior, save_posterior
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 __all__ = [
     "EngineSimulator",
     "EngineTarget",
+    "Fins",
     "MorphologyEstimate",
     "Orientation",
     "RealityGap",
@@ -38,6 +40,7 @@ __all__ = [
     "estimate_from_logs",
     "estimate_morphology",
     "estimate_morphology_of",
+    "fins_after",
     "fish_actions",
     "fish_eea",
     "fish_models",
@@ -50,7 +53,9 @@ __all__ = [
     "write_log",
 ]
 _ROOMS = {
+    "Fins": "fins",
     "SwimLog": "swim_log",
+    "fins_after": "fins",
     "infer_log": "log_inference",
     "load_posterior": "posterior_file",
     "read_log": "swim_log_file",

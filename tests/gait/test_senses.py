@@ -65,7 +65,7 @@ def test_fins_are_where_the_commands_have_brought_them(gain: float) -> None:
     told = np.array([policy(np.zeros(9), 0.05 * k) for k in range(40)])
     commands = np.repeat([np.asarray(scaled(action)) for action in told], 5, axis=0)
     log = simulate(
-        BODY, commands[None], begin, steps=200, record="pose", interval=1, servo_gain=gain,
+        BODY, commands[None], begin, steps=200, record="pose", interval=1, servo_gain=(gain,) * 3,
         dtype="float64",
     )  # fmt: skip
     assert log.fin_angles is not None

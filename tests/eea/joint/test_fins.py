@@ -1,0 +1,59 @@
+"""A self-model knows where the fins are, as well as it says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aquafish_gym import Morphology, simulate
+from aquafish_gym.engines.base import TIMESTEP
+from eea.aquafish import RealityGap
+from eea.aquafish.estimate import fish_eea
+from eea.aquafish.fins import fins_after
+from eea.aquafish.target import EngineTarget
+from eea.core.angles import wrap
+from eea.core.checks import ConfigurationError
+from eea.core.config import EEAConfig, JointConfig
+
+PLAIN = JointConfig(alternatives="never")
+
+
+@pytest.mark.parametrize("gain", [1.0, 0.93])
+def test_the_fins_are_where_they_are_believed_to_be(gain: float) -> None:
+    errors = []
+    for seed in range(4):
+        gap = RealityGap(gyro_noise=0.01, servo_gain=(gain,) * 3)
+        target = EngineTarget(
+            None, "left_pectoral:length=0.5", np.random.default_rng(seed), engine="numba", gap=gap
+        )
+        config = EEAConfig("joint", rounds=2, joint=PLAIN)
+        found = fish_eea(target, config, seed, target.morphology, threads=1).run()
+        log = simulate(
+            target.morphology, found.rounds[-1].command, target.start_angles, steps=config.steps,
+            record="pose", servo_gain=(gain,) * 3, dtype="float64",
+        )  # fmt: skip
+        assert log.fin_angles is not None
+        fins = fins_after(found)
+        errors.append(wrap(fins.angles - log.fin_angles[0, -1]) / fins.spread)
+        assert (fins.spread < np.radians(10.0)).all()
+        np.testing.assert_allclose(fins.servo_gain, gain, atol=0.02)
+    assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.6)
+
+
+def test_a_fin_that_is_stuck_stays_where_it_was() -> None:
+    target = EngineTarget(
+        None, None, np.random.default_rng(5), engine="numba", gap=RealityGap(seized="left_pectoral")
+    )
+    config = EEAConfig("joint", rounds=3, joint=JointConfig(alternatives="always"))
+    found = fish_eea(target, config, 5, Morphology.nominal(), threads=1).run()
+    fins = fins_after(found)
+    assert fins.servo_gain[0] == 0.0
+    assert abs(wrap(fins.angles[0] - target.start_angles[0])) < 0.05
+    assert config.steps * TIMESTEP > 2.0
+
+
+def test_without_a_posterior_nobody_knows() -> None:
+    target = EngineTarget(None, None, np.random.default_rng(0), steps=32, engine="numba")
+    none = fish_eea(target, EEAConfig("none", steps=32, rounds=1), 0, threads=1)
+    with pytest.raises(ConfigurationError, match="result must be of the condition joint"):
+        fins_after(none.result)
