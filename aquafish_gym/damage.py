@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass, field, fields
 from itertools import chain
 from typing import Any, Self
 
+import numpy as np
+
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES, Morphology, change_in_words
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -77,6 +79,7 @@ class FinMissing:
 
 
 Fault = FinScaled | FinMissing
+SCALED = 0.2, 0.9  # of what a size was, where chance breaks it
 _KINDS: dict[str, Any] = {kind.__name__: kind for kind in (FinScaled, FinMissing)}
 
 
@@ -146,6 +149,25 @@ class Damage:
                 return cls(tuple(chain.from_iterable(map(cls._coerce, value))))
         wanted = "text such as 'left_pectoral:length=0.5', a Damage, or a list"
         raise InvalidArgumentError(f"damage must be {wanted}; got {brief(value)}")
+
+    @classmethod
+    def random(cls, rng: np.random.Generator) -> Self:
+        """Return what may happen at sea: one fin or two, equally likely, each with one fault.
+
+        A fin is missing one time in four; else its length, width or thickness is 0.2 to 0.9 of what
+        it was, uniformly.
+
+        Examples
+        --------
+        >>> len(Damage.random(np.random.default_rng(0))) in (1, 2)
+        True
+        """
+        fins = rng.permutation(FINS)[: rng.integers(1, 3)].tolist()
+        faults: list[Fault] = []
+        for fin in fins:
+            missing, size, factor = rng.random() < 0.25, rng.choice(SIZES), rng.uniform(*SCALED)
+            faults.append(FinMissing(fin) if missing else FinScaled(fin, str(size), factor))
+        return cls(tuple(faults))
 
     def apply(self, morphology: Morphology) -> Morphology:
         """Return the body with every fault, one after another."""

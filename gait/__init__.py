@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gait.controller import Controller
-    from gait.evolve import EvolveConfig, Evolved, evolve_gait
+    from gait.evolve import EvolveConfig, Evolved, damaged_at_random, evolve_gait
     from gait.fitness import distances
     from gait.policy import ControllerLike, HasPolicy, Policy
     from gait.rollout import Swim, random_poses, swim, swim_all
@@ -22,6 +22,7 @@ __all__ = [
     "HasPolicy",
     "Policy",
     "Swim",
+    "damaged_at_random",
     "distances",
     "evolve_gait",
     "random_poses",

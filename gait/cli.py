@@ -34,9 +34,17 @@ from aquafish_gym.utils.command_line import (
     run_command_line,
     subcommands,
 )
+from aquafish_gym.utils.validation import integer
 from gait.baselines import Baseline, BaselineConfig, MissingExtraError
 from gait.controller import Controller
-from gait.evolve import FINAL_POSES, EvolveConfig, Evolved, evolve_gait
+from gait.evolve import (
+    FINAL_POSES,
+    MAXIMUM_BODIES,
+    EvolveConfig,
+    Evolved,
+    damaged_at_random,
+    evolve_gait,
+)
 from gait.records import CONTROLLER_FILE, HISTORY_FILE, Generation, finished_generations
 from gait.rollout import random_poses
 from gait.transfer import TransferConfig, score, transfer
@@ -76,6 +84,9 @@ class Evolve:
     out: Out
     morphology: BodiesFile = None
     damage: BodyDamage = "none"
+    random_damages: int = 0
+    """Evolve for the body and so many more, each damaged at random in one fin or two: a gait for
+    who does not know what happened. See Damage.random."""
     world: WorldConfig = field(default_factory=WorldConfig)
     config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
 
@@ -83,13 +94,16 @@ class Evolve:
         """Evolve to the last generation, with progress."""
         bodies = [None] if self.morphology is None else read_bodies(self.morphology, "morphology")
         damage, before = Damage.parse(self.damage), len(finished_generations(self.out))
+        several = [damage.apply(Morphology.coerce(body)) for body in bodies]
+        count = integer("random_damages", self.random_damages, 0, MAXIMUM_BODIES - len(several))
+        several += damaged_at_random(several[0], count, self.config.seed)
         try:
             with (
                 _no_folder_for_nothing(self.out),
                 _counting("evolving", self.config.plan.rows, before) as show,
             ):
                 evolved = evolve_gait(
-                    [damage.apply(Morphology.coerce(body)) for body in bodies],
+                    several,
                     self.config,
                     out=self.out,
                     world=self.world,

@@ -19,7 +19,9 @@ from aquafish_gym.bodies import (
     sample_stamp,
     write_bodies,
 )
+from aquafish_gym.damage import Damage
 from aquafish_gym.engines.worlds import WorldConfig
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.storage import (
     DamagedFileError,
@@ -271,6 +273,15 @@ def _finalists(asked: Ask, fitness: NDArray[np.float64]) -> Sequence[Controller]
     if asked.finalists is not None:
         return asked.finalists
     return [asked.controllers[i] for i in np.argsort(-fitness, kind="stable")[:FINALISTS]]
+
+
+def damaged_at_random(body: Morphology, count: int, seed: int) -> list[Morphology]:
+    """Return a body with so many random damages, one at a time: domain randomisation.
+
+    The first ones are the same for any ``count``.
+    """
+    sources = stream(seed, 7).spawn(count)
+    return [Damage.random(np.random.default_rng(source)).apply(body) for source in sources]
 
 
 def evolve_gait(

@@ -7,6 +7,7 @@ import json
 import math
 from dataclasses import asdict
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -179,3 +180,19 @@ def test_an_estimate_within_the_tolerance_is_no_damage() -> None:
 def test_a_body_reads_back_from_its_json_exactly() -> None:
     body = Damage.parse("caudal:width=0.3").apply(Morphology.nominal())
     assert Morphology.from_json(body.to_json()) == body
+
+
+def test_what_happens_at_sea_is_one_fault_or_two_in_different_fins() -> None:
+    drawn = [Damage.random(np.random.default_rng(seed)) for seed in range(300)]
+    assert {len(damage) for damage in drawn} == {1, 2}
+    for damage in drawn:
+        assert len({fault.fin for fault in damage}) == len(damage)
+        body, healthy = damage.apply(Morphology.nominal()).to_array(), Morphology.nominal()
+        assert (body <= healthy.to_array()).all()
+        assert (body != healthy.to_array()).any()
+        assert Damage.parse(str(damage)) == damage
+    missing = np.mean([isinstance(fault, FinMissing) for damage in drawn for fault in damage])
+    assert missing == pytest.approx(0.25, abs=0.06)
+    assert {fault.fin for damage in drawn for fault in damage} == set(FINS)
+    again = Damage.random(np.random.default_rng(3))
+    assert again == drawn[3]

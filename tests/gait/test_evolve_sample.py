@@ -15,7 +15,7 @@ from aquafish_gym.bodies import median_body, read_bodies, sample_stamp
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from gait.controller import Controller
-from gait.evolve import EvolveConfig, evolve_gait
+from gait.evolve import EvolveConfig, damaged_at_random, evolve_gait
 from gait.fitness import distances
 from gait.records import BODIES_FILE, CONTROLLER_FILE, FILES
 from gait.rollout import ZERO_POSE, random_poses, stream
@@ -191,3 +191,11 @@ def test_a_setting_without_a_say_is_refused() -> None:
         EvolveConfig(aggregate="quantile", quantile=1.5)
     with pytest.raises(UnknownNameError, match="did you mean 'mean'"):
         EvolveConfig(aggregate="men")  # type: ignore[arg-type]
+
+
+def test_random_damages_are_a_sample_that_grows() -> None:
+    body = Morphology.nominal()
+    few, many = damaged_at_random(body, 3, 5), damaged_at_random(body, 8, 5)
+    assert many[:3] == few
+    assert len({str(one.to_array()) for one in many}) == 8
+    assert damaged_at_random(body, 3, 6) != few
