@@ -28,8 +28,8 @@ CLASSES: dict[str, tuple[Class, ...]] = {
 FOURIER = 3  # harmonics of a gait that feels nothing
 
 
-# Population, starts, generations and polish, where they are not given.
-NEAT, CMA = (150, 3, 40, 400), (24, 6, 560, 0)
+# Population, starts, how many are screened, generations and polish, where they are not given.
+NEAT, CMA = (150, 3, 0, 40, 400), (24, 6, 1200, 560, 0)
 
 
 class Plan(NamedTuple):
@@ -39,6 +39,7 @@ class Plan(NamedTuple):
     senses: Senses
     population: int
     starts: int
+    screened: int
     generations: int  #: Of the start that goes on to the end.
     polish: int
     rows: int  #: Generations of all starts, polishing and screening together.
@@ -73,6 +74,8 @@ class EvolveConfig:
     """How many searches begin, of which the best goes on: 3 of NEAT, 6 of CMA-ES, if not given."""
     generations: int | None = None
     """How many the search that goes on has in all: 40 of NEAT, 560 of CMA-ES, if not given."""
+    screened: int | None = None
+    """Random networks that CMA-ES chooses its starts from: 1200 if not given."""
     polish: int | None = None
     """Generations of CMA-ES on the weights and the clock of the network that NEAT found; 400 if not
     given."""
@@ -97,7 +100,7 @@ class EvolveConfig:
         integer("seed", self.seed, 0, MAXIMUM_SEED)
         for name, low, high in (
             ("generations", 1, 100_000), ("population", 10, 10_000), ("starts", 1, 100),
-            ("polish", 0, 100_000), ("harmonics", 1, MAXIMUM_HARMONICS),
+            ("screened", 1, 100_000), ("polish", 0, 100_000), ("harmonics", 1, MAXIMUM_HARMONICS),
         ):  # fmt: skip
             if getattr(self, name) is not None:
                 integer(name, getattr(self, name), low, high)
@@ -118,6 +121,16 @@ class EvolveConfig:
             raise InvalidArgumentError(
                 "senses must be clock alone for a fourier gait, which feels nothing; got "
                 f"{', '.join(self.senses)}"
+            )
+        if self.screened is not None and self.search != "cma":
+            raise InvalidArgumentError(
+                f'screened has a say only with search="cma"; got {self.screened} with '
+                f'"{self.search}"'
+            )
+        starts = CMA[1] if self.starts is None else self.starts
+        if self.screened is not None and self.screened < starts:
+            raise InvalidArgumentError(
+                f"screened must be at least the {starts} starts; got {self.screened}"
             )
         if self.polish and self.search != "neat":
             raise InvalidArgumentError(
@@ -154,16 +167,16 @@ class EvolveConfig:
         usual = FOURIER if controller == "fourier" else 1
         harmonics = (usual if self.harmonics is None else self.harmonics) * ("clock" in self.senses)
         senses = Senses("imu" in self.senses, harmonics, "fins" in self.senses)
-        population, starts, generations, polish = (
+        population, starts, screened, generations, polish = (
             usual if given is None else given
             for given, usual in zip(
-                (self.population, self.starts, self.generations, self.polish),
+                (self.population, self.starts, self.screened, self.generations, self.polish),
                 NEAT if neat else CMA,
                 strict=True,
             )
         )
         rows = (schedules.neat if neat else schedules.cma)(starts, generations) + polish
-        return Plan(controller, senses, population, starts, generations, polish, rows)
+        return Plan(controller, senses, population, starts, screened, generations, polish, rows)
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -173,7 +186,8 @@ class EvolveConfig:
             del given[name]
         given |= {
             name: getattr(plan, name)
-            for name in ("controller", "population", "starts", "generations", "polish")
+            for name in (
+            )  # fmt: skip
         }
         given["senses"] = asdict(plan.senses)
         del given["polish" if plan.polish else "generations"]

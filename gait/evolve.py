@@ -159,7 +159,7 @@ class _Run:
         template = Template.of_class(plan.controller, plan.senses, c.hidden)
         rng = np.random.default_rng(stream(c.seed, 6))
         return cma.race(
-            template.random(cma.SCREENED, rng),
+            template.random(plan.screened, rng),
             lambda x: template.controller(x, c.clock, self.morphology, c.seed),
             plan.population,
             plan.starts,

@@ -20,7 +20,7 @@ from gait.search.schedules import legs
 
 # Random controllers that are looked at, from few poses; of the best of them CMA-ES starts. Starting
 # anywhere it sticks, one time in three, where no step is worth anything.
-SCREENED, SCREEN_POSES = 1200, 2
+SCREEN_POSES = 2
 SIGMA = 0.15  # of the first step
 
 Build = Callable[[NDArray[np.float64]], Controller]

@@ -21,16 +21,10 @@ from gait.search.templates import Template
 from gait_fakes import WeightScorer, contents
 
 CMA = EvolveConfig(
-    seed=7, search="cma", controller="linear", generations=125, population=10, poses=1
+    seed=7, search="cma", controller="linear", generations=125, population=10, screened=30, poses=1
 )
 NEAT = EvolveConfig(seed=7, starts=2, generations=16, polish=6, population=20, poses=1)
 BODY = Morphology.nominal()
-
-
-@pytest.fixture(autouse=True)
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Screen few networks: what they are worth is not asked here."""
-    monkeypatch.setattr("gait.search.cma.SCREENED", 30)
 
 
 @pytest.mark.parametrize("config", [CMA, NEAT], ids=["cma", "neat"])
