@@ -184,11 +184,7 @@ class EvolveConfig:
         plan, given = self.plan, asdict(self)
         for name in ("threads", "harmonics"):
             del given[name]
-        given |= {
-            name: getattr(plan, name)
-            for name in (
-            )  # fmt: skip
-        }
+        given |= {name: value for name, value in plan._asdict().items() if name != "rows"}
         given["senses"] = asdict(plan.senses)
         del given["polish" if plan.polish else "generations"]
         if self.aggregate == "mean":

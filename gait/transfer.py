@@ -146,6 +146,8 @@ def transfer(
     config: TransferConfig | None = None,
     native: MorphologyLike = None,
     world: WorldConfig | None = None,
+    angle_error: ArrayLike = (0.0, 0.0, 0.0),
+    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
 ) -> Transfer:
     """Swim a controller on the body it was made for, and on the target.
 
@@ -160,6 +162,9 @@ def transfer(
         controller that was evolved on a sample, the median body.
     world
         The target's water and servos; None is ``WorldConfig()``, as the native body has it.
+    angle_error, believed_gain
+        How wrong on the target a controller that feels its fins is told where they stand, (3,) in
+        rad, and what it is told of the servos' gains (3,): what a self-model knows and no better.
 
     Raises
     ------
@@ -180,7 +185,9 @@ def transfer(
     poses = random_poses(c.poses, c.seed)
     return Transfer(
         native=score(controller, home, poses, engines[0], c.seconds),
-        target=score(controller, away, poses, engines[1], c.seconds, world),
+        target=score(
+            controller, away, poses, engines[1], c.seconds, world, angle_error, believed_gain
+        ),
         poses=poses,
     )
 
@@ -192,22 +199,34 @@ def score(
     engine: str = "auto",
     seconds: float = SECONDS,
     world: WorldConfig | None = None,
+    angle_error: ArrayLike = (0.0, 0.0, 0.0),
+    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
 ) -> Scored:
     """Swim a controller on one body, from the zero pose and from each of ``poses`` (Q, 3).
 
     Evolved networks swim side by side in the compiled engine; any other controller, any in
-    PyBullet, and any in a ``world`` with a lag, one pose after the other. Raises as
-    :func:`gait.swim`.
+    PyBullet, and any in a ``world`` with a lag, one pose after the other. ``angle_error`` and
+    ``believed_gain`` are as in :func:`transfer`. Raises as :func:`gait.swim`.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
-    world = world or WorldConfig()
+    world, gain = world or WorldConfig(), believed_gain
+    off = finite_array("angle_error", angle_error, (3,), unit="rad")
     at_once = resolve_engine("engine", engine) == "numba" and not world.lag
     if isinstance(controller, Controller) and at_once:
-        distances = swim_all([controller], morphology, angles, seconds, "float64", world=world)[0]
+        distances = swim_all(
+            [controller], morphology, angles, seconds, "float64",
+            world=world, believed=angles + off, believed_gain=gain,
+        )[0]  # fmt: skip
     else:
-        swims = (swim(controller, morphology, pose, engine, seconds, world) for pose in angles)
+        swims = (
+            swim(controller, morphology, pose, engine, seconds, world, pose + off, gain)
+            for pose in angles
+        )
         distances = np.array([one.distance for one in swims])
-    zero = swim(controller, morphology, engine=engine, seconds=seconds, world=world)
+    zero = swim(
+        controller, morphology, engine=engine, seconds=seconds, world=world, believed=off,
+        believed_gain=gain,
+    )  # fmt: skip
     return Scored(zero, distances)
 
 

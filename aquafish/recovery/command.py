@@ -14,8 +14,16 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish.batch import do_missing, say
-from aquafish.recovery.report import Outcomes, build_report, show, to_markdown, versions
-from aquafish.recovery.treatment import TREATMENTS, Treatment, rehearse, source_stamp, treat
+from aquafish.gap.worlds import damage_of
+from aquafish.recovery.report import HELD_OUT, Outcomes, build_report, show, to_markdown, versions
+from aquafish.recovery.treatment import (
+    TREATMENTS,
+    WAYS,
+    Treatment,
+    rehearse,
+    source_stamp,
+    treat,
+)
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.engines.base import check_engine
@@ -29,7 +37,8 @@ from aquafish_gym.utils.command_line import (
     TargetEngine,
     read_morphology,
 )
-from aquafish_gym.utils.validation import InvalidArgumentError, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from eea.aquafish.gap import MOST_SPIN
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
 from eea.core.exploration import Strategy
 from gait.controller import Controller
@@ -44,16 +53,21 @@ REPORT = "report.json"
 class Recover:
     """The case study: a fish is damaged, models itself, evolves a gait and swims on.
 
-    Five treatments differ in the body that the gait is evolved on: the old one, plain EEA's model,
-    Out-of-Band EEA's, fifty that joint inference holds possible, and the true one. Into --out go
-    report.md, report.json, pictures, a film, and for each treatment of each replicate its outcome
-    with all rounds and paths, the morphology.json and the controller.json, and joint inference's
-    bodies.json. The same command goes on with what is missing. (For a self-model alone: python -m
-    eea recover.)
+    The treatments differ in what they take for the robot's body, and in how they come to a gait:
+    the old one; one for any damage; a search on the robot itself; the models of plain EEA and
+    Out-of-Band EEA with NEAT, as the paper has it; what joint inference believes, with the
+    recommended search, without and with its fins known; and for each search the true body. Into
+    --out go report.md, report.json, pictures, a film, and for each treatment of each replicate its
+    outcome with all rounds and paths, the morphology.json and the controller.json, and joint
+    inference's bodies.json. The same command goes on with what is missing. (For a self-model alone:
+    python -m eea recover.)
     """
 
     out: Out = Path("out/recovery")
     damage: BodyDamage = "left_pectoral:length=0.5"
+    held_out: bool = False
+    """Break each replicate's robot in another way, of the ten damages of the reality-gap suite,
+    rather than by --damage."""
     morphology: BodyFile = None
     seed: int = 0
     """The first replicate's seed."""
@@ -76,10 +90,22 @@ class Recover:
     revisit: int = RECOVERY.out_of_band.revisit
     """Earlier trials whose angles each of Out-of-Band's searches infers anew; the paper's 0 locks
     them in."""
+    gyro_noise: float = 0.01
+    """Standard deviation of the noise of the robot's gyroscope, rad/s in each sample and axis."""
     generations: int = 60
-    """Generations of gait evolution."""
+    """Generations of NEAT, in the paper's treatments."""
     population: int = 150
-    """Gaits a generation."""
+    """Gaits a generation of NEAT."""
+    search_generations: int = 560
+    """Generations of the recommended search, CMA-ES; see python -m gait evolve --help."""
+    search_population: int = 24
+    """Gaits a generation of that search."""
+    search_starts: int = 6
+    """Starts of that search."""
+    screened: int = 1200
+    """Random gaits that these are chosen from."""
+    direct_generations: int = 400
+    """Generations of the search on the robot itself: 24 gaits of two swims each."""
     gait_poses: int = 8
     """Random fin poses that a gait must swim from while it evolves, besides the zero pose. With
     none, joint inference's gait is for its median body alone."""
@@ -124,29 +150,48 @@ class Recover:
         eea = replace(eea, estimation=estimation, out_of_band=out_of_band)
         chosen = replace(eea.exploration, strategy=self.joint_strategy)
         joint = replace(eea, rounds=self.joint_rounds, exploration=chosen)
-        gait = EvolveConfig(
+        finite_array("gyro_noise", self.gyro_noise, (), 0.0, MOST_SPIN, "rad/s")
+        common: dict[str, Any] = {"seconds": self.seconds, "threads": 1}
+        best = EvolveConfig(
+            search="cma",
+            generations=self.search_generations,
+            population=self.search_population,
+            starts=self.search_starts,
+            screened=self.screened,
+            poses=self.gait_poses,
+            **common,
+        )
+        # As the paper has it.
+        neat = EvolveConfig(
             starts=1,
             polish=0,
             generations=self.generations,
             population=self.population,
             poses=self.gait_poses,
-            seconds=self.seconds,
-            threads=1,
+            **common,
         )
+        # Thriftily: on the robot, each swim takes its time.
+        direct = replace(
+            best, generations=self.direct_generations, starts=1, screened=24, population=24, poses=1
+        )
+        fins = replace(best, senses=("imu", "clock", "fins"))
+        gaits = {"neat": neat, "best": best, "fins": fins, "direct": direct}
         swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
         return [
             Treatment(
                 treatment=name,
                 seed=seed,
                 morphology=body,
-                damage=damage,
-                eea=joint if name == "joint" else eea,
-                gait=replace(gait, seed=seed),
+                damage=damage_of(seed) if self.held_out else damage,
+                eea=joint if way.model == "joint" else eea,
+                gait=replace(gaits[way.search], seed=seed),
                 transfer=replace(swims, seed=seed),
+                gyro_noise=self.gyro_noise,
                 source=source_stamp(),
             )
             for seed in range(self.seed, self.seed + self.seeds)
-            for name in ("out-of-band", "none", "joint", "undamaged", "oracle")
+            # What takes longest, first.
+            for name, way in sorted(WAYS.items(), key=lambda one: one[1].model != "out-of-band")
         ]
 
     def execute(self) -> None:
@@ -213,19 +258,26 @@ def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
 
 def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
     """Return all that the results depend on, ready for JSON."""
-    job = jobs[0]
-    joint = next(one.eea for one in jobs if one.treatment == "joint")
+    job, gaits = jobs[0], {WAYS[one.treatment].search: one.gait for one in jobs}
+    joint, plain = (
+        next(one.eea for one in jobs if one.treatment == name) for name in ("joint", "out-of-band")
+    )
     strategy = joint.exploration.strategy
     how = {} if strategy == "auto" else {"joint_strategy": strategy}
-    parts = {"eea": job.eea.to_dict(), "gait": asdict(job.gait), "transfer": asdict(job.transfer)}
+    parts = {"eea": plain.to_dict(), "transfer": asdict(job.transfer)}
+    parts |= {
+        f"gait_{name}": {**gait.settings, "generations": gait.plan.generations}
+        for name, gait in sorted(gaits.items())
+    }
     for part in parts.values():
         for name in ("condition", "seed", "threads"):  # each treatment's own
             part.pop(name, None)
-    body = job.morphology.to_dict()
+    several = len({one.damage for one in jobs}) > 1
     return {
-        "damage": str(job.damage),
-        "morphology": body,
+        "damage": HELD_OUT if several else str(job.damage),
+        "morphology": job.morphology.to_dict(),
         "first_seed": job.seed,
+        "gyro_noise": job.gyro_noise,
         "joint_rounds": joint.rounds,
         **how,
         **parts,
@@ -257,7 +309,9 @@ def progress(jobs: Sequence[Treatment]) -> Iterator[Callable[[Event[Treatment]],
 
 
 def _conclusion(outcome: dict[str, Any]) -> str:
+    fitness = outcome["objective_fitness"]
     return (
-        f"OBJ_FIT {outcome['objective_fitness']:.3f}, swims {outcome['native_distance']:.1f} units "
-        f"on its model, {outcome['target_distance']:.1f} on the damaged robot"
+        ("" if fitness is None else f"OBJ_FIT {fitness:.3f}, ")
+        + f"swims {outcome['native_distance']:.1f} units on its model, "
+        f"{outcome['target_distance']:.1f} on the damaged robot"
     )

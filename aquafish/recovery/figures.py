@@ -11,7 +11,13 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image, ImageDraw, ImageFont
 
 from aquafish.recovery.report import Outcomes, distances
-from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
+from aquafish.recovery.treatment import (
+    MODELLED,
+    TREATMENTS,
+    WAYS,
+    Treatment,
+    path_from_dict,
+)
 from aquafish_gym import Morphology
 from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
 from aquafish_gym.rendering.pictures import new_figure, save_figure
@@ -20,17 +26,22 @@ from eea.core.fitness import chance_level, mid_range_level
 from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 
-# Joint inference's is as in the figures of studies.
-_COLOURS = ("#555555", "#d55e00", "#0072b2", "#882255", "#009e73")
-COLOURS = dict(zip(TREATMENTS, _COLOURS, strict=True))
-RECOVERED = "joint"  # whose gait the film shows in the end
-SHOWN = {
-    "undamaged": "the old body",
-    "none": "plain EEA's model",
-    "out-of-band": "Out-of-Band EEA's model",
-    "joint": "joint inference's belief",
-    "oracle": "the true body",
+# Joint inference's is as in the figures of studies; oracles are of one family.
+COLOURS = {
+    "undamaged": "#555555",
+    "randomised": "#e69f00",
+    "direct": "#b09500",
+    "none": "#d55e00",
+    "out-of-band": "#0072b2",
+    "joint": "#882255",
+    "joint-fins": "#cc79a7",
+    "oracle-neat": "#66c2a5",
+    "oracle": "#009e73",
+    "oracle-fins": "#00523c",
 }
+RECOVERED = "joint-fins"  # whose gait the film shows in the end
+SHOWN = {name: way.shown for name, way in WAYS.items()}
+PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
 CM_PER_UNIT = 5
@@ -69,7 +80,8 @@ def draw_all(
 def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     """Draw the target and each treatment's body of the first replicate, fins in red (Fig. 11)."""
     bodies = {"target": target} | {
-        t: Morphology.coerce(outcomes[t][0]["morphology"]) for t in TREATMENTS if t != "oracle"
+        t: Morphology.coerce(outcomes[t][0]["morphology"])
+        for t in ("undamaged", "none", "out-of-band", "joint")
     }
     figure = new_figure(2.63 * len(bodies), 3.3, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
@@ -84,14 +96,14 @@ def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
 
 def paths_figure(outcomes: Outcomes) -> Figure:
     """Draw the first replicate's gaits, each on its own model and on the target (Fig. 12)."""
-    figure = new_figure(2.9 * len(TREATMENTS), 3.6, DPI)
-    panels = figure.subplots(1, len(TREATMENTS), sharey=True)
-    for axes, name in zip(panels, TREATMENTS, strict=True):
+    figure = new_figure(2.9 * len(PATHS), 3.6, DPI)
+    panels = figure.subplots(1, len(PATHS), sharey=True)
+    for axes, name in zip(panels, PATHS, strict=True):
         swims = {"own model": _first_swim(outcomes, name, "native")}
         draw_trajectories(swims | {"target": _first_swim(outcomes, name, "target")}, axes)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="small", ncols=2)
         axes.label_outer()
-        axes.set_title(f"gait for {SHOWN[name]}", color=COLOURS[name])
+        axes.set_title(SHOWN[name], color=COLOURS[name])
     return figure
 
 
@@ -108,7 +120,7 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
         "model_fitness": "MOD_FIT: fit to what the IMU felt",
     }
     for axes, (field, title) in zip(panels, titles.items(), strict=True):
-        for name in MODELLED:
+        for name in dict.fromkeys(MODELLED.values()):  # with and without its fins, one self-model
             curves = np.array([[r[field] for r in o["rounds"]] for o in outcomes[name]])
             number = np.arange(1, curves.shape[1] + 1)
             if len(curves) > 1:
@@ -133,13 +145,13 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
 
 def distances_figure(outcomes: Outcomes) -> Figure:
     """Draw every replicate's distance on the target, a line within each replicate."""
-    figure = new_figure(11.0, 3.8, DPI)
+    figure = new_figure(9.0, 8.4, DPI)
     names = {
         "target_distance": "from the zero pose",
         "target_distance_random_poses": "mean over random fin poses",
     }
     count, places = len(outcomes["oracle"]), np.arange(len(TREATMENTS))
-    for axes, (field, title) in zip(figure.subplots(1, 2, sharey=True), names.items(), strict=True):
+    for axes, (field, title) in zip(figure.subplots(2, 1, sharex=True), names.items(), strict=True):
         table = np.array([[distances(o)[field] for o in outcomes[t]] for t in TREATMENTS])
         if count > 1:
             axes.plot(places, table, color="0.8", lw=0.8, zorder=1)
@@ -151,8 +163,8 @@ def distances_figure(outcomes: Outcomes) -> Figure:
         axes.set_xticks(places, [SHOWN[t].replace(" ", "\n") for t in TREATMENTS])
         axes.grid(axis="y", color="0.92")
         axes.set_title(title)
+        axes.set_ylabel("distance (units of 5 cm)")
     figure.suptitle(f"on the damaged robot, {count} replicate{'s' if count > 1 else ''}")
-    figure.axes[0].set_ylabel("distance (units of 5 cm)")
     return figure
 
 

@@ -12,30 +12,24 @@ from rich.console import Console
 from rich.markdown import Markdown
 from rich.table import Table
 
-from aquafish.recovery.treatment import BODIES, MODELLED, TREATMENTS
+from aquafish.recovery.treatment import MODELLED, TREATMENTS, WAYS
 from aquafish_gym import Damage, Morphology
 from eea.report.statistics import FEWEST, paired_difference, ratio_interval, summarize
 
 UNIT_IN_M = 0.05
 LIBRARIES = ("aquafish-gym", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy")
-# The questions of the case study: does the recovered gait beat the old one, and plain EEA's, and
-# what would the true body's add?
-RECOVERED = ("joint", "out-of-band")
+HELD_OUT = "held-out"  # in the place of a damage, where each replicate has another
+# The questions of the case study: does the recovered gait beat the old one, and one for any damage,
+# and the paper's, what is it worth to know one's fins, and what would the true body add?
+RECOVERED = ("joint-fins", "joint", "out-of-band")
 COMPARISONS = (
-    *((ours, other) for ours in RECOVERED for other in ("undamaged", "none")),
+    *((ours, other) for ours in RECOVERED for other in ("undamaged", "randomised")),
     ("joint", "out-of-band"),
-    *(("oracle", ours) for ours in RECOVERED),
+    ("joint-fins", "joint"),
+    *((WAYS[ours].oracle, ours) for ours in RECOVERED),
 )
 SHARES = ("share_of_oracle", "share_of_oracle_random_poses")
 MEASURES = {"target_distance": "zero pose", "target_distance_random_poses": "random poses"}
-SAYS = {
-    "undamaged": "the old body: the gait it swam with before the damage",
-    "none": "plain EEA's model, which takes its fins to start at zero",
-    "out-of-band": "Out-of-Band EEA's model, which infers where its fins started",
-    "joint": "what joint inference believes, which fits body, fins and nuisances together: its "
-    f"median body in OBJ_FIT and *own model*, and a gait for {BODIES} bodies that the trials allow",
-    "oracle": "the true damaged body: the best that self-modelling can give",
-}
 # Of an outcome, in the report.
 UNREPEATED = ("rounds", "generations", "controller", "swims", "bodies")
 
@@ -74,7 +68,9 @@ def build_report(
         "seeds": [outcome["seed"] for outcome in outcomes["oracle"]],
         "unit_in_m": UNIT_IN_M,
         "treatments": {
-            treatment: {"trials": _trials(config, treatment)} | _row(outcomes, treatment)
+            treatment: {"trials": _trials(config, treatment)}
+            | _row(outcomes, treatment)
+            | ({"robot_hours": _hours(config, outcomes)} if treatment == "direct" else {})
             for treatment in TREATMENTS
             if treatment in outcomes
         },
@@ -98,11 +94,38 @@ def build_report(
 
 
 def _trials(config: Mapping[str, Any], treatment: str) -> int:
-    """Return how many trials on the damaged robot a treatment's body takes to be known."""
+    """Return how many trials, or swims, on the damaged robot a treatment takes."""
+    if treatment == "direct":
+        return _swims(config, config["gait_direct"]["generations"] + 1)
     if treatment not in MODELLED:
         return 0
-    trials: int = config["joint_rounds"] if treatment == "joint" else config["eea"]["rounds"]
+    joint = MODELLED[treatment] == "joint"
+    trials: int = config["joint_rounds"] if joint else config["eea"]["rounds"]
     return trials
+
+
+def _swims(config: Mapping[str, Any], rows: int) -> int:
+    """Return how many swims so many rows of the direct search's history take, the first screens."""
+    gait = config["gait_direct"]
+    each: int = 1 + gait["poses"]
+    swims: int = each * (gait["screened"] + (rows - 1) * gait["population"])
+    return swims
+
+
+def _hours(config: Mapping[str, Any], outcomes: Outcomes) -> list[float | None]:
+    """Return how long the robot swims in each replicate until its own search is as good.
+
+    As good as the gait of joint inference there, in the mean over random poses; None if it never
+    is.
+    """
+    hours: list[float | None] = []
+    for direct, joint in zip(outcomes["direct"], outcomes["joint"], strict=True):
+        wanted = distances(joint)["target_distance_random_poses"]
+        finals = [row["final"] for row in direct["generations"]]
+        rows = next((i for i, final in enumerate(finals, 1) if final >= wanted), None)
+        seconds = config["transfer"]["seconds"]
+        hours.append(None if rows is None else _swims(config, rows) * seconds / 3600.0)
+    return hours
 
 
 def distances(outcome: Mapping[str, Any]) -> dict[str, float]:
@@ -121,14 +144,16 @@ def _row(outcomes: Outcomes, treatment: str) -> dict[str, Any]:
     A share is the ratio of the mean distances, not the mean of ratios, which one slow oracle
     would rule.
     """
-    ours, best = outcomes[treatment], outcomes["oracle"]
-    columns = {"objective_fitness": [o["objective_fitness"] for o in ours]} | {
-        name: [distances(o)[name] for o in ours] for name in distances(ours[0])
-    }
+    ours, best = outcomes[treatment], outcomes[WAYS[treatment].oracle]
+    columns = {name: [distances(o)[name] for o in ours] for name in distances(ours[0])}
+    fitness = [o["objective_fitness"] for o in ours]
+    if None not in fitness:
+        columns = {"objective_fitness": fitness} | columns
     spread: dict[str, Any] = {
         name: summarize(values) | {"values": values} for name, values in columns.items()
     }
-    row: dict[str, Any] = {name: found["mean"] for name, found in spread.items()}
+    row: dict[str, Any] = {"objective_fitness": None}
+    row |= {name: found["mean"] for name, found in spread.items()}
     for suffix in ("", "_random_poses"):
         name, share = f"target_distance{suffix}", f"share_of_oracle{suffix}"
         reached = [distances(o)[name] for o in best]
@@ -156,24 +181,24 @@ def show(report: dict[str, Any], console: Console) -> None:
 def _parts(report: dict[str, Any]) -> list[str | Rows]:
     config, seeds = report["config"], report["seeds"]
     swims, trials = config["transfer"], config["eea"]
-    damage, body = Damage.parse(config["damage"]), Morphology.coerce(config["morphology"])
+    body = Morphology.coerce(config["morphology"])
     several = "s" if len(seeds) > 1 else ""
     parts: list[str | Rows] = [
         "# Damage recovery",
-        f"What broke: {damage.in_words(body)} (`{damage}`). Each row believes in another "
-        f"body, evolved a gait on it, and swam that gait for {swims['seconds']:g} s on the "
-        f"damaged robot ({swims['target_engine']}). Distances forward are in units of 5 cm; the "
-        "robot is 4 units long.",
+        f"{_what_broke(report, body)} Each row has another gait, which swam for "
+        f"{swims['seconds']:g} s on the damaged robot ({swims['target_engine']}). Distances "
+        "forward are in units of 5 cm; the robot is 4 units long.",
         f"{len(seeds)} replicate{several}, seed{several} {', '.join(map(str, seeds))}"
         f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST else ''}. "
-        f"Trials on the robot are of {trials['steps'] / 100:g} s.",
+        f"Trials on the robot are of {trials['steps'] / 100:g} s, and its gyroscope has noise of "
+        f"{config['gyro_noise']:g} rad/s.",
         _main_table(report["treatments"]),
         *headline(report),
         "*Own model* is the body the gait was evolved on. *Random poses* is the mean over "
         f"{swims['poses']} starts with the fins anywhere, since the robot cannot know where its "
-        f"fins are. *Share* is of the oracle's distance. {_old_body(damage, body)} The "
+        f"fins are. *Share* is of the distance of the oracle that searches and senses alike. The "
         "self-models start from random bodies.",
-        "\n".join(f"- **{name}**: {SAYS[name]}" for name in report["treatments"]),
+        "\n".join(f"- **{name}**: {WAYS[name].says}" for name in report["treatments"]),
     ]
     lost = sum(row["diverged_swims"] for row in report["treatments"].values())
     if lost:
@@ -184,8 +209,16 @@ def _parts(report: dict[str, Any]) -> list[str | Rows]:
     return parts
 
 
+def _what_broke(report: dict[str, Any], body: Morphology) -> str:
+    if report["config"]["damage"] == HELD_OUT:
+        each = [o["damage"] for o in next(iter(report["replicates"].values()))]
+        return f"What broke: in each replicate something else, {', '.join(f'`{d}`' for d in each)}."
+    damage = Damage.parse(report["config"]["damage"])
+    return f"What broke: {damage.in_words(body)} (`{damage}`)."
+
+
 def headline(report: dict[str, Any]) -> list[str]:
-    """Return a sentence on each self-model that may have recovered the robot: what it came to."""
+    """Return a sentence on each way to recover: what it came to."""
     count = len(report["seeds"])
     won = {
         (r["first"], r["second"], r["measure"]): f"{r['wins']} of {count}" for r in report["paired"]
@@ -193,15 +226,28 @@ def headline(report: dict[str, Any]) -> list[str]:
     said = []
     for ours in (name for name in RECOVERED if name in report["treatments"]):
         row = report["treatments"][ours]
-        old, plain = ([won[ours, other, m] for m in MEASURES] for other in ("undamaged", "none"))
+        old, any_body = (
+            " and ".join(won[ours, other, m] for m in MEASURES)
+            for other in ("undamaged", "randomised")
+        )
         shares = [row[name] for name in SHARES]
         far = "the one for the true body gets nowhere"
         if None not in shares:
             far = f"it swims {shares[0]:.0%} and {shares[1]:.0%} as far as one for the true body"
         said.append(
-            f"**{ours}**: after {row['trials']} trials the robot's gait beats the old one in "
-            f"{old[0]} replicates from the zero pose and in {old[1]} from random poses, and plain "
-            f"EEA's in {plain[0]} and {plain[1]}; {far}{_told(row)}."
+            f"**{ours}**: after {row['trials']} trials the robot's gait beats the old one in {old} "
+            f"replicates, from the zero pose and from random ones, and the one for any damage in "
+            f"{any_body}; {far}{_told(row)}."
+        )
+    direct = report["treatments"].get("direct")
+    if direct:
+        known = [hours for hours in direct["robot_hours"] if hours is not None]
+        reached = f"{len(known)} of {count} replicates"
+        said.append(
+            f"**direct**: a search on the robot itself comes to what joint inference's gait swims "
+            f"in {reached}"
+            + (f", after {np.median(known):.1f} hours of swimming in the median" if known else "")
+            + f", of {direct['trials'] * report['config']['transfer']['seconds'] / 3600:.0f} hours."
         )
     return said
 
@@ -213,18 +259,6 @@ def _told(row: dict[str, Any]) -> str:
         return ""
     apart = sum(not low <= 1.0 <= high for low, high in ends)
     return (", neither told from 100%", ", one told from 100%", ", both told from 100%")[apart]
-
-
-def _old_body(damage: Damage, body: Morphology) -> str:
-    """Say how much of the old body is right, which OBJ_FIT counts whether it matters or not."""
-    sizes = body.to_array()
-    right = int(np.count_nonzero(sizes == damage.apply(body).to_array()))
-    if right == len(sizes):
-        return "Nothing broke, so the old body is the true one."
-    return (
-        f"The old body has {right} of the {len(sizes)} dimensions right, which its OBJ_FIT counts, "
-        "and is wrong in what broke."
-    )
 
 
 def _number(value: float | None, interval: Sequence[float] | None, form: str) -> str:

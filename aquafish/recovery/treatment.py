@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,30 +14,94 @@ from aquafish import batch, gait_utility
 from aquafish.batch import check_source, in_small
 from aquafish.gait_utility import GaitUtility
 from aquafish_gym import Damage, Morphology
+from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.runner import Say
-from eea.aquafish import EngineTarget, fish_eea, fish_models
+from eea.aquafish import EngineTarget, RealityGap, fish_eea, fish_models
+from eea.aquafish.fins import fins_after
 from eea.core import EEAConfig, streams
+from eea.core.angles import wrap
 from eea.core.config import Condition
 from eea.core.fitness import objective_fitness
-from gait.evolve import EvolveConfig, Generation, evolve_gait
+from gait.evolve import EvolveConfig, Generation, damaged_at_random, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer
 
-# What each treatment takes for the robot's body. The oracle knows the damage, which no robot
-# does: it is the best that self-modelling can give.
-TREATMENTS = ("undamaged", "none", "out-of-band", "joint", "oracle")
-MODELLED: dict[str, Condition] = {
-    "none": "none",
-    "out-of-band": "out-of-band",
-    "joint": "joint",
+
+class Way(NamedTuple):
+    """What a treatment takes for the robot's body, and how it comes to a gait."""
+
+    shown: str  #: For people.
+    says: str
+    search: Literal["neat", "best", "fins", "direct"]
+    model: Condition | None = None  #: What infers the body, if anything does.
+    body: Literal["healthy", "any", "true"] = "true"  #: Where nothing does.
+    oracle: str = "oracle"  #: Whose body is the true one, with the same search and senses.
+
+
+# The oracles know the damage, which no robot does: each is the best that self-modelling can give
+# to who searches and senses as it does.
+WAYS: dict[str, Way] = {
+    "undamaged": Way(
+        "the old body", "the gait that it swam with before the damage", "best", body="healthy"
+    ),
+    "randomised": Way(
+        "any damage",
+        "a gait for the healthy body and many randomly damaged ones, by somebody who does not ask "
+        "what happened",
+        "best",
+        body="any",
+    ),
+    "direct": Way(
+        "direct search",
+        "a search on the damaged robot itself, in which every swim takes the robot's time",
+        "direct",
+    ),
+    "none": Way(
+        "plain EEA's model",
+        "plain EEA's model, which takes its fins to start at zero, and NEAT",
+        "neat",
+        "none",
+        oracle="oracle-neat",
+    ),
+    "out-of-band": Way(
+        "Out-of-Band's model",
+        "the paper's way: Out-of-Band EEA's model, which infers where its fins started, and NEAT",
+        "neat",
+        "out-of-band",
+        oracle="oracle-neat",
+    ),
+    "joint": Way(
+        "joint inference",
+        "what joint inference believes, which fits body, fins and nuisances together: its median "
+        "body in OBJ_FIT and *own model*, and a gait for many bodies that the trials allow",
+        "best",
+        "joint",
+    ),
+    "joint-fins": Way(
+        "joint, fins known",
+        "the same, with a gait that knows where its fins are: the self-model tells where they "
+        "stand, and the commands where they go",
+        "fins",
+        "joint",
+        oracle="oracle-fins",
+    ),
+    "oracle-neat": Way("the true body, NEAT", "the true body, and NEAT", "neat"),
+    "oracle": Way("the true body", "the true body: the best that a self-model can give", "best"),
+    "oracle-fins": Way(
+        "the true body and fins", "the true body, and the true place of its fins", "fins"
+    ),
 }
-# Of what joint inference believes, for a gait that is to swim whichever of them is true.
+TREATMENTS = tuple(WAYS)
+MODELLED: dict[str, Condition] = {name: way.model for name, way in WAYS.items() if way.model}
+# Of what joint inference believes, for a gait that is to swim whichever of them is true; and of
+# bodies that chance has damaged.
 BODIES = 50
 MASS = 0.9  # of the intervals that an outcome holds
 
 PATH = ("time", "position", "quaternion", "fin_angles")
 DECIMALS = 6  # of a path's numbers, as many as a float32 holds
-MODEL_SHARE, GAIT_SHARE = 0.4, 0.5  # of a treatment's time, about; the swims take the rest
+MODEL_SHARE, GAIT_SHARE = 0.3, 0.6  # of a treatment's time, about; the swims take the rest
 
 
 @dataclass(frozen=True)
@@ -51,6 +115,7 @@ class Treatment:
     eea: EEAConfig
     gait: EvolveConfig
     transfer: TransferConfig
+    gyro_noise: float = 0.0  # of the robot's gyroscope, rad/s
     source: str = ""  # the code that must do it (see source_stamp); "" for any
 
     @property
@@ -83,12 +148,14 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``treatment``, ``seed``; the believed ``morphology`` with its ``model_fitness`` (MOD_FIT;
-        None if it was not inferred) and ``objective_fitness`` (OBJ_FIT); ``rounds``, the
-        self-model's records; of joint inference its 90% ``interval``, ``findings``, ``verdict`` and
-        the sample of ``bodies`` that the gait is for; ``generations``, the gait's; the
-        ``controller``; distances in units of 5 cm by body, from the zero pose and from each random
-        pose; ``diverged``; ``swims``, body -> ``PATH`` of the swim from the zero pose.
+        ``treatment``, ``seed``, ``damage``; the believed ``morphology`` with its ``model_fitness``
+        (MOD_FIT; None if it was not inferred) and ``objective_fitness`` (OBJ_FIT; None of who asks
+        for no body); ``rounds``, the self-model's records; of joint inference its 90%
+        ``interval``, ``findings``, ``verdict``, the sample of ``bodies`` that the gait is for, and
+        ``fins``, where it believes they stand after the last trial and how wrong that is, rad;
+        ``generations``, the gait's; the ``controller``; distances in units of 5 cm by body, from
+        the zero pose and from each random pose; ``diverged``; ``swims``, body -> ``PATH`` of the
+        swim from the zero pose.
 
     Raises
     ------
@@ -107,18 +174,20 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     bodies = model.bodies if job.gait.poses else [model.body]
     evolved = evolve_gait(bodies, job.gait, on_generation=tell)
     say("swimming on the target", MODEL_SHARE + GAIT_SHARE)
-    scored = transfer(evolved.controller, job.target, job.transfer, native=model.body)
+    scored = transfer(
+        evolved.controller, job.target, job.transfer, native=model.body, **model.fins_told
+    )
     native, target = (
         np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
     )
+    fitness = objective_fitness(model.body.to_array(), job.target.to_array(), fish_models())
     return {
         "treatment": job.treatment,
         "seed": job.seed,
+        "damage": str(job.damage),
         "morphology": model.body.to_dict(),
         "model_fitness": model.rounds[-1]["model_fitness"] if model.rounds else None,
-        "objective_fitness": float(
-            objective_fitness(model.body.to_array(), job.target.to_array(), fish_models())
-        ),
+        "objective_fitness": None if WAYS[job.treatment].body == "any" else float(fitness),
         **model.sure,
         "native_distance": _progress(native)[0],
         "target_distance": _progress(target)[0],
@@ -136,12 +205,21 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
 
 
 def rehearse(jobs: Sequence[Treatment]) -> None:
-    """Do a treatment in small, so that whatever they need is compiled."""
+    """Do treatments in small, so that whatever they need is compiled."""
     job = jobs[0]
-    brief = replace(job.gait, generations=1, population=10, poses=1, seconds=0.1)
-    swims = replace(job.transfer, poses=1, seconds=0.1)
-    for name in ("out-of-band", "joint"):
-        small = replace(job, treatment=name, eea=in_small(job.eea), gait=brief, transfer=swims)
+    for name in ("out-of-band", "joint-fins"):
+        few: dict[str, Any] = {"generations": 1, "population": 10, "poses": 1, "seconds": 0.1}
+        gait = EvolveConfig(starts=1, polish=0, threads=1, **few)
+        if name == "joint-fins":
+            few["senses"] = ("imu", "clock", "fins")
+            gait = EvolveConfig(search="cma", starts=1, screened=10, threads=1, **few)
+        small = replace(
+            job,
+            treatment=name,
+            eea=in_small(job.eea),
+            gait=gait,
+            transfer=replace(job.transfer, poses=1, seconds=0.1),
+        )
         treat(small, lambda _text, _share: None)
 
 
@@ -157,17 +235,22 @@ class Model(NamedTuple):
     bodies: list[Morphology]  # that the gait is evolved on: the body alone, or a posterior's sample
     rounds: list[dict[str, Any]]  # in which it was inferred
     sure: dict[str, Any]  # how sure it is, for the outcome; empty where nobody knows
+    fins_told: dict[str, Any]  # what the gait is told of the target's fins; empty for the truth
 
 
 def _self_model(job: Treatment, say: Say) -> Model:
     """Return what this treatment believes in."""
-    if job.treatment not in MODELLED:
-        body = job.morphology if job.treatment == "undamaged" else job.target
-        return Model(body, [body], [], {})
-    config = replace(job.eea, condition=MODELLED[job.treatment])
+    way = WAYS[job.treatment]
+    if way.model is None:
+        body = job.target if way.body == "true" else job.morphology
+        bodies = [body]
+        if way.body == "any":
+            bodies += damaged_at_random(body, BODIES - 1, job.seed)
+        return Model(body, bodies, [], {}, {})
+    config = replace(job.eea, condition=way.model)
     hidden = streams(job.seed)["target"]
-    engine = job.transfer.target_engine
-    target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine)
+    engine, gap = job.transfer.target_engine, RealityGap(gyro_noise=job.gyro_noise)
+    target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine, gap=gap)
     utility = GaitUtility.quicker(job.gait) if config.asks_gaits else None
     algorithm = fish_eea(
         target, config, job.seed, target.morphology, utility, threads=job.gait.threads
@@ -185,16 +268,26 @@ def _self_model(job: Treatment, say: Say) -> Model:
     result = algorithm.result
     body = Morphology.from_array(result.model)
     if result.belief is None:
-        return Model(body, [body], rounds, {})
+        return Model(body, [body], rounds, {}, {})
     bodies = [Morphology.from_array(sizes) for sizes in result.sample(BODIES, job.seed)]
     low, high = (Morphology.from_array(end).to_dict() for end in result.interval(MASS))
+    # The truth of the target's fins serves to know how wrong the self-model is, and nothing else.
+    fins, turned = fins_after(result), np.array(rounds[-1]["command"]) * config.steps * TIMESTEP
+    error = wrap(fins.angles - target.start_angles - TAU * turned)
     sure = {
         "interval": {"mass": MASS, "low": low, "high": high},
         "findings": result.belief.findings,
         "verdict": result.belief.verdict,
         "bodies": [one.to_dict() for one in bodies],
+        "fins": {
+            "angles": fins.angles.tolist(),
+            "spread": fins.spread.tolist(),
+            "error": error.tolist(),
+            "servo_gain": fins.servo_gain.tolist(),
+        },
     }
-    return Model(body, bodies, rounds, sure)
+    told = {"angle_error": error, "believed_gain": fins.servo_gain}
+    return Model(body, bodies, rounds, sure, told)
 
 
 def _progress(distances: NDArray[np.float64]) -> list[float]:

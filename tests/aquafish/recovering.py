@@ -11,7 +11,9 @@ from typing import NamedTuple
 from aquafish.cli import main
 
 SMALL = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6", "--angle-sets",
-         "6", "--generations", "3", "--population", "12", "--gait-poses", "1", "--poses", "2",
+         "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
+         "--search-generations", "3", "--search-starts", "1", "--screened", "10",
+         "--search-population", "10", "--direct-generations", "2", "--poses", "2",
          "--seconds", "2", "--target-engine", "numba", "--no-film")  # fmt: skip
 COMMAND = [sys.executable, "-m", "aquafish", "recover"]
 
