@@ -40,10 +40,12 @@ class CompareGaits:
     """How far a size may be from its middle, as a share of its range."""
     bodies: int = 50
     """How many the sample has."""
-    generations: int = 60
-    """Of each evolution."""
-    population: int = 150
+    generations: int = 560
+    """Of each search, by CMA-ES."""
+    population: int = 24
     """Controllers in a generation."""
+    screened: int = 1200
+    """Random controllers that each search begins with."""
     seeds: int = 5
     """Replicates, with seeds from 0 upwards; each has a sample of its own."""
 
@@ -52,8 +54,13 @@ class CompareGaits:
         finite_array("spread", self.spread, (), 0.0, 1.0)
         for name in ("bodies", "seeds"):
             integer(name, getattr(self, name), 2)
-        config = EvolveConfig(generations=self.generations, population=self.population)
-        evolve_gait(LEFT, replace(config, generations=1, seconds=0.1))  # compiles
+        config = EvolveConfig(
+            search="cma",
+            generations=self.generations,
+            population=self.population,
+            screened=self.screened,
+        )
+        evolve_gait(LEFT, replace(config, generations=1, screened=10, seconds=0.1))  # compiles
         for title, middles in (
             (f"every size within {self.spread:.0%} of its range", [LEFT]),
             ("and the flipper broke on the left or on the right", [LEFT, RIGHT]),

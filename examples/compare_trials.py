@@ -114,7 +114,9 @@ class CompareTrials:
     steps: int = 256
     """Length of a trial in steps of 0.01 s."""
     gait: EvolveConfig = field(
-        default_factory=lambda: EvolveConfig(generations=30, population=100, threads=1)
+        default_factory=lambda: EvolveConfig(
+            generations=30, population=100, starts=1, polish=0, threads=1
+        )
     )
 
     def jobs(self) -> list[Job]:

@@ -14,9 +14,10 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from aquafish.recovery.treatment import BODIES
+from aquafish.recovery.treatment import BODIES, WAYS
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import held
@@ -25,7 +26,7 @@ from aquafish_gym.utils.command_line import read_morphology
 from gait.controller import Controller
 from recovering import COMMAND, SMALL, recover, results
 
-TREATMENTS = ["undamaged", "none", "out-of-band", "joint", "oracle"]
+TREATMENTS = list(WAYS)
 PICTURES = ["paths", "fitness", "distances"]
 if importlib.util.find_spec("pybullet"):
     PICTURES.append("bodies")
@@ -58,15 +59,24 @@ def test_the_report_holds_every_number(study: Path) -> None:
     report = json.loads((study / "report.json").read_text())
     assert list(report["treatments"]) == TREATMENTS
     for row in report["treatments"].values():
-        for key in ("objective_fitness", "native_distance", "target_distance"):
+        for key in ("native_distance", "target_distance"):
             assert isinstance(row[key], float)
         assert "share_of_oracle" in row
         assert "target_distance_random_poses" in row
-    assert report["treatments"]["oracle"]["objective_fitness"] == 1.0
+    fitness = {name: row["objective_fitness"] for name, row in report["treatments"].items()}
+    assert [name for name, value in fitness.items() if value is None] == ["randomised"]
+    assert fitness["oracle"] == fitness["oracle-fins"] == fitness["direct"] == 1.0
+    assert fitness["joint"] == fitness["joint-fins"]  # one self-model, two gaits
     assert report["treatments"]["undamaged"]["objective_fitness"] == pytest.approx(1 - 0.4 / 9)
     trials = {name: row["trials"] for name, row in report["treatments"].items()}
-    assert trials == {"undamaged": 0, "none": 2, "out-of-band": 2, "joint": 1, "oracle": 0}
+    swims = 2 * (24 + 2 * 24)  # of the networks screened, and of two generations
+    modelled = {"none": 2, "out-of-band": 2, "joint": 1, "joint-fins": 1, "direct": swims}
+    assert trials == dict.fromkeys(TREATMENTS, 0) | modelled
+    hours = report["treatments"]["direct"]["robot_hours"]
+    assert len(hours) == 2
+    assert all(h is None or 0.0 < h <= swims * 2.0 / 3600.0 for h in hours)
     for outcome in report["replicates"]["joint"]:
+        assert np.abs(outcome["fins"]["error"]).max() <= np.pi
         low, found, high = (
             Morphology.coerce(body).to_array()
             for body in (
@@ -97,8 +107,10 @@ def test_the_figures_and_the_report_for_people_are_there(study: Path) -> None:
 def test_the_oracle_swims_its_own_body(study: Path) -> None:
     """Its model is the target, so both distances are one number, up to the lanes' float32."""
     report = json.loads((study / "report.json").read_text())
-    row = report["treatments"]["oracle"]
-    assert row["native_distance"] == pytest.approx(row["target_distance"], abs=1e-9)
+    for name in ("oracle", "oracle-fins", "oracle-neat"):
+        row = report["treatments"][name]
+        assert row["native_distance"] == pytest.approx(row["target_distance"], abs=1e-9)
+        assert row["share_of_oracle"] in (None, 1.0)
 
 
 def test_bodies_and_controllers_are_there_for_the_next_command(study: Path) -> None:
@@ -107,10 +119,13 @@ def test_bodies_and_controllers_are_there_for_the_next_command(study: Path) -> N
         folder = study / "seed-001" / treatment
         controller = Controller.load(folder / "controller.json")
         body = read_morphology(folder / "morphology.json", "morphology")
-        if treatment == "joint":
+        if WAYS[treatment].model == "joint":
             bodies = body_array(read_bodies(folder / "bodies.json"))
             assert controller.sample == sample_stamp(bodies)
             assert len(bodies) == BODIES
+        elif treatment == "randomised":
+            assert body == Morphology.nominal()
+            assert controller.sample is not None
         else:
             assert body == controller.morphology
             assert not (folder / "bodies.json").exists()

@@ -15,7 +15,7 @@ def test_three_gaits_are_compared_on_two_samples(
 ) -> None:
     monkeypatch.setenv("COLUMNS", "140")  # narrower terminals break cells in two
     command = runpy.run_path(str(SCRIPT))["CompareGaits"]
-    command(bodies=4, generations=2, population=10, seeds=2).execute()
+    command(bodies=4, generations=2, population=10, screened=12, seeds=2).execute()
     lines = capsys.readouterr().out.splitlines()
     rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "│" in line]
     names = ["one body, broken on the left", "the sample, mean", "the sample, 20% quantile"]
