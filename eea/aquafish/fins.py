@@ -18,7 +18,13 @@ from eea.joint.belief import SAMPLES, JointBelief
 
 
 class Fins(NamedTuple):
-    """Where the fins stand, as far as is known, and how they obey."""
+    """Where the fins stand, as far as is known, and how they obey.
+
+    Examples
+    --------
+    >>> Fins(np.zeros(3), np.full(3, 0.02), np.ones(3)).spread.max() < np.radians(2.0)
+    np.True_
+    """
 
     angles: Floats  #: (3,) left and right pectoral angle and caudal phase, rad in [-pi, pi).
     spread: Floats  #: (3,) their circular standard deviations, rad.

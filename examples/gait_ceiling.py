@@ -1,0 +1,184 @@
+"""How far can this body swim? Every class of controllers, what it senses, and how it is searched.
+
+    python examples/gait_ceiling.py --seeds 10 --others 1
+
+A robot that is whole and a dozen damaged ones each get gaits from many searches, and each gait
+swims from 32 fin poses that no search has seen. What was done is kept: the same command goes on.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from aquafish.batch import source_stamp
+from aquafish.gap.worlds import DAMAGES
+from aquafish_gym import Damage, Morphology
+from aquafish_gym.runs.executors import workers
+from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.runner import Event, read_result, run_jobs
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.utils.command_line import Out, run_command_line, single_command
+from aquafish_gym.utils.validation import integer
+from gait import EvolveConfig, distances, evolve_gait, random_poses
+
+BODIES = ("none", "left_pectoral:length=0.5", "caudal:missing", *DAMAGES)
+POSES = 32
+FINS: dict[str, Any] = {"senses": ("imu", "clock", "fins")}
+SEARCHES = {
+    "NEAT, as the paper has it": EvolveConfig(starts=1, polish=0, generations=60),
+    "NEAT": EvolveConfig(),
+    "NEAT, recurrent": EvolveConfig(controller="recurrent"),
+    "fourier": EvolveConfig(search="cma", controller="fourier", senses=("clock",)),
+    "linear": EvolveConfig(search="cma", controller="linear"),
+    "mlp": EvolveConfig(search="cma", controller="mlp"),
+    "recurrent": EvolveConfig(search="cma"),
+    "linear, fins": EvolveConfig(search="cma", controller="linear", **FINS),
+    "mlp, fins": EvolveConfig(search="cma", controller="mlp", **FINS),
+    "recurrent, fins": EvolveConfig(search="cma", **FINS),
+}
+RECOMMENDED = ("NEAT", "recurrent", "recurrent, fins")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One search on one body."""
+
+    damage: str
+    search: str
+    seed: int
+    config: EvolveConfig
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.damage}, {self.search}, seed {self.seed}"
+
+    @property
+    def file(self) -> str:
+        """Its result's, in the run's folder."""
+        body, search = (
+            "".join(c if c.isalnum() else "-" for c in text) for text in (self.damage, self.search)
+        )
+        return f"runs/{body}/{search}/{self.seed:03d}.json"
+
+
+def climb(job: Job, say: Callable[[str, float], None]) -> dict[str, Any]:
+    """Search, and return how far the gait swims from poses that it has not seen, ready for JSON."""
+    body = Damage.parse(job.damage).apply(Morphology.nominal())
+    began, rows = time.process_time(), job.config.plan.rows
+    found = evolve_gait(
+        body,
+        job.config,
+        on_generation=lambda row: say(f"{row.final:.1f} units", (row.generation + 1) / rows),
+    )
+    spent = time.process_time() - began
+    poses = random_poses(POSES, 10**6)
+    far = distances([found.controller], body, poses, job.config.seconds, threads=1)
+    return {
+        "distance": float(far[0, 0]),
+        "cpu_seconds": spent,
+        "controller": found.controller.to_dict(),
+    }
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """Search for gaits of a whole robot and a dozen damaged ones; print and keep a table."""
+
+    out: Out = Path("out/ceiling")
+    seeds: int = 10
+    """Replicates of the searches that are recommended."""
+    others: int = 1
+    """Replicates of the others."""
+    searches: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="SEARCH", help=f"Some of {', '.join(SEARCHES)}.")
+    ] = tuple(SEARCHES)
+    bodies: tuple[str, ...] = BODIES
+    """Damages, or none."""
+    shorter: int = 1
+    """Divide all generations by this, to see whether it works."""
+    workers: int | None = None
+    """Processes; every core if not given."""
+
+    def jobs(self) -> list[Job]:
+        """Return all that is to be done, what matters most first."""
+        for name in ("seeds", "others", "shorter"):
+            integer(name, getattr(self, name), 1)
+        return [
+            Job(damage, name, seed, self._config(SEARCHES[name], seed))
+            for seed in range(max(self.seeds, self.others))
+            for damage in self.bodies
+            for name in self.searches
+            if seed < (self.seeds if name in RECOMMENDED else self.others)
+        ]
+
+    def _config(self, config: EvolveConfig, seed: int) -> EvolveConfig:
+        plan, brief = config.plan, self.shorter
+        fewer = {"generations": max(1, plan.generations // brief)}
+        if plan.polish:
+            fewer["polish"] = plan.polish // brief
+        if plan.screened:
+            fewer["screened"] = max(plan.starts, plan.screened // brief)
+        return replace(config, seed=seed, threads=1, **fewer)
+
+    def execute(self) -> None:
+        """Do what is missing, print a table, and write it to table.md."""
+        jobs, folder = self.jobs(), ensure_writable_directory(self.out)
+        settings = {
+            "shorter": self.shorter,
+            "searches": {k: asdict(c) for k, c in SEARCHES.items()},
+        }
+        with held(folder):
+            claim(folder, "a table of gaits", settings, {"source": source_stamp()}, ("table.md",))
+            with workers(self.workers) as executor, Progress(console=Console(stderr=True)) as bar:
+                task = bar.add_task("searches", total=len(jobs))
+
+                def tell(event: Event[Job]) -> None:
+                    bar.update(task, advance=event.kind == "done", description=event.job.name)
+
+                failures = run_jobs(jobs, climb, folder, executor, tell)
+            if failures:
+                print("\n".join(failures), file=sys.stderr)
+                raise SystemExit(1)
+            rows = self._rows(jobs, folder)
+            head, *body = (f"| {' | '.join(row)} |" for row in rows)
+            text = "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
+            write_bytes(folder / "table.md", f"{text}\n".encode())
+        table = Table(*rows[0], title="units of 5 cm in 20 s: mean (SD over seeds)")
+        for row in rows[1:]:
+            table.add_row(*row)
+        Console().print(table)
+
+    def _rows(self, jobs: list[Job], folder: Path) -> list[list[str]]:
+        found: dict[tuple[str, str], list[float]] = {}
+        seconds: dict[str, list[float]] = {}
+        for job in jobs:
+            result = read_result(folder, job) or {}
+            found.setdefault((job.damage, job.search), []).append(result["distance"])
+            seconds.setdefault(job.search, []).append(result["cpu_seconds"])
+        rows = [["", *self.searches]]
+        for damage in self.bodies:
+            cells = [_cell(found[damage, name]) for name in self.searches]
+            rows.append(["whole" if damage == "none" else damage, *cells])
+        rows.append(["CPU s a gait", *(f"{np.mean(seconds[name]):.0f}" for name in self.searches)])
+        return rows
+
+
+def _cell(values: list[float]) -> str:
+    spread = f" ({np.std(values, ddof=1):.1f})" if len(values) > 1 else ""
+    return f"{np.mean(values):.1f}{spread}"
+
+
+if __name__ == "__main__":
+    sys.exit(run_command_line("gait_ceiling", single_command(Ceiling)))
