@@ -125,7 +125,7 @@ class Ceiling:
 
     def _config(self, config: EvolveConfig, seed: int) -> EvolveConfig:
         plan, brief = config.plan, self.shorter
-        fewer = {"generations": max(1, plan.generations // brief)}
+        fewer: dict[str, Any] = {"generations": max(1, plan.generations // brief)}
         if plan.polish:
             fewer["polish"] = plan.polish // brief
         if plan.screened:
