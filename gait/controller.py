@@ -28,7 +28,7 @@ from aquafish_gym.utils.validation import (
 from gait.network import OUTPUTS, Senses, respond
 from gait.policy import Policy
 
-SCHEMA = "gait.controller/3"  # 1 had no checksum, 2 one kind of network
+SCHEMA = "gait.controller/2"  # 1 had no checksum
 # Nobody's network is this large; a file that says so is broken or meant to hurt.
 MAXIMUM_NODES = 1000
 MAXIMUM_HARMONICS = 32
@@ -36,6 +36,14 @@ MOST_BYTES = 64 * 2**20  # of such a network's file
 MAXIMUM_SEED = 2**64 - 1
 INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
 IMU_AND_CLOCK = Senses()
+# What a file leaves out: as most controllers have it.
+USUAL: dict[str, Any] = {
+    "senses": asdict(IMU_AND_CLOCK),
+    "layers": None,
+    "output": "tanh",
+    "interval": INTERVAL,
+    "sample": None,
+}
 FELT = tuple(Senses.__dataclass_fields__)
 _HEARD = 9  # entries of an observation
 _NO_GAIN = (1.0, 1.0, 1.0)
@@ -278,17 +286,20 @@ class Controller:
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""
-        return {
-            "inputs": list(self.senses.names),
-            "outputs": list(OUTPUTS),
+        usual = {
             "senses": asdict(self.senses),
             "layers": None if self.layers is None else list(self.layers),
             "output": self.output,
             "interval": self.interval,
+            "sample": self.sample,
+        }
+        return {
+            "inputs": list(self.senses.names),
+            "outputs": list(OUTPUTS),
             "clock": self.clock,
             "seed": self.seed,
             "morphology": self.morphology.to_dict(),
-            **({} if self.sample is None else {"sample": self.sample}),
+            **{name: value for name, value in usual.items() if value != USUAL[name]},
             "bias": self.bias.tolist(),
             "response": self.response.tolist(),
             "weights": self.weights.tolist(),
@@ -298,7 +309,7 @@ class Controller:
     def from_dict(cls, data: object) -> Controller:
         """Read what :meth:`to_dict` returned; InvalidArgumentError if a field is not that."""
         if isinstance(data, dict):
-            data = {"sample": None, **data}  # which one body has not
+            data = {**USUAL, **data}
         fields = dict(
             check_fields("controller", data, ("inputs", "outputs", *cls.__dataclass_fields__))
         )

@@ -171,9 +171,9 @@ def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
         with pytest.raises(DamagedFileError, match=message):
             Controller.load(path)
     write_document(path, {"a": 1}, "gait.transfer/2")
-    with pytest.raises(DamagedFileError, match=r"fish\.json must be of schema gait\.controller/3"):
+    with pytest.raises(DamagedFileError, match=r"fish\.json must be of schema gait\.controller/2"):
         Controller.load(path)
-    write_document(path, {"a": 1}, "gait.controller/3")
+    write_document(path, {"a": 1}, "gait.controller/2")
     with pytest.raises(InvalidArgumentError, match=r"fish\.json: controller has missing"):
         Controller.load(path)
     with pytest.raises(InvalidArgumentError, match=r"controller must be a file .*none\.json"):
