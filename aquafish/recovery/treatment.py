@@ -86,10 +86,15 @@ WAYS: dict[str, Way] = {
         "joint",
         oracle="oracle-fins",
     ),
-    "oracle-neat": Way("the true body, NEAT", "the true body, and NEAT", "neat"),
+    "oracle-neat": Way(
+        "the true body, NEAT", "the true body, and NEAT", "neat", oracle="oracle-neat"
+    ),
     "oracle": Way("the true body", "the true body: the best that a self-model can give", "best"),
     "oracle-fins": Way(
-        "the true body and fins", "the true body, and the true place of its fins", "fins"
+        "the true body and fins",
+        "the true body, and the true place of its fins",
+        "fins",
+        oracle="oracle-fins",
     ),
 }
 TREATMENTS = tuple(WAYS)
