@@ -7,6 +7,7 @@ loads it from there in under a second.
 
 from __future__ import annotations
 
+import _thread
 import ast
 import functools
 import hashlib
@@ -14,6 +15,7 @@ import inspect
 import multiprocessing
 import pkgutil
 import sys
+import threading
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -84,16 +86,32 @@ def compiled(function: Callable[..., Any], seconds: float = 0.0, **options: Any)
 _long_ones: dict[Callable[..., Any], float] = {}
 
 
+def _ask_again(found: Any) -> None:
+    """Interrupt once more where a Ctrl-C came while LLVM was calling back, which drops it."""
+    if isinstance(found.exc_value, KeyboardInterrupt):
+        threading.Timer(0.05, _thread.interrupt_main).start()
+    else:
+        sys.__unraisablehook__(found)
+
+
 class _Announcer(event.Listener):  # type: ignore[misc]
-    """Says that a minute of silence begins, in the process that the user looks at."""
+    """Says that a minute of silence begins, in the process that the user looks at.
+
+    While it lasts, no Ctrl-C is lost.
+    """
+
+    def __init__(self) -> None:
+        self._hooks: list[Any] = []
 
     def on_start(self, begun: Any) -> None:
+        self._hooks.append(sys.unraisablehook)
+        sys.unraisablehook = _ask_again
         seconds = _long_ones.get(begun.data["dispatcher"].py_func)
         if seconds and sys.stderr is not None and multiprocessing.parent_process() is None:
             print(f"compiling the physics once, about {seconds:.0f} s ...", file=sys.stderr)
 
-    def on_end(self, ended: Any) -> None:
-        """Say nothing: what was compiled goes on at once."""
+    def on_end(self, ended: Any) -> None:  # noqa: ARG002
+        sys.unraisablehook = self._hooks.pop()
 
 
 @functools.cache

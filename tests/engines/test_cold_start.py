@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
+import functools
 import os
 import pathlib
 import signal
 import subprocess
 import sys
 import time
+import types
 
 import pytest
+from numba.core import event
+
+from aquafish_gym.physics import compiling
 
 NOTICE = "compiling the physics once, about 30 s ...\n"
 # Enough robots that the engine takes several threads.
@@ -56,6 +62,23 @@ def test_ctrl_c_ends_a_cold_compile_within_seconds(cold: dict[str, str]) -> None
     assert process.returncode == -signal.SIGINT
     assert rest.rstrip().endswith("KeyboardInterrupt")
     assert time.monotonic() - begun < 20  # 2 s on an idle machine; its pool took 40
+
+
+def test_no_ctrl_c_is_lost_in_llvms_callbacks() -> None:
+    """ctypes drops what is raised in a callback, and LLVM makes some while it generates code."""
+    dropping = ctypes.CFUNCTYPE(None)(functools.partial(signal.raise_signal, signal.SIGINT))
+    compiling._announce()
+    usual = sys.unraisablehook
+    begun = {"dispatcher": types.SimpleNamespace(py_func=None)}
+
+    def compile_something() -> None:
+        with event.trigger_event("numba:compile", begun):
+            dropping()
+            time.sleep(20.0)
+
+    with pytest.raises(KeyboardInterrupt):
+        compile_something()
+    assert sys.unraisablehook is usual
 
 
 @pytest.mark.slow  # it compiles kernels of its own
