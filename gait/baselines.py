@@ -1,152 +1,325 @@
 """Reinforcement learning for comparison: stable-baselines3 on ``AquaFish-v0`` (extra ``rl``).
 
-What was learned is kept as our own JSON and plain arrays. The library's own files hold
-pickles, which run whatever they contain when they are loaded; none is written or read here.
+What is learned is a ``Controller``, and swims wherever one does.
 """
 
 from __future__ import annotations
 
-import json
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
-from importlib import import_module
+from collections.abc import Callable, Sequence
+from contextlib import nullcontext
+from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.bodies import (
+    MorphologiesLike,
+    body_array,
+    median_body,
+    sample_stamp,
+    write_bodies,
+)
+from aquafish_gym.envs.conditions import EPISODE_STEPS
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
-from aquafish_gym.runs.storage import ensure_writable_directory, read_document, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
-from gait.controller import check_fields
-from gait.policy import Policy
+from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.storage import DamagedFileError, ensure_writable_directory
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    integer,
+    one_of,
+)
+from gait.config import Sense, check_senses
+from gait.controller import INTERVAL, MAXIMUM_NODES, MAXIMUM_SEED, Controller
+from gait.evolve import FINAL_POSES
+from gait.fitness import Swims, worth
+from gait.learner import Learner, Network
+from gait.network import OUTPUTS, Senses
+from gait.records import BODIES_FILE, CONTROLLER_FILE, write_history
+from gait.rollout import SECONDS, random_poses, stream, swim_all
 
-SPEC_FILE = "baseline.json"
-PARAMETERS_FILE = "parameters.npz"
-SCHEMA = "gait.baseline/2"  # 1 had no checksum
-MOST_LAYERS, MOST_NODES = 8, 1024  # what a file may ask this machine's memory for
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+CHECKPOINT_FILE, CURVE_FILE = "checkpoint.npz", "curve.csv"
+FILES = (CHECKPOINT_FILE, CURVE_FILE, CONTROLLER_FILE)  # and a sample's BODIES_FILE
 ALGORITHMS = ("PPO", "SAC", "TD3")
-
-
-class MissingExtraError(ImportError):
-    """stable-baselines3 or torch is not installed; the message says how to get them."""
+RESUMED = "PPO"
+# Whole in an episode, and asked for whenever gait.swim asks a controller.
+INTERVALS = [n for n in range(INTERVAL, EPISODE_STEPS // 2 + 1, INTERVAL) if not EPISODE_STEPS % n]
+MOST_HIDDEN = MAXIMUM_NODES - len(OUTPUTS)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BaselineConfig:
-    """What to learn with."""
+    """What to learn with.
 
-    algorithm: str = "PPO"
-    """What learns: PPO, SAC or TD3."""
-    steps: int = 200_000
-    """Steps of the environment, of 0.05 s each, of all robots together."""
-    environments: int = 8
+    Examples
+    --------
+    >>> BaselineConfig(environments=8).leg
+    800
+    """
+
+    algorithm: Literal["PPO", "SAC", "TD3"] = "PPO"
+    """What learns. PPO goes on after an interruption; SAC and TD3 start again."""
+    steps: int = 1_500_000
+    """Actions of all robots together, rounded up to whole legs: an episode of 20 s of each."""
+    environments: int = 256
     """How many robots learn side by side."""
+    interval: int = 20
+    """For how many steps of 0.01 s an action is held. Where it is short, little is learned."""
+    senses: tuple[Sense, ...] = ("imu", "clock")
+    """What the controller feels. The fins are not measured, but known from where they stood at
+    first and what they were told since."""
+    clock: float = 0.7
+    """Frequency of the clock, in Hz."""
     hidden: tuple[int, ...] = (64, 64)
     """Widths of the hidden layers."""
     seed: int = 0
-    """The library's random numbers follow from it."""
-    random_poses: bool = False
-    """Whether episodes begin from random fin poses instead of the zero pose."""
+    """The run follows from it alone."""
 
     def __post_init__(self) -> None:
         one_of("algorithm", self.algorithm, ALGORITHMS)
         integer("steps", self.steps, 1, 10**10)
         integer("environments", self.environments, 1, 1024)
-        integer("seed", self.seed, 0, 2**32 - 1)
-        if not isinstance(self.hidden, list | tuple) or len(self.hidden) > MOST_LAYERS:
+        held_for = integer("interval", self.interval, 1)
+        if held_for not in INTERVALS:
+            nearest = min(INTERVALS, key=lambda n: abs(n - held_for))
             raise InvalidArgumentError(
-                f"hidden must be at most {MOST_LAYERS} widths in a row; got {brief(self.hidden)}"
+                f"interval must be a multiple of {INTERVAL} that divides {EPISODE_STEPS}, the steps "
+                f"of an episode; got {held_for}; the nearest is {nearest}"
             )
-        widths = tuple(integer("hidden", width, 1, MOST_NODES) for width in self.hidden)
+        object.__setattr__(self, "senses", check_senses(self.senses))
+        finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
+        if not isinstance(self.hidden, list | tuple):
+            raise InvalidArgumentError(f"hidden must be widths in a row; got {brief(self.hidden)}")
+        widths = tuple(integer("hidden", width, 1, MOST_HIDDEN) for width in self.hidden)
+        if sum(widths) > MOST_HIDDEN:
+            raise InvalidArgumentError(
+                f"hidden must be at most {MOST_HIDDEN} nodes together; got {sum(widths)}"
+            )
         object.__setattr__(self, "hidden", widths)
-        flag("random_poses", self.random_poses)
+        integer("seed", self.seed, 0, MAXIMUM_SEED)
+
+    @property
+    def felt(self) -> Senses:
+        """What a controller feels, as it says it."""
+        return Senses("imu" in self.senses, int("clock" in self.senses), "fins" in self.senses)
+
+    @property
+    def leg(self) -> int:
+        """Steps of a leg, after which what is learned is scored and kept."""
+        return self.environments * (EPISODE_STEPS // self.interval)
+
+    @property
+    def legs(self) -> int:
+        """How many legs the steps are."""
+        return -(-self.steps // self.leg)
 
 
+@dataclass(frozen=True)
+class Leg:
+    """One row of ``curve.csv``, whose columns ``gait baseline --help`` explains."""
+
+    steps: int
+    training: float
+    score: float
+
+
+@dataclass(frozen=True)
 class Baseline:
-    """A policy that was, or is to be, trained on a body; MissingExtraError without the extra."""
+    """What learning has come to.
 
-    def __init__(self, morphology: Morphology, config: BaselineConfig) -> None:
-        self.morphology = morphology
-        self.config = config
-        sb3, vec_env = _load("stable_baselines3"), _load("stable_baselines3.common.vec_env")
-        poses = "random" if config.random_poses else "zero"
-        lanes = _load("gait.sb3_env").LaneVecEnv(config.environments, morphology, poses)
-        # The library's rollouts of 2048 steps are meant for one robot, not for each of many.
-        rollout = {"n_steps": max(64, 4096 // config.environments)}
-        self._model = getattr(sb3, config.algorithm)(
-            "MlpPolicy",
-            vec_env.VecMonitor(lanes),
-            policy_kwargs={"net_arch": list(config.hidden)},
-            seed=config.seed,
-            device="cpu",
-            **(rollout if config.algorithm == "PPO" else {}),
+    Attributes
+    ----------
+    controller
+        The one with the highest score of all legs'.
+    score
+        Its mean distance in 20 s from 32 random poses that are the same throughout, in units; of a
+        sample from as many more as it takes for each body to swim equally often.
+    curve
+        One row a leg.
+
+    Examples
+    --------
+    >>> body = median_body(np.full((1, 9), 0.5))
+    >>> silent = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, body, seed=0)
+    >>> Baseline(silent, 1.5, (Leg(800, 0.5, 1.5),))
+    Baseline(score 1.50 after 800 steps, Controller(3 nodes, 0 connections, clock 0.7 Hz, seed 0))
+    """
+
+    controller: Controller
+    score: float
+    curve: tuple[Leg, ...]
+
+    def __repr__(self) -> str:
+        steps = self.curve[-1].steps
+        return f"Baseline(score {self.score:.2f} after {steps} steps, {self.controller!r})"
+
+    def plot(self, axes: Axes | None = None) -> Axes:
+        """Draw the curve, on matplotlib's present figure or the axes given."""
+        from gait.plots import draw_curve
+
+        return draw_curve(self.curve, axes)
+
+
+class _Run:
+    """A learner, a leg at a time."""
+
+    def __init__(self, bodies: NDArray[np.float64], config: BaselineConfig) -> None:
+        self.bodies, self.config = bodies, config
+        self.sample = sample_stamp(bodies) if len(bodies) > 1 else None
+        self.curve: list[Leg] = []
+        self.best: Network | None = None
+        self._learner = Learner(bodies, config, self._seed())
+        # The random ones that gaits are judged by that are evolved with this seed.
+        count = -(-FINAL_POSES // len(bodies)) * len(bodies)
+        poses = random_poses(count, stream(config.seed, 1))
+        self._swims = Swims(np.resize(bodies, (count, 9)), poses)
+
+    def _seed(self, *leg: int) -> int:
+        return int(stream(self.config.seed, 8, *leg).generate_state(1)[0])
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All that a run follows from, but for how long it is."""
+        settings = asdict(self.config)
+        del settings["steps"]
+        sample = {} if self.sample is None else {"sample": self.sample}
+        return {"morphology": median_body(self.bodies).to_dict(), **sample, **settings}
+
+    @property
+    def score(self) -> float:
+        """The highest so far."""
+        return max((leg.score for leg in self.curve), default=-np.inf)
+
+    def step(self, tell: Callable[[int, Sequence[Leg]], None]) -> None:
+        """Learn for a leg, and score what that has come to."""
+        before = len(self.curve) * self.config.leg
+        seed = self._seed(len(self.curve))
+        training = self._learner.learn(seed, lambda taken: tell(before + taken, self.curve))
+        network = self._learner.network()
+        far = worth(swim_all([self.controller(network)], *self._swims), SECONDS)
+        leg = Leg(before + self.config.leg, training, float(far.mean()))
+        if leg.score > self.score:
+            self.best = network
+        self.curve.append(leg)
+        tell(leg.steps, self.curve)
+
+    def controller(self, network: Network) -> Controller:
+        """Return an actor as a controller."""
+        c = self.config
+        return Controller(
+            *network,
+            response=np.ones(len(network.bias)),
+            clock=c.clock,
+            morphology=median_body(self.bodies),
+            seed=c.seed,
+            sample=self.sample,
+            senses=c.felt,
+            layers=(*c.hidden, len(OUTPUTS)),
+            # PPO's actions are cut off by whoever takes them.
+            output="clip" if c.algorithm == "PPO" else "tanh",
+            interval=c.interval,
         )
 
-    def train(self, on_step: Callable[[int], None] | None = None) -> None:
-        """Learn for ``config.steps``; ``on_step`` is told how many have been taken."""
+    def result(self) -> Baseline:
+        """Return what the run has come to, once there is a leg."""
+        assert self.best is not None
+        return Baseline(self.controller(self.best), self.score, tuple(self.curve))
 
-        def callback(seen: dict[str, Any], _globals: dict[str, Any]) -> bool:
-            if on_step is not None:
-                on_step(int(seen["self"].num_timesteps))
-            return True
+    def write(self, directory: Path) -> None:
+        """Write everything that the rest of the run depends on, and then the results."""
+        assert self.best is not None
+        if self.config.algorithm == RESUMED:
+            best = {f"best.{name}": array for name, array in self.best._asdict().items()}
+            curve = np.array([astuple(leg) for leg in self.curve])
+            arrays = {**self._learner.state, **best, "curve": curve}
+            write_arrays(directory / CHECKPOINT_FILE, arrays)
+        self.controller(self.best).save(directory / CONTROLLER_FILE)
+        write_history(directory / CURVE_FILE, self.curve)
 
-        # Networks this small lose more to a second thread than they gain.
-        torch = _load("torch")
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)
+    def read(self, directory: Path) -> None:
+        """Go on from what :meth:`write` wrote for the same settings."""
+        shapes = {name: array.shape for name, array in self._learner.state.items()}
+        network = self._learner.network()
+        best = {f"best.{name}": array.shape for name, array in network._asdict().items()}
         try:
-            self._model.learn(total_timesteps=self.config.steps, callback=callback)
-        finally:
-            torch.set_num_threads(threads)
-
-    def policy(self) -> Policy:
-        """Return the learned policy, which always does what it likes best."""
-
-        def act(observation: NDArray[np.float64], _time: float) -> NDArray[np.float32]:
-            action, _ = self._model.predict(observation.astype(np.float32), deterministic=True)
-            return np.asarray(action, np.float32)
-
-        return act
-
-    def parameters(self) -> dict[str, NDArray[np.float32]]:
-        """Return the policy's tensors by name."""
-        state = self._model.policy.state_dict()
-        return {name: tensor.detach().cpu().numpy() for name, tensor in state.items()}
-
-    def save(self, out: Path | str) -> None:
-        """Write ``baseline.json`` and ``parameters.npz`` to a directory."""
-        directory = ensure_writable_directory(out)
-        write_arrays(directory / PARAMETERS_FILE, self.parameters())
-        spec = {"morphology": self.morphology.to_dict(), "config": asdict(self.config)}
-        write_document(directory / SPEC_FILE, spec, SCHEMA)
-
-    @classmethod
-    def load(cls, out: Path | str) -> Baseline:
-        """Read what :meth:`save` wrote; InvalidArgumentError if a file is not that."""
-        directory = Path(out)
-        spec = read_document(directory / SPEC_FILE, SCHEMA, "baseline")
-        spec = check_fields("baseline", spec, ("morphology", "config"))
-        names = [f.name for f in fields(BaselineConfig)]
-        config = BaselineConfig(**check_fields("baseline: config", spec["config"], names))
-        baseline = cls(Morphology.from_json(json.dumps(spec["morphology"])), config)
-        untrained = baseline.parameters()
-        shapes = {name: array.shape for name, array in untrained.items()}
-        most = 2**20 + 2 * sum(array.nbytes for array in untrained.values())
-        arrays = read_arrays(directory / PARAMETERS_FILE, shapes, "baseline", most)
-        torch = _load("torch")
-        state = {name: torch.as_tensor(array) for name, array in arrays.items()}
-        baseline._model.policy.load_state_dict(state)
-        return baseline
+            arrays = read_arrays(
+                directory / CHECKPOINT_FILE, {**shapes, **best, "curve": (None, 3)}, "out"
+            )
+        except DamagedFileError as error:
+            raise DamagedFileError(f"{error}; delete it to start again") from None
+        self.curve = [Leg(int(steps), *rest) for steps, *rest in arrays.pop("curve").tolist()]
+        if not 0 < len(self.curve) <= self.config.legs:
+            raise InvalidArgumentError(
+                f"steps must be at least the {len(self.curve) * self.config.leg} that out already "
+                f"holds; got {self.config.steps}"
+            )
+        self.best = Network(*(arrays.pop(name) for name in best))
+        self._learner.state = arrays
 
 
-def _load(module: str) -> Any:
-    try:
-        return import_module(module)
-    except ImportError as error:
-        raise MissingExtraError(
-            f"baselines need stable-baselines3 and torch, which are not installed here ({error}): "
-            'pip install -e ".[rl]" in a clone of the repository'
-        ) from None
+def train_baseline(
+    morphologies: MorphologiesLike = None,
+    config: BaselineConfig | None = None,
+    *,
+    out: Path | str | None = None,
+    on_step: Callable[[int, Sequence[Leg]], None] | None = None,
+) -> Baseline:
+    """Learn to swim a body forward, or a sample of bodies: domain randomisation.
+
+    The robots that learn side by side have a sample's bodies in turn, and all begin from random fin
+    poses. Observations and rewards are normalised as they come; what observations are
+    normalised by is in the controller's weights in the end.
+
+    Parameters
+    ----------
+    morphologies
+        The body, as ``Morphology.coerce`` takes it; None is the nominal one. Or a list of such, or
+        (M, 9) sizes: a sample, of ``config.environments`` at most.
+    config
+        How; None is ``BaselineConfig()``.
+    out
+        A directory for ``controller.json`` (the best so far), ``curve.csv`` and, of PPO,
+        ``checkpoint.npz``, all brought up to date after each leg, and a sample's ``bodies.json``.
+        If it holds an unfinished run of PPO on the same bodies with the same configuration, that
+        is taken up, and ends in the same files as if it had never stopped; more ``steps`` prolong
+        it.
+    on_step
+        Told how many steps have been taken, and the legs so far.
+
+    Raises
+    ------
+    MissingExtraError
+        If stable-baselines3 or torch is not installed.
+    InvalidArgumentError
+        If a body is none, or ``out`` cannot be written, is in use by another command, or holds
+        another run, a longer one or a damaged checkpoint.
+    """
+    config = config or BaselineConfig()
+    bodies = body_array(morphologies)
+    if not 1 <= len(bodies) <= config.environments:
+        raise InvalidArgumentError(
+            f"morphologies must be 1 to {config.environments} bodies, as many as environments at "
+            f"most; got {len(bodies)}"
+        )
+    run, tell = _Run(bodies, config), on_step or (lambda _steps, _curve: None)
+    directory = None if out is None else ensure_writable_directory(out)
+    with held(directory) if directory else nullcontext():
+        if directory:
+            claim(directory, "a baseline", run.settings, outputs=FILES)
+            if run.sample:
+                write_bodies(directory / BODIES_FILE, bodies)
+            if (directory / CHECKPOINT_FILE).exists():
+                run.read(directory)
+                run.write(directory)  # a kill may have left the results a leg behind
+                tell(run.curve[-1].steps, run.curve)
+        while len(run.curve) < config.legs:
+            run.step(tell)
+            if directory:
+                run.write(directory)
+        return run.result()

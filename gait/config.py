@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, get_args
 
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -30,6 +30,18 @@ FOURIER = 3  # harmonics of a gait that feels nothing
 
 # Population, starts, how many are screened, generations and polish, where they are not given.
 NEAT, CMA = (150, 3, 0, 40, 400), (24, 6, 1200, 560, 0)
+
+
+def check_senses(senses: object) -> tuple[Sense, ...]:
+    """Return what a controller feels as a tuple: one of the senses or more."""
+    names = get_args(Sense)
+    if not isinstance(senses, list | tuple) or not senses:
+        raise InvalidArgumentError(
+            f"senses must be some of {', '.join(names)}; got {brief(senses) if senses else 'none'}"
+        )
+    for sense in senses:
+        one_of("senses", sense, names)
+    return tuple(senses)
 
 
 class Plan(NamedTuple):
@@ -108,15 +120,7 @@ class EvolveConfig:
         classes = CLASSES[one_of("search", self.search, CLASSES)]
         if self.controller is not None:
             one_of("controller", self.controller, classes)
-        if not isinstance(self.senses, list | tuple):
-            raise InvalidArgumentError(
-                f"senses must be some of imu, clock, fins; got {brief(self.senses)}"
-            )
-        for sense in self.senses:
-            one_of("senses", sense, ("imu", "clock", "fins"))
-        object.__setattr__(self, "senses", tuple(self.senses))
-        if not self.senses:
-            raise InvalidArgumentError("senses must be some of imu, clock, fins; got none")
+        object.__setattr__(self, "senses", check_senses(self.senses))
         if self.controller == "fourier" and set(self.senses) != {"clock"}:
             raise InvalidArgumentError(
                 "senses must be clock alone for a fourier gait, which feels nothing; got "

@@ -1,4 +1,4 @@
-"""Pictures of gaits: paths on native and target body (Fig. 12), and a run's history."""
+"""Pictures of gaits: paths on native and target body (Fig. 12), a run's history, a learning curve."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from gait.baselines import Leg
     from gait.records import Generation
     from gait.rollout import Swim
 
@@ -63,6 +64,20 @@ def draw_history(history: Sequence[Generation], axes: Axes | None = None) -> Axe
     return axes
 
 
+def draw_curve(curve: Sequence[Leg], axes: Axes | None = None) -> Axes:
+    """Draw a learning curve's columns ``score`` and ``training``, and the best score so far."""
+    axes = axes or _present_axes()
+    x = [leg.steps / 1e6 for leg in curve]
+    score = [leg.score for leg in curve]
+    axes.plot(x, np.maximum.accumulate(score), color=_FINAL, label="score, best so far")
+    axes.plot(x, score, ".", color=_FINAL, alpha=0.6, label="score (held-out poses)")
+    axes.plot(x, [leg.training for leg in curve], "--", color=_MEAN, label="while learning")
+    axes.set_xlabel("actions (millions)")
+    axes.set_ylabel("distance (units of 5 cm)")
+    axes.legend(loc="best", frameon=False)
+    return axes
+
+
 def plot_trajectories(path: Path, swims: Mapping[str, Swim]) -> None:
     """Write :func:`draw_trajectories` to a PNG, PDF or SVG file."""
     _write(path, (5.0, 5.0), lambda axes: draw_trajectories(swims, axes))
@@ -71,6 +86,11 @@ def plot_trajectories(path: Path, swims: Mapping[str, Swim]) -> None:
 def plot_history(path: Path, history: Sequence[Generation]) -> None:
     """Write :func:`draw_history` to a PNG, PDF or SVG file."""
     _write(path, (6.0, 4.0), lambda axes: draw_history(history, axes))
+
+
+def plot_curve(path: Path, curve: Sequence[Leg]) -> None:
+    """Write :func:`draw_curve` to a PNG, PDF or SVG file."""
+    _write(path, (6.0, 4.0), lambda axes: draw_curve(curve, axes))
 
 
 def _write(path: Path, size: tuple[float, float], draw: Callable[[Axes], object]) -> None:

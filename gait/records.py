@@ -53,8 +53,8 @@ def read_checkpoint(directory: Path) -> dict[str, Any]:
     return read_document(path, CHECKPOINT_SCHEMA, "out", MOST_CHECKPOINT_BYTES)
 
 
-def write_history(path: Path, history: Sequence[Generation]) -> None:
-    """Write a ``history.csv``, whole or not at all; every number reads back exactly."""
-    lines = [",".join(field.name for field in fields(Generation))]
+def write_history(path: Path, history: Sequence[Any]) -> None:
+    """Write rows, dataclasses of one kind, as CSV, at once or not at all; numbers read back exactly."""
+    lines = [",".join(field.name for field in fields(history[0]))]
     lines += [",".join(map(json.dumps, asdict(row).values())) for row in history]
     write_bytes(path, ("\n".join(lines) + "\n").encode())

@@ -1,0 +1,218 @@
+"""A model of stable-baselines3 (extra ``rl``) that learns in legs, and what it has learned.
+
+The library's own files hold pickles, which run whatever they contain when they are loaded. None is
+written or read here: what learning goes on from is plain arrays.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib import import_module
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gait.network import GAIN
+
+if TYPE_CHECKING:
+    from gait.baselines import BaselineConfig
+
+GAMMA = 0.99
+MOST_BATCH = 1600
+_STATISTICS = ("mean", "var", "count")
+
+
+class MissingExtraError(ImportError):
+    """stable-baselines3 or torch is not installed; the message says how to get them."""
+
+
+class Network(NamedTuple):
+    """Weights (N, I + N) and biases (N,) of a ``Controller``'s nodes."""
+
+    weights: NDArray[np.float64]
+    bias: NDArray[np.float64]
+
+
+def dense_network(
+    layers: Sequence[tuple[NDArray[np.floating], NDArray[np.floating]]],
+    mean: NDArray[np.float64],
+    scale: NDArray[np.float64],
+) -> Network:
+    """Return a stack of dense layers as a controller's nodes, whose responses are 1.
+
+    Its first layer hears (x - mean) / scale of the inputs x, and each is squashed by tanh, the last
+    by that or a clip: of the node's tanh(2.5 z), what is too much is taken off the weights.
+
+    Parameters
+    ----------
+    layers
+        Weights (out, in) and biases (out,) of each, in order; the last has three outputs.
+    mean, scale
+        (I,) each.
+
+    Examples
+    --------
+    >>> layers = [(np.ones((4, 2)), np.zeros(4)), (np.ones((3, 4)), np.zeros(3))]
+    >>> dense_network(layers, np.zeros(2), np.ones(2)).weights.shape
+    (7, 9)
+    """
+    inputs, nodes = len(mean), sum(len(bias) for _, bias in layers)
+    weights, biases = np.zeros((nodes, inputs + nodes)), np.zeros(nodes)
+    begin, heard = 0, slice(0, inputs)
+    for matrix, bias in layers:
+        end = begin + len(bias)
+        weights[begin:end, heard] = matrix / GAIN
+        biases[begin:end] = bias / GAIN
+        begin, heard = end, slice(inputs + begin, inputs + end)
+    weights[:, :inputs] /= scale
+    return Network(weights, biases - weights[:, :inputs] @ mean)
+
+
+def load(module: str) -> Any:
+    """Return a module of the extra ``rl``, or raise MissingExtraError."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(
+            f"baselines need stable-baselines3 and torch, which are not installed here ({error}): "
+            'pip install -e ".[rl]" in a clone of the repository'
+        ) from None
+
+
+class Learner:
+    """An actor that learns to swim bodies (M, 9).
+
+    A leg, of so many ``steps`` of all robots together, begins with fresh robots and with streams
+    of random numbers that follow from its seed. So what the legs before it have come to is
+    :attr:`state` and nothing else (of PPO: others have a buffer of what happened, too).
+    """
+
+    def __init__(self, bodies: NDArray[np.float64], config: BaselineConfig, seed: int) -> None:
+        sb3, torch = load("stable_baselines3"), load("torch")
+        vec_env, logger = (load(f"stable_baselines3.common.{name}") for name in ("vec_env", "logger"))
+        self.algorithm, self.steps = config.algorithm, config.leg
+        self._robots = load("gait.sb3_env").LaneVecEnv(
+            config.environments, bodies, config.felt, config.clock, config.interval
+        )
+        # No input is far out, so that none need be cut off, which weights could not say.
+        self._normal = vec_env.VecNormalize(self._robots, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
+        with _apart():
+            self._model = getattr(sb3, config.algorithm)(
+                "MlpPolicy",
+                self._normal,
+                gamma=GAMMA,
+                policy_kwargs={"net_arch": list(config.hidden), "activation_fn": torch.nn.Tanh},
+                device="cpu",
+                seed=seed,
+                **self._settings(config.leg // config.environments),
+            )
+        self._model.set_logger(logger.Logger(None, []))
+        if config.algorithm == "PPO":
+            # As Adam begins, but from the start, so that there is a place for what was kept.
+            optimizer = self._model.policy.optimizer
+            for parameter in self._model.policy.parameters():
+                optimizer.state[parameter] = {
+                    "step": torch.tensor(0.0),
+                    "exp_avg": torch.zeros_like(parameter),
+                    "exp_avg_sq": torch.zeros_like(parameter),
+                }
+
+    def _settings(self, episode: int) -> dict[str, Any]:
+        if self.algorithm == "PPO":
+            batch = max(n for n in range(1, MOST_BATCH + 1) if self.steps % n == 0)
+            return {"n_steps": episode, "batch_size": batch, "n_epochs": 6, "learning_rate": 1e-3}
+        found = {"learning_starts": self.steps, "gradient_steps": 8, "batch_size": 512}
+        if self.algorithm == "TD3":  # which explores by this alone
+            noise = load("stable_baselines3.common.noise").NormalActionNoise
+            found["action_noise"] = noise(np.zeros(3), np.full(3, 0.2))
+        return found
+
+    def learn(self, seed: int, on_step: Callable[[int], None]) -> float:
+        """Learn for a leg; return how far its last episodes went in the mean, in units.
+
+        ``on_step`` is told how many steps of the leg have been taken.
+        """
+        model, before = self._model, self._model.num_timesteps
+
+        def callback(_locals: dict[str, Any], _globals: dict[str, Any]) -> bool:
+            on_step(model.num_timesteps - before)
+            return True
+
+        with _apart():
+            model.set_random_seed(seed)
+            model.set_env(self._normal)  # which it then resets
+            model.learn(self.steps, callback, reset_num_timesteps=False)
+        return float(self._robots.distances.mean())
+
+    def predict(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what the library's own policy would do, (B, 3), with its noise left away."""
+        action, _ = self._model.predict(self._normal.normalize_obs(observations), deterministic=True)
+        return np.asarray(action, np.float32)
+
+    def network(self) -> Network:
+        """Return the actor, which always does what it likes best."""
+        policy, linear = self._model.policy, load("torch").nn.Linear
+        parts = {
+            "PPO": lambda: (policy.mlp_extractor.policy_net, policy.action_net),
+            "SAC": lambda: (policy.actor.latent_pi, policy.actor.mu),
+            "TD3": lambda: (policy.actor.mu,),
+        }[self.algorithm]()
+        dense = [one for part in parts for one in part.modules() if isinstance(one, linear)]
+        layers = [(_array(one.weight), _array(one.bias)) for one in dense]
+        felt = self._normal.obs_rms
+        return dense_network(layers, felt.mean, np.sqrt(felt.var + self._normal.epsilon))
+
+    @property
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All that PPO's next leg goes on from, by name."""
+        found = {name: _array(tensor) for name, tensor in self._tensors().items()}
+        for name, one in self._running().items():
+            found |= {f"{name}.{what}": np.asarray(getattr(one, what)) for what in _STATISTICS}
+        return found
+
+    @state.setter
+    def state(self, arrays: dict[str, NDArray[Any]]) -> None:
+        torch = load("torch")
+        with torch.no_grad():
+            for name, tensor in self._tensors().items():
+                tensor.copy_(torch.as_tensor(arrays[name]))
+        for name, one in self._running().items():
+            for what in _STATISTICS:
+                setattr(one, what, arrays[f"{name}.{what}"][()])
+
+    def _tensors(self) -> dict[str, Any]:
+        policy = self._model.policy
+        moments = policy.optimizer.state_dict()["state"].items()
+        return {f"policy.{name}": tensor for name, tensor in policy.state_dict().items()} | {
+            f"adam.{i}.{name}": tensor for i, held in moments for name, tensor in held.items()
+        }
+
+    def _running(self) -> dict[str, Any]:
+        return {"observations": self._normal.obs_rms, "returns": self._normal.ret_rms}
+
+
+def _array(tensor: Any) -> NDArray[np.floating]:
+    return np.array(tensor.detach().cpu())
+
+
+@contextmanager
+def _apart() -> Iterator[None]:
+    """Put the generators that the library seeds back after, and have torch on one thread.
+
+    Networks this small lose more to a second thread than they gain.
+    """
+    torch = load("torch")
+    python, legacy = random.getstate(), np.random.get_state()  # noqa: NPY002
+    own, threads = torch.get_rng_state(), torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        random.setstate(python)
+        np.random.set_state(legacy)  # noqa: NPY002
+        torch.set_rng_state(own)
+        torch.set_num_threads(threads)
