@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,8 +63,9 @@ class BaselineConfig:
     800
     """
 
-    algorithm: Literal["PPO", "SAC", "TD3"] = "PPO"
-    """What learns. PPO goes on after an interruption; SAC and TD3 start again."""
+    algorithm: str = "PPO"
+    """What learns: PPO, which goes on after an interruption and which the settings suit; SAC or
+    TD3, which are slower and start again."""
     steps: int = 1_500_000
     """Actions of all robots together, rounded up to whole legs: an episode of 20 s of each."""
     environments: int = 256
@@ -89,8 +90,8 @@ class BaselineConfig:
         if held_for not in INTERVALS:
             nearest = min(INTERVALS, key=lambda n: abs(n - held_for))
             raise InvalidArgumentError(
-                f"interval must be a multiple of {INTERVAL} that divides {EPISODE_STEPS}, the steps "
-                f"of an episode; got {held_for}; the nearest is {nearest}"
+                f"interval must be a multiple of {INTERVAL} that divides {EPISODE_STEPS}, an "
+                f"episode's steps; got {held_for}; the nearest is {nearest}"
             )
         object.__setattr__(self, "senses", check_senses(self.senses))
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
@@ -148,7 +149,7 @@ class Baseline:
     >>> body = median_body(np.full((1, 9), 0.5))
     >>> silent = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, body, seed=0)
     >>> Baseline(silent, 1.5, (Leg(800, 0.5, 1.5),))
-    Baseline(score 1.50 after 800 steps, Controller(3 nodes, 0 connections, clock 0.7 Hz, seed 0))
+    Baseline(score 1.50, Controller(3 nodes, 0 connections, clock 0.7 Hz, seed 0))
     """
 
     controller: Controller
@@ -156,8 +157,7 @@ class Baseline:
     curve: tuple[Leg, ...]
 
     def __repr__(self) -> str:
-        steps = self.curve[-1].steps
-        return f"Baseline(score {self.score:.2f} after {steps} steps, {self.controller!r})"
+        return f"Baseline(score {self.score:.2f}, {self.controller!r})"
 
     def plot(self, axes: Axes | None = None) -> Axes:
         """Draw the curve, on matplotlib's present figure or the axes given."""
@@ -198,16 +198,19 @@ class _Run:
 
     def step(self, tell: Callable[[int, Sequence[Leg]], None]) -> None:
         """Learn for a leg, and score what that has come to."""
-        before = len(self.curve) * self.config.leg
-        seed = self._seed(len(self.curve))
-        training = self._learner.learn(seed, lambda taken: tell(before + taken, self.curve))
+        before, size = len(self.curve) * self.config.leg, self.config.leg
+
+        def taken(steps: int) -> None:
+            if steps < size:  # the last one is told of when it is scored and kept
+                tell(before + steps, self.curve)
+
+        training = self._learner.learn(self._seed(len(self.curve)), taken)
         network = self._learner.network()
         far = worth(swim_all([self.controller(network)], *self._swims), SECONDS)
-        leg = Leg(before + self.config.leg, training, float(far.mean()))
+        leg = Leg(before + size, training, float(far.mean()))
         if leg.score > self.score:
             self.best = network
         self.curve.append(leg)
-        tell(leg.steps, self.curve)
 
     def controller(self, network: Network) -> Controller:
         """Return an actor as a controller."""
@@ -244,17 +247,18 @@ class _Run:
 
     def read(self, directory: Path) -> None:
         """Go on from what :meth:`write` wrote for the same settings."""
+        path = directory / CHECKPOINT_FILE
         shapes = {name: array.shape for name, array in self._learner.state.items()}
         network = self._learner.network()
         best = {f"best.{name}": array.shape for name, array in network._asdict().items()}
         try:
-            arrays = read_arrays(
-                directory / CHECKPOINT_FILE, {**shapes, **best, "curve": (None, 3)}, "out"
-            )
+            arrays = read_arrays(path, {**shapes, **best, "curve": (None, 3)}, "out")
         except DamagedFileError as error:
             raise DamagedFileError(f"{error}; delete it to start again") from None
         self.curve = [Leg(int(steps), *rest) for steps, *rest in arrays.pop("curve").tolist()]
-        if not 0 < len(self.curve) <= self.config.legs:
+        if not self.curve:
+            raise DamagedFileError(f"out: {path} holds no leg; delete it to start again")
+        if len(self.curve) > self.config.legs:
             raise InvalidArgumentError(
                 f"steps must be at least the {len(self.curve) * self.config.leg} that out already "
                 f"holds; got {self.config.steps}"
@@ -322,4 +326,5 @@ def train_baseline(
             run.step(tell)
             if directory:
                 run.write(directory)
+            tell(run.curve[-1].steps, run.curve)
         return run.result()

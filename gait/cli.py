@@ -19,14 +19,13 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import check_engine
 from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.folder import SETTINGS, claim, held
+from aquafish_gym.runs.folder import SETTINGS
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.command_line import (
     BAD_INPUT,
     RESUMES,
     BodiesFile,
     BodyDamage,
-    BodyFile,
     Out,
     TargetDamage,
     TargetMorphology,
@@ -35,7 +34,7 @@ from aquafish_gym.utils.command_line import (
     subcommands,
 )
 from aquafish_gym.utils.validation import integer
-from gait.baselines import Baseline, BaselineConfig, MissingExtraError
+from gait.baselines import CHECKPOINT_FILE, CURVE_FILE, BaselineConfig, Leg, train_baseline
 from gait.controller import Controller
 from gait.evolve import (
     FINAL_POSES,
@@ -45,9 +44,17 @@ from gait.evolve import (
     damaged_at_random,
     evolve_gait,
 )
+from gait.learner import MissingExtraError
 from gait.records import CONTROLLER_FILE, HISTORY_FILE, Generation, finished_generations
-from gait.rollout import random_poses
-from gait.transfer import TransferConfig, score, transfer
+from gait.transfer import TransferConfig, transfer
+
+RandomDamages = Annotated[
+    int,
+    tyro.conf.arg(
+        help="Learn to swim the body and so many more, each damaged at random in one fin or two: a "
+        "gait for who does not know what happened. See Damage.random."
+    ),
+]
 
 
 @dataclass(frozen=True)
@@ -84,26 +91,20 @@ class Evolve:
     out: Out
     morphology: BodiesFile = None
     damage: BodyDamage = "none"
-    random_damages: int = 0
-    """Evolve for the body and so many more, each damaged at random in one fin or two: a gait for
-    who does not know what happened. See Damage.random."""
+    random_damages: RandomDamages = 0
     world: WorldConfig = field(default_factory=WorldConfig)
     config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
 
     def execute(self) -> None:
         """Evolve to the last generation, with progress."""
-        bodies = [None] if self.morphology is None else read_bodies(self.morphology, "morphology")
-        damage, before = Damage.parse(self.damage), len(finished_generations(self.out))
-        several = [damage.apply(Morphology.coerce(body)) for body in bodies]
-        count = integer("random_damages", self.random_damages, 0, MAXIMUM_BODIES - len(several))
-        several += damaged_at_random(several[0], count, self.config.seed)
+        before, bodies = len(finished_generations(self.out)), _bodies(self)
         try:
             with (
                 _no_folder_for_nothing(self.out),
                 _counting("evolving", self.config.plan.rows, before) as show,
             ):
                 evolved = evolve_gait(
-                    several,
+                    bodies,
                     self.config,
                     out=self.out,
                     world=self.world,
@@ -173,43 +174,76 @@ class TransferCommand:
 
 @dataclass(frozen=True)
 class BaselineCommand:
-    """Train a baseline of stable-baselines3 on a body, and say how far it swims.
+    """Learn to swim a body, or a sample of bodies, with stable-baselines3, for comparison.
 
-    Into --out go baseline.json, parameters.npz and settings.json. It needs the extra rl. A run
-    that was interrupted starts again from the beginning, to the same result.
+    What PPO, SAC or TD3 learns is a controller as any other, and --senses imu clock fins lets it
+    know where its fins are, too. The extra rl is needed.
+
+    Into --out go controller.json (the best so far), curve.csv (a row a leg, an episode of 20 s of
+    each robot), settings.json, curve.png and, of PPO, checkpoint.npz. The same command resumes a
+    run of PPO that was interrupted, and more --steps prolong it; SAC and TD3 start again.
+
+    A file with a sample of bodies, or --random-damages, gives the robots that learn side by side
+    other bodies in turn: domain randomisation. The sample goes into --out, too.
+
+    Columns of curve.csv, with distances in units of 5 cm:
+    - steps: actions so far, of all robots together.
+    - training: mean distance of the leg's episodes, in which it tries this and that.
+    - score: its mean distance in 20 s, without trying, from 32 random poses, always the same; of a
+    sample so many that each body swims equally often.
     """
 
     out: Out
-    morphology: BodyFile = None
+    morphology: BodiesFile = None
     damage: BodyDamage = "none"
+    random_damages: RandomDamages = 0
     config: Annotated[BaselineConfig, tyro.conf.arg(name="")] = field(
         default_factory=BaselineConfig
     )
 
     def execute(self) -> None:
-        """Train with progress, write, and evaluate."""
-        config = self.config
-        body = Damage.parse(self.damage).apply(read_morphology(self.morphology, "morphology"))
-        baseline = Baseline(body, config)
-        settings = {"morphology": body.to_dict(), **asdict(config)}
-        try:
-            with _no_folder_for_nothing(self.out), held(ensure_writable_directory(self.out)):
-                claim(self.out, "a baseline", settings)
-                with _counting(config.algorithm, config.steps) as show:
-                    baseline.train(lambda taken: show(taken, config.algorithm))
-                baseline.save(self.out)
-        except KeyboardInterrupt:
-            raise KeyboardInterrupt("interrupted; the same command starts again") from None
-        poses = random_poses(TransferConfig().poses, config.seed)
-        found = score(baseline, body, poses, "numba")
+        """Learn to the last leg, with progress."""
+        config, bodies, curve = self.config, _bodies(self), list[Leg]()
+        with _counting(config.algorithm, config.legs * config.leg) as show:
+
+            def tell(steps: int, legs: Sequence[Leg]) -> None:
+                curve[:] = legs
+                show(steps, _learned(legs[-1]) if legs else config.algorithm)
+
+            try:
+                with _no_folder_for_nothing(self.out):
+                    learned = train_baseline(bodies, config, out=self.out, on_step=tell)
+            except KeyboardInterrupt:
+                self._plot(curve)
+                kept = (self.out / CHECKPOINT_FILE).exists()
+                rest = RESUMES if kept else "the same command starts again"
+                raise KeyboardInterrupt(f"interrupted; {rest}") from None
+        self._plot(curve)
+        over = f"{len(bodies)} bodies" if len(bodies) > 1 else f"{FINAL_POSES} random poses"
         print(
-            f"swims {found.distance:.2f} units in 20 s from the zero pose, "
-            f"{found.random_distance:.2f} on average over {len(poses)} random poses; "
-            f"written to {self.out}"
+            f"swims {learned.score:.2f} units in 20 s on the mean over {over}; "
+            f"{CONTROLLER_FILE} and {CURVE_FILE} are in {self.out}"
         )
+
+    def _plot(self, curve: Sequence[Leg]) -> None:
+        from gait.plots import plot_curve
+
+        if curve:
+            plot_curve(self.out / "curve.png", curve)
 
 
 COMMANDS = {"evolve": Evolve, "transfer": TransferCommand, "baseline": BaselineCommand}
+
+
+def _bodies(command: Evolve | BaselineCommand) -> list[Morphology]:
+    """Return the bodies that a command is to swim."""
+    file = command.morphology
+    bodies = [None] if file is None else read_bodies(file, "morphology")
+    damage = Damage.parse(command.damage)
+    several = [damage.apply(Morphology.coerce(body)) for body in bodies]
+    most = max(0, MAXIMUM_BODIES - len(several))
+    count = integer("random_damages", command.random_damages, 0, most)
+    return several + damaged_at_random(several[0], count, command.config.seed)
 
 
 @contextmanager
@@ -277,6 +311,10 @@ def _said(evolved: Evolved, config: EvolveConfig) -> str:
 
 def _line(row: Generation) -> str:
     return f"final {row.final:6.2f}  mean {row.mean:6.2f}  species {row.species}  nodes {row.nodes}"
+
+
+def _learned(leg: Leg) -> str:
+    return f"training {leg.training:6.2f}  score {leg.score:6.2f}"
 
 
 def _plot(out: Path, history: Sequence[Generation]) -> None:

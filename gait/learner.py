@@ -88,12 +88,15 @@ class Learner:
 
     A leg, of so many ``steps`` of all robots together, begins with fresh robots and with streams
     of random numbers that follow from its seed. So what the legs before it have come to is
-    :attr:`state` and nothing else (of PPO: others have a buffer of what happened, too).
+    :attr:`state` and nothing else (of PPO: others have a buffer of what happened, too). The
+    library's own is ``model``.
     """
 
     def __init__(self, bodies: NDArray[np.float64], config: BaselineConfig, seed: int) -> None:
         sb3, torch = load("stable_baselines3"), load("torch")
-        vec_env, logger = (load(f"stable_baselines3.common.{name}") for name in ("vec_env", "logger"))
+        vec_env, logger = (
+            load(f"stable_baselines3.common.{name}") for name in ("vec_env", "logger")
+        )
         self.algorithm, self.steps = config.algorithm, config.leg
         self._robots = load("gait.sb3_env").LaneVecEnv(
             config.environments, bodies, config.felt, config.clock, config.interval
@@ -101,7 +104,7 @@ class Learner:
         # No input is far out, so that none need be cut off, which weights could not say.
         self._normal = vec_env.VecNormalize(self._robots, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
         with _apart():
-            self._model = getattr(sb3, config.algorithm)(
+            self.model = getattr(sb3, config.algorithm)(
                 "MlpPolicy",
                 self._normal,
                 gamma=GAMMA,
@@ -110,11 +113,11 @@ class Learner:
                 seed=seed,
                 **self._settings(config.leg // config.environments),
             )
-        self._model.set_logger(logger.Logger(None, []))
+        self.model.set_logger(logger.Logger(None, []))
         if config.algorithm == "PPO":
             # As Adam begins, but from the start, so that there is a place for what was kept.
-            optimizer = self._model.policy.optimizer
-            for parameter in self._model.policy.parameters():
+            optimizer = self.model.policy.optimizer
+            for parameter in self.model.policy.parameters():
                 optimizer.state[parameter] = {
                     "step": torch.tensor(0.0),
                     "exp_avg": torch.zeros_like(parameter),
@@ -123,8 +126,11 @@ class Learner:
 
     def _settings(self, episode: int) -> dict[str, Any]:
         if self.algorithm == "PPO":
-            batch = max(n for n in range(1, MOST_BATCH + 1) if self.steps % n == 0)
-            return {"n_steps": episode, "batch_size": batch, "n_epochs": 6, "learning_rate": 1e-3}
+            # From half an episode each time more is learned than from a whole one.
+            steps = episode // 2 if episode % 2 == 0 else episode
+            size = self.steps // episode * steps
+            batch = max(n for n in range(1, MOST_BATCH + 1) if size % n == 0)
+            return {"n_steps": steps, "batch_size": batch, "n_epochs": 6, "learning_rate": 1e-3}
         found = {"learning_starts": self.steps, "gradient_steps": 8, "batch_size": 512}
         if self.algorithm == "TD3":  # which explores by this alone
             noise = load("stable_baselines3.common.noise").NormalActionNoise
@@ -136,7 +142,7 @@ class Learner:
 
         ``on_step`` is told how many steps of the leg have been taken.
         """
-        model, before = self._model, self._model.num_timesteps
+        model, before = self.model, self.model.num_timesteps
 
         def callback(_locals: dict[str, Any], _globals: dict[str, Any]) -> bool:
             on_step(model.num_timesteps - before)
@@ -148,19 +154,15 @@ class Learner:
             model.learn(self.steps, callback, reset_num_timesteps=False)
         return float(self._robots.distances.mean())
 
-    def predict(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return what the library's own policy would do, (B, 3), with its noise left away."""
-        action, _ = self._model.predict(self._normal.normalize_obs(observations), deterministic=True)
-        return np.asarray(action, np.float32)
-
     def network(self) -> Network:
         """Return the actor, which always does what it likes best."""
-        policy, linear = self._model.policy, load("torch").nn.Linear
-        parts = {
-            "PPO": lambda: (policy.mlp_extractor.policy_net, policy.action_net),
-            "SAC": lambda: (policy.actor.latent_pi, policy.actor.mu),
-            "TD3": lambda: (policy.actor.mu,),
-        }[self.algorithm]()
+        policy, linear = self.model.policy, load("torch").nn.Linear
+        if self.algorithm == "PPO":
+            parts = [policy.mlp_extractor.policy_net, policy.action_net]
+        elif self.algorithm == "SAC":
+            parts = [policy.actor.latent_pi, policy.actor.mu]
+        else:
+            parts = [policy.actor.mu]
         dense = [one for part in parts for one in part.modules() if isinstance(one, linear)]
         layers = [(_array(one.weight), _array(one.bias)) for one in dense]
         felt = self._normal.obs_rms
@@ -185,7 +187,7 @@ class Learner:
                 setattr(one, what, arrays[f"{name}.{what}"][()])
 
     def _tensors(self) -> dict[str, Any]:
-        policy = self._model.policy
+        policy = self.model.policy
         moments = policy.optimizer.state_dict()["state"].items()
         return {f"policy.{name}": tensor for name, tensor in policy.state_dict().items()} | {
             f"adam.{i}.{name}": tensor for i, held in moments for name, tensor in held.items()
@@ -196,7 +198,7 @@ class Learner:
 
 
 def _array(tensor: Any) -> NDArray[np.floating]:
-    return np.array(tensor.detach().cpu())
+    return np.array(tensor.detach().numpy())
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""Pictures of gaits: paths on native and target body (Fig. 12), a run's history, a learning curve."""
+"""Pictures of gaits: paths on native and target body (Fig. 12), and how a search went."""
 
 from __future__ import annotations
 
@@ -51,30 +51,29 @@ def draw_history(history: Sequence[Generation], axes: Axes | None = None) -> Axe
     """Draw a history's columns ``final`` and ``mean``, and the best ``final`` so far."""
     from matplotlib.ticker import MaxNLocator
 
-    axes = axes or _present_axes()
-    x = [row.generation for row in history]
-    final = [row.final for row in history]
-    axes.plot(x, np.maximum.accumulate(final), color=_FINAL, label="final, best so far")
-    axes.plot(x, final, ".", color=_FINAL, alpha=0.6, label="final (the winner)")
+    x, final = [row.generation for row in history], [row.final for row in history]
+    axes = _draw_progress(axes or _present_axes(), x, final, "final", "the winner")
     axes.plot(x, [row.mean for row in history], "--", color=_MEAN, label="mean (everyone)")
     axes.set_xlabel("generation")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("distance (units of 5 cm)")
     axes.legend(loc="best", frameon=False)
     return axes
 
 
 def draw_curve(curve: Sequence[Leg], axes: Axes | None = None) -> Axes:
     """Draw a learning curve's columns ``score`` and ``training``, and the best score so far."""
-    axes = axes or _present_axes()
-    x = [leg.steps / 1e6 for leg in curve]
-    score = [leg.score for leg in curve]
-    axes.plot(x, np.maximum.accumulate(score), color=_FINAL, label="score, best so far")
-    axes.plot(x, score, ".", color=_FINAL, alpha=0.6, label="score (held-out poses)")
+    x, score = [leg.steps for leg in curve], [leg.score for leg in curve]
+    axes = _draw_progress(axes or _present_axes(), x, score, "score", "held-out poses")
     axes.plot(x, [leg.training for leg in curve], "--", color=_MEAN, label="while learning")
-    axes.set_xlabel("actions (millions)")
-    axes.set_ylabel("distance (units of 5 cm)")
+    axes.set_xlabel("actions, of all robots together")
     axes.legend(loc="best", frameon=False)
+    return axes
+
+
+def _draw_progress(axes: Axes, x: Sequence[int], y: Sequence[float], name: str, what: str) -> Axes:
+    axes.plot(x, np.maximum.accumulate(y), color=_FINAL, label=f"{name}, best so far")
+    axes.plot(x, y, ".", color=_FINAL, alpha=0.6, label=f"{name} ({what})")
+    axes.set_ylabel("distance (units of 5 cm)")
     return axes
 
 

@@ -54,7 +54,7 @@ def read_checkpoint(directory: Path) -> dict[str, Any]:
 
 
 def write_history(path: Path, history: Sequence[Any]) -> None:
-    """Write rows, dataclasses of one kind, as CSV, at once or not at all; numbers read back exactly."""
+    """Write rows, dataclasses of one kind, as CSV, whole or not at all; numbers read back."""
     lines = [",".join(field.name for field in fields(history[0]))]
     lines += [",".join(map(json.dumps, asdict(row).values())) for row in history]
     write_bytes(path, ("\n".join(lines) + "\n").encode())

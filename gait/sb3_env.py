@@ -20,7 +20,7 @@ _VecEnv: Any = import_module("stable_baselines3.common.vec_env").VecEnv
 
 
 class LaneVecEnv(_VecEnv):  # type: ignore[misc]
-    """Robots of ``AquaFish-v0`` in the lanes, from random fin poses, that feel as a controller does.
+    """Robots of ``AquaFish-v0`` in the lanes, from random poses, that feel as a controller does.
 
     An observation is a ``Controller``'s inputs, in their order (``senses.names``).
 

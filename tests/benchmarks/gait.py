@@ -20,11 +20,10 @@ from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
-from gait.baselines import BaselineConfig
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig
 from gait.fitness import DIVERGED_SPEED
-from gait.network import GYRO_SCALE
+from gait.network import GYRO_SCALE, Senses
 from gait.rollout import SECONDS, random_poses, step_count, swim_all
 from gait.search.neat import Evolution, genome_to_controller, load_config
 from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet
@@ -32,7 +31,7 @@ from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet
 LEAST_POPULATION = 10  # NEAT's species need some members
 GENERATIONS = 30
 
-LEARNERS = BaselineConfig.environments
+LEARNERS = 8
 MANY_LEARNERS = 1024
 
 NO_LEARNING = (
@@ -168,6 +167,7 @@ def learning(settings: Settings, cleanup: ExitStack) -> Group:
         rows.append(reference)
     rows.append(row("DummyVecEnv", one_by_one("numba"), "numba", "float64", 1, reference))
     for count in sorted({LEARNERS, min(MANY_LEARNERS, settings.robots)}):
-        envs = vec_env.VecMonitor(lanes(count, Morphology.nominal(), "zero"))
+        body = Morphology.nominal().to_array()[None]
+        envs = vec_env.VecMonitor(lanes(count, body, Senses(clock=0), 0.0, INTERVAL))
         rows.append(row("LaneVecEnv", envs, "numba", "float32", settings.cores, reference))
     return Group(title, unit, rows, notes)

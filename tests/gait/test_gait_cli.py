@@ -11,17 +11,20 @@ import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from rich.console import Console
+from rich.progress import Progress, TaskID
 
 from aquafish_gym.bodies import read_bodies, write_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.storage import CannotWriteError
-from gait import baselines, cli, evolve
-from gait.cli import _bar, _line, main
+from gait import evolve, learner
+from gait.baselines import Leg
+from gait.cli import _bar, _learned, _line, main
 from gait.controller import Controller
 from gait.records import Generation, finished_generations
 from gait_fakes import contents, make_controller, read_history
@@ -164,7 +167,13 @@ def test_evolve_is_for_the_world_that_was_asked_for(
         (["transfer", "--controller", "/dev/zero"], "controller must be a regular file"),
         (["transfer", "--controller", "{good}", "--poses", "1" + 9 * "0"], "poses must be"),
         (["baseline", "--out", "{dir}", "--steps", "1" + 400 * "0"], "steps must be"),
-        (["baseline", "--out", "{dir}", "--hidden", *["1024"] * 30], "hidden must be at most 8"),
+        (["baseline", "--out", "{dir}", "--hidden", *["900"] * 30], "hidden must be at most 997"),
+        (["baseline", "--out", "{dir}", "--interval", "7"], "the nearest is 5"),
+        (["baseline", "--out", "{dir}", "--random-damages", "1000"], "damages must be a whole"),
+        (
+            ["baseline", "--out", "{dir}", "--random-damages", "256"],
+            "morphologies must be 1 to 256",
+        ),
         (["transfer", "--controller", "{file}"], "is not JSON"),
         (["transfer", "--controller", "{good}", "--target-engine", "bullet"], "'pybullet'"),
         (["transfer", "--controller", "{good}", "--target-damage", "caudal:lost"], "damage must"),
@@ -253,25 +262,97 @@ def test_of_two_commands_in_one_directory_the_second_is_refused(tmp_path: Path) 
     assert "the same command resumes from generation" in said[1]
 
 
+LEARNING = ["--environments", "3", "--interval", "100", "--hidden", "4", "--senses", "imu", "fins"]
+
+
+def test_what_was_learned_is_transferred_as_any_other(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("stable_baselines3")
+    out = tmp_path / "out"
+    damage = ["--damage", "left_pectoral:length=0.5", "--random-damages", "2"]
+    words = ["baseline", "--out", str(out), "--steps", "180", *LEARNING, *damage]
+    assert main(words) == 0
+    assert set(contents(out)) == {
+        "bodies.json",
+        "checkpoint.npz",
+        "controller.json",
+        "curve.csv",
+        "curve.png",
+        "settings.json",
+    }
+    said = capsys.readouterr()
+    rows = [line.split(",") for line in (out / "curve.csv").read_text().splitlines()]
+    assert [row[0] for row in rows] == ["steps", "60", "120", "180"]
+    best = max(float(row[2]) for row in rows[1:])
+    assert said.out == (
+        f"swims {best:.2f} units in 20 s on the mean over 3 bodies; "
+        f"controller.json and curve.csv are in {out}\n"
+    )
+    lines = said.err.splitlines()  # no terminal
+    assert (
+        lines[-1] == f"180/180  training {float(rows[3][1]):6.2f}  score {float(rows[3][2]):6.2f}"
+    )
+    assert len(lines) == 10
+    before = contents(out)
+    assert main(words) == 0
+    assert contents(out) == before
+    bodies = read_bodies(out / "bodies.json")
+    assert bodies[0] == Damage.parse(damage[1]).apply(Morphology.nominal())
+    assert len(set(map(str, bodies))) == 3
+    controller = Controller.load(out / "controller.json")
+    assert (controller.interval, controller.senses.names[-1]) == (100, "caudal_cosine")
+    arguments = ["--controller", str(out / "controller.json"), "--poses", "1", "--seconds", "1"]
+    capsys.readouterr()
+    assert main(["transfer", *arguments]) == 0
+    assert "native" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "rest"),
+    [("PPO", "the same command resumes"), ("SAC", "the same command starts again")],
+)
+def test_ctrl_c_while_learning_leaves_the_best_so_far(
+    tmp_path: Path,
+    algorithm: str,
+    rest: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    pytest.importorskip("stable_baselines3")
+    words = ["baseline", "--out", str(tmp_path), *LEARNING, "--algorithm", algorithm]
+    update = Progress.update
+
+    def stop(bar: Progress, task: TaskID, **changes: Any) -> None:
+        if changes["completed"] == 123:
+            raise KeyboardInterrupt
+        update(bar, task, **changes)
+
+    monkeypatch.setattr(Progress, "update", stop)
+    assert main(words) == 130
+    assert capsys.readouterr().err.splitlines()[-1] == f"gait: interrupted; {rest}"
+    assert len((tmp_path / "curve.csv").read_text().splitlines()) == 3
+    assert (tmp_path / "curve.png").exists()
+    Controller.load(tmp_path / "controller.json")
+
+
 def test_a_failed_baseline_leaves_no_directory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def absent(module: str) -> object:
         raise ModuleNotFoundError(f"No module named {module!r}")
 
-    class Stopped:
-        def __init__(self, *_: object) -> None: ...
-
-        def train(self, *_: object) -> None:
-            raise KeyboardInterrupt
+    def stopped(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
 
     out = tmp_path / "a" / "b"
     with monkeypatch.context() as patch:
-        patch.setattr(baselines, "import_module", absent)
+        patch.setattr(learner, "import_module", absent)
         assert main(["baseline", "--out", str(out)]) == 2
     assert "[rl]" in capsys.readouterr().err
-    monkeypatch.setattr(cli, "Baseline", Stopped)
-    assert main(["baseline", "--out", str(out)]) == 130
+    pytest.importorskip("stable_baselines3")
+    monkeypatch.setattr(Progress, "update", stopped)
+    assert main(["baseline", "--out", str(out), *LEARNING]) == 130
     assert capsys.readouterr().err == "gait: interrupted; the same command starts again\n"
     assert not out.exists()
 
@@ -321,17 +402,23 @@ def test_a_full_disk_is_one_line_and_nothing_is_lost(
     assert len(read_history(out / "history.csv")) == 3
 
 
-def test_progress_fits_80_columns() -> None:
+@pytest.mark.parametrize(
+    ("text", "done", "total"),
+    [
+        (_line(Generation(998, -100.0, -100.0, 12, -100.0, 0.0, 12, 99)), 999, 1000),
+        (_learned(Leg(1_510_400, -10.0, -10.0)), 15_103_999, 15_104_000),
+    ],
+)
+def test_progress_fits_80_columns(text: str, done: int, total: int) -> None:
     console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
     progress = _bar()
-    task = progress.add_task("evolving", total=1000, completed=999)
-    row = Generation(998, -100.0, -100.0, 12, -100.0, 0.0, 12, 99)
-    progress.update(task, description=_line(row))
+    task = progress.add_task("evolving", total=total, completed=done)
+    progress.update(task, description=text)
     console.print(progress.get_renderable())
     assert isinstance(console.file, io.StringIO)
     shown = console.file.getvalue()
-    assert "nodes 12" in shown
-    assert "999/1000" in shown
+    assert text in shown
+    assert f"{done}/{total}" in shown
     assert "0:00:00" in shown or "-:--:--" in shown
 
 

@@ -9,7 +9,15 @@ import pytest
 from matplotlib.figure import Figure
 
 from aquafish_gym.morphology import Morphology
-from gait.plots import draw_history, draw_trajectories, plot_history, plot_trajectories
+from gait.baselines import Leg
+from gait.plots import (
+    draw_curve,
+    draw_history,
+    draw_trajectories,
+    plot_curve,
+    plot_history,
+    plot_trajectories,
+)
 from gait.records import Generation
 from gait.rollout import swim
 from gait_fakes import make_controller
@@ -17,6 +25,7 @@ from gait_fakes import make_controller
 HISTORY = [
     Generation(i, best, best - 1.0, 2, best, best, 3, 30) for i, best in enumerate((1.0, 0.5, 2.0))
 ]
+CURVE = [Leg(800 * (i + 1), -1.0, score) for i, score in enumerate((1.0, 0.5, 2.0))]
 
 
 def test_paths_are_drawn_from_above_and_say_how_far() -> None:
@@ -34,6 +43,11 @@ def test_the_best_so_far_never_falls() -> None:
     axes = Figure().add_subplot()
     draw_history(HISTORY, axes)
     np.testing.assert_array_equal(axes.lines[0].get_ydata(), [1.0, 1.0, 2.0])
+    axes = Figure().add_subplot()
+    draw_curve(CURVE, axes)
+    np.testing.assert_array_equal(axes.lines[0].get_ydata(), [1.0, 1.0, 2.0])
+    np.testing.assert_array_equal(axes.lines[2].get_xydata(), [(800 * i, -1.0) for i in (1, 2, 3)])
+    assert axes.get_ylabel() == "distance (units of 5 cm)"
 
 
 def test_generations_are_whole_and_distances_have_a_unit() -> None:
@@ -56,5 +70,7 @@ def test_pictures_are_written(tmp_path: Path, name: str) -> None:
     plot_trajectories(tmp_path / name, {"native": one})
     assert (tmp_path / name).stat().st_size > 1000
     plot_history(tmp_path / name, HISTORY)
+    assert (tmp_path / name).stat().st_size > 1000
+    plot_curve(tmp_path / name, CURVE)
     assert (tmp_path / name).stat().st_size > 1000
     assert {path.name for path in tmp_path.iterdir()} == {name}
