@@ -44,8 +44,8 @@ def dense_network(
 ) -> Network:
     """Return a stack of dense layers as a controller's nodes, whose responses are 1.
 
-    Its first layer hears (x - mean) / scale of the inputs x, and each is squashed by tanh, the last
-    by that or a clip: of the node's tanh(2.5 z), what is too much is taken off the weights.
+    The first layer hears (x - mean) / scale of the inputs x. Each is squashed by tanh, the last by
+    that or by a clip at 1. A node computes tanh(2.5 z), so that weights and biases are divided.
 
     Parameters
     ----------
@@ -84,12 +84,21 @@ def load(module: str) -> Any:
 
 
 class Learner:
-    """An actor that learns to swim bodies (M, 9).
+    """An actor that learns to swim bodies (M, 9), from a seed.
 
     A leg, of so many ``steps`` of all robots together, begins with fresh robots and with streams
     of random numbers that follow from its seed. So what the legs before it have come to is
-    :attr:`state` and nothing else (of PPO: others have a buffer of what happened, too). The
-    library's own is ``model``.
+    :attr:`state` and nothing else (of PPO: others have a buffer of what happened, too).
+
+    Attributes
+    ----------
+    model
+        The library's own.
+
+    Raises
+    ------
+    MissingExtraError
+        If stable-baselines3 or torch is not installed.
     """
 
     def __init__(self, bodies: NDArray[np.float64], config: BaselineConfig, seed: int) -> None:
