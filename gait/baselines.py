@@ -72,7 +72,7 @@ class BaselineConfig:
     """How many robots learn side by side."""
     interval: int = 20
     """For how many steps of 0.01 s an action is held. Where it is short, little is learned."""
-    senses: tuple[Sense, ...] = ("imu", "clock")
+    senses: tuple[Sense, ...] = ("imu", "clock", "fins")
     """What the controller feels. The fins are not measured, but known from where they stood at
     first and what they were told since."""
     clock: float = 0.7

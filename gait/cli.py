@@ -176,8 +176,8 @@ class TransferCommand:
 class BaselineCommand:
     """Learn to swim a body, or a sample of bodies, with stable-baselines3, for comparison.
 
-    What PPO, SAC or TD3 learns is a controller as any other, and --senses imu clock fins lets it
-    know where its fins are, too. The extra rl is needed.
+    What PPO, SAC or TD3 learns is a controller as any other. It knows where its fins are, without
+    which little is learned, unless --senses imu clock. The extra rl is needed.
 
     Into --out go controller.json (the best so far), curve.csv (a row a leg, an episode of 20 s of
     each robot), settings.json, curve.png and, of PPO, checkpoint.npz. The same command resumes a

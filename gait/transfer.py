@@ -36,6 +36,10 @@ class TransferConfig:
     target_engine: str = "auto"
     """Where the target swims: auto (PyBullet where it is installed, else numba), pybullet or
     numba."""
+    angle_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """How wrong on the target a controller that feels its fins is told where they stand, in rad."""
+    believed_gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    """What it is told there of the servos' gains."""
 
     def __post_init__(self) -> None:
         integer("poses", self.poses, 1, MAXIMUM_POSES)
@@ -43,6 +47,8 @@ class TransferConfig:
         step_count(self.seconds)
         for name in ("native_engine", "target_engine"):
             one_of(name, getattr(self, name), (AUTO, *ENGINES))
+        finite_array("angle_error", self.angle_error, (3,), unit="rad")
+        finite_array("believed_gain", self.believed_gain, (3,))
 
 
 @dataclass(frozen=True)
@@ -146,8 +152,6 @@ def transfer(
     config: TransferConfig | None = None,
     native: MorphologyLike = None,
     world: WorldConfig | None = None,
-    angle_error: ArrayLike = (0.0, 0.0, 0.0),
-    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
 ) -> Transfer:
     """Swim a controller on the body it was made for, and on the target.
 
@@ -162,9 +166,6 @@ def transfer(
         controller that was evolved on a sample, the median body.
     world
         The target's water and servos; None is ``WorldConfig()``, as the native body has it.
-    angle_error, believed_gain
-        How wrong on the target a controller that feels its fins is told where they stand, (3,) in
-        rad, and what it is told of the servos' gains (3,): what a self-model knows and no better.
 
     Raises
     ------
@@ -186,7 +187,7 @@ def transfer(
     return Transfer(
         native=score(controller, home, poses, engines[0], c.seconds),
         target=score(
-            controller, away, poses, engines[1], c.seconds, world, angle_error, believed_gain
+            controller, away, poses, engines[1], c.seconds, world, c.angle_error, c.believed_gain
         ),
         poses=poses,
     )
@@ -206,7 +207,7 @@ def score(
 
     Evolved networks swim side by side in the compiled engine; any other controller, any in
     PyBullet, and any in a ``world`` with a lag, one pose after the other. ``angle_error`` and
-    ``believed_gain`` are as in :func:`transfer`. Raises as :func:`gait.swim`.
+    ``believed_gain`` are as in :class:`TransferConfig`. Raises as :func:`gait.swim`.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
     world, gain = world or WorldConfig(), believed_gain

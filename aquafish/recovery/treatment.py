@@ -180,7 +180,7 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     evolved = evolve_gait(bodies, job.gait, on_generation=tell)
     say("swimming on the target", MODEL_SHARE + GAIT_SHARE)
     scored = transfer(
-        evolved.controller, job.target, job.transfer, native=model.body, **model.fins_told
+        evolved.controller, job.target, replace(job.transfer, **model.fins_told), model.body
     )
     native, target = (
         np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
@@ -291,7 +291,7 @@ def _self_model(job: Treatment, say: Say) -> Model:
             "servo_gain": fins.servo_gain.tolist(),
         },
     }
-    told = {"angle_error": error, "believed_gain": fins.servo_gain}
+    told = {"angle_error": tuple(error), "believed_gain": tuple(fins.servo_gain)}
     return Model(body, bodies, rounds, sure, told)
 
 
