@@ -75,7 +75,7 @@ class Recover:
     """Replicates, with seeds from `seed` upwards."""
     rounds: int = RECOVERY.rounds
     """Trials on the damaged robot, one a round."""
-    joint_rounds: int = 3
+    joint_rounds: int = 2
     """Trials of joint inference, which needs fewer."""
     joint_strategy: Literal["auto"] | Strategy = "auto"
     """How joint inference chooses them; see --exploration.strategy of aquafish run."""
