@@ -1,103 +1,161 @@
-"""What a gait for a sample of bodies is worth, against a gait for the one body in its middle.
+"""What a gait for a sample of a self-model's posterior is worth, against one for a single body.
 
-    python examples/compare_gaits.py --seeds 5
+    python examples/compare_gaits.py
 
-Two samples, as estimations may leave them: every size lies within a share of its range of that of
-the robot whose left flipper broke; and it may have been the right one as well. Each gait then swims
-on other bodies of that kind.
+Ten robots, each damaged in another way, make one trial with a noisy gyroscope. Joint inference says
+which bodies they may have become, and gaits are searched for the median of these bodies, for fifty
+draws, and for the true body. Each then swims on the true body. What was done is kept: the same
+command goes on.
 """
 
 from __future__ import annotations
 
 import sys
-import time
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from rich.console import Console
-from rich.progress import track
+from rich.progress import Progress
 from rich.table import Table
 
+from aquafish.batch import source_stamp
+from aquafish.gap.worlds import DAMAGES
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.morphology import MAXIMA
-from aquafish_gym.utils.command_line import run_command_line, single_command
+from aquafish_gym.runs.executors import workers
+from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.runner import Event, read_result, run_jobs
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.utils.command_line import Out, run_command_line, single_command
 from aquafish_gym.utils.validation import finite_array, integer
+from eea import EEAConfig
+from eea.aquafish import EngineTarget, RealityGap, fish_eea
+from eea.core import streams
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
-HELD_OUT, POSES = 200, 16
-LEFT, RIGHT = (
-    Damage.parse(f"{side}_pectoral:length=0.5").apply(Morphology.nominal()).to_array()
-    for side in ("left", "right")
-)
+BODIES, POSES = 50, 32
+ORACLE = "the true body"
+ONE = "the median body"
+KINDS = (ONE, "fifty draws, mean", "fifty draws, 20% quantile")
+
+
+@dataclass(frozen=True)
+class Job:
+    """One gait for one robot."""
+
+    seed: int  # of the robot's damage and of everything random
+    kind: str
+    noise: float
+    trials: int
+    gait: EvolveConfig
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"robot {self.seed}, {self.kind}"
+
+    @property
+    def file(self) -> str:
+        """Its result's, in the run's folder."""
+        how = "oracle" if self.kind == ORACLE else f"{self.noise:g}-{KINDS.index(self.kind)}"
+        return f"runs/{self.seed:03d}/{how}.json"
+
+
+def compare(job: Job, say: Callable[[str, float], None]) -> dict[str, Any]:
+    """Return how far the gait swims on the true body, and the median body's OBJ_FIT."""
+    damage = Damage.parse(DAMAGES[job.seed % len(DAMAGES)])
+    truth = damage.apply(Morphology.nominal())
+    bodies = truth.to_array()[None]
+    fitness: float | None = 1.0
+    if job.kind != ORACLE:
+        config = EEAConfig("joint", rounds=job.trials)
+        hidden, noisy = streams(job.seed)["target"], RealityGap(gyro_noise=job.noise)
+        target = EngineTarget(None, damage, hidden, config.steps, "numba", gap=noisy)
+        method = fish_eea(target, config, job.seed, target.morphology, threads=1)
+        for record in method:
+            say(f"trial {record.round}", 0.0)
+            fitness = record.objective_fitness
+        found = method.result
+        bodies = found.model[None] if job.kind == ONE else found.sample(BODIES, job.seed)
+    rows = job.gait.plan.rows
+    gait = evolve_gait(
+        bodies,
+        job.gait,
+        on_generation=lambda row: say(f"{row.final:.1f} units", (row.generation + 1) / rows),
+    )
+    far = distances([gait.controller], truth, random_poses(POSES, 10**6), threads=1)
+    return {"distance": float(far[0, 0]), "objective_fitness": fitness}
 
 
 @dataclass(frozen=True)
 class CompareGaits:
-    """Compare gaits for one body with gaits for a sample of bodies."""
+    """Compare gaits for one body with gaits for a sample of a posterior; print and keep a table."""
 
-    spread: float = 0.1
-    """How far a size may be from its middle, as a share of its range."""
-    bodies: int = 50
-    """How many the sample has."""
-    generations: int = 560
-    """Of each search, by CMA-ES."""
-    population: int = 24
-    """Controllers in a generation."""
-    screened: int = 1200
-    """Random controllers that each search begins with."""
-    seeds: int = 5
-    """Replicates, with seeds from 0 upwards; each has a sample of its own."""
+    out: Out = Path("out/compare_gaits")
+    noise: tuple[float, ...] = (0.03, 0.1)
+    """Standard deviations of the gyroscope's noise, rad/s."""
+    trials: int = 1
+    """How many each robot makes, of 2.56 s."""
+    seeds: int = len(DAMAGES)
+    """Robots, with seeds from 0 upwards; so many have damages of their own."""
+    gait: EvolveConfig = field(default_factory=lambda: EvolveConfig(search="cma", threads=1))
+    workers: int | None = None
+    """Processes; every core if not given."""
+
+    def jobs(self) -> list[Job]:
+        """Return all that is to be done."""
+        for name in ("trials", "seeds"):
+            integer(name, getattr(self, name), 1)
+        noises = finite_array("noise", self.noise, (None,), 0.0, 10.0, "rad/s").tolist()
+        return [
+            Job(seed, kind, noise, self.trials, replace(self.gait, seed=seed, aggregate=how))
+            for seed in range(self.seeds)
+            for kind, noise in [(ORACLE, 0.0), *((kind, one) for one in noises for kind in KINDS)]
+            for how in ("quantile" if kind == KINDS[2] else "mean",)
+        ]
 
     def execute(self) -> None:
-        """Run and print a table for each sample."""
-        finite_array("spread", self.spread, (), 0.0, 1.0)
-        for name in ("bodies", "seeds"):
-            integer(name, getattr(self, name), 2)
-        config = EvolveConfig(
-            search="cma",
-            generations=self.generations,
-            population=self.population,
-            screened=self.screened,
-        )
-        evolve_gait(LEFT, replace(config, generations=1, screened=10, seconds=0.1))  # compiles
-        for title, middles in (
-            (f"every size within {self.spread:.0%} of its range", [LEFT]),
-            ("and the flipper broke on the left or on the right", [LEFT, RIGHT]),
-        ):
-            Console().print(self._table(title, np.array(middles), config))
+        """Do what is missing, print a table, and write it to table.md."""
+        jobs, folder = self.jobs(), ensure_writable_directory(self.out)
+        whole = {"seed": None, "generations": self.gait.plan.generations}
+        settings = {"trials": self.trials, "gait": {**self.gait.settings, **whole}}
+        with held(folder):
+            claim(folder, "gaits for samples", settings, {"source": source_stamp()}, ("table.md",))
+            with workers(self.workers) as executor, Progress(console=Console(stderr=True)) as bar:
+                task = bar.add_task("gaits", total=len(jobs))
 
-    def _sample(self, middles: NDArray[np.float64], count: int, seed: int) -> NDArray[np.float64]:
-        """Return bodies (count, 9), around each of the middles (m, 9) in turn."""
-        away = np.random.default_rng(seed).uniform(-self.spread, self.spread, (count, 9))
-        return np.clip(np.resize(middles, (count, 9)) + away * MAXIMA, 0.0, MAXIMA)
+                def tell(event: Event[Job]) -> None:
+                    bar.update(task, advance=event.kind == "done", description=event.job.name)
 
-    def _table(self, title: str, middles: NDArray[np.float64], config: EvolveConfig) -> Table:
-        others, poses = self._sample(middles, HELD_OUT, 10**6), random_poses(POSES, 10**6)
-        rows: dict[str, list[tuple[float, ...]]] = {}
-        for seed in track(range(self.seeds), title, console=Console(stderr=True)):
-            sample = self._sample(middles, self.bodies, seed)
-            steady = replace(config, seed=seed, aggregate="quantile")
-            for name, bodies, how in (
-                ("one body, broken on the left", LEFT, replace(config, seed=seed)),
-                ("the sample, mean", sample, replace(config, seed=seed)),
-                (f"the sample, {steady.quantile:.0%} quantile", sample, steady),
-            ):
-                start = time.process_time()
-                evolved = evolve_gait(bodies, how)
-                spent = time.process_time() - start
-                far = distances([evolved.controller], others, poses)[0]
-                row = spent, far.mean(), np.quantile(far, 0.1), far.min()
-                rows.setdefault(name, []).append(row)
-        table = Table(title=f"{title}: units in 20 s, mean of {self.seeds} seeds (SD)")
-        for column in ("gait for", "mean body", "10% of bodies below", "worst body", "CPU time"):
-            table.add_column(column, justify="left" if column == "gait for" else "right")
-        once = np.mean([row[0] for row in next(iter(rows.values()))])
-        for name, found in rows.items():
-            mean, deviation = np.mean(found, axis=0), np.std(found, axis=0, ddof=1)
-            cells = (f"{m:.2f} ({s:.2f})" for m, s in zip(mean[1:], deviation[1:], strict=True))
-            table.add_row(name, *cells, f"x {mean[0] / once:.2f}")
-        return table
+                failures = run_jobs(jobs, compare, folder, executor, tell)
+            if failures:
+                print("\n".join(failures), file=sys.stderr)
+                raise SystemExit(1)
+            rows = self._rows({job: read_result(folder, job) or {} for job in jobs})
+            head, *body = (f"| {' | '.join(row)} |" for row in rows)
+            text = "\n".join([head, "|---|---|" + "---:|" * (len(rows[0]) - 2), *body])
+            write_bytes(folder / "table.md", f"{text}\n".encode())
+        table = Table(*rows[0])
+        for row in rows[1:]:
+            table.add_row(*row)
+        Console().print(table)
+
+    def _rows(self, results: dict[Job, dict[str, Any]]) -> list[list[str]]:
+        far = {(job.seed, job.kind, job.noise): one for job, one in results.items()}
+        rows = [["noise, rad/s", "gait for", "OBJ_FIT", "mean", "share, median", "share, least"]]
+        for noise in self.noise:
+            for kind in KINDS:
+                found = [far[seed, kind, noise] for seed in range(self.seeds)]
+                best = [far[seed, ORACLE, 0.0]["distance"] for seed in range(self.seeds)]
+                distance = np.array([one["distance"] for one in found])
+                share = distance / best
+                fitness = np.median([one["objective_fitness"] for one in found])
+                said = [f"{fitness:.3f}", f"{distance.mean():.2f}"]
+                said += [f"{value:.0%}" for value in (np.median(share), share.min())]
+                rows.append([f"{noise:g}", kind, *said])
+        return [*rows, ["", ORACLE, "1.000", f"{np.mean(best):.2f}", "100%", "100%"]]
 
 
 if __name__ == "__main__":

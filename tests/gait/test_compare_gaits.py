@@ -2,25 +2,42 @@
 
 from __future__ import annotations
 
-import runpy
+import importlib
 from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parents[2] / "examples" / "compare_gaits.py"
+from gait import EvolveConfig
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+QUICK = EvolveConfig(
+    search="cma", generations=1, population=10, screened=12, seconds=2.0, threads=1
+)
 
 
-def test_three_gaits_are_compared_on_two_samples(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+def test_gaits_for_one_body_and_for_many_are_held_against_the_truths(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "140")  # narrower terminals break cells in two
-    command = runpy.run_path(str(SCRIPT))["CompareGaits"]
-    command(bodies=4, generations=2, population=10, screened=12, seeds=2).execute()
-    lines = capsys.readouterr().out.splitlines()
-    rows = [[cell.strip() for cell in line.split("│")[1:-1]] for line in lines if "│" in line]
-    names = ["one body, broken on the left", "the sample, mean", "the sample, 20% quantile"]
-    assert [row[0] for row in rows] == 2 * names
-    for row in rows:
-        mean, low, worst = (float(cell.split()[0]) for cell in row[1:4])
-        assert worst <= low <= mean
-    assert [row[4] for row in rows[::3]] == ["x 1.00"] * 2
+    monkeypatch.syspath_prepend(EXAMPLES)
+    script = importlib.import_module("compare_gaits")
+    command = script.CompareGaits(
+        out=tmp_path, noise=(0.1,), seeds=2, gait=QUICK, workers=1, trials=1
+    )
+    command.execute()
+    table = (tmp_path / "table.md").read_text()
+    rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines()][2:]
+    assert [row[1] for row in rows] == [*script.KINDS, "the true body"]
+    assert rows[-1][2] == "1.000"
+    assert rows[-1][4:] == ["100%", "100%"]
+    told = {row[2] for row in rows[:-1]}  # one self-model, for whoever makes use of it
+    assert len(told) == 1
+    assert 0.7 < float(told.pop()) < 1.0
+    for *_, median, least in rows[:-1]:
+        assert int(least[:-1]) <= int(median[:-1])
+
+    runs = {path: path.stat().st_mtime_ns for path in tmp_path.glob("runs/*/*.json")}
+    assert len(runs) == 2 * 4
+    command.execute()
+    assert (tmp_path / "table.md").read_text() == table
+    assert {path: path.stat().st_mtime_ns for path in runs} == runs
+    assert "the true body" in capsys.readouterr().out
