@@ -9,7 +9,7 @@ OUT ?= out/recovery
 # A worker a core, each of one thread; who has nothing left to do takes from the others.
 PARALLEL ?= --numprocesses auto --dist worksteal
 
-.PHONY: recover test test-slow lint verify verify-inference bench docs clean
+.PHONY: recover test test-slow lint verify verify-inference bench docs wheel clean
 .DEFAULT_GOAL := recover
 
 recover: $(VENV)/.installed
@@ -40,6 +40,9 @@ bench: $(VENV)/.installed-test
 
 docs: $(VENV)/.installed-docs
 	$(VENV)/bin/sphinx-build -q -W -j auto docs docs/_build
+
+wheel:
+	.ci/wheel
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache \

@@ -28,5 +28,5 @@ estimate = estimate_morphology(
 
 # Evolve a gait for the old body, for the self-model, and swim both on the broken robot.
 for name, body in (("old body", healthy), ("self-model", estimate.morphology)):
-    gait = evolve_gait(body, EvolveConfig(seed=0, generations=30))
+    gait = evolve_gait(body, EvolveConfig(seed=0, search="cma"))
     print(f"gait for the {name}: {swim(gait.controller, broken).distance:+.1f} units in 20 s")
