@@ -4,7 +4,8 @@
 PYTHON ?= python3.11
 VENV := .venv
 PY := $(VENV)/bin/python
-PIP := $(PY) -m pip install -qq --disable-pip-version-check
+# Modules are compiled to bytecode when they are first imported: many of them never are.
+PIP := $(PY) -m pip install -qq --disable-pip-version-check --no-compile
 OUT ?= out/recovery
 # A worker a core, each of one thread; who has nothing left to do takes from the others.
 PARALLEL ?= --numprocesses auto --dist worksteal

@@ -25,13 +25,16 @@ SMALL_MODEL = ("--rounds", "1", "--steps", "16", "--estimation.population", "6",
                "--estimation.generations", "2", "--exploration.population", "6",
                "--exploration.generations", "2")  # fmt: skip
 
+SMALL_SEARCH = ("--generations", "1", "--population", "10", "--poses", "0", "--starts", "1",
+                "--polish", "0", "--seconds", "0.2")  # fmt: skip
+
 
 def check_content() -> None:
     """Assert that the wheel holds the packages with their data, and nothing of the tests."""
     held = [str(file) for file in files("aquafish-gym") or [] if ".." not in file.parts]
     packages = {name.partition("/")[0] for name in held if not name.startswith("aquafish_gym-")}
     assert packages == PACKAGES, packages
-    for name in (*(f"{package}/py.typed" for package in PACKAGES), "gait/neat.ini"):
+    for name in (*(f"{package}/py.typed" for package in PACKAGES), "gait/search/neat.ini"):
         assert name in held, name
     assert not Path(str(aquafish_gym.__file__)).is_relative_to(Path.cwd()), "not the wheel's"
 
@@ -53,17 +56,15 @@ def main() -> None:
     check_content()
     for command in ("aquafish", "eea", "gait"):
         run(command, "--help")
+    run("aquafish", "recover", "--help")
     said = run("eea", "run", "--out", "model", "--target-damage", "caudal:missing", *SMALL_MODEL)
     compiled_only = importlib.util.find_spec("pybullet") is None
     assert ("PyBullet is not installed" in said) == compiled_only, said
-    # It models itself and evolves a gait, as the commands run and evolve do.
-    run("aquafish", "recover", "--out", "recovery", "--rounds", "1", "--steps", "32", "--models",
-        "6", "--angle-sets", "6", "--generations", "1", "--population", "10", "--gait-poses", "0",
-        "--poses", "1", "--seconds", "0.2", "--no-film")  # fmt: skip
-    run("gait", "transfer", "--controller", "recovery/seed-000/oracle/controller.json",
+    run("gait", "evolve", "--morphology", "model/morphology.json", "--out", "gait", *SMALL_SEARCH)
+    run("gait", "transfer", "--controller", "gait/controller.json",
         "--poses", "1", "--seconds", "0.2", "--target-damage", "caudal:missing")  # fmt: skip
-    report = json.loads(Path("recovery/report.json").read_text(encoding="utf-8"))
-    assert report["treatments"]["oracle"]["objective_fitness"] == 1.0
+    result = json.loads(Path("model/result.json").read_text(encoding="utf-8"))
+    assert len(result["rounds"]) == 1
     env = gym.make("AquaFish-v0")
     env.reset(seed=0)
     env.step(env.action_space.sample())
