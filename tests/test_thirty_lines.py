@@ -20,8 +20,8 @@ def test_the_readme_shows_the_example() -> None:
 def test_it_runs(tmp_path: pathlib.Path) -> None:
     pytest.importorskip("pybullet")
     short = EXAMPLE
-    assert short.count("generations=30") == 1
-    short = short.replace("generations=30", "generations=1")
+    assert short.count('search="cma"') == 1
+    short = short.replace('search="cma"', 'search="cma", screened=6, generations=1')
     script = tmp_path / "short.py"
     script.write_text(short)
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)

@@ -86,6 +86,7 @@ def build_report(
         "replicates": {
             treatment: [
                 {name: found for name, found in outcome.items() if name not in UNREPEATED}
+                | ({"finals": _finals(outcome)} if treatment == "direct" else {})
                 for outcome in done
             ]
             for treatment, done in outcomes.items()
@@ -121,11 +122,17 @@ def _hours(config: Mapping[str, Any], outcomes: Outcomes) -> list[float | None]:
     hours: list[float | None] = []
     for direct, joint in zip(outcomes["direct"], outcomes["joint"], strict=True):
         wanted = distances(joint)["target_distance_random_poses"]
-        finals = [row["final"] for row in direct["generations"]]
+        finals = _finals(direct)
         rows = next((i for i, final in enumerate(finals, 1) if final >= wanted), None)
         seconds = config["transfer"]["seconds"]
         hours.append(None if rows is None else _swims(config, rows) * seconds / 3600.0)
     return hours
+
+
+def _finals(outcome: Mapping[str, Any]) -> list[float]:
+    """Return what a search had come to in each row of its history, which the report keeps of it."""
+    found: list[float] | None = outcome.get("finals")
+    return [row["final"] for row in outcome["generations"]] if found is None else found
 
 
 def distances(outcome: Mapping[str, Any]) -> dict[str, float]:

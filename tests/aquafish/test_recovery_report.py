@@ -13,6 +13,7 @@ from rich.console import Console
 
 from aquafish.recovery.command import SCHEMA
 from aquafish.recovery.report import build_report, show, to_markdown
+from aquafish.recovery.treatment import WAYS
 from aquafish_gym.runs.storage import encode_document
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "recovery"
@@ -49,40 +50,27 @@ def test_an_interval_holds_its_mean_and_stays_in_its_numbers_range(report: dict[
 
 def test_a_share_is_of_the_oracles_mean(report: dict[str, Any]) -> None:
     rows = report["treatments"]
-    for row in rows.values():
-        share = row["target_distance"] / rows["oracle"]["target_distance"]
+    for treatment, row in rows.items():
+        share = row["target_distance"] / rows[WAYS[treatment].oracle]["target_distance"]
         assert row["share_of_oracle"] == pytest.approx(share, rel=1e-12)
     assert rows["oracle"]["spread"]["share_of_oracle"]["interval"] == [1.0, 1.0]
 
 
 def test_without_a_distance_of_the_oracle_there_is_no_share(report: dict[str, Any]) -> None:
     outcomes = copy.deepcopy(report["replicates"])
-    for outcome in outcomes["oracle"]:
+    for outcome in outcomes["oracle-neat"]:
         outcome["target_distance"] = -0.1
     row = build_report(report["config"], [], outcomes)["treatments"]["none"]
     assert row["share_of_oracle"] is None
     assert row["share_of_oracle_random_poses"] is not None
 
 
-@pytest.mark.parametrize(
-    ("damage", "sentence"),
-    [
-        ("left_pectoral:length=0.5", "The old body has 8 of the 9 dimensions right"),
-        ("caudal:missing", "The old body has 6 of the 9 dimensions right"),
-        ("caudal:missing;left_pectoral:width=0.5", "The old body has 5 of the 9 dimensions right"),
-        ("none", "Nothing broke, so the old body is the true one"),
-    ],
-)
-def test_how_much_of_the_old_body_is_right_is_counted(
-    report: dict[str, Any], damage: str, sentence: str
-) -> None:
-    report["config"]["damage"] = damage
-    assert sentence in to_markdown(report, [])
-
-
 def test_what_broke_is_said_in_words(report: dict[str, Any]) -> None:
-    text = to_markdown(report, [])
-    assert "left flipper: half its length, 0.80 where it was 1.60" in text
+    several = to_markdown(report, [])
+    for outcome in report["replicates"]["joint"]:
+        assert f"`{outcome['damage']}`" in several
+    report["config"]["damage"] = "left_pectoral:length=0.5"
+    assert "left flipper: half its length, 0.80 where it was 1.60" in to_markdown(report, [])
 
 
 @pytest.mark.parametrize("width", [60, 80, 140])
@@ -112,10 +100,15 @@ def with_joint(report: dict[str, Any], gain: float) -> dict[str, Any]:
 
 
 def test_the_headline_follows_from_the_numbers(report: dict[str, Any]) -> None:
-    zero = (r for r in report["paired"] if r["measure"] == "target_distance")
-    rows = {(r["first"], r["second"]): r["wins"] for r in zero}
+    rows = {
+        (r["first"], r["second"], r["measure"].endswith("poses")): r["wins"]
+        for r in report["paired"]
+    }
+    zero, random = (rows["out-of-band", "undamaged", poses] for poses in (False, True))
     text = to_markdown(report, [])
-    assert f"beats the old one in {rows['out-of-band', 'undamaged']} of 10 replicates" in text
+    assert f"beats the old one in {zero} of 10 and {random} of 10 replicates" in text
+    hours = [known for known in report["treatments"]["direct"]["robot_hours"] if known is not None]
+    assert f"what joint inference's gait swims in {len(hours)} of 10 replicates" in text
     far = with_joint(report, 5.0)
     assert far["treatments"]["joint"]["trials"] == 3
     said = to_markdown(far, [])
@@ -131,9 +124,9 @@ def test_the_headline_follows_from_the_numbers(report: dict[str, Any]) -> None:
 
 
 def test_the_report_is_of_the_treatments_that_were_done(report: dict[str, Any]) -> None:
-    outcomes = {n: report["replicates"][n] for n in ("undamaged", "none", "oracle")}
-    fewer = build_report(report["config"], [], outcomes)
-    assert list(fewer["treatments"]) == ["undamaged", "none", "oracle"]
+    some = ["undamaged", "none", "oracle-neat", "oracle"]
+    fewer = build_report(report["config"], [], {n: report["replicates"][n] for n in some})
+    assert list(fewer["treatments"]) == some
     assert fewer["paired"] == []
     assert "**out-of-band**" not in to_markdown(fewer, [])
 

@@ -40,6 +40,7 @@ from gait import evolve, rollout
 from gait.controller import Controller
 from gait.fitness import DIVERGED_SPEED
 from gait.network import Senses
+from gait.search import neat
 from gait.transfer import score
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
@@ -470,13 +471,13 @@ def test_a_controller_that_diverges_is_the_worst_of_its_generation(
 ) -> None:
     """``gait.evolve``: it scores as DIVERGED_SPEED, worse than any that swam."""
     told: list[list[float]] = []
-    tell = evolve.Evolution.tell
+    tell = neat.Evolution.tell
 
     def listen(self: Any, fitness: Any) -> None:
         told.append(list(fitness))
         tell(self, fitness)
 
-    monkeypatch.setattr(evolve.Evolution, "tell", listen)
+    monkeypatch.setattr(neat.Evolution, "tell", listen)
     sicken(monkeypatch, robot=7)
     config = evolve.EvolveConfig(
         generations=2, population=12, poses=0, seconds=2.0, starts=1, polish=0
