@@ -36,7 +36,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["_build", "_templates"]
+exclude_patterns = ["_build", "_templates", "results/gaits"]  # tables that a page includes
 templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
