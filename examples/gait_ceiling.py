@@ -155,9 +155,11 @@ class Ceiling:
             head, *body = (f"| {' | '.join(row)} |" for row in rows)
             text = "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
             write_bytes(folder / "table.md", f"{text}\n".encode())
-        table = Table(*rows[0], title="units of 5 cm in 20 s: mean (SD over seeds)")
-        for row in rows[1:]:
-            table.add_row(*row)
+        # Ten columns do not fit a terminal.
+        table = Table("body", "units of 5 cm in 20 s: mean (SD over seeds)", show_lines=True)
+        for name, *cells in rows[1:]:
+            said = (f"{s}: {cell}" for s, cell in zip(self.searches, cells, strict=True))
+            table.add_row(name, "; ".join(said))
         Console().print(table)
 
     def _rows(self, jobs: list[Job], folder: Path) -> list[list[str]]:
