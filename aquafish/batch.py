@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import wait
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from rich.console import Console
+from rich.progress import Progress
 
 import aquafish_gym
 import eea.aquafish
@@ -19,9 +21,11 @@ import eea.core
 import eea.joint
 import gait
 from aquafish_gym.runs.executors import workers
+from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.processes import WorkerDiedError
-from aquafish_gym.runs.runner import Event, Job, JobLike, Say, finished, run_jobs
+from aquafish_gym.runs.runner import Event, Job, JobLike, Say, finished, read_result, run_jobs
 from aquafish_gym.runs.stamps import code_stamp
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
 from aquafish_gym.utils.command_line import RESUMES
 from eea.aquafish import EngineSimulator, fish_problem
 from eea.aquafish.joint import fish_joint
@@ -147,3 +151,51 @@ def do_missing(
         raise KeyboardInterrupt(
             f"interrupted with {left} of {len(jobs)} jobs to do; {RESUMES}"
         ) from None
+
+
+def do_table(
+    jobs: Sequence[Job],
+    work: Callable[[Job, Say], dict[str, Any]],
+    out: Path,
+    kind: str,
+    settings: dict[str, Any],
+    tabulate: Callable[[list[dict[str, Any]]], list[list[str]]],
+    processes: int | None,
+) -> list[list[str]]:
+    """Do all jobs in a folder, with a bar; return the table of their results.
+
+    It is also written to ``table.md`` there. Words stand to the left, and all columns but the first
+    to the right. ``kind`` and ``settings`` are what the folder is claimed for, see ``claim``.
+
+    Raises
+    ------
+    SystemExit
+        With the code 1, if a job could not be done; the others are.
+    """
+    folder = ensure_writable_directory(out)
+    with held(folder):
+        claim(folder, kind, settings, {"source": source_stamp()}, ("table.md",))
+        failures = do_missing(
+            jobs, work, folder, _nothing, _bar, processes=processes, scheduler=None
+        )
+        if failures:
+            say("\n".join(failures))
+            raise SystemExit(1)
+        rows = tabulate([read_result(folder, job) or {} for job in jobs])
+        head, *body = (f"| {' | '.join(row)} |" for row in rows)
+        text = "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
+        write_bytes(folder / "table.md", f"{text}\n".encode())
+    return rows
+
+
+def _nothing(_jobs: Sequence[Any]) -> None:
+    """Rehearse nothing: such a job compiles little besides what all have in common."""
+
+
+@contextmanager
+def _bar(jobs: Sequence[Any]) -> Iterator[Callable[[Event[Any]], None]]:
+    with Progress(console=Console(stderr=True)) as bar:
+        task = bar.add_task(f"{len(jobs)} jobs", total=len(jobs))
+        yield lambda event: bar.update(
+            task, advance=event.kind == "done", description=event.job.name
+        )

@@ -18,16 +18,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
-from aquafish.batch import source_stamp
+from aquafish.batch import do_table
 from aquafish.gap.worlds import DAMAGES
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.runs.executors import workers
-from aquafish_gym.runs.folder import claim, held
-from aquafish_gym.runs.runner import Event, read_result, run_jobs
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
 from aquafish_gym.utils.command_line import Out, run_command_line, single_command
 from aquafish_gym.utils.validation import finite_array, integer
 from eea import EEAConfig
@@ -118,25 +113,13 @@ class CompareGaits:
 
     def execute(self) -> None:
         """Do what is missing, print a table, and write it to table.md."""
-        jobs, folder = self.jobs(), ensure_writable_directory(self.out)
+        jobs = self.jobs()
         whole = {"seed": None, "generations": self.gait.plan.generations}
         settings = {"trials": self.trials, "gait": {**self.gait.settings, **whole}}
-        with held(folder):
-            claim(folder, "gaits for samples", settings, {"source": source_stamp()}, ("table.md",))
-            with workers(self.workers) as executor, Progress(console=Console(stderr=True)) as bar:
-                task = bar.add_task("gaits", total=len(jobs))
-
-                def tell(event: Event[Job]) -> None:
-                    bar.update(task, advance=event.kind == "done", description=event.job.name)
-
-                failures = run_jobs(jobs, compare, folder, executor, tell)
-            if failures:
-                print("\n".join(failures), file=sys.stderr)
-                raise SystemExit(1)
-            rows = self._rows({job: read_result(folder, job) or {} for job in jobs})
-            head, *body = (f"| {' | '.join(row)} |" for row in rows)
-            text = "\n".join([head, "|---|---|" + "---:|" * (len(rows[0]) - 2), *body])
-            write_bytes(folder / "table.md", f"{text}\n".encode())
+        rows = do_table(
+            jobs, compare, self.out, "gaits for samples", settings,
+            lambda results: self._rows(dict(zip(jobs, results, strict=True))), self.workers,
+        )  # fmt: skip
         table = Table(*rows[0])
         for row in rows[1:]:
             table.add_row(*row)

@@ -18,16 +18,11 @@ from typing import Annotated, Any
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
-from aquafish.batch import source_stamp
+from aquafish.batch import do_table
 from aquafish.gap.worlds import DAMAGES
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.runs.executors import workers
-from aquafish_gym.runs.folder import claim, held
-from aquafish_gym.runs.runner import Event, read_result, run_jobs
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
 from aquafish_gym.utils.command_line import Out, run_command_line, single_command
 from aquafish_gym.utils.validation import integer
 from gait import EvolveConfig, distances, evolve_gait, random_poses
@@ -134,27 +129,15 @@ class Ceiling:
 
     def execute(self) -> None:
         """Do what is missing, print a table, and write it to table.md."""
-        jobs, folder = self.jobs(), ensure_writable_directory(self.out)
+        jobs = self.jobs()
         settings = {
             "shorter": self.shorter,
             "searches": {k: asdict(c) for k, c in SEARCHES.items()},
         }
-        with held(folder):
-            claim(folder, "a table of gaits", settings, {"source": source_stamp()}, ("table.md",))
-            with workers(self.workers) as executor, Progress(console=Console(stderr=True)) as bar:
-                task = bar.add_task("searches", total=len(jobs))
-
-                def tell(event: Event[Job]) -> None:
-                    bar.update(task, advance=event.kind == "done", description=event.job.name)
-
-                failures = run_jobs(jobs, climb, folder, executor, tell)
-            if failures:
-                print("\n".join(failures), file=sys.stderr)
-                raise SystemExit(1)
-            rows = self._rows(jobs, folder)
-            head, *body = (f"| {' | '.join(row)} |" for row in rows)
-            text = "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
-            write_bytes(folder / "table.md", f"{text}\n".encode())
+        rows = do_table(
+            jobs, climb, self.out, "a table of gaits", settings,
+            lambda results: self._rows(jobs, results), self.workers,
+        )  # fmt: skip
         # Ten columns do not fit a terminal.
         table = Table("body", "units of 5 cm in 20 s: mean (SD over seeds)", show_lines=True)
         for name, *cells in rows[1:]:
@@ -162,11 +145,10 @@ class Ceiling:
             table.add_row(name, "; ".join(said))
         Console().print(table)
 
-    def _rows(self, jobs: list[Job], folder: Path) -> list[list[str]]:
+    def _rows(self, jobs: list[Job], results: list[dict[str, Any]]) -> list[list[str]]:
         found: dict[tuple[str, str], list[float]] = {}
         seconds: dict[str, list[float]] = {}
-        for job in jobs:
-            result = read_result(folder, job) or {}
+        for job, result in zip(jobs, results, strict=True):
             found.setdefault((job.damage, job.search), []).append(result["distance"])
             seconds.setdefault(job.search, []).append(result["cpu_seconds"])
         rows = [["", *self.searches]]
