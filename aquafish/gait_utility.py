@@ -67,7 +67,7 @@ class GaitUtility:
             gait.threads,
             generations=min(cls.generations, gait.plan.generations),
             population=min(cls.population, max(10, gait.population or cls.population)),
-            poses=max(1, gait.poses // 2),
+            poses=max(1, min(cls.poses, gait.poses)),
             seconds=gait.seconds / 2,
         )
 

@@ -61,11 +61,11 @@ RandomDamages = Annotated[
 class Evolve:
     """Evolve a controller that swims a body forward, or a sample of bodies.
 
-    NEAT has some starts, and the best one goes on and has its weights polished by CMA-ES; with
-    --starts 1 --polish 0 it is the paper's. --search cma finds better gaits: of many random
-    networks the best are starts, of these the best go on. With --senses imu clock fins the
-    controller knows where its fins are, from where they stood at first and what they were told
-    since: a self-model tells where that was.
+    NEAT has some starts, whose best networks have their weights polished by CMA-ES, and the best of
+    these goes on; with --starts 1 --polish 0 --generations 60 it is the paper's. --search cma finds
+    better gaits: of many random networks the best are starts, of these the best go on. With
+    --senses imu clock fins the controller knows where its fins are, from where they stood at first
+    and what they were told since: a self-model tells where that was.
 
     Into --out go controller.json (the best so far), history.csv (a row a generation),
     checkpoint.json, settings.json and history.png. The same command resumes a run that was
@@ -81,7 +81,8 @@ class Evolve:
     - final: the winner's mean distance over the zero pose and 32 random ones, always the same; of
     a sample so many that each body swims equally often.
     The 8 best of NEAT's generation swim from these, and the one with the highest mean is the
-    winner; of CMA-ES it is the controller that the generation is scattered about.
+    winner; of CMA-ES it is the controller that the generation is scattered about, in each fourth
+    generation: in between, the last one's is repeated.
     - distance: the winner's from the zero pose, on the first body.
     - nodes, connections: of the winner's network.
     With --aggregate quantile, read that quantile where it says mean, but for the column mean: that

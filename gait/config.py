@@ -29,7 +29,8 @@ FOURIER = 3  # harmonics of a gait that feels nothing
 
 
 # Population, starts, how many are screened, generations and polish, where they are not given.
-NEAT, CMA = (150, 3, 0, 40, 400), (24, 6, 1200, 560, 0)
+CMA_POPULATION = 24  # in polishing, too
+NEAT, CMA = (150, 6, 0, 12, 350), (CMA_POPULATION, 6, 1200, 750, 0)
 
 
 def check_senses(senses: object) -> tuple[Sense, ...]:
@@ -83,17 +84,19 @@ class EvolveConfig:
     harmonics: int | None = None
     """Of the clock, at multiples of its frequency: 1, or 3 of a fourier gait, if not given."""
     starts: int | None = None
-    """How many searches begin, of which the best goes on: 3 of NEAT, 6 of CMA-ES, if not given."""
+    """How many searches begin, of which the best goes on: 6 if not given. Of NEAT's each third one,
+    the first among them, adds nodes and connections seldom, the others often."""
     generations: int | None = None
-    """How many the search that goes on has in all: 40 of NEAT, 560 of CMA-ES, if not given."""
+    """How many each start of NEAT has, 12 if not given; how many the start of CMA-ES that goes on
+    has in all, 750."""
     screened: int | None = None
     """Random networks that CMA-ES chooses its starts from: 1200 if not given."""
     polish: int | None = None
-    """Generations of CMA-ES on the weights and the clock of the network that NEAT found; 400 if not
-    given."""
+    """Generations of CMA-ES on the weights and the clock of the networks that NEAT found, of the
+    one that goes on in all; 350 if not given."""
     population: int | None = None
     """Controllers in a generation: 150 of NEAT, 24 of CMA-ES, if not given."""
-    poses: int = 8
+    poses: int = 6
     """Random fin poses to swim from besides the zero pose, others in every generation. In a sample
     of bodies, each pose is another body's, and each generation draws others."""
     clock: float = 0.7
@@ -113,10 +116,10 @@ class EvolveConfig:
         for name, low, high in (
             ("generations", 1, 100_000), ("population", 10, 10_000), ("starts", 1, 100),
             ("screened", 1, 100_000), ("polish", 0, 100_000), ("harmonics", 1, MAXIMUM_HARMONICS),
+            ("hidden", 1, 100),
         ):  # fmt: skip
             if getattr(self, name) is not None:
                 integer(name, getattr(self, name), low, high)
-        integer("hidden", self.hidden, 1, 100)
         classes = CLASSES[one_of("search", self.search, CLASSES)]
         if self.controller is not None:
             one_of("controller", self.controller, classes)
@@ -131,7 +134,7 @@ class EvolveConfig:
                 f'screened has a say only with search="cma"; got {self.screened} with '
                 f'"{self.search}"'
             )
-        starts = CMA[1] if self.starts is None else self.starts
+        starts = self.plan.starts
         if self.screened is not None and self.screened < starts:
             raise InvalidArgumentError(
                 f"screened must be at least the {starts} starts; got {self.screened}"
@@ -171,15 +174,15 @@ class EvolveConfig:
         usual = FOURIER if controller == "fourier" else 1
         harmonics = (usual if self.harmonics is None else self.harmonics) * ("clock" in self.senses)
         senses = Senses("imu" in self.senses, harmonics, "fins" in self.senses)
+        given = self.population, self.starts, self.screened, self.generations, self.polish
         population, starts, screened, generations, polish = (
-            usual if given is None else given
-            for given, usual in zip(
-                (self.population, self.starts, self.screened, self.generations, self.polish),
-                NEAT if neat else CMA,
-                strict=True,
-            )
+            usual if value is None else value
+            for value, usual in zip(given, NEAT if neat else CMA, strict=True)
         )
-        rows = (schedules.neat if neat else schedules.cma)(starts, generations) + polish
+        if neat:
+            rows = schedules.neat(starts, generations, polish)
+        else:
+            rows = schedules.cma(starts, generations)
         return Plan(controller, senses, population, starts, screened, generations, polish, rows)
 
     @property

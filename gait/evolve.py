@@ -29,7 +29,7 @@ from aquafish_gym.runs.storage import (
     write_document,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.config import CMA
+from gait.config import CMA_POPULATION
 from gait.config import EvolveConfig as EvolveConfig
 from gait.controller import Controller
 from gait.fitness import Scorer, Swims, draw_swims, every_pair, worth
@@ -121,6 +121,8 @@ class _Run:
         self.history: list[Generation] = []
         self.best: Controller | None = None
         self.fitness = -np.inf
+        self._winner: Controller  # the last generation's that had finalists, and what it came to
+        self._final = self._distance = -np.inf
         self._scorer = scorer or (
             lambda controllers, bodies, poses: swim_all(
                 controllers, bodies, poses, config.seconds, threads=config.threads, world=world
@@ -146,15 +148,19 @@ class _Run:
             return neat.race(
                 [
                     neat.Evolution(
-                        plan.population, int(source.generate_state(1)[0]), inputs, recurrent
+                        plan.population,
+                        int(source.generate_state(1)[0]),
+                        inputs,
+                        recurrent,
+                        lively=i % 3 > 0,
                     )
-                    for source in seeds
+                    for i, source in enumerate(seeds)
                 ],
                 lambda genome: neat.genome_to_controller(
                     genome, c.clock, self.morphology, c.seed, plan.senses, recurrent
                 ),
                 plan.generations,
-                (CMA[0], np.random.default_rng(stream(c.seed, 5))) if plan.polish else None,
+                (CMA_POPULATION, np.random.default_rng(stream(c.seed, 5))) if plan.polish else None,
             )
         template = Template.of_class(plan.controller, plan.senses, c.hidden)
         rng = np.random.default_rng(stream(c.seed, 6))
@@ -181,23 +187,26 @@ class _Run:
         poses = self._poses(c.poses, 2, now)[: None if asked.poses is None else 1 + asked.poses]
         swims = draw_swims(self.bodies, poses, stream(c.seed, 3, now))
         fitness = self._fitness(self._score(asked.controllers, swims))
-        leaders = _finalists(asked, fitness)
-        finals = self._score(leaders, self._finals)
-        final = self._fitness(finals)
-        first = int(final.argmax())
-        winner = leaders[first]
+        leaders, first = _finalists(asked, fitness), 0
+        if leaders:
+            finals = self._score(leaders, self._finals)
+            final = self._fitness(finals)
+            first = int(final.argmax())
+            self._winner = leaders[first]
+            self._final, self._distance = float(final[first]), float(finals[first, 0])
+            if self._final > self.fitness:
+                self.best, self.fitness = replace(self._winner, sample=self.sample), self._final
+        winner = self._winner
         row = Generation(
             generation=now,
             best=float(fitness.max()),
             mean=float(fitness.mean()),
             species=asked.species,
-            final=float(final[first]),
-            distance=float(finals[first, 0]),
+            final=self._final,
+            distance=self._distance,
             nodes=winner.nodes,
             connections=winner.connections,
         )
-        if row.final > self.fitness:
-            self.best, self.fitness = replace(winner, sample=self.sample), row.final
         self._answers.append((fitness.tolist(), first))
         self.history.append(row)
         self._asked = self._search.send(Answer(fitness.tolist(), winner, row.final))
@@ -247,9 +256,12 @@ class _Run:
             self.best = Controller.from_dict(checkpoint["best"])
             self.fitness = checkpoint["fitness"]
             for row, (fitness, first) in zip(self.history, checkpoint["answers"], strict=True):
-                winner = _finalists(self._asked, np.array(fitness))[first]
+                leaders = _finalists(self._asked, np.array(fitness))
+                if leaders:
+                    self._winner = leaders[first]
+                    self._final, self._distance = row.final, row.distance
                 self._answers.append((fitness, first))
-                self._asked = self._search.send(Answer(fitness, winner, row.final))
+                self._asked = self._search.send(Answer(fitness, self._winner, row.final))
         except DamagedFileError as error:
             raise DamagedFileError(f"{error}; delete it to start again") from None
         except InvalidArgumentError:

@@ -96,7 +96,7 @@ class Recover:
     """Generations of NEAT, in the paper's treatments."""
     population: int = 150
     """Gaits a generation of NEAT."""
-    search_generations: int = 560
+    search_generations: int = 750
     """Generations of the recommended search, CMA-ES; see python -m gait evolve --help."""
     search_population: int = 24
     """Gaits a generation of that search."""
@@ -106,7 +106,7 @@ class Recover:
     """Random gaits that these are chosen from."""
     direct_generations: int = 400
     """Generations of the search on the robot itself: 24 gaits of two swims each."""
-    gait_poses: int = 8
+    gait_poses: int = 6
     """Random fin poses that a gait must swim from while it evolves, besides the zero pose. With
     none, joint inference's gait is for its median body alone."""
     poses: int = 16

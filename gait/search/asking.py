@@ -14,7 +14,8 @@ class Ask:
     """A generation of controllers whose fitness a search wants to know."""
 
     controllers: Sequence[Controller]
-    #: Of which the best is this generation's winner; None for the leaders of ``controllers``.
+    #: Of which the best is this generation's winner; None for the leaders of ``controllers``. An
+    #: empty row has no winner, and is answered with the last generation's that had one.
     finalists: Sequence[Controller] | None = None
     species: int = 1  #: Into how many the generation falls; or how many starts go on.
     poses: int | None = None  #: So few of the generation's are enough; None for all.

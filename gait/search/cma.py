@@ -16,12 +16,15 @@ from numpy.typing import NDArray
 
 from gait.controller import Controller
 from gait.search.asking import Ask, Search
-from gait.search.schedules import legs
+from gait.search.schedules import CMA_LEGS, Table, legs
 
 # Random controllers that are looked at, from few poses; of the best of them CMA-ES starts. Starting
 # anywhere it sticks, one time in three, where no step is worth anything.
 SCREEN_POSES = 2
 SIGMA = 0.15  # of the first step
+# A mean swims over the run's fixed swims once in so many generations: they are as many as a
+# generation's own, and in between it moves little.
+FINALS_EVERY = 4
 
 Build = Callable[[NDArray[np.float64]], Controller]
 
@@ -30,7 +33,11 @@ class Strategy:
     """One CMA-ES, with a diagonal covariance matrix, that maximises."""
 
     def __init__(
-        self, first: NDArray[np.float64], population: int, rng: np.random.Generator
+        self,
+        first: NDArray[np.float64],
+        build: Build,
+        population: int,
+        rng: np.random.Generator,
     ) -> None:
         import cma  # slowly, and only where it is needed
 
@@ -50,7 +57,9 @@ class Strategy:
             **never,
         }
         self._strategy = cma.CMAEvolutionStrategy(first, SIGMA, options)
+        self._build = build
         self._asked: list[NDArray[np.float64]] = []
+        self._turns = 0
         self.final = -np.inf  #: The best that a generation's mean has come to.
 
     @property
@@ -58,12 +67,15 @@ class Strategy:
         """Where the next generation is drawn about."""
         return np.array(self._strategy.mean)
 
-    def turn(self, build: Build, species: int) -> Search:
-        """Ask for one generation, whose winner is the controller at its mean."""
+    def turn(self, species: int) -> Search:
+        """Ask for one generation, whose winner, if it has one, is the controller at its mean."""
         self._asked = self._strategy.ask()
-        answer = yield Ask([build(x) for x in self._asked], [build(self.mean)], species)
+        finalists = [] if self._turns % FINALS_EVERY else [self._build(self.mean)]
+        self._turns += 1
+        answer = yield Ask([self._build(x) for x in self._asked], finalists, species)
         self._strategy.tell(self._asked, [-value for value in answer.fitness])
-        self.final = max(self.final, answer.final)
+        if finalists:
+            self.final = max(self.final, answer.final)
 
 
 def race(
@@ -91,23 +103,19 @@ def race(
     answer = yield Ask([build(x) for x in screened], None, starts, SCREEN_POSES)
     best = np.argsort(answer.fitness, kind="stable")[::-1][:starts]
     going = [
-        Strategy(screened[i], population, child)
+        Strategy(screened[i], build, population, child)
         for i, child in zip(best, rng.spawn(starts), strict=True)
     ]
-    for many, generations in legs(starts, sys.maxsize)[:-1]:
+    yield from knockout(going, CMA_LEGS)
+
+
+def knockout(going: list[Strategy], table: Table) -> Search:
+    """Let all go on for a while, the best of them for another, and the best of all for ever."""
+    for many, generations in legs(len(going), sys.maxsize, table)[:-1]:
         going = sorted(going, key=lambda one: -one.final)[:many]
         for one in going:
             for _ in range(generations):
-                yield from one.turn(build, len(going))
+                yield from one.turn(len(going))
     last = max(going, key=lambda one: one.final)
     while True:
-        yield from last.turn(build, 1)
-
-
-def polish(
-    first: NDArray[np.float64], build: Build, population: int, rng: np.random.Generator
-) -> Search:
-    """Search about one vector (D,)."""
-    strategy = Strategy(first, population, rng)
-    while True:
-        yield from strategy.turn(build, 1)
+        yield from last.turn(1)

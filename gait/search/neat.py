@@ -20,7 +20,7 @@ from gait.controller import Controller
 from gait.network import OUTPUTS, Senses
 from gait.search import cma
 from gait.search.asking import Ask, Search
-from gait.search.schedules import NEAT_SCREENING
+from gait.search.schedules import POLISHING_LEGS
 from gait.search.templates import Template
 
 USUAL = len(Senses().names)  # inputs
@@ -31,8 +31,15 @@ Build = Callable[[Any], Controller]
 class Evolution:
     """One NEAT run: :meth:`ask` for ``size`` genomes, :meth:`tell` their fitness, and again."""
 
-    def __init__(self, size: int, seed: int, inputs: int = USUAL, recurrent: bool = False) -> None:
-        self._config = load_config(size, inputs, recurrent)
+    def __init__(
+        self,
+        size: int,
+        seed: int,
+        inputs: int = USUAL,
+        recurrent: bool = False,
+        lively: bool = False,
+    ) -> None:
+        self._config = load_config(size, inputs, recurrent, lively)
         self._random = random.Random(seed).getstate()
         with self._global_random():
             self._run = neat.Population(self._config)
@@ -83,6 +90,18 @@ class _Start:
         if answer.final > self.final:
             self.best, self.final = answer.winner, answer.final
 
+    def polisher(self, population: int, rng: np.random.Generator) -> cma.Strategy:
+        """Return a search about the best network."""
+        best = self.best
+        assert best is not None
+        template = Template.like(best)
+        return cma.Strategy(
+            template.vector(best),
+            lambda x: template.controller(x, best.clock, best.morphology, best.seed),
+            population,
+            rng,
+        )
+
 
 def race(
     evolutions: Sequence[Evolution],
@@ -90,7 +109,7 @@ def race(
     generations: int,
     polishing: tuple[int, np.random.Generator] | None,
 ) -> Search:
-    """Evolve each for some generations and the best one for all, and polish what it comes to.
+    """Evolve each for some generations, and polish what they come to; the best goes on.
 
     Parameters
     ----------
@@ -99,28 +118,26 @@ def race(
     build
         Makes a controller of a genome.
     generations
-        Of the best one, in all, if ``polishing`` follows.
+        Of each.
     polishing
         How many controllers a generation CMA-ES then has, on the weights, the biases and the clock
-        of the best network, and its random numbers; None to evolve for ever.
+        of each one's best network, and its random numbers; None to evolve the best for ever.
     """
     starts = [_Start(evolution, build) for evolution in evolutions]
-    done = 0
-    if len(starts) > 1:
-        done = min(NEAT_SCREENING, generations)
-        for start in starts:
-            for _ in range(done):
-                yield from start.turn()
-    last = max(starts, key=lambda one: one.final)
-    while polishing is None or done < generations:
-        yield from last.turn()
-        done += 1
-    assert last.best is not None
-    best, template = last.best, Template.like(last.best)
-    yield from cma.polish(
-        template.vector(best),
-        lambda x: template.controller(x, best.clock, best.morphology, best.seed),
-        *polishing,
+    for start in starts:
+        for _ in range(generations):
+            yield from start.turn()
+    if polishing is None:
+        best = max(starts, key=lambda one: one.final)
+        while True:
+            yield from best.turn()
+    population, rng = polishing
+    yield from cma.knockout(
+        [
+            start.polisher(population, child)
+            for start, child in zip(starts, rng.spawn(len(starts)), strict=True)
+        ],
+        POLISHING_LEGS,
     )
 
 
@@ -166,8 +183,15 @@ def genome_to_controller(
     )
 
 
-def load_config(size: int, inputs: int = USUAL, recurrent: bool = False) -> Any:
-    """Return neat-python's configuration for so many genomes of so many inputs."""
+def load_config(
+    size: int, inputs: int = USUAL, recurrent: bool = False, lively: bool = False
+) -> Any:
+    """Return neat-python's configuration for so many genomes of so many inputs.
+
+    Lively ones add a node, and a connection, in every other child, and are one species although
+    they differ in more. On some bodies the good gaits need hidden nodes, and are not found without;
+    on others they do not, and are found sooner without.
+    """
     with as_file(files("gait.search") / "neat.ini") as path:
         config = neat.Config(
             neat.DefaultGenome,
@@ -180,4 +204,7 @@ def load_config(size: int, inputs: int = USUAL, recurrent: bool = False) -> Any:
     genome = config.genome_config
     genome.num_inputs, genome.input_keys = inputs, [-i - 1 for i in range(inputs)]
     genome.feed_forward = not recurrent
+    if lively:
+        genome.node_add_prob = genome.conn_add_prob = 0.5
+        config.species_set_config.compatibility_threshold *= 2.0
     return config

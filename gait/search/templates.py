@@ -13,7 +13,9 @@ from gait.controller import Controller
 from gait.network import OUTPUTS, Senses
 
 CLOCKS = 1 / 16, 16.0  # times the first one: how far a clock may be tuned
-SPREAD = 0.5  # of random weights: enough that nodes saturate, and fins turn
+# Of random weights: enough that nodes saturate, and fins turn. A memory is 0 at first, and comes in
+# the search: from a random one it climbs to worse gaits, or sticks.
+SPREAD = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,12 @@ class Template:
 
     def random(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return vectors (count, size) to begin with."""
-        return SPREAD * rng.standard_normal((count, self.size))
+        inputs, nodes = len(self.senses.names), len(self.free)
+        remembers = np.zeros_like(self.free)
+        remembers[: -len(OUTPUTS), inputs : inputs + nodes - len(OUTPUTS)] = True
+        found = SPREAD * rng.standard_normal((count, self.size))
+        found[:, 1 + nodes :][:, remembers[self.free]] = 0.0
+        return found
 
     def controller(
         self, vector: NDArray[np.float64], clock: float, morphology: Morphology, seed: int

@@ -25,7 +25,7 @@ def make(name: str, seed: int = 0, **changes: Any) -> Controller:
     """Return a random controller of a class."""
     senses = {"fourier": Senses(imu=False, clock=3)}.get(name, Senses(fins=seed % 2 == 1))
     template = Template.of_class(name, senses, 5)
-    vector = 0.5 * template.random(1, np.random.default_rng(seed))[0]
+    vector = 0.25 * np.random.default_rng(seed).standard_normal(template.size)
     controller = template.controller(vector, 0.7, BODY, seed).to_dict() | changes
     return Controller.from_dict(controller)
 
@@ -140,8 +140,8 @@ def test_a_broken_network_is_refused(changes: dict[str, Any], says: str) -> None
 
 
 def test_plans_say_what_is_left_to_the_search() -> None:
-    assert EvolveConfig().plan.rows == 3 * 15 + (40 - 15) + 400
-    assert EvolveConfig(search="cma").plan.rows == 1 + 6 * 40 + 2 * 80 + 440
+    assert EvolveConfig().plan.rows == 6 * 12 + 6 * 50 + 2 * 60 + 240
+    assert EvolveConfig(search="cma").plan.rows == 1 + 6 * 50 + 3 * 100 + 600
     assert EvolveConfig(search="cma", starts=1, generations=7).plan.rows == 8
     fourier = EvolveConfig(search="cma", controller="fourier", senses=("clock",)).plan
     assert fourier.senses == Senses(imu=False, clock=3)
