@@ -4,7 +4,9 @@
 PYTHON ?= python3.11
 VENV := .venv
 PY := $(VENV)/bin/python
-# Modules are compiled to bytecode when they are first imported: many of them never are.
+# Modules are compiled to bytecode when they are first imported: many of them never are. Where
+# the environment forbids that, every process would compile all that it imports, for seconds.
+unexport PYTHONDONTWRITEBYTECODE
 PIP := $(PY) -m pip install -qq --disable-pip-version-check --no-compile
 OUT ?= out/recovery
 # A worker a core, each of one thread; who has nothing left to do takes from the others.
@@ -74,3 +76,8 @@ $(VENV)/.installed-test: $(VENV)/.installed $(VENV)/.installed-torch
 $(VENV)/.installed-docs: $(VENV)/.installed
 	$(PIP) --editable ".[docs]"
 	touch $@
+
+# All of the above by one call of pip, for who needs all.
+$(VENV)/.installed-all: pyproject.toml | $(VENV)/.created $(VENV)/.installed-torch
+	$(PIP) --editable ".[test,rl,docs]"
+	touch $(VENV)/.installed $(VENV)/.installed-test $(VENV)/.installed-docs $@
