@@ -9,8 +9,10 @@ PY := $(VENV)/bin/python
 unexport PYTHONDONTWRITEBYTECODE
 PIP := $(PY) -m pip install -qq --disable-pip-version-check --no-compile
 OUT ?= out/recovery
-# A worker a core, each of one thread; who has nothing left to do takes from the others.
+# A worker a core, each of one thread, since BLAS's threads would wait for each other and take twice
+# the processor's time; who has nothing left to do takes from the others.
 PARALLEL ?= --numprocesses auto --dist worksteal
+test test-slow: export OPENBLAS_NUM_THREADS ?= 1
 
 .PHONY: recover test test-slow lint verify verify-inference bench docs wheel clean
 .DEFAULT_GOAL := recover
