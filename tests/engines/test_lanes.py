@@ -93,6 +93,7 @@ BAD = {
     "digits": ({"commands": (10**400, 0, 0)}, "commands must be numbers"),
     "many digits": ({"commands": (10**5000, 0, 0)}, "commands must be numbers.* too long to show"),
     "digits of steps": ({"steps": 10**5000}, "steps must be a whole number.* too long to show"),
+    "masked": ({"commands": [0, np.ma.masked, 0]}, "commands must be numbers"),
     "complex": ({"commands": (0.1 + 1j, 0, 0)}, "commands must be numbers"),
     "complex object": ({"commands": np.array([1j, 0, 0], dtype=object)}, "commands must be num"),
     "spelled": ({"commands": ("0.1", "0", "0")}, "commands must be numbers"),
