@@ -21,7 +21,9 @@ def test_it_runs(tmp_path: pathlib.Path) -> None:
     pytest.importorskip("pybullet")
     short = EXAMPLE
     assert short.count('search="cma"') == 1
-    short = short.replace('search="cma"', 'search="cma", screened=6, generations=1')
+    short = short.replace(
+        'search="cma"', 'search="cma", screened=6, generations=1, starts=1, poses=2'
+    )
     script = tmp_path / "short.py"
     script.write_text(short)
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,8 @@ from eea.core.angles import wrap
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig, JointConfig
 
-PLAIN = JointConfig(alternatives="never")
+# As much of a search as these trials need.
+QUICK = JointConfig(bodies=48, poses=48, descents=12, polished=2, alternatives="never")
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.93])
@@ -26,7 +29,7 @@ def test_the_fins_are_where_they_are_believed_to_be(gain: float) -> None:
         target = EngineTarget(
             None, "left_pectoral:length=0.5", np.random.default_rng(seed), engine="numba", gap=gap
         )
-        config = EEAConfig("joint", rounds=2, joint=PLAIN)
+        config = EEAConfig("joint", rounds=2, joint=QUICK)
         found = fish_eea(target, config, seed, target.morphology, threads=1).run()
         log = simulate(
             target.morphology, found.rounds[-1].command, target.start_angles, steps=config.steps,
@@ -44,7 +47,7 @@ def test_a_fin_that_is_stuck_stays_where_it_was() -> None:
     target = EngineTarget(
         None, None, np.random.default_rng(5), engine="numba", gap=RealityGap(seized="left_pectoral")
     )
-    config = EEAConfig("joint", rounds=3, joint=JointConfig(alternatives="always"))
+    config = EEAConfig("joint", rounds=2, joint=replace(QUICK, alternatives="always"))
     found = fish_eea(target, config, 5, Morphology.nominal(), threads=1).run()
     fins = fins_after(found)
     assert fins.servo_gain[0] == 0.0

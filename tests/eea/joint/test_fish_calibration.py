@@ -106,9 +106,9 @@ def test_a_fin_without_length_is_said_to_be_missing():
 
 def test_intervals_hold_a_thickness_at_the_end_of_its_range():
     held = []
-    for one, fin in zip(examined(EDGE, (3, 4, 5, 9, 10, 11)), 2 * FINS, strict=True):
+    for one, fin in zip(examined(EDGE, (3, 4, 5)), FINS, strict=True):
         thickness = NAMES.index(f"{fin}.thickness")
         assert one["truth"][thickness] == SPANS[thickness]
         assert one["low"][2][thickness] < SPANS[thickness]
         held.append(SPANS[thickness] <= one["high"][2][thickness] + TOUCH)
-    assert sum(held) >= 4
+    assert sum(held) >= 2

@@ -153,11 +153,12 @@ def test_a_recorded_session_gives_the_live_runs_posterior(tmp_path):
 
 def test_a_log_is_credited_to_the_command_that_was_executed():
     robot = Saturated(seed=2, sigma=0.001)
-    truth = robot._fish.morphology
-    estimate_morphology_of(robot, QUICK, seed=2)
+    truth, config = robot._fish.morphology, replace(QUICK, rounds=1)
+    estimate_morphology_of(robot, config, seed=2)
+    assert not np.array_equal(robot.asked, robot.executed)
     # With another seed other commands are asked for, and the session's are modelled.
-    right = estimate_from_logs(robot.executed, robot.logs, QUICK, seed=5, truth=truth)
+    right = estimate_from_logs(robot.executed, robot.logs, config, seed=5, truth=truth)
     assert [record.command for record in right.rounds] == [tuple(c) for c in robot.executed]
     assert right.belief.good
-    wrong = estimate_from_logs(robot.asked, robot.logs, QUICK, seed=5, truth=truth)
+    wrong = estimate_from_logs(robot.asked, robot.logs, config, seed=5, truth=truth)
     assert right.objective_fitness > wrong.objective_fitness
