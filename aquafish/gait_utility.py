@@ -59,7 +59,7 @@ class GaitUtility:
         Examples
         --------
         >>> from gait.config import EvolveConfig
-        >>> GaitUtility.quicker(EvolveConfig()) == GaitUtility()
+        >>> GaitUtility.quicker(EvolveConfig(search="cma")) == GaitUtility()
         True
         """
         return cls(
