@@ -73,7 +73,7 @@ def test_what_broke_is_said_in_words(report: dict[str, Any]) -> None:
     assert "left flipper: half its length, 0.80 where it was 1.60" in to_markdown(report, [])
 
 
-@pytest.mark.parametrize("width", [60, 80, 140])
+@pytest.mark.parametrize("width", [64, 80, 140])
 def test_no_name_and_no_number_is_cut_on_a_narrow_terminal(
     report: dict[str, Any], width: int
 ) -> None:
