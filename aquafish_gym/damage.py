@@ -1,86 +1,44 @@
-"""What can break: a body with faults is another body.
+"""What is broken: a robot with faults is another robot.
 
-In text a fault is ``fin:word`` or ``fin:word=number``, and faults are joined by ``;`` or
-``,``: ``left_pectoral:length=0.5; caudal:missing``.
+In text a fault is ``part:word`` or ``part:word=number``, and faults are joined by ``;`` or ``,``:
+``left_pectoral:length=0.5; caudal:missing``. With ``@onset`` and ``+duration``, in seconds, it does
+not last from the beginning to the end of an episode, ``caudal:seized@4+2``; and with a dash chance
+decides when it strikes, ``random:moderate@2-8``.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field, fields
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from functools import reduce
 from itertools import chain
 from typing import Any, Self
 
 import numpy as np
 
-from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES, Morphology, change_in_words
-from aquafish_gym.utils.validation import (
-    InvalidArgumentError,
-    brief,
-    finite_array,
-    one_of,
-    parse_json,
+from aquafish_gym import faults
+from aquafish_gym.faults import WORDS, Condition, Fault, FinMissing, FinScaled, Word
+from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
+from aquafish_gym.tiers import TIERS, RandomFaults, broken_fins
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of, parse_json
+
+_KINDS: dict[str, Any] = {
+    kind.__name__: kind
+    for kind in (
+        FinScaled, FinMissing, faults.FinEntangled, faults.ServoGain, faults.ServoSeized,
+        faults.ServoDead, faults.GyroNoise, faults.ChannelBias, faults.ChannelStuck,
+        faults.ChannelDropped, RandomFaults,
+    )
+}  # fmt: skip
+_RANDOM = {tier: Word(lambda _part, tier=tier: RandomFaults(tier)) for tier in TIERS}
+_WORDS = {**WORDS, "random": _RANDOM}
+# Numbers may have a sign of their own only behind an e.
+_TIME = r"[^-+@]+?(?:[eE][-+]?\d+)?"
+_WHEN = re.compile(
+    rf"(?P<what>[^@]*)(?:@(?P<onset>{_TIME})(?:-(?P<latest>{_TIME}))?(?:\+(?P<duration>{_TIME}))?)?"
 )
-
-
-@dataclass(frozen=True)
-class FinScaled:
-    """A fin's length, width or thickness is multiplied by ``factor``, which is 0 or more."""
-
-    fin: str
-    size: str
-    factor: float
-    # So that ``asdict``, and with it an environment's ``spec.to_json()``, can be read back.
-    kind: str = field(default="FinScaled", init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        one_of("fin", self.fin, FINS)
-        one_of("size", self.size, SIZES)
-        factor = finite_array(f"damage factor of {self.fin}:{self.size}", self.factor, (), 0.0)
-        object.__setattr__(self, "factor", float(factor))
-
-    def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body with that size scaled; its range is not left.
-
-        A silently clipped fault would be another one than was asked for.
-        """
-        name = f"{self.fin}.{self.size}"
-        index = next(i for i, dimension in enumerate(DIMENSIONS) if dimension.name == name)
-        sizes = morphology.to_array().tolist()  # plain numbers overflow without a warning
-        sizes[index] *= self.factor
-        maximum = DIMENSIONS[index].maximum
-        if sizes[index] > maximum:
-            raise InvalidArgumentError(
-                f"damage {self} would make {name} {sizes[index]:g}; it must lie in [0, {maximum:g}]"
-            )
-        return Morphology.from_array(sizes)
-
-    def __str__(self) -> str:
-        return f"{self.fin}:{self.size}={self.factor!r}"
-
-
-@dataclass(frozen=True)
-class FinMissing:
-    """A fin is gone: all three of its sizes are zero. Its servo turns on, moving nothing."""
-
-    fin: str
-    kind: str = field(default="FinMissing", init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        one_of("fin", self.fin, FINS)
-
-    def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body without that fin."""
-        return Morphology.coerce({**morphology.to_dict(), self.fin: (0.0, 0.0, 0.0)})
-
-    def __str__(self) -> str:
-        return f"{self.fin}:missing"
-
-
-Fault = FinScaled | FinMissing
-SCALED = 0.2, 0.9  # of what a size was, where chance breaks it
-_KINDS: dict[str, Any] = {kind.__name__: kind for kind in (FinScaled, FinMissing)}
 
 
 @dataclass(frozen=True)
@@ -139,7 +97,7 @@ class Damage:
                 return value
             case str():
                 return cls.parse(value)
-            case FinScaled() | FinMissing():
+            case Fault():
                 return cls((value,))
             case {"faults": list() | tuple() as faults, **others} if not others:
                 return cls._coerce(faults)
@@ -152,32 +110,73 @@ class Damage:
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> Self:
-        """Return what may happen at sea: one fin or two, equally likely, each with one fault.
+        """Return fins that broke at sea: one or two, equally likely, each with one fault.
 
         A fin is missing one time in four; else its length, width or thickness is 0.2 to 0.9 of what
-        it was, uniformly.
+        it was, uniformly. (With servos and sensors: ``Damage.parse("random:moderate").drawn(rng)``.)
 
         Examples
         --------
         >>> len(Damage.random(np.random.default_rng(0))) in (1, 2)
         True
         """
-        fins = rng.permutation(FINS)[: rng.integers(1, 3)].tolist()
-        faults: list[Fault] = []
-        for fin in fins:
-            missing, size, factor = rng.random() < 0.25, rng.choice(SIZES), rng.uniform(*SCALED)
-            faults.append(FinMissing(fin) if missing else FinScaled(fin, str(size), factor))
-        return cls(tuple(faults))
+        return cls(broken_fins(rng))
 
-    def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body with every fault, one after another."""
+    @property
+    def is_random(self) -> bool:
+        """Whether it leaves something to chance, so that it must be drawn."""
+        return any(fault.is_random for fault in self.faults)
+
+    def drawn(self, rng: np.random.Generator) -> Self:
+        """Return what it comes to in one episode, where it leaves something to chance.
+
+        Examples
+        --------
+        >>> str(Damage.parse("random:mild@2").drawn(np.random.default_rng(0)))
+        'x'
+        """
+        if not self.is_random:
+            return self
+        return type(self)(tuple(chain.from_iterable(f.drawn(rng) for f in self.faults)))
+
+    def at(self, seconds: float) -> Self:
+        """Return what is broken at a moment of an episode, in s, without onsets and durations.
+
+        Examples
+        --------
+        >>> damage = Damage.parse("caudal:missing@4+2")
+        >>> str(damage.at(5.0)), str(damage.at(6.0))
+        ('caudal:missing', 'none')
+        """
+        held = (fault for fault in self.faults if fault.holds(seconds))
+        return type(self)(tuple(replace(fault, onset=0.0, duration=None) for fault in held))
+
+    @property
+    def moments(self) -> list[float]:
+        """When something strikes or ends after an episode's beginning, in s, in order."""
+        ends = chain.from_iterable(fault.span for fault in self.faults)
+        return sorted({moment for moment in ends if 0.0 < moment < np.inf})
+
+    def condition(self, morphology: Morphology) -> Condition:
+        """Return what a robot is with every fault, one after another, whenever they strike.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If a fault does not fit the body, or is left to chance.
+        """
         if not isinstance(morphology, Morphology):
             raise InvalidArgumentError(
                 f"damage is applied to a Morphology; got {brief(morphology)}"
             )
-        for fault in self.faults:
-            morphology = fault.apply(morphology)
-        return morphology
+        return reduce(lambda robot, fault: fault.strike(robot), self.faults, Condition(morphology))
+
+    def apply(self, morphology: Morphology) -> Morphology:
+        """Return the body with every fault of its fins, one after another.
+
+        Raises as :meth:`condition`.
+        """
+        return self.condition(morphology).body
 
     def in_words(self, morphology: Morphology) -> str:
         """Return what it does to a body, as :func:`change_in_words` says it.
@@ -216,29 +215,42 @@ class Damage:
 
 
 def _read_fault(text: str) -> Fault:
-    fin, colon, what = (part.strip() for part in text.partition(":"))
-    if not colon or not what:
+    when = _WHEN.fullmatch(text.strip())
+    part, colon, what = (one.strip() for one in (when["what"] if when else "").partition(":"))
+    if not when or not colon or not what:
         raise InvalidArgumentError(
-            "damage must be written fin:word=number, as left_pectoral:length=0.5 or "
-            f"caudal:missing; got {brief(text.strip())}"
+            "damage must be written part:word=number, as left_pectoral:length=0.5 or "
+            "caudal:missing, with @onset+duration in s where it does not last throughout; got "
+            f"{brief(text.strip())}"
         )
-    word, equals, digits = (part.strip() for part in what.partition("="))
-    one_of("damage fin", fin, FINS)
-    one_of("damage", word, (*SIZES, "missing"))
-    damage, number = f"damage {fin}:{word}", None
-    if equals:
-        try:
-            number = float(digits)
-        except ValueError:
-            got = brief(digits)
-            raise InvalidArgumentError(f"{damage} needs a number after '='; got {got}") from None
-    if word == "missing":
-        if number is not None:
-            raise InvalidArgumentError(f"{damage} takes no number; got {number:g}")
-        return FinMissing(fin)
-    if number is None:
-        raise InvalidArgumentError(f"{damage} needs a factor, for example {fin}:{word}=0.5")
-    return FinScaled(fin, word, number)
+    made = _make(one_of("damage part", part, _WORDS), *what.partition("="))
+    times = {name: when[name] for name in ("onset", "latest", "duration") if when[name]}
+    if not times:
+        return made
+    read = {name: _read_number(f"damage {name}", digits) for name, digits in times.items()}
+    onset = (read["onset"], read["latest"]) if "latest" in read else read["onset"]
+    return replace(made, onset=onset, duration=read.get("duration"))
+
+
+def _make(part: str, word: str, equals: str, digits: str) -> Fault:
+    word = one_of("damage", word.strip(), _WORDS[part])
+    damage, (make, takes) = f"damage {part}:{word}", _WORDS[part][word]
+    if not equals:
+        if takes:
+            raise InvalidArgumentError(f"{damage} needs a number, for example {part}:{word}=0.5")
+        return make(part)
+    number = _read_number(damage, digits)
+    if takes is False:
+        raise InvalidArgumentError(f"{damage} takes no number; got {number:g}")
+    return make(part, number)
+
+
+def _read_number(damage: str, digits: str) -> float:
+    try:
+        return float(digits)
+    except ValueError:
+        got = brief(digits.strip())
+        raise InvalidArgumentError(f"{damage} needs a number; got {got}") from None
 
 
 def _fault_from_dict(written: Mapping[str, Any]) -> Fault:
