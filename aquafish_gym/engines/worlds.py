@@ -44,6 +44,9 @@ class World(Protocol):
         ``current`` is the water's own velocity in the world, units/s.
         """
 
+    def become(self, morphology: NDArray[np.float64]) -> None:
+        """Give the robot another body in mid-swim; it stays where it is and moves on as it does."""
+
     def advance(self, command: Vector, steps: int = 1) -> None:
         """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s."""
 
@@ -102,6 +105,10 @@ class ServoWorld:
         """See :class:`World`; the servos stand still again."""
         self._forget()
         self.world.reset(morphology, fin_angles, current)
+
+    def become(self, morphology: NDArray[np.float64]) -> None:
+        """See :class:`World`."""
+        self.world.become(morphology)
 
     def advance(self, command: Vector, steps: int = 1) -> None:
         """See :class:`World`."""

@@ -141,10 +141,8 @@ class BulletWorld:
     def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
         """See :class:`~aquafish_gym.engines.worlds.World`; the sizes are already checked."""
         self._check_process()
-        bodies = np.asarray(morphology)[None]
-        column = np.ascontiguousarray(robot_parameters(bodies, self._drag)[:, 0])
-        numbers = np.concatenate([column, fin_angles, current])
-        if not np.isfinite(numbers).all() or (column < 0).any():
+        column = self._parameters(morphology)
+        if not np.isfinite([*column, *fin_angles, *current]).all() or (column < 0).any():
             raise InvalidArgumentError(
                 "a PyBullet world needs finite sizes of 0 or more, fin angles and current"
             )
@@ -156,6 +154,27 @@ class BulletWorld:
         self._command = None
         self._set_resting()
         self._build((*angles[:2], float(caudal_angle(rest.phase))))
+
+    def become(self, morphology: NDArray[np.float64]) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`."""
+        self._check_process()
+        self._column = self._parameters(morphology)
+        if self.diverged:
+            return
+        p, client = self._bullet, self._client
+        turns = [p.getJointState(self._robot, i, physicsClientId=client)[:2] for i in range(3)]
+        self._build(tuple(angle for angle, _ in turns))
+        for joint, (angle, rate) in enumerate(turns):
+            p.resetJointState(self._robot, joint, angle, rate, physicsClientId=client)
+        p.resetBasePositionAndOrientation(
+            self._robot, self.position, self.orientation, physicsClientId=client
+        )
+        p.resetBaseVelocity(self._robot, self.velocity, self.world_spin, physicsClientId=client)
+        self._command = None  # the new robot's motors have not been told
+
+    def _parameters(self, morphology: NDArray[np.float64]) -> NDArray[np.float64]:
+        bodies = np.asarray(morphology)[None]
+        return np.ascontiguousarray(robot_parameters(bodies, self._drag)[:, 0])
 
     def _build(self, angles: Triple) -> None:
         """Empty the world and put the robot in, its joints at these angles (rad)."""

@@ -127,9 +127,16 @@ class LaneBatch:
         ``morphologies`` (n, 9) and ``fin_angles`` (n, 3) hold the n replaced robots only. Their
         water and servos stay as they are.
         """
+        self.become(mask, morphologies)
+        self._table(self._states, STATE_ROWS)[:, mask] = start_rows(fin_angles)
+
+    def become(self, mask: NDArray[np.bool_], morphologies: NDArray[np.float64]) -> None:
+        """Give the n robots under ``mask`` (B,) other bodies (n, 9) in mid-swim.
+
+        They stay where they are and move on as they do.
+        """
         parameters = robot_parameters(morphologies, self._drag[mask])
         self._table(self._parameters, ROBOT_ROWS)[:, mask] = parameters
-        self._table(self._states, STATE_ROWS)[:, mask] = start_rows(fin_angles)
 
     def advance(
         self,

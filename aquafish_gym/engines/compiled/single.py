@@ -97,7 +97,7 @@ class CompiledWorld:
         self.diverged = False
 
     def become(self, morphology: NDArray[np.float64]) -> None:
-        """Give the robot another body in mid-swim; it stays where it is and moves on as it does."""
+        """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._numbers[ROBOT] = robot_parameters(morphology[None], self._drag)[:, 0]
 
     def advance(self, command: Vector, steps: int = 1) -> None:

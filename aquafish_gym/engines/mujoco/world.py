@@ -85,6 +85,15 @@ class MujocoWorld:
         self.data.qpos[BASE + 1 :] = hinge_angles(self._turned)
         self.diverged = False
 
+    def become(self, morphology: NDArray[np.float64]) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`."""
+        wind, was = self.model.opt.wind, self.data
+        self.model = mujoco_model(morphology, TIMESTEP / self._count, wet=True)
+        self.model.opt.wind[:] = wind
+        self.data = load_mujoco().MjData(self.model)
+        for name in ("qpos", "qvel", "ctrl"):
+            getattr(self.data, name)[:] = getattr(was, name)
+
     def advance(self, command: Vector, steps: int = 1) -> None:
         """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s.
 
