@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import reduce
 from itertools import chain
@@ -19,8 +19,8 @@ from typing import Any, Self
 import numpy as np
 
 from aquafish_gym import faults
-from aquafish_gym.faults import WORDS, Condition, Fault, FinMissing, FinScaled, Word
-from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
+from aquafish_gym.faults import WORDS, Effect, Fault, FinMissing, FinScaled, Word
+from aquafish_gym.morphology import Morphology, change_in_words
 from aquafish_gym.tiers import TIERS, RandomFaults, broken_fins
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of, parse_json
 
@@ -157,7 +157,7 @@ class Damage:
         ends = chain.from_iterable(fault.span for fault in self.faults)
         return sorted({moment for moment in ends if 0.0 < moment < np.inf})
 
-    def condition(self, morphology: Morphology) -> Condition:
+    def effect(self, morphology: Morphology) -> Effect:
         """Return what a robot is with every fault, one after another, whenever they strike.
 
         Raises
@@ -169,14 +169,15 @@ class Damage:
             raise InvalidArgumentError(
                 f"damage is applied to a Morphology; got {brief(morphology)}"
             )
-        return reduce(lambda robot, fault: fault.strike(robot), self.faults, Condition(morphology))
+        whole = Effect(morphology, faults=len(self.faults))
+        return reduce(lambda robot, fault: fault.strike(robot), self.faults, whole)
 
     def apply(self, morphology: Morphology) -> Morphology:
         """Return the body with every fault of its fins, one after another.
 
-        Raises as :meth:`condition`.
+        Raises as :meth:`effect`.
         """
-        return self.condition(morphology).body
+        return self.effect(morphology).body
 
     def in_words(self, morphology: Morphology) -> str:
         """Return what it does to a body, as :func:`change_in_words` says it.

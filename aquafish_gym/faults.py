@@ -24,11 +24,13 @@ MOST_GAIN = 2.0
 
 
 @dataclass(frozen=True)
-class Condition:
+class Effect:
     """What a robot is at a moment: its body, what its servos do and what its sensor says.
 
     Attributes
     ----------
+    faults
+        How many there are.
     gains
         The left, right and caudal servo's speeds are gain times command.
     stands
@@ -43,6 +45,7 @@ class Condition:
     """
 
     body: Morphology
+    faults: int = 0
     gains: Triple = (1.0, 1.0, 1.0)
     stands: tuple[float | str | None, ...] = (None,) * 3
     noise: float = 0.0
@@ -50,10 +53,10 @@ class Condition:
     stuck: tuple[bool, ...] = (False,) * len(CHANNELS)
     dropped: tuple[bool, ...] = (False,) * len(CHANNELS)
 
-    def having(self, name: str, index: int, value: Any) -> Condition:
+    def having(self, name: str, index: int, value: Any) -> Effect:
         """Return the robot with one entry of one of its rows replaced."""
         row = getattr(self, name)
-        return replace(self, **{name: (*row[:index], value, *row[index + 1 :])})
+        return replace(self, **{name: (*row[:index], value, *row[index + 1 :])})  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,7 +93,7 @@ class Fault:
         """What breaks, in text."""
         raise NotImplementedError
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with this fault."""
         raise NotImplementedError
 
@@ -175,7 +178,7 @@ class FinScaled(_OfFin):
         """See :class:`Fault`."""
         return f"{self.fin}:{self.size}={self.factor!r}"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that size scaled; its range is not left.
 
         A silently clipped fault would be another one than was asked for.
@@ -203,7 +206,7 @@ class FinMissing(_OfFin):
         """See :class:`Fault`."""
         return f"{self.fin}:missing"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot without that fin."""
         body = Morphology.coerce({**robot.body.to_dict(), self.fin: (0.0, 0.0, 0.0)})
         return replace(robot, body=body)
@@ -225,7 +228,7 @@ class FinEntangled(_OfFin):
         """See :class:`Fault`."""
         return f"{self.fin}:entangled={self.share!r}"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that fin wider."""
         names = [dimension.name for dimension in DIMENSIONS]
         index, sizes = names.index(f"{self.fin}.width"), robot.body.to_array().tolist()
@@ -249,7 +252,7 @@ class ServoGain(_OfFin):
         """See :class:`Fault`."""
         return f"{self.fin}:reversed" if self.gain == -1 else f"{self.fin}:weak={self.gain!r}"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that servo."""
         return robot.having("gains", self.index, robot.gains[self.index] * self.gain)
 
@@ -281,7 +284,7 @@ class ServoSeized(_OfFin):
         """See :class:`Fault`."""
         return f"{self.fin}:seized" + ("" if self.angle is None else f"={self.angle!r}")
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that servo."""
         still = robot.having("gains", self.index, 0.0)
         return still if self.angle is None else still.having("stands", self.index, self.angle)
@@ -298,7 +301,7 @@ class ServoDead(_OfFin):
         """See :class:`Fault`."""
         return f"{self.fin}:dead"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that servo."""
         return robot.having("gains", self.index, 0.0).having("stands", self.index, "anywhere")
 
@@ -319,7 +322,7 @@ class GyroNoise(Fault):
         """See :class:`Fault`."""
         return f"gyro:noise={self.deviation!r}"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that noise, and what it had."""
         return replace(robot, noise=float(np.hypot(robot.noise, self.deviation)))
 
@@ -355,7 +358,7 @@ class ChannelBias(_OfChannel):
         """See :class:`Fault`."""
         return f"{self.channel}:bias={self.by!r}"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that bias, and what it had."""
         return robot.having("biases", self.index, robot.biases[self.index] + self.by)
 
@@ -371,7 +374,7 @@ class ChannelStuck(_OfChannel):
         """See :class:`Fault`."""
         return f"{self.channel}:stuck"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that channel."""
         return robot.having("stuck", self.index, True)
 
@@ -387,7 +390,7 @@ class ChannelDropped(_OfChannel):
         """See :class:`Fault`."""
         return f"{self.channel}:dropped"
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Return the robot with that channel."""
         return robot.having("dropped", self.index, True)
 

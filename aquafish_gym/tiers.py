@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aquafish_gym.faults import WORDS, Condition, Fault, FinMissing, FinScaled, named
+from aquafish_gym.faults import WORDS, Effect, Fault, FinMissing, FinScaled, named
 from aquafish_gym.morphology import FINS, SIZES
 from aquafish_gym.utils.validation import InvalidArgumentError, one_of
 
@@ -84,7 +84,7 @@ class RandomFaults(Fault):
         """Always."""
         return True
 
-    def strike(self, robot: Condition) -> Condition:
+    def strike(self, robot: Effect) -> Effect:
         """Refuse: what breaks is not known before it is drawn."""
         raise InvalidArgumentError(f"damage {self} is left to chance: draw it first (Damage.drawn)")
 

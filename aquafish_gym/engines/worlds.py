@@ -47,6 +47,9 @@ class World(Protocol):
     def become(self, morphology: NDArray[np.float64]) -> None:
         """Give the robot another body in mid-swim; it stays where it is and moves on as it does."""
 
+    def flow(self, current: Triple) -> None:
+        """Let the water move at another velocity from now on, units/s in the world."""
+
     def advance(self, command: Vector, steps: int = 1) -> None:
         """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s."""
 
@@ -109,6 +112,10 @@ class ServoWorld:
     def become(self, morphology: NDArray[np.float64]) -> None:
         """See :class:`World`."""
         self.world.become(morphology)
+
+    def flow(self, current: Triple) -> None:
+        """See :class:`World`."""
+        self.world.flow(current)
 
     def advance(self, command: Vector, steps: int = 1) -> None:
         """See :class:`World`."""

@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import conditions
-from aquafish_gym.envs.tasks import SwimForward
-from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.envs.course import Sensors
+from aquafish_gym.envs.tasks import Memory, Step, check_task
+from aquafish_gym.faults import Effect
+from aquafish_gym.physics.arithmetic import Vector, subtract
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.rendering import (
     RENDER_MODES,
@@ -134,8 +136,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     --------
     >>> env = AquaFishEnv(damage="left_pectoral:length=0.5", engine="numba")
     >>> observation, info = env.reset(seed=0)
-    >>> observation.shape, info["damage"]
-    ((9,), 'left_pectoral:length=0.5')
+    >>> observation.shape, info["faults"]
+    ((9,), 1)
     >>> env.close()
     """
 
@@ -149,28 +151,31 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         current: ArrayLike = (0.0, 0.0, 0.0),
         fin_angles: object = "zero",
         observe_fins: bool = False,
-        frame_skip: int = 5,
+        frame_skip: int = 20,
         render_mode: str | None = None,
-        forward_reward_weight: float = 1.0,
-        ctrl_cost_weight: float = 1e-4,
+        task: object = "forward",
         reactive: bool = False,
     ) -> None:
+        self.task = check_task(task)
         self._conditions = conditions.check_conditions(morphology, damage, current, fin_angles)
-        self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
         self._engine = check_engine(engine)
         self._observe_fins = flag("observe_fins", observe_fins)
         self._reactive = flag("reactive", reactive)
-        self.frame_skip = conditions.check_frame_skip(frame_skip)
+        self.frame_skip = conditions.check_frame_skip(frame_skip, self.task.seconds)
         self.render_mode = check_render_mode(render_mode)
         # The class says which modes there are, the environment which of them work here.
         fps = max(1, round(1 / self.dt))
         self.metadata = {"render_modes": usable_modes(), "render_fps": fps}
         self.action_space = conditions.action_space()
-        self.observation_space = conditions.observation_space(self._observe_fins)
+        space = conditions.observation_space(self._observe_fins, self.task.has_goal)
+        self.observation_space = space
         self._world: World | None = None
         self._window: Window | None = None
-        self._steps_left = 0
-        self._episode = self._conditions
+        self._steps = self._last = 0
+        self._sensors = Sensors(1)
+        self._course, _ = self._conditions.draw(np.random.default_rng(0), self.dt)
+        self._effect = self._course.effects[0]
+        self._memory: Memory = ()
         # What is now, or was before the robot diverged.
         self._fin_angles: conditions.Triple = (0.0, 0.0, 0.0)
         self._state = at_rest(self._fin_angles)
@@ -183,23 +188,33 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; the seed is for random fin angles.
+        """Begin an episode; the seed is for what is left to chance.
 
         ``options`` are ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
         """
         number = None if seed is None else integer("seed", seed, 0)
-        self._episode = self._conditions.with_options(options)  # may refuse
+        episode = self._conditions.with_options(options)  # may refuse
         super().reset(seed=number)
         if self._world is None:
             self._world = make_world(self._engine, self._reactive)
-        left, right, phase = self._episode.draw_fin_angles(self.np_random).tolist()
-        self._world.reset(self._episode.sizes, (left, right, phase), self._episode.current)
+        self._course, angles = episode.draw(self.np_random, self.dt)
+        self._memory = self.task.begin(self.np_random)
+        left, right, phase = angles.tolist()
+        body = self._course.effects[0].body.to_array()
+        self._world.reset(body, (left, right, phase), episode.current)
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
-        self._steps_left = conditions.EPISODE_STEPS // self.frame_skip
+        self._steps, self._last = 0, round(self.task.seconds / self.dt)
+        self._sensors.reset(0)
+        self._enter(self._course.effects[0])
         here = self._state.position
         if self.render_mode == "human":
             self.render()
         return self._observation(), self._info(here, here)
+
+    def _enter(self, effect: Effect) -> None:
+        """Have the robot be as damage makes it from now on."""
+        self._effect = effect
+        self._sensors.become(0, effect)
 
     def step(
         self, action: NDArray[np.float32]
@@ -212,37 +227,55 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
             If the action is not three finite numbers, or the episode is over.
         """
         checked = conditions.check_single_action(action)
-        world = self._world
-        if world is None or self._steps_left == 0:
+        world, task = self._world, self.task
+        if world is None or self._steps == self._last:
             raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
-        world.advance(conditions.servo_speeds(checked), self.frame_skip)
-        self._steps_left -= 1
+        water = task.current(self._memory, self._steps * self.dt)
+        if water is not None:
+            x, y, z = map(float, water)
+            world.flow((x, y, z))
+        world.advance(conditions.servo_speeds(checked, self._effect.gains), self.frame_skip)
+        self._steps += 1
         before = self._state.position
         diverged = world.diverged
-        if diverged:
-            self._steps_left = 0
-            terms = {"reward_forward": 0.0, "reward_ctrl": 0.0}
-        else:
+        if not diverged:
             self._state, self._fin_angles = world.state(), world.fin_angles
-            terms = self._task.reward_terms(before, self._state.position, checked, self.dt)
-        info = self._info(before, self._state.position)
+        here = self._state.position
+        step = Step(before, here, self._state.orientation, checked, self._memory, self.dt)
+        terms = {name: float(value) for name, value in task.reward_terms(step).items()}
+        if diverged:
+            self._steps, terms = self._last, dict.fromkeys(terms, 0.0)
+        else:
+            self._memory = task.remember(step)
+            effect = self._course.at(self._steps)
+            if effect is not None:
+                if effect.body != self._effect.body:
+                    world.become(effect.body.to_array())
+                self._enter(effect)
+        info = self._info(before, here)
         info.update(terms)
         info["diverged"] = diverged
         if self.render_mode == "human":
             self.render()
-        truncated = self._steps_left == 0 and not diverged
+        truncated = self._steps == self._last and not diverged
         return self._observation(), sum(terms.values()), diverged, truncated, info
 
     def _observation(self) -> Observation:
+        state, way = self._state, None
+        if self.task.has_goal:
+            way = subtract(self.task.goal(self._memory), state.position)
         fins = self._fin_angles if self._observe_fins else None
-        return conditions.observe(self._state.orientation, self._state.spin, fins)
+        seen = conditions.observe(state.orientation, state.spin, fins, way)
+        if not self._sensors.broken:
+            return seen
+        most = conditions.limits(self._observe_fins, self.task.has_goal)
+        return self._sensors.say(seen[None], most, [self.np_random])[0]
 
     def _info(self, before: Vector, after: Vector) -> dict[str, Any]:
         return conditions.motion_info(before, after, self.dt) | {
             "diverged": False,
             "fin_angles": np.array(self._fin_angles),
-            "damage": self._episode.broken,
-            "morphology": self._episode.sizes.copy(),
+            **conditions.truth(self._effect),
         }
 
     def render(self) -> Any:
@@ -254,9 +287,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         if self.render_mode == "human":
             if self._window is None:
                 self._window = Window()
-            self._window.show(self._episode.body, pose, angles)
+            self._window.show(self._effect.body, pose, angles)
             return None
-        return render_pose(self._episode.body, pose, angles)
+        return render_pose(self._effect.body, pose, angles)
 
     def close(self) -> None:
         """Give back what the engine and the window hold; closing twice does no harm."""

@@ -6,7 +6,7 @@ import math
 from bisect import bisect
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,21 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import MAXIMUM_CURRENT, TIMESTEP
+from aquafish_gym.envs.course import Course, course_of
+from aquafish_gym.faults import Effect
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Number, Vector
+from aquafish_gym.physics.arithmetic import Number, Vector, cross
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
-EPISODE_SECONDS = 20.0
-EPISODE_STEPS = round(EPISODE_SECONDS / TIMESTEP)
 # Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
 GYRO_RANGE = math.radians(2000.0)
-# What a sensor cannot exceed: up, north, gyro, and the fins' sines and cosines.
-_LIMITS: Floats = np.ones(15)
-_LIMITS[6:9] = np.float32(GYRO_RANGE)  # the space's bound
-_LEAST = -_LIMITS
+GOAL_RANGE = 100.0  # units, beyond which a goal is observed at this distance along each axis
 _LOW: list[float] = COMMAND_LOW.tolist()
 _SPAN: list[float] = (COMMAND_HIGH - COMMAND_LOW).tolist()
 OPTIONS = ("fin_angles", "morphology", "damage")
@@ -48,21 +45,6 @@ class Conditions:
     fin_angles: str | Triple
     current: Triple
 
-    @cached_property
-    def body(self) -> Morphology:
-        """The damaged body."""
-        return self.damage.apply(self.morphology)
-
-    @cached_property
-    def sizes(self) -> Floats:
-        """The damaged body's nine sizes."""
-        return self.body.to_array()
-
-    @cached_property
-    def broken(self) -> str:
-        """The damage in text."""
-        return str(self.damage)
-
     def with_options(self, options: object, also: tuple[str, ...] = ()) -> Conditions:
         """Return one episode's, with the options of ``reset``; those in ``also`` are not read."""
         if options is None:
@@ -77,14 +59,22 @@ class Conditions:
             damage=Damage.coerce(options.get("damage", self.damage)),
             fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
         )
-        found.body  # noqa: B018  # raises if the damage does not fit the body
+        if not found.damage.is_random:
+            course_of(found.damage, found.morphology, 1.0)  # raises if it does not fit the body
         return found
 
-    def draw_fin_angles(self, rng: np.random.Generator) -> Floats:
-        """Return initial angles (3,) in rad."""
+    def draw(self, rng: np.random.Generator, dt: float) -> tuple[Course, Floats]:
+        """Return what happens in an episode of steps of ``dt`` s, and initial angles (3,) in rad."""
         if isinstance(self.fin_angles, str):
-            return rng.uniform(-math.pi, math.pi, 3)
-        return np.array(self.fin_angles)
+            angles = rng.uniform(-math.pi, math.pi, 3)
+        else:
+            angles = np.array(self.fin_angles)
+        course = course_of(self.damage.drawn(rng), self.morphology, dt)
+        for fin, stands in enumerate(course.effects[0].stands):
+            if stands is not None:
+                random = isinstance(stands, str)
+                angles[fin] = rng.uniform(-math.pi, math.pi) if random else stands
+        return course, angles
 
 
 def check_conditions(
@@ -108,16 +98,17 @@ def check_fin_angles(value: object) -> str | Triple:
     return (left, right, phase)
 
 
-def check_frame_skip(value: object) -> int:
+def check_frame_skip(value: object, seconds: float) -> int:
     """Return the physics steps in each control step, of which an episode is a whole number."""
-    skip = integer("frame_skip", value, 1, EPISODE_STEPS)
-    if EPISODE_STEPS % skip:
-        divisors = [n for n in range(1, EPISODE_STEPS + 1) if EPISODE_STEPS % n == 0]
+    steps = round(seconds / TIMESTEP)
+    skip = integer("frame_skip", value, 1, steps)
+    if steps % skip:
+        divisors = [n for n in range(1, steps + 1) if steps % n == 0]
         after = bisect(divisors, skip)
         low, high = divisors[after - 1 : after + 1]
         raise InvalidArgumentError(
-            f"frame_skip must divide {EPISODE_STEPS}, the physics steps of an episode of "
-            f"{EPISODE_SECONDS:g} s; got {skip}; the nearest are {low} and {high}"
+            f"frame_skip must divide {steps}, the physics steps of an episode of "
+            f"{seconds:g} s; got {skip}; the nearest are {low} and {high}"
         )
     return skip
 
@@ -142,14 +133,29 @@ def check_single_action(action: object) -> Triple:
     return (left, right, caudal)
 
 
-def servo_speeds(action: Vector) -> Vector:
-    """Return ``scale_action`` of three plain numbers, or of three rows (B,), to the same bits."""
+def servo_speeds(action: Vector, gains: Vector = (1.0, 1.0, 1.0)) -> Vector:
+    """Return ``scale_action`` of three plain numbers, or of three rows (B,), to the same bits.
+
+    A servo then turns at gain times that.
+    """
     left, right, caudal = action
     return (
-        _LOW[0] + 0.5 * (left + 1.0) * _SPAN[0],
-        _LOW[1] + 0.5 * (right + 1.0) * _SPAN[1],
-        _LOW[2] + 0.5 * (caudal + 1.0) * _SPAN[2],
+        gains[0] * (_LOW[0] + 0.5 * (left + 1.0) * _SPAN[0]),
+        gains[1] * (_LOW[1] + 0.5 * (right + 1.0) * _SPAN[1]),
+        gains[2] * (_LOW[2] + 0.5 * (caudal + 1.0) * _SPAN[2]),
     )
+
+
+def truth(effect: Effect) -> dict[str, Any]:
+    """Return what damage makes of a robot, in numbers: what ``info`` says and no observation."""
+    return {
+        "faults": effect.faults,
+        "morphology": effect.body.to_array(),
+        "servo_gain": np.array(effect.gains),
+        "sensor_noise": effect.noise,
+        "sensor_bias": np.array(effect.biases),
+        "sensor_lost": np.array(effect.stuck) | np.array(effect.dropped),
+    }
 
 
 def action_space() -> Box[np.float32]:
@@ -157,38 +163,49 @@ def action_space() -> Box[np.float32]:
     return Box(-1.0, 1.0, (3,), np.float32)
 
 
-def observation_space(observe_fins: bool) -> Box[np.float32]:
+@cache
+def limits(observe_fins: bool, has_goal: bool) -> Floats:
+    """Return what no observation can exceed: up, north, gyro, the fins' sines and cosines, goal."""
+    most = [1.0] * 6 + [np.float32(GYRO_RANGE)] * 3  # the space's bound
+    most += [1.0] * 6 * observe_fins + [GOAL_RANGE] * 3 * has_goal
+    found = np.array(most, np.float64)
+    found.setflags(write=False)
+    return found
+
+
+def observation_space(observe_fins: bool, has_goal: bool) -> Box[np.float32]:
     """Return the space of observations; see ``AquaFishEnv``."""
-    high = _LIMITS[: 15 if observe_fins else 9].astype(np.float32)
+    high = limits(observe_fins, has_goal).astype(np.float32)
     return Box(-high, high, dtype=np.float32)
 
 
 def observe(
-    quaternion: Iterable[Number], gyro: Iterable[Number], fin_angles: ArrayLike | None
+    quaternion: Iterable[Number],
+    gyro: Iterable[Number],
+    fin_angles: ArrayLike | None = None,
+    way: Vector | None = None,
 ) -> NDArray[np.float32]:
-    """Return what the IMU says, shape (9,), or (15,) with the fins' angles unless they are None.
+    """Return what the robot feels, shape (9,), or more with the fins' angles or a goal.
 
-    Every number may be a row (B,) instead; the answer is then (B, 9) or (B, 15). What leaves
-    the observation space saturates. The quaternion is x, y, z, w, from body to world; the gyro
-    about the body's axes, rad/s; the angles in rad.
+    Every number may be a row (B,) instead; the answer is then (B, 9) or more. What leaves the
+    observation space saturates. The quaternion is x, y, z, w, from body to world; the gyro about
+    the body's axes, rad/s; the angles in rad; ``way`` is where the goal is from here, in the world.
     """
     x, y, z, w = quaternion
     xx, yz, wx = x * x, y * z, w * x
-    senses = [
-        # The world's z, then its y, in body axes: rows of the rotation matrix.
-        2 * (x * z - w * y),
-        2 * (yz + wx),
-        1 - 2 * (xx + y * y),
-        2 * (x * y + w * z),
-        1 - 2 * (xx + z * z),
-        2 * (yz - wx),
-        *gyro,
-    ]
+    up = (2 * (x * z - w * y), 2 * (yz + wx), 1 - 2 * (xx + y * y))
+    north = (2 * (x * y + w * z), 1 - 2 * (xx + z * z), 2 * (yz - wx))
+    # The world's z, then its y, in body axes: rows of the rotation matrix.
+    senses = [*up, *north, *gyro]
     if fin_angles is not None:
         senses += [*np.sin(fin_angles), *np.cos(fin_angles)]
+    if way is not None:
+        east = cross(north, up)
+        senses += [way[0] * east[i] + way[1] * north[i] + way[2] * up[i] for i in range(3)]
     seen = np.array(senses).T
-    np.maximum(seen, _LEAST[: len(senses)], out=seen)
-    np.minimum(seen, _LIMITS[: len(senses)], out=seen)
+    most = limits(fin_angles is not None, way is not None)
+    np.maximum(seen, -most, out=seen)
+    np.minimum(seen, most, out=seen)
     return seen.astype(np.float32, "C")
 
 

@@ -172,6 +172,10 @@ class BulletWorld:
         p.resetBaseVelocity(self._robot, self.velocity, self.world_spin, physicsClientId=client)
         self._command = None  # the new robot's motors have not been told
 
+    def flow(self, current: Triple) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`."""
+        self._current = _triple(current)
+
     def _parameters(self, morphology: NDArray[np.float64]) -> NDArray[np.float64]:
         bodies = np.asarray(morphology)[None]
         return np.ascontiguousarray(robot_parameters(bodies, self._drag)[:, 0])

@@ -28,6 +28,8 @@ from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.physics.layout import (
+    CONDITION_ROWS,
+    CURRENT,
     FIELDS,
     ROBOT_ROWS,
     STATE_ROWS,
@@ -137,6 +139,10 @@ class LaneBatch:
         """
         parameters = robot_parameters(morphologies, self._drag[mask])
         self._table(self._parameters, ROBOT_ROWS)[:, mask] = parameters
+
+    def flow(self, currents: NDArray[np.float64]) -> None:
+        """Let the water move at other velocities (B, 3) from now on, units/s in the world."""
+        self._table(self._conditions, CONDITION_ROWS)[CURRENT : CURRENT + 3] = currents.T
 
     def advance(
         self,

@@ -100,6 +100,10 @@ class CompiledWorld:
         """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._numbers[ROBOT] = robot_parameters(morphology[None], self._drag)[:, 0]
 
+    def flow(self, current: Triple) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`."""
+        self._numbers[CURRENT] = current
+
     def advance(self, command: Vector, steps: int = 1) -> None:
         left, right, caudal = command
         swim = compile_single(self._reactive)

@@ -94,6 +94,10 @@ class MujocoWorld:
         for name in ("qpos", "qvel", "ctrl"):
             getattr(self.data, name)[:] = getattr(was, name)
 
+    def flow(self, current: Triple) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`."""
+        self.model.opt.wind[:] = current
+
     def advance(self, command: Vector, steps: int = 1) -> None:
         """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s.
 
