@@ -8,10 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any, NamedTuple, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, one_of
@@ -52,6 +53,18 @@ class Effect:
     biases: tuple[float, ...] = (0.0,) * len(CHANNELS)
     stuck: tuple[bool, ...] = (False,) * len(CHANNELS)
     dropped: tuple[bool, ...] = (False,) * len(CHANNELS)
+
+    @cached_property
+    def truth(self) -> dict[str, NDArray[Any]]:
+        """What damage makes of the robot, in arrays: what ``info`` says and no observation."""
+        return {
+            "faults": np.array(self.faults),
+            "morphology": self.body.to_array(),
+            "servo_gain": np.array(self.gains),
+            "sensor_noise": np.array(self.noise),
+            "sensor_bias": np.array(self.biases),
+            "sensor_lost": np.array(self.stuck) | np.array(self.dropped),
+        }
 
     def having(self, name: str, index: int, value: Any) -> Effect:
         """Return the robot with one entry of one of its rows replaced."""

@@ -27,6 +27,7 @@ from aquafish_gym.rendering import (
 from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
+ONLY = np.zeros(1, np.intp)  # the one robot among all
 
 
 class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
@@ -248,7 +249,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         else:
             self._memory = task.remember(step)
             effect = self._course.at(self._steps)
-            if effect is not None:
+            if effect is not self._effect:
                 if effect.body != self._effect.body:
                     world.become(effect.body.to_array())
                 self._enter(effect)
@@ -269,13 +270,13 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         if not self._sensors.broken:
             return seen
         most = conditions.limits(self._observe_fins, self.task.has_goal)
-        return self._sensors.say(seen[None], most, [self.np_random])[0]
+        return self._sensors.say(seen[None], most, [self.np_random], ONLY)[0]
 
     def _info(self, before: Vector, after: Vector) -> dict[str, Any]:
         return conditions.motion_info(before, after, self.dt) | {
             "diverged": False,
             "fin_angles": np.array(self._fin_angles),
-            **conditions.truth(self._effect),
+            **{name: value.copy() for name, value in self._effect.truth.items()},
         }
 
     def render(self) -> Any:

@@ -17,9 +17,8 @@ from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.envs.course import Course, course_of
-from aquafish_gym.faults import Effect
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Number, Vector, cross
+from aquafish_gym.physics.arithmetic import Number, Vector
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
 Floats = NDArray[np.float64]
@@ -146,18 +145,6 @@ def servo_speeds(action: Vector, gains: Vector = (1.0, 1.0, 1.0)) -> Vector:
     )
 
 
-def truth(effect: Effect) -> dict[str, Any]:
-    """Return what damage makes of a robot, in numbers: what ``info`` says and no observation."""
-    return {
-        "faults": effect.faults,
-        "morphology": effect.body.to_array(),
-        "servo_gain": np.array(effect.gains),
-        "sensor_noise": effect.noise,
-        "sensor_bias": np.array(effect.biases),
-        "sensor_lost": np.array(effect.stuck) | np.array(effect.dropped),
-    }
-
-
 def action_space() -> Box[np.float32]:
     """Return the space of actions: three servos in [-1, 1]."""
     return Box(-1.0, 1.0, (3,), np.float32)
@@ -200,7 +187,7 @@ def observe(
     if fin_angles is not None:
         senses += [*np.sin(fin_angles), *np.cos(fin_angles)]
     if way is not None:
-        east = cross(north, up)
+        east = (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))
         senses += [way[0] * east[i] + way[1] * north[i] + way[2] * up[i] for i in range(3)]
     seen = np.array(senses).T
     most = limits(fin_angles is not None, way is not None)

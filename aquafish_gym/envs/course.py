@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -15,6 +17,8 @@ from aquafish_gym.morphology import Morphology
 
 Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]
+Rows = NDArray[np.intp]
+NEVER = 2**62
 GYRO = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
 
 
@@ -39,9 +43,14 @@ class Course:
     effects: tuple[Effect, ...]
     begins: tuple[int, ...]
 
-    def at(self, step: int) -> Effect | None:
-        """Return what the robot is from this step on, if that is not what it was before."""
-        return dict(zip(self.begins, self.effects, strict=True)).get(step)
+    def at(self, step: int) -> Effect:
+        """Return what the robot is in a step."""
+        return self.effects[bisect_right(self.begins, step) - 1]
+
+    def next(self, step: int) -> int:
+        """Return the first step after this one in which it is something else."""
+        after = bisect_right(self.begins, step)
+        return self.begins[after] if after < len(self.begins) else NEVER
 
 
 @lru_cache(maxsize=1024)
@@ -86,17 +95,22 @@ class Sensors:
         self._stuck[robot] = False
 
     def say(
-        self, truth: Observations, limits: Floats, rngs: list[np.random.Generator]
+        self, truth: Observations, limits: Floats, rngs: Sequence[np.random.Generator], rows: Rows
     ) -> Observations:
-        """Return what B sensors say, observations (B, n) that begin with ``CHANNELS``."""
+        """Return what the sensors of the robots ``rows`` say, observations (n, k).
+
+        They begin with ``CHANNELS``, and are ``truth`` where nothing is broken; ``rngs`` are of all
+        B robots.
+        """
         said = truth.copy()
         felt = said[:, : len(CHANNELS)]  # a view
-        felt += self._biases
-        for robot in np.flatnonzero(self._noise).tolist():
-            felt[robot, GYRO] += rngs[robot].normal(0.0, self._noise[robot], 3)
+        felt += self._biases[rows]
+        for i, robot in enumerate(rows.tolist()):
+            if self._noise[robot]:
+                felt[i, GYRO] += rngs[robot].normal(0.0, self._noise[robot], 3)
         np.clip(said, -limits, limits, out=said)
-        np.copyto(self._held, felt, where=self._fresh)
-        self._fresh[:] = False
-        np.copyto(felt, self._held, where=self._stuck)
-        felt[self._dropped] = 0.0
+        self._held[rows] = np.where(self._fresh[rows], felt, self._held[rows])
+        self._fresh[rows] = False
+        np.copyto(felt, self._held[rows], where=self._stuck[rows])
+        felt[self._dropped[rows]] = 0.0
         return said

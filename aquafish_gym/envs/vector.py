@@ -16,9 +16,11 @@ from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import conditions
-from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.envs.course import NEVER, Course, Rows, Sensors
+from aquafish_gym.envs.tasks import Step, check_task
+from aquafish_gym.faults import Effect
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Vector
+from aquafish_gym.physics.arithmetic import Vector, subtract
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
@@ -26,6 +28,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, int
 Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Counts = NDArray[np.int64]
 Info = dict[str, Any]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
@@ -79,14 +82,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         current: ArrayLike = (0.0, 0.0, 0.0),
         fin_angles: object = "zero",
         observe_fins: bool = False,
-        frame_skip: int = 5,
+        frame_skip: int = 20,
         render_mode: str | None = None,
-        forward_reward_weight: float = 1.0,
-        ctrl_cost_weight: float = 1e-4,
+        task: object = "forward",
         dtype: str = "float32",
         threads: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         reactive: bool = False,
+        max_episode_steps: int | None = None,
     ) -> None:
         from aquafish_gym.engines.compiled.lanes import LaneBatch
 
@@ -106,40 +109,52 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
                 'render_mode="human" shows one robot: use gym.make; "rgb_array" gives a frame each'
             )
         self.render_mode = check_render_mode(render_mode)
-        self._task = SwimForward(forward_reward_weight, ctrl_cost_weight)
+        self.task = check_task(task)
         self._observe_fins = flag("observe_fins", observe_fins)
-        self.frame_skip = conditions.check_frame_skip(frame_skip)
+        self.frame_skip = conditions.check_frame_skip(frame_skip, self.task.seconds)
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": max(1, round(1 / self.dt)),
             "autoreset_mode": self._autoreset,
         }
-        self.single_observation_space = conditions.observation_space(self._observe_fins)
+        self._limits = conditions.limits(self._observe_fins, self.task.has_goal)
+        space = conditions.observation_space(self._observe_fins, self.task.has_goal)
+        self.single_observation_space = space
         self.single_action_space = conditions.action_space()
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-        # Robots of one body share one start.
-        several = _bodies(morphology, self.num_envs)
-        starts = [
-            conditions.check_conditions(body, damage, current, fin_angles) for body in several
-        ]
-        self._starts = starts if len(starts) > 1 else starts * self.num_envs
-        # Of the present episodes.
-        self._sizes = np.stack([start.sizes for start in self._starts])
-        self._damages = np.array([start.broken for start in self._starts], dtype=object)
+        start = conditions.check_conditions(None, None, current, "zero")
+        several = _of_each(
+            {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}, self.num_envs
+        )
+        self._starts = _with_options([start] * self.num_envs, several)
+        # Of the present episodes: what the robots are, since when, and what the task remembers.
+        effects = [Effect(one.morphology) for one in self._starts]
+        self._courses = [Course((effect,), (0,)) for effect in effects]
+        self._truth = {
+            name: np.stack([effect.truth[name] for effect in effects]) for name in effects[0].truth
+        }
+        self._changes: Counts = np.full(self.num_envs, NEVER)
+        self._memory: Floats = np.zeros((0, self.num_envs))
+        self._sensors = Sensors(self.num_envs)
         self._lanes = LaneBatch(
-            self._sizes,
+            self._truth["morphology"],
             np.zeros((self.num_envs, 3)),
-            starts[0].current,
+            start.current,
             getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
             threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
             reactive=flag("reactive", reactive),
         )
         # The states (25, num_envs) that are now, or were before a robot diverged.
         self._now = self._lanes.rows()
-        self._steps_left: NDArray[np.int64] = np.zeros(self.num_envs, np.int64)
+        self._last = round(self.task.seconds / self.dt)
+        if max_episode_steps is not None:
+            self._last = min(self._last, integer("max_episode_steps", max_episode_steps, 1))
+        self._steps: Counts = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
+        self._seen: Observations = np.zeros(self.observation_space.shape, np.float32)
+        self._everyone = np.arange(self.num_envs)
         self._begun = False
 
     @property
@@ -174,7 +189,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
         self._begin(mask, starts)
         self._begun = True
-        return self._observation(), _masked(self._info(self._now), mask)
+        self._look(np.flatnonzero(mask))
+        return self._seen.copy(), _masked(self._info(self._now), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
@@ -186,10 +202,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             an episode's end with autoreset disabled.
         """
         checked = conditions.check_action(actions, (self.num_envs, 3))
-        over = self._steps_left == 0
+        over = self._steps == self._last
         if not self._begun or (over.any() and self._autoreset is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        commands = np.array(conditions.servo_speeds(_three(checked.T))).T
+        water = self.task.current(tuple(self._memory), self._steps * self.dt)
+        if water is not None:
+            self._lanes.flow(np.stack(water, axis=1))
+        gains = _three(self._truth["servo_gain"].T)
+        commands = np.array(conditions.servo_speeds(_three(checked.T), gains)).T
         lost = self._lanes.advance(commands, self.frame_skip).diverged
         before, now = self._now, self._lanes.rows()
         with np.errstate(over="ignore", invalid="ignore"):
@@ -200,54 +220,101 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if lost.any():
             now[:, lost] = before[:, lost]
         self._now = now
-        self._steps_left -= 1
-        self._steps_left[diverged] = 0
-        here, there = _three(before[POSITION]), _three(now[POSITION])
-        terms = self._task.reward_terms(here, there, _three(checked.T), self.dt)
-        bad = diverged | over
-        if bad.any():
-            terms = {name: np.where(bad, 0.0, value) for name, value in terms.items()}
+        self._steps += 1
+        self._steps[diverged] = self._last
+        terms = self._judge(before, _three(checked.T), diverged | over)
         if over.any():
             self._begin(over, self._chosen(over))
             before[:, over] = now[:, over]
-        ended = self._steps_left == 0
+        self._look(self._everyone)
+        ended = self._steps == self._last
         everyone = np.ones(self.num_envs, np.bool_)
         info = _masked({**self._info(before), "diverged": diverged}, everyone)
         info |= _masked(terms, ~over)
         if ended.any() and self._autoreset is AutoresetMode.SAME_STEP:
-            last = self._observation()
+            last = self._seen.copy()
             self._begin(ended, self._chosen(ended))
+            self._look(np.flatnonzero(ended))
             info = _put_final(info, _masked(self._info(now), ended), last, ended)
         reward = np.asarray(sum(terms.values()))
-        return self._observation(), reward, diverged, ended & ~diverged, info
+        return self._seen.copy(), reward, diverged, ended & ~diverged, info
+
+    def _judge(self, before: Floats, action: Vector, bad: Mask) -> dict[str, Floats]:
+        """Return what a step is worth; what is remembered and broken is then as it is after it."""
+        here, there = _three(before[POSITION]), _three(self._now[POSITION])
+        x, y, z, w = self._now[QUATERNION]
+        step = Step(here, there, (x, y, z, w), action, tuple(self._memory), self.dt)
+        shape = (self.num_envs,)
+        terms = {
+            name: np.where(bad, 0.0, np.broadcast_to(value, shape))
+            for name, value in self.task.reward_terms(step).items()
+        }
+        if len(self._memory):
+            self._memory = np.where(bad, self._memory, self.task.remember(step))
+        changed = (self._changes == self._steps) & ~bad
+        if changed.any():
+            old = self._truth["morphology"].copy()
+            for i in np.flatnonzero(changed).tolist():
+                self._enter(i, int(self._steps[i]))
+            other = changed & (self._truth["morphology"] != old).any(axis=1)
+            if other.any():
+                self._lanes.become(other, self._truth["morphology"][other])
+        return terms
+
+    def _enter(self, robot: int, step: int) -> None:
+        """Have a robot be as damage makes it from this step of its episode on."""
+        course = self._courses[robot]
+        effect = course.at(step)
+        self._changes[robot] = course.next(step)
+        self._sensors.become(robot, effect)
+        for name, value in effect.truth.items():
+            self._truth[name][robot] = value
 
     def _chosen(
         self, mask: Mask, options: dict[str, Any] | None = None
     ) -> list[conditions.Conditions]:
         """Return how the robots under ``mask`` shall begin."""
-        starts = [self._starts[i] for i in np.flatnonzero(mask).tolist()]
         if options is None:
-            return starts
-        different = {id(start): start for start in starts}
-        made = {key: one.with_options(options, ("reset_mask",)) for key, one in different.items()}
-        return [made[id(start)] for start in starts]
+            return [self._starts[i] for i in np.flatnonzero(mask).tolist()]
+        if not isinstance(options, Mapping):
+            raise InvalidArgumentError(f"options must be a dictionary; got {brief(options)}")
+        several = _of_each(options, self.num_envs)
+        several.pop("reset_mask", None)
+        chosen = np.flatnonzero(mask).tolist()
+        return _with_options(
+            [self._starts[i] for i in chosen],
+            {name: values if len(values) == 1 else [values[i] for i in chosen]
+             for name, values in several.items()},
+        )  # fmt: skip
 
     def _begin(self, mask: Mask, starts: list[conditions.Conditions]) -> None:
         """Put the robots under ``mask`` back to their starts."""
         chosen = np.flatnonzero(mask).tolist()
-        angles = np.empty((len(chosen), 3))
+        angles, memories = np.empty((len(chosen), 3)), []
         for row, (i, start) in enumerate(zip(chosen, starts, strict=True)):
-            self._sizes[i] = start.sizes
-            self._damages[i] = start.broken
-            angles[row] = start.draw_fin_angles(self._rngs[i])
-        self._lanes.replace(mask, self._sizes[mask], angles)
+            self._courses[i], angles[row] = start.draw(self._rngs[i], self.dt)
+            memories.append(self.task.begin(self._rngs[i]))
+            self._sensors.reset(i)
+            self._enter(i, 0)
+        remembered = np.array(memories, np.float64).reshape(len(chosen), -1)
+        if remembered.shape[1] != len(self._memory):
+            self._memory = np.zeros((remembered.shape[1], self.num_envs))
+        self._memory[:, mask] = remembered.T
+        self._lanes.replace(mask, self._truth["morphology"][mask], angles)
         self._now[:, mask] = self._lanes.rows()[:, mask]
-        self._steps_left[mask] = conditions.EPISODE_STEPS // self.frame_skip
+        self._steps[mask] = 0
 
-    def _observation(self) -> Observations:
-        now = self._now
+    def _look(self, rows: Rows) -> None:
+        """Have these robots feel what is now."""
+        now, way = self._now[:, rows], None
+        if self.task.has_goal:
+            goal = self.task.goal(tuple(self._memory[:, rows]))
+            way = subtract(goal, _three(now[POSITION]))
         fins = angles_of_rows(now) if self._observe_fins else None
-        return conditions.observe(now[QUATERNION], now[GYRO], fins)
+        seen = conditions.observe(now[QUATERNION], now[GYRO], fins, way)
+        if self._sensors.broken:
+            seen = self._sensors.say(seen, self._limits, self._rngs, rows)
+        self._seen[rows] = seen
 
     def _info(self, before: Floats) -> Info:
         """Return what is to be told, after a step from the states ``before``."""
@@ -255,8 +322,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return conditions.motion_info(here, there, self.dt) | {
             "diverged": np.zeros(self.num_envs, np.bool_),
             "fin_angles": angles_of_rows(self._now).T.copy(),
-            "damage": self._damages.copy(),
-            "morphology": self._sizes.copy(),
+            **{name: value.copy() for name, value in self._truth.items()},
         }
 
     def render(self) -> tuple[Any, ...] | None:
@@ -264,7 +330,12 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if self.render_mode is None:
             return None
         now = self._now
-        robots = (self._sizes, now[POSITION].T, now[QUATERNION].T, angles_of_rows(now).T)
+        robots = (
+            self._truth["morphology"],
+            now[POSITION].T,
+            now[QUATERNION].T,
+            angles_of_rows(now).T,
+        )
         return tuple(
             render_pose(Morphology.from_array(sizes), (position, quaternion), angles)
             for sizes, position, quaternion, angles in zip(*robots, strict=True)
@@ -276,19 +347,47 @@ def _three(rows: Floats) -> Vector:
     return (x, y, z)
 
 
-def _bodies(morphology: object, count: int) -> list[Any]:
-    """Return one body for all robots, or one for each from (count, 9) sizes."""
-    several = isinstance(morphology, np.ndarray) and morphology.ndim == 2
-    if isinstance(morphology, list | tuple) and morphology:
-        several = not isinstance(morphology[0], int | float | np.number)
-    if not several:
-        return [morphology]
-    each: list[Any] = list(morphology)  # type: ignore[call-overload]
-    if len(each) != count:
-        raise InvalidArgumentError(
-            f"morphology must be one body or num_envs = {count} of them; got {len(each)}"
-        )
-    return each
+def _of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
+    """Return each argument of the robots in a list: one for all, or one for each of ``count``."""
+    found = {}
+    for name, value in arguments.items():
+        each = [value]
+        if name == "damage" and isinstance(value, list | tuple):
+            each = list(value)
+        elif name in ("morphology", "fin_angles") and _has_rows(value):
+            each = list(value)
+        if len(each) != count and each[0] is not value:
+            joined = "; faults of one robot are joined by ';'" if name == "damage" else ""
+            raise InvalidArgumentError(
+                f"{name} must be one for all robots or num_envs = {count} of them; "
+                f"got {len(each)}{joined}"
+            )
+        found[name] = each
+    return found
+
+
+def _has_rows(value: object) -> bool:
+    """Whether this is several, and not one of three or nine numbers."""
+    if isinstance(value, np.ndarray):
+        return value.ndim == 2
+    if isinstance(value, list | tuple) and value:
+        return not isinstance(value[0], int | float | np.number)
+    return False
+
+
+def _with_options(
+    starts: list[conditions.Conditions], several: Mapping[str, list[Any]]
+) -> list[conditions.Conditions]:
+    """Return starts with options, of which each has one value for all or one for each start."""
+    made: dict[tuple[int, ...], conditions.Conditions] = {}
+    found = []
+    for i, start in enumerate(starts):
+        options = {name: values[i % len(values)] for name, values in several.items()}
+        key = (id(start), *map(id, options.values()))
+        if key not in made:
+            made[key] = start.with_options(options)
+        found.append(made[key])
+    return found
 
 
 def _check_seeds(seed: object, count: int) -> list[int | None]:
