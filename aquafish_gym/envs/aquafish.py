@@ -205,7 +205,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._world.reset(body, (left, right, phase), episode.current)
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
         self._steps, self._last = 0, round(self.task.seconds / self.dt)
-        self._sensors.reset(0)
+        self._sensors.reset([0])
         self._enter(self._course.effects[0])
         here = self._state.position
         if self.render_mode == "human":
@@ -215,7 +215,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     def _enter(self, effect: Effect) -> None:
         """Have the robot be as damage makes it from now on."""
         self._effect = effect
-        self._sensors.become(0, effect)
+        self._sensors.become([0], effect)
 
     def step(
         self, action: NDArray[np.float32]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -44,6 +44,11 @@ class Conditions:
     fin_angles: str | Triple
     current: Triple
 
+    @cached_property
+    def _course(self) -> Callable[[float], Course]:
+        # Looking a damage up for every robot would take longer than all else that a reset does.
+        return cache(partial(course_of, self.damage, self.morphology))
+
     def with_options(self, options: object, also: tuple[str, ...] = ()) -> Conditions:
         """Return one episode's, with the options of ``reset``; those in ``also`` are not read."""
         if options is None:
@@ -68,7 +73,10 @@ class Conditions:
             angles = rng.uniform(-math.pi, math.pi, 3)
         else:
             angles = np.array(self.fin_angles)
-        course = course_of(self.damage.drawn(rng), self.morphology, dt)
+        if self.damage.is_random:
+            course = course_of(self.damage.drawn(rng), self.morphology, dt)
+        else:
+            course = self._course(dt)
         for fin, stands in enumerate(course.effects[0].stands):
             if stands is not None:
                 random = isinstance(stands, str)

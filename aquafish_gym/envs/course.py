@@ -80,19 +80,20 @@ class Sensors:
         self._fresh = np.zeros(channels, np.bool_)  # stuck from the next observation on
         self._held = np.zeros(channels, np.float32)
 
-    def become(self, robot: int, effect: Effect) -> None:
-        """Have a robot's sensor be as an effect says, from its next observation on."""
+    def become(self, robots: list[int], effect: Effect) -> None:
+        """Have robots' sensors be as an effect says, from their next observations on."""
         sensor = (effect.noise, effect.biases, effect.stuck, effect.dropped)
         if not self.broken and not any(np.any(part) for part in sensor):
             return
         self.broken = True
-        stuck = np.array(effect.stuck)
-        self._fresh[robot] = stuck & ~self._stuck[robot]
-        self._noise[robot], self._biases[robot], self._stuck[robot], self._dropped[robot] = sensor
+        self._fresh[robots] = np.array(effect.stuck) & ~self._stuck[robots]
+        rows = (self._noise, self._biases, self._stuck, self._dropped)
+        for row, value in zip(rows, sensor, strict=True):
+            row[robots] = value
 
-    def reset(self, robot: int) -> None:
-        """Forget what a robot's sensor said: an episode begins."""
-        self._stuck[robot] = False
+    def reset(self, robots: list[int]) -> None:
+        """Forget what these robots' sensors said: an episode begins."""
+        self._stuck[robots] = False
 
     def say(
         self, truth: Observations, limits: Floats, rngs: Sequence[np.random.Generator], rows: Rows

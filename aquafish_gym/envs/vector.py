@@ -254,21 +254,24 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         changed = (self._changes == self._steps) & ~bad
         if changed.any():
             old = self._truth["morphology"].copy()
-            for i in np.flatnonzero(changed).tolist():
-                self._enter(i, int(self._steps[i]))
+            self._enter(np.flatnonzero(changed))
             other = changed & (self._truth["morphology"] != old).any(axis=1)
             if other.any():
                 self._lanes.become(other, self._truth["morphology"][other])
         return terms
 
-    def _enter(self, robot: int, step: int) -> None:
-        """Have a robot be as damage makes it from this step of its episode on."""
-        course = self._courses[robot]
-        effect = course.at(step)
-        self._changes[robot] = course.next(step)
-        self._sensors.become(robot, effect)
-        for name, value in effect.truth.items():
-            self._truth[name][robot] = value
+    def _enter(self, robots: Rows) -> None:
+        """Have robots be as damage makes them from the present step of their episodes on."""
+        alike: dict[tuple[int, int], list[int]] = {}  # many have one course, and its steps at once
+        for i, step in zip(robots.tolist(), self._steps[robots].tolist(), strict=True):
+            alike.setdefault((id(self._courses[i]), step), []).append(i)
+        for (_, step), those in alike.items():
+            course = self._courses[those[0]]
+            effect = course.at(step)
+            self._changes[those] = course.next(step)
+            self._sensors.become(those, effect)
+            for name, value in effect.truth.items():
+                self._truth[name][those] = value
 
     def _chosen(
         self, mask: Mask, options: dict[str, Any] | None = None
@@ -294,15 +297,15 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         for row, (i, start) in enumerate(zip(chosen, starts, strict=True)):
             self._courses[i], angles[row] = start.draw(self._rngs[i], self.dt)
             memories.append(self.task.begin(self._rngs[i]))
-            self._sensors.reset(i)
-            self._enter(i, 0)
+        self._steps[mask] = 0
+        self._sensors.reset(chosen)
+        self._enter(np.flatnonzero(mask))
         remembered = np.array(memories, np.float64).reshape(len(chosen), -1)
         if remembered.shape[1] != len(self._memory):
             self._memory = np.zeros((remembered.shape[1], self.num_envs))
         self._memory[:, mask] = remembered.T
         self._lanes.replace(mask, self._truth["morphology"][mask], angles)
         self._now[:, mask] = self._lanes.rows()[:, mask]
-        self._steps[mask] = 0
 
     def _look(self, rows: Rows) -> None:
         """Have these robots feel what is now."""
