@@ -15,10 +15,19 @@ from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
 __all__ = ["DIMENSIONS", "Damage", "Dimension", "ImuLog", "Morphology", "WorldConfig", "simulate"]
 __version__ = "0.1.0"
 
-# The environment itself counts to 20 s, whatever frame_skip is, so no limit is set here.
-if "AquaFish-v0" not in _gymnasium.registry:
-    _gymnasium.register(
-        id="AquaFish-v0",
-        entry_point="aquafish_gym.envs.aquafish:AquaFishEnv",
-        vector_entry_point="aquafish_gym.envs.vector:AquaFishVectorEnv",
-    )
+#: What each id is made with, besides what everybody gives.
+IDS: dict[str, dict[str, str]] = {
+    "AquaFish-v0": {},
+    "AquaFishStation-v0": {"task": "station"},
+    "AquaFishWaypoint-v0": {"task": "waypoint"},
+    "AquaFishRecovery-v0": {"task": "recovery", "damage": "random:moderate@15-30"},
+}
+# The environments themselves count to the end, whatever frame_skip is, so no limit is set here.
+for _id, _kwargs in IDS.items():
+    if _id not in _gymnasium.registry:
+        _gymnasium.register(
+            id=_id,
+            entry_point="aquafish_gym.envs.aquafish:AquaFishEnv",
+            vector_entry_point="aquafish_gym.envs.vector:AquaFishVectorEnv",
+            kwargs=_kwargs,
+        )

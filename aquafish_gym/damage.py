@@ -113,7 +113,7 @@ class Damage:
         """Return fins that broke at sea: one or two, equally likely, each with one fault.
 
         A fin is missing one time in four; else its length, width or thickness is 0.2 to 0.9 of what
-        it was, uniformly. (With servos and sensors: ``Damage.parse("random:moderate").drawn(rng)``.)
+        it was, uniformly. (``Damage.parse("random:moderate").drawn(rng)`` breaks servos, too.)
 
         Examples
         --------

@@ -305,7 +305,7 @@ class ServoSeized(_OfFin):
 
 @dataclass(frozen=True)
 class ServoDead(_OfFin):
-    """A servo has no power: it does not turn, and its fin stands anywhere when an episode begins."""
+    """A servo has no power: it does not turn. Its fin stands anywhere when an episode begins."""
 
     kind: str = named("ServoDead")
 

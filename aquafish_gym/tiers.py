@@ -84,7 +84,7 @@ class RandomFaults(Fault):
         """Always."""
         return True
 
-    def strike(self, robot: Effect) -> Effect:
+    def strike(self, robot: Effect) -> Effect:  # noqa: ARG002
         """Refuse: what breaks is not known before it is drawn."""
         raise InvalidArgumentError(f"damage {self} is left to chance: draw it first (Damage.drawn)")
 

@@ -270,7 +270,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         if not self._sensors.broken:
             return seen
         most = conditions.limits(self._observe_fins, self.task.has_goal)
-        return self._sensors.say(seen[None], most, [self.np_random], ONLY)[0]
+        said: Observation = self._sensors.say(seen[None], most, [self.np_random], ONLY)[0]
+        return said
 
     def _info(self, before: Vector, after: Vector) -> dict[str, Any]:
         return conditions.motion_info(before, after, self.dt) | {

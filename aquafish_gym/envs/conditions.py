@@ -68,7 +68,7 @@ class Conditions:
         return found
 
     def draw(self, rng: np.random.Generator, dt: float) -> tuple[Course, Floats]:
-        """Return what happens in an episode of steps of ``dt`` s, and initial angles (3,) in rad."""
+        """Return what happens in an episode of steps of ``dt`` s, and angles (3,) in rad."""
         if isinstance(self.fin_angles, str):
             angles = rng.uniform(-math.pi, math.pi, 3)
         else:

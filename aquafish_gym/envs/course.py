@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,7 +88,7 @@ class Sensors:
             return
         self.broken = True
         self._fresh[robots] = np.array(effect.stuck) & ~self._stuck[robots]
-        rows = (self._noise, self._biases, self._stuck, self._dropped)
+        rows: tuple[NDArray[Any], ...] = (self._noise, self._biases, self._stuck, self._dropped)
         for row, value in zip(rows, sensor, strict=True):
             row[robots] = value
 

@@ -153,7 +153,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._last = min(self._last, integer("max_episode_steps", max_episode_steps, 1))
         self._steps: Counts = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
-        self._seen: Observations = np.zeros(self.observation_space.shape, np.float32)
+        self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
         self._everyone = np.arange(self.num_envs)
         self._begun = False
 
@@ -355,9 +355,7 @@ def _of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
     found = {}
     for name, value in arguments.items():
         each = [value]
-        if name == "damage" and isinstance(value, list | tuple):
-            each = list(value)
-        elif name in ("morphology", "fin_angles") and _has_rows(value):
+        if (name == "damage" and isinstance(value, list | tuple)) or (name in ("morphology", "fin_angles") and _has_rows(value)):
             each = list(value)
         if len(each) != count and each[0] is not value:
             joined = "; faults of one robot are joined by ';'" if name == "damage" else ""
