@@ -21,7 +21,7 @@ from aquafish_gym.bodies import (
     sample_stamp,
     write_bodies,
 )
-from aquafish_gym.envs.conditions import EPISODE_STEPS
+from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.storage import DamagedFileError, ensure_writable_directory
@@ -48,6 +48,7 @@ CHECKPOINT_FILE, CURVE_FILE = "checkpoint.npz", "curve.csv"
 FILES = (CHECKPOINT_FILE, CURVE_FILE, CONTROLLER_FILE)  # and a sample's BODIES_FILE
 ALGORITHMS = ("PPO", "SAC", "TD3")
 RESUMED = "PPO"
+EPISODE_STEPS = round(SECONDS / TIMESTEP)
 # Whole in an episode, and asked for whenever gait.swim asks a controller.
 INTERVALS = [n for n in range(INTERVAL, EPISODE_STEPS // 2 + 1, INTERVAL) if not EPISODE_STEPS % n]
 MOST_HIDDEN = MAXIMUM_NODES - len(OUTPUTS)

@@ -9,12 +9,12 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.damage import Effect
 from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import conditions
 from aquafish_gym.envs.course import Sensors
 from aquafish_gym.envs.tasks import Memory, Step, check_task
-from aquafish_gym.faults import Effect
 from aquafish_gym.physics.arithmetic import Vector, subtract
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.rendering import (

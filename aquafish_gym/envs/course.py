@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.damage import Damage
-from aquafish_gym.faults import CHANNELS, Effect
+from aquafish_gym.damage import CHANNELS, Damage, Effect
 from aquafish_gym.morphology import Morphology
 
 Floats = NDArray[np.float64]

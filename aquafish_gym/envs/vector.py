@@ -12,13 +12,13 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.damage import Effect
 from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import conditions
 from aquafish_gym.envs.course import NEVER, Course, Rows, Sensors
 from aquafish_gym.envs.tasks import Step, check_task
-from aquafish_gym.faults import Effect
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector, subtract
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
@@ -32,6 +32,7 @@ Counts = NDArray[np.int64]
 Info = dict[str, Any]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
+ALL_OR_EACH = ("morphology", "damage", "fin_angles")  # may be one for all robots, or one each
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 
 # Rows of a table of states.
@@ -354,10 +355,9 @@ def _of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
     """Return each argument of the robots in a list: one for all, or one for each of ``count``."""
     found = {}
     for name, value in arguments.items():
-        each = [value]
-        if (name == "damage" and isinstance(value, list | tuple)) or (name in ("morphology", "fin_angles") and _has_rows(value)):
-            each = list(value)
-        if len(each) != count and each[0] is not value:
+        rows = isinstance(value, list | tuple) if name == "damage" else _has_rows(value)
+        each = list(value) if rows and name in ALL_OR_EACH else [value]
+        if len(each) != count and not (len(each) == 1 and each[0] is value):
             joined = "; faults of one robot are joined by ';'" if name == "damage" else ""
             raise InvalidArgumentError(
                 f"{name} must be one for all robots or num_envs = {count} of them; "

@@ -18,18 +18,22 @@ from typing import Any, Self
 
 import numpy as np
 
-from aquafish_gym import faults
-from aquafish_gym.faults import WORDS, Effect, Fault, FinMissing, FinScaled, Word
+from aquafish_gym.damage.effect import Effect
+from aquafish_gym.damage.fault import Fault
+from aquafish_gym.damage.fins import FinEntangled, FinMissing, FinScaled
+from aquafish_gym.damage.sensors import ChannelBias, ChannelDropped, ChannelStuck, GyroNoise
+from aquafish_gym.damage.servos import ServoDead, ServoGain, ServoSeized
+from aquafish_gym.damage.tiers import TIERS, RandomFaults, broken_fins
+from aquafish_gym.damage.words import WORDS, Word
 from aquafish_gym.morphology import Morphology, change_in_words
-from aquafish_gym.tiers import TIERS, RandomFaults, broken_fins
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of, parse_json
 
 _KINDS: dict[str, Any] = {
     kind.__name__: kind
     for kind in (
-        FinScaled, FinMissing, faults.FinEntangled, faults.ServoGain, faults.ServoSeized,
-        faults.ServoDead, faults.GyroNoise, faults.ChannelBias, faults.ChannelStuck,
-        faults.ChannelDropped, RandomFaults,
+        FinScaled, FinMissing, FinEntangled, ServoGain, ServoSeized,
+        ServoDead, GyroNoise, ChannelBias, ChannelStuck,
+        ChannelDropped, RandomFaults,
     )
 }  # fmt: skip
 _RANDOM = {tier: Word(lambda _part, tier=tier: RandomFaults(tier)) for tier in TIERS}

@@ -7,7 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aquafish_gym.faults import WORDS, Effect, Fault, FinMissing, FinScaled, named
+from aquafish_gym.damage.effect import Effect
+from aquafish_gym.damage.fault import Fault, named
+from aquafish_gym.damage.fins import FinMissing, FinScaled
+from aquafish_gym.damage.words import WORDS
 from aquafish_gym.morphology import FINS, SIZES
 from aquafish_gym.utils.validation import InvalidArgumentError, one_of
 
@@ -76,7 +79,7 @@ class RandomFaults(Fault):
 
     @property
     def what(self) -> str:
-        """See :class:`~aquafish_gym.faults.Fault`."""
+        """See :class:`~aquafish_gym.damage.Fault`."""
         return f"random:{self.tier}"
 
     @property
