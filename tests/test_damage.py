@@ -5,27 +5,69 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aquafish_gym.damage import Damage, Fault, FinMissing, FinScaled
+from aquafish_gym.damage import (
+    CHANNELS,
+    TIERS,
+    ChannelBias,
+    ChannelDropped,
+    ChannelStuck,
+    Damage,
+    Effect,
+    Fault,
+    FinEntangled,
+    FinMissing,
+    FinScaled,
+    GyroNoise,
+    RandomFaults,
+    ServoDead,
+    ServoGain,
+    ServoSeized,
+)
 from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 
-faults = st.one_of(
-    st.builds(
-        FinScaled,
-        st.sampled_from(FINS),
-        st.sampled_from(SIZES),
-        st.floats(0.0, 1.0),
-    ),
-    st.builds(FinMissing, st.sampled_from(FINS)),
+fins, channels = st.sampled_from(FINS), st.sampled_from(CHANNELS)
+seconds = st.floats(0.0, 1e6)
+onsets = st.one_of(
+    st.just(0.0), seconds, st.tuples(seconds, seconds).map(lambda two: tuple(sorted(two)))
 )
-damages = st.lists(faults, max_size=4).map(lambda f: Damage(tuple(f)))
+whens = st.fixed_dictionaries({"onset": onsets, "duration": st.none() | seconds})
+
+
+def at_any_time(*kinds: st.SearchStrategy[Fault]) -> st.SearchStrategy[Fault]:
+    """What breaks from the beginning to the end, or at some time for a while."""
+    return st.one_of(*kinds) | st.builds(
+        lambda f, when: replace(f, **when), st.one_of(*kinds), whens
+    )
+
+
+shrinking = (
+    st.builds(FinScaled, fins, st.sampled_from(SIZES), st.floats(0.0, 1.0)),
+    st.builds(FinMissing, fins),
+)
+others = (
+    st.builds(FinEntangled, fins, st.floats(0.0, 1.0)),
+    st.builds(ServoGain, fins, st.floats(-2.0, 2.0)),
+    st.builds(ServoSeized, fins),
+    st.builds(ServoDead, fins),
+    st.builds(GyroNoise, st.floats(0.0, 100.0)),
+    st.builds(ChannelBias, channels, st.floats(-2.0, 2.0)),
+    st.builds(ChannelStuck, channels),
+    st.builds(ChannelDropped, channels),
+    st.builds(RandomFaults, st.sampled_from(list(TIERS))),
+)
+at_an_angle = st.builds(ServoSeized, fins, st.floats(-math.pi, math.pi))
+smaller = st.lists(st.one_of(shrinking), max_size=4).map(lambda f: Damage(tuple(f)))
+damages = st.lists(at_any_time(*shrinking, *others) | at_an_angle, max_size=4).map(
+    lambda f: Damage(tuple(f))
+)
 
 
 @given(damages)
@@ -37,7 +79,7 @@ def test_text_and_json_read_back_exactly(damage: Damage) -> None:
     assert Damage.coerce(str(damage)) == damage
 
 
-@given(damages)
+@given(smaller)
 def test_a_broken_body_is_never_larger(damage: Damage) -> None:
     whole, broken = Morphology.nominal(), damage.apply(Morphology.nominal())
     assert (broken.to_array() <= whole.to_array()).all()
@@ -70,10 +112,27 @@ def test_several_faults_join_in_any_form() -> None:
         ("left_pectorl:length=0.5", "did you mean 'left_pectoral'"),
         ("caudal:lenght=0.5", "did you mean 'length'"),
         ("caudal:misssing", "did you mean 'missing'"),
-        ("caudal", "fin:word=number"),
-        ("caudal:", "fin:word=number"),
-        ("caudal:missing;", "fin:word=number"),
-        ("caudal:length", "needs a factor"),
+        ("caudal", "part:word=number"),
+        ("caudal:", "part:word=number"),
+        ("caudal:missing;", "part:word=number"),
+        ("caudal:missing@", "part:word=number"),
+        ("caudal:missing@1@2", "part:word=number"),
+        ("caudal:missing@soon", "damage onset needs a number"),
+        ("caudal:missing@1+x", "damage duration needs a number"),
+        ("caudal:missing@5-2", "the earliest and the latest; got 5 and 2"),
+        ("caudal:missing@1e9", r"damage onset must lie in"),
+        ("caudal:seized=1@3", "has an angle only from the beginning"),
+        ("caudal:seized=4", "damage angle of caudal:seized must lie in"),
+        ("caudal:weka=0.5", "did you mean 'weak'"),
+        ("caudal:dead=1", "takes no number"),
+        ("caudal:weak", "needs a number"),
+        ("caudal:weak=3", "damage gain of caudal:weak must lie in"),
+        ("caudal:entangled=2", "damage share of caudal:entangled must lie in"),
+        ("gyro:noise=-1", "damage gyro:noise must lie in"),
+        ("gyro_w:stuck", "did you mean 'gyro_"),
+        ("up_x:bias=3", "damage up_x:bias must lie in"),
+        ("random:moderat", "did you mean 'moderate'"),
+        ("caudal:length", "needs a number"),
         ("caudal:length=", "needs a number"),
         ("caudal:length=half", "needs a number"),
         ("caudal:length=-0.5", "must lie in"),
@@ -196,3 +255,81 @@ def test_what_happens_at_sea_is_one_fault_or_two_in_different_fins() -> None:
     assert {fault.fin for damage in drawn for fault in damage} == set(FINS)
     again = Damage.random(np.random.default_rng(3))
     assert again == drawn[3]
+
+
+NOMINAL = Morphology.nominal()
+
+
+def effect(text: str) -> Effect:
+    return Damage.parse(text).effect(NOMINAL)
+
+
+def test_each_word_says_what_the_robot_is() -> None:
+    assert effect("none") == Effect(NOMINAL)
+    robot = effect("left_pectoral:weak=0.5;left_pectoral:weak=0.5;right_pectoral:reversed")
+    assert (robot.gains, robot.faults, robot.body) == ((0.25, -1.0, 1.0), 3, NOMINAL)
+    robot = effect("left_pectoral:seized;right_pectoral:seized=1.5;caudal:dead")
+    assert (robot.gains, robot.stands) == ((0.0,) * 3, (None, 1.5, "anywhere"))
+    assert effect("gyro:noise=0.03;gyro:noise=0.04").noise == pytest.approx(0.05)
+    robot = effect("gyro_y:bias=0.2;gyro_y:bias=-0.05;up_x:stuck;north_z:dropped")
+    rows = zip(robot.biases, robot.stuck, robot.dropped, strict=True)
+    told = dict(zip(CHANNELS, rows, strict=True))
+    assert told.pop("gyro_y") == (pytest.approx(0.15), False, False)
+    assert (told.pop("up_x"), told.pop("north_z")) == ((0.0, True, False), (0.0, False, True))
+    assert set(told.values()) == {(0.0, False, False)}
+
+
+def test_what_hangs_on_a_fin_makes_it_wider_within_its_range() -> None:
+    assert effect("left_pectoral:entangled=0.5").body.left_pectoral == (0.7, 1.6, 0.1)
+    assert effect("caudal:entangled=1").body.caudal == (0.4, 1.4, 1.0)
+
+
+@given(damages, st.floats(0.0, 2e6))
+def test_what_is_drawn_leaves_nothing_to_chance_and_has_a_time(damage: Damage, t: float) -> None:
+    drawn = damage.drawn(np.random.default_rng(0))
+    assert not drawn.is_random
+    assert drawn.drawn(np.random.default_rng(1)) is drawn
+    assert drawn == damage.drawn(np.random.default_rng(0))
+    now = drawn.at(t)
+    held = [f for f in drawn if f.span[0] <= t < f.span[1]]
+    assert [type(fault) for fault in now] == [type(fault) for fault in held]
+    assert all(fault.span == (0.0, math.inf) for fault in now)
+    # Nothing changes between two moments.
+    moments = [0.0, *drawn.moments, math.inf]
+    assert moments == sorted(set(moments))
+    last = max(moment for moment in moments if moment <= t)
+    assert drawn.at(last) == now
+
+
+def test_what_is_left_to_chance_must_be_drawn() -> None:
+    for text, sentence in (
+        ("random:mild", "random:mild is left"),
+        ("caudal:dead@1-2", "its onset"),
+    ):
+        with pytest.raises(InvalidArgumentError, match=f"{sentence}.* draw it first"):
+            Damage.parse(text).at(0.0).effect(NOMINAL)
+    with pytest.raises(InvalidArgumentError, match="draw it first"):
+        Damage.parse("random:mild").apply(NOMINAL)
+
+
+@pytest.mark.parametrize("tier", TIERS)
+def test_a_tier_draws_what_its_table_says(tier: str) -> None:
+    count, chances = TIERS[tier]
+    assert sum(chance.weight for chance in chances) == pytest.approx(1.0)
+    damage, rng = Damage.parse(f"random:{tier}@2-8+3"), np.random.default_rng(0)
+    drawn = [damage.drawn(rng) for _ in range(1000)]
+    seen: dict[str, list[float]] = {chance.word: [] for chance in chances}
+    for one in drawn:
+        assert len(one) == count
+        assert len({str(fault).partition(":")[0] for fault in one}) == count
+        assert {fault.span for fault in one} == {one.faults[0].span}
+        assert 2.0 <= one.faults[0].span[0] <= 8.0
+        one.effect(NOMINAL)  # fits
+        for fault in one:
+            word, _, number = fault.what.partition(":")[2].partition("=")
+            seen[word].append(abs(float(number)) if number else 0.0)
+    for chance in chances:
+        numbers = seen[chance.word]
+        assert len(numbers) / (1000 * count) == pytest.approx(chance.weight, abs=0.04)
+        assert chance.low <= min(numbers)
+        assert max(numbers) <= chance.high

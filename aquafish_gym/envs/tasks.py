@@ -176,8 +176,8 @@ class HoldStation(_Moving):
 
     has_goal: ClassVar[bool] = True
     seconds: float = 60.0
-    slowest: float = 0.1
-    fastest: float = 0.25
+    slowest: float = 0.2
+    fastest: float = 0.5
     turning: float = 0.0
 
     def __post_init__(self) -> None:

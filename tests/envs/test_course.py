@@ -1,0 +1,267 @@
+"""Damage with a life of its own: what is broken in each step, and what a broken sensor says."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aquafish_gym.damage import CHANNELS, Damage
+from aquafish_gym.engines.worlds import WORLDS, make_world
+from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.envs.conditions import GYRO_RANGE
+from aquafish_gym.envs.course import course_of
+from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+NOMINAL = Morphology.nominal()
+BROKEN = Damage.parse("left_pectoral:length=0.4;caudal:width=0.5").apply(NOMINAL)
+SEVERAL = (
+    "gyro:noise=0.1;left_pectoral:seized=1.0;up_x:stuck@2;caudal:length=0.5@4+3;north_y:bias=0.2"
+)
+COUNT = 3
+
+
+def make(**kwargs: Any) -> AquaFishEnv:
+    return AquaFishEnv(engine="numba", **kwargs)
+
+
+def swim(env: AquaFishEnv, steps: int, seed: int = 0) -> list[tuple[Any, dict[str, Any]]]:
+    """Reset, and swim with random actions; return observations and infos."""
+    rng = np.random.default_rng(seed)
+    found = [env.reset(seed=seed)]
+    for _ in range(steps):
+        observation, *_, info = env.step(rng.uniform(-1, 1, 3).astype(np.float32))
+        found.append((observation, info))
+    return found
+
+
+@given(st.lists(st.tuples(st.integers(0, 50), st.none() | st.integers(0, 20)), max_size=5))
+def test_a_step_is_broken_if_it_begins_at_the_onset_or_later(
+    times: list[tuple[int, int | None]],
+) -> None:
+    """Onsets and durations in hundredths of a second, steps of seven of them."""
+    faults = [
+        f"gyro_x:bias={2.0**-i}@{onset / 100}" + ("" if lasts is None else f"+{lasts / 100}")
+        for i, (onset, lasts) in enumerate(times)
+    ]
+    course = course_of(Damage.parse(";".join(faults)), NOMINAL, 0.07)
+    for step in range(12):
+        expected = sum(
+            2.0**-i
+            for i, (onset, lasts) in enumerate(times)
+            if onset <= 7 * step and (lasts is None or 7 * step < onset + lasts)
+        )
+        assert course.at(step).biases[CHANNELS.index("gyro_x")] == expected
+        until = min(course.next(step), 12)
+        assert all(course.at(between) is course.at(step) for between in range(step, until))
+
+
+def test_what_breaks_in_mid_swim_is_told_and_comes_back() -> None:
+    damage = "left_pectoral:missing@1+1;caudal:weak=0.5@1.5;gyro:noise=0.3@2"
+    found = swim(make(damage=damage, frame_skip=25), 12)
+    assert [int(info["faults"]) for _, info in found] == [0] * 4 + [1, 1, 2, 2] + [2] * 5
+    for step, (_, info) in enumerate(found):
+        assert (info["morphology"][:3] == 0.0).all() == (4 <= step < 8)
+        assert info["servo_gain"].tolist() == [1.0, 1.0, 0.5 if step >= 6 else 1.0]
+        assert info["sensor_noise"] == (0.3 if step >= 8 else 0.0)
+    whole = swim(make(frame_skip=25), 12)
+    same = [bool((a[0] == b[0]).all()) for a, b in zip(found, whole, strict=True)]
+    assert same == [True] * 5 + [False] * 8
+
+
+def path(engine: str, *bodies: Morphology) -> Any:
+    """Swim with one body, and from the middle on with others, in an instant one after another."""
+    rng = np.random.default_rng(0)
+    commands = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (20, 3)).tolist()
+    world, states = make_world(engine), []
+    world.reset(NOMINAL.to_array(), (0.3, -1.0, 2.0), (0.1, 0.0, 0.0))
+    for i, (left, right, caudal) in enumerate(commands):
+        for body in bodies if i == 10 else ():
+            before = world.state()
+            world.become(body.to_array())
+            for old, new in zip(before, world.state(), strict=True):
+                np.testing.assert_allclose(new, old, rtol=0, atol=1e-12)
+        world.advance((left, right, caudal), 5)
+        state = world.state()
+        states.append([*state.position, *state.orientation, *state.spin, *world.fin_angles])
+    world.close()
+    return np.array(states)
+
+
+@pytest.mark.parametrize("engine", WORLDS)
+def test_a_robot_becomes_another_where_it_is_and_as_it_moves(engine: str) -> None:
+    untouched = path(engine)
+    np.testing.assert_allclose(path(engine, NOMINAL), untouched, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(path(engine, BROKEN, NOMINAL), untouched, rtol=0, atol=1e-12)
+    other = path(engine, BROKEN)
+    assert (other[:10] == untouched[:10]).all()
+    assert np.abs(other[10:] - untouched[10:]).max() > 1e-3
+    if engine == "pybullet":
+        np.testing.assert_allclose(other, path("numba", BROKEN), rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("engine", WORLDS)
+def test_water_may_begin_to_flow(engine: str) -> None:
+    world = make_world(engine)
+    world.reset(NOMINAL.to_array(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    world.advance((0.0, 0.0, 0.0), 100)
+    assert np.abs(world.state().position).max() < 1e-9
+    world.flow((0.0, 0.5, 0.0))
+    world.advance((0.0, 0.0, 0.0), 200)
+    assert world.state().position[1] > 0.03
+    world.close()
+
+
+def test_a_seized_servo_stands_where_it_is_told_or_where_it_stood() -> None:
+    found = swim(make(damage="left_pectoral:seized=1.0;right_pectoral:seized@1", frame_skip=25), 8)
+    angles = np.array([info["fin_angles"] for _, info in found])
+    np.testing.assert_allclose(angles[:, 0], 1.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(angles[4:, 1], angles[4, 1], rtol=0, atol=1e-12)
+    assert len(np.unique(angles[:5, 1].round(6))) == 5
+    assert len(np.unique(angles[:, 2].round(6))) == 9
+
+
+def test_a_dead_servo_stands_elsewhere_in_each_episode() -> None:
+    env = make(damage="caudal:dead", frame_skip=100)
+    phases = [{round(float(i["fin_angles"][2]), 9) for _, i in swim(env, 3, s)} for s in range(5)]
+    assert [len(phase) for phase in phases] == [1] * 5
+    assert len(set.union(*phases)) == 5
+
+
+def test_a_reversed_servo_turns_the_other_way() -> None:
+    found, other = (
+        swim(make(damage=damage, frame_skip=25), 1)[1][1]["fin_angles"]
+        for damage in ("left_pectoral:reversed", None)
+    )
+    assert found[0] == pytest.approx(-other[0])
+    assert found[1] == other[1]
+
+
+def test_a_sensor_says_what_its_faults_make_of_the_truth() -> None:
+    truth = np.array([seen for seen, _ in swim(make(frame_skip=25), 40)])
+    damage = "up_x:stuck@2;north_y:dropped@3;gyro_z:bias=0.5;gyro_x:bias=100@5"
+    said = np.array([seen for seen, _ in swim(make(damage=damage, frame_skip=25), 40)])
+    up_x, north_y, gyro_z, gyro_x = (
+        CHANNELS.index(name) for name in ("up_x", "north_y", "gyro_z", "gyro_x")
+    )
+    assert (said[:9, up_x] == truth[:9, up_x]).all()
+    assert (said[8:, up_x] == truth[8, up_x]).all()
+    assert (said[:12, north_y] == truth[:12, north_y]).all()
+    assert (said[12:, north_y] == 0.0).all()
+    np.testing.assert_allclose(said[:, gyro_z], truth[:, gyro_z] + 0.5, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(said[20:, gyro_x], GYRO_RANGE, rtol=1e-6)  # saturates
+    rest = [i for i in range(9) if i not in (up_x, north_y, gyro_z, gyro_x)]
+    assert (said[:, rest] == truth[:, rest]).all()
+
+
+def test_noise_has_its_deviation_on_the_gyroscope_alone() -> None:
+    truth = np.array([seen for seen, _ in swim(make(frame_skip=1), 1000)])
+    env = make(damage="gyro:noise=0.1", frame_skip=1)
+    said = np.array([seen for seen, _ in swim(env, 1000)])
+    assert (said[:, :6] == truth[:, :6]).all()
+    away = said[:, 6:] - truth[:, 6:]
+    assert away.std(axis=0) == pytest.approx(0.1, rel=0.1)
+    assert np.abs(away.mean(axis=0)).max() < 0.015
+    assert (said == [seen for seen, _ in swim(env, 1000)]).all()
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("damage", [None, SEVERAL, "random:severe@1-5+3"])
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_a_batch_is_single_robots_to_the_bit(
+    task: str, damage: str | None, mode: AutoresetMode
+) -> None:
+    kwargs: dict[str, Any] = {
+        "task": task, "damage": damage, "fin_angles": "random", "frame_skip": 100,
+        "observe_fins": True,
+    }  # fmt: skip
+    batch = AquaFishVectorEnv(COUNT, dtype="float64", autoreset_mode=mode, **kwargs)
+    singles = SyncVectorEnv([lambda: make(**kwargs)] * COUNT, autoreset_mode=mode)
+    one: Any = batch.reset(seed=5)
+    two: Any = singles.reset(seed=5)
+    rng = np.random.default_rng(1)
+    for _ in range(round(TASKS[task].seconds) + 12):
+        for mine, other in zip(one[:-1], two[:-1], strict=True):
+            np.testing.assert_array_equal(mine, other)
+        agree(one[-1], two[-1])
+        action = rng.uniform(-1, 1, (COUNT, 3)).astype(np.float32)
+        one, two = batch.step(action), singles.step(action)
+
+
+def agree(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
+    for name, value in theirs.items():
+        mask = theirs.get(f"_{name}", np.ones(COUNT, np.bool_))
+        if name == "final_info":
+            agree(ours[name], value)
+        elif name != "final_obs" and not name.startswith("_"):
+            np.testing.assert_array_equal(ours[name][mask], value[mask], name)
+
+
+def test_each_robot_of_a_batch_may_be_another() -> None:
+    damages = ["none", "caudal:missing", "left_pectoral:seized;gyro:noise=0.2@1"]
+    poses: list[Any] = ["zero", (0.1, 0.2, 0.3), "random"]
+    envs = AquaFishVectorEnv(3, damage=damages, fin_angles=poses, dtype="float64")
+    seen, info = envs.reset(seed=4)
+    assert info["faults"].tolist() == [0, 1, 1]
+    assert (info["morphology"][1, 6:] == 0.0).all()
+    np.testing.assert_allclose(info["fin_angles"][:2], [[0.0] * 3, [0.1, 0.2, 0.3]])
+    for i in range(3):
+        alone, told = make(damage=damages[i], fin_angles=poses[i]).reset(seed=4 + i)
+        assert (alone == seen[i]).all()
+        assert (told["fin_angles"] == info["fin_angles"][i]).all()
+    options = {"damage": ["caudal:missing", "none", "none"], "reset_mask": np.array([1, 0, 1]) > 0}
+    _, info = envs.reset(options=options)
+    assert info["faults"].tolist() == [1, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "got"),
+    [
+        ("damage", ["none", "caudal:missing"], "got 2; faults of one robot are joined by ';'"),
+        ("damage", ["caudal:missing"], "got 1; faults"),
+        ("damage", [], "got 0"),
+        ("fin_angles", ["zero", "random"], "got 2"),
+        ("fin_angles", np.zeros((4, 3)), "got 4"),
+        ("morphology", [None, None], "got 2"),
+    ],
+)
+def test_a_list_is_one_for_each_robot_and_never_joined(name: str, value: Any, got: str) -> None:
+    wanted = f"{name} must be one for all robots or num_envs = 3 of them; {got}"
+    with pytest.raises(InvalidArgumentError, match=wanted):
+        AquaFishVectorEnv(3, **{name: value})
+    envs = AquaFishVectorEnv(3)
+    with pytest.raises(InvalidArgumentError, match=wanted):
+        envs.reset(options={name: value})
+
+
+def test_random_damage_is_another_in_each_episode_and_repeats_with_the_seed() -> None:
+    envs = AquaFishVectorEnv(4, damage="random:moderate@1-3", frame_skip=1000)
+    names = ("morphology", "servo_gain", "sensor_bias", "sensor_noise", "sensor_lost")
+
+    def truths() -> list[Any]:
+        infos = [envs.reset(seed=7)[1]]
+        infos += [envs.step(np.zeros((4, 3), np.float32))[-1] for _ in range(12)]
+        assert max(int(info["faults"].max()) for info in infos) == 1
+        return [np.concatenate([info[n].reshape(4, -1) for n in names], axis=1) for info in infos]
+
+    one, two = truths(), truths()
+    assert all((a == b).all() for a, b in zip(one, two, strict=True))
+    # Step 1 of episodes, which begin at steps 0, 3, 6 and 9.
+    struck = np.array([one[i] for i in (1, 4, 7, 10)]).reshape(16, -1)
+    assert len(np.unique(struck, axis=0)) > 8
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from(["mild", "moderate", "severe"]))
+def test_whatever_chance_breaks_the_observation_stays_in_its_space(seed: int, tier: str) -> None:
+    env = make(damage=f"random:{tier}@0-1", frame_skip=50)
+    for seen, info in swim(env, 6, seed):
+        assert env.observation_space.contains(seen)
+        assert all(np.isfinite(np.asarray(value)).all() for value in info.values())
