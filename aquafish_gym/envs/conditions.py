@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from bisect import bisect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from typing import Any
 
 import numpy as np
@@ -45,9 +45,14 @@ class Conditions:
     current: Triple
 
     @cached_property
-    def _course(self) -> Callable[[float], Course]:
-        # Looking a damage up for every robot would take longer than all else that a reset does.
-        return cache(partial(course_of, self.damage, self.morphology))
+    def _courses(self) -> dict[float, Course]:
+        return {}
+
+    def _course(self, dt: float) -> Course:
+        # To hash a damage for every robot would take longer than all else that a reset does.
+        if dt not in self._courses:
+            self._courses[dt] = course_of(self.damage, self.morphology, dt)
+        return self._courses[dt]
 
     def with_options(self, options: object, also: tuple[str, ...] = ()) -> Conditions:
         """Return one episode's, with the options of ``reset``; those in ``also`` are not read."""

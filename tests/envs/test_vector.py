@@ -224,8 +224,8 @@ def test_some_may_be_reset_and_the_others_swim_on() -> None:
         other.step(action)
     seen, info = env.reset(options={"reset_mask": mask, "damage": "caudal:missing"})
     assert seen[1].tolist() == [0, 0, 1, 0, 1, 0, 0, 0, 0]
-    assert info["damage"].tolist() == ["none", "caudal:missing", "none"]
-    assert info["_damage"].tolist() == mask.tolist()
+    assert info["faults"].tolist() == [0, 1, 0]
+    assert info["_faults"].tolist() == mask.tolist()
     for action in actions(4, 2):
         a, _, _, truncated, _ = env.step(action)
         b = other.step(action)[0]
@@ -353,7 +353,7 @@ def test_every_robot_has_a_frame() -> None:
         ({"autoreset_mode": "Next"}, "did you mean 'NextStep'"),
         ({"threads": 0}, "threads must be"),
         ({"render_mode": "human"}, "shows one robot"),
-        ({"morphology": [[0.0] * 9] * 2}, "one body or num_envs = 3"),
+        ({"morphology": [[0.0] * 9] * 2}, "one for all robots or num_envs = 3"),
         ({"morphology": [[0.0] * 9, [0.0] * 9, [-1.0] * 9]}, "must lie in"),
         ({"frame_skip": True}, "frame_skip must be"),
         ({"frame_skip": 150}, "frame_skip must divide 2000"),
