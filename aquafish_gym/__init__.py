@@ -10,9 +10,19 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import simulate
 from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.imu import ImuLog
+from aquafish_gym.envs import tasks
 from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
 
-__all__ = ["DIMENSIONS", "Damage", "Dimension", "ImuLog", "Morphology", "WorldConfig", "simulate"]
+__all__ = [
+    "DIMENSIONS",
+    "Damage",
+    "Dimension",
+    "ImuLog",
+    "Morphology",
+    "WorldConfig",
+    "simulate",
+    "tasks",
+]
 __version__ = "0.1.0"
 
 #: What each id is made with, besides what everybody gives.

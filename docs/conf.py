@@ -10,6 +10,8 @@ from sphinx.application import Sphinx
 from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util.nodes import make_refnode
 
+from aquafish_gym.damage import TIERS
+
 ROOT = pathlib.Path(__file__).parent.parent
 
 
@@ -18,6 +20,20 @@ def docstring(path: str, name: str) -> str:
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     found = (n for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name)
     return (ast.get_docstring(next(found)) or "").partition("\n")[2]
+
+
+def tiers() -> str:
+    """Return the tiers of random damage as a table."""
+    words = list(dict.fromkeys(chance.word for tier in TIERS.values() for chance in tier.chances))
+    rows = [["", *TIERS], ["---"] * (1 + len(TIERS))]
+    for word in words:
+        row = [f"`{word}`"]
+        for tier in TIERS.values():
+            found = next((chance for chance in tier.chances if chance.word == word), None)
+            numbers = f", {found.low:g} to {found.high:g}" if found and found.high else ""
+            row.append(f"{found.weight:.0%}{numbers}" if found else "")
+        rows.append(row)
+    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
 # The reference's pages are generated, one a module: those of modules that are gone must go.
@@ -46,6 +62,7 @@ myst_heading_anchors = 3
 # Gymnasium's environments are described in Markdown, tables and all: those pages show it as it is.
 myst_substitutions = {
     "aquafish_v0": docstring("aquafish_gym/envs/aquafish.py", "AquaFishEnv"),
+    "tiers": tiers(),
 }
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

@@ -36,8 +36,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Description
 
     A capsule-shaped robot hangs weightless in water, moved by two pectoral flippers, which turn
-    right round, and a tail fin, which sweeps from side to side. It is to swim forward. What
-    makes it hard is what it does not know: where its fins stand, and what is broken.
+    right round, and a tail fin, which sweeps from side to side. It is to swim forward, or what
+    else its `task` is. What makes it hard is what it does not know: where its fins stand, what is
+    broken, and what will break.
 
     It is the robot of the Estimation-Exploration Algorithm's studies of damage recovery. Drag
     is quadratic and scale-free; the unit of length is 5 cm. Axes: x to the right, y forward, z
@@ -59,8 +60,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     What an inertial measurement unit gives: which way is up, which way is north (the world's y,
     where the robot faces at the start), and its gyro, all in the robot's own axes. Up and north
     hold the same as roll, pitch and yaw without their jumps, as an accelerometer and a compass
-    measure them. Position, velocity and damage are never observed; the fins' angles only with
-    `observe_fins=True`.
+    measure them. Velocity and damage are never observed, the fins' angles only with
+    `observe_fins=True`, and where the robot is only where the task has a goal: then as what a
+    beacon there would tell. Broken sensors say something else.
 
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
@@ -69,20 +71,23 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | 6-8 | angular velocity about body axes x, y, z; saturates | -34.9 | 34.9 | rad/s |
     | 9-11 | with `observe_fins`: sine of left, right flipper angle, tail phase | -1 | 1 | |
     | 12-14 | with `observe_fins`: cosine of the same | -1 | 1 | |
+    | the last 3 | with a goal: the way to it, in body axes | -100 | 100 | units |
 
     ## Rewards
 
-    The reward is *reward_forward + reward_ctrl*, both in `info`.
+    The reward is the sum of its terms, all of them in `info`. Of the task "forward" they are:
 
-    - *reward_forward*: `forward_reward_weight` times the mean speed along the world's y over
-      the step, in units/s.
-    - *reward_ctrl*: minus `ctrl_cost_weight` times the sum of the squares of the action.
+    - *reward_forward*: the mean speed along the world's y over the step, in units/s.
+    - *reward_ctrl*: minus 1e-4 times the sum of the squares of the action.
+
+    `task=SwimForward(forward_weight=1.0, ctrl_weight=1e-4)` has other weights.
 
     `info` also holds `x_position`, `y_position`, `z_position` (units), `x_velocity`,
     `y_velocity`, `z_velocity` (means over the step, units/s), `distance_from_origin`,
-    `diverged`, and the truth that is hidden from the observation: `fin_angles` (left, right
-    angle and tail phase, rad), `damage` (text) and `morphology` (the nine sizes of the body as
-    it is, damage included).
+    `diverged`, and the truth that is hidden from the observation, in numbers: `fin_angles` (left,
+    right angle and tail phase, rad), `faults` (how many things are broken now), `morphology` (the
+    nine sizes of the body as it is), `servo_gain` (speed is gain times command), `sensor_noise`
+    (of the gyro, rad/s), and of channels 0-8 `sensor_bias` and `sensor_lost` (stuck or dropped).
 
     ## Starting State
 
@@ -101,7 +106,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ### Truncation
 
-    After 20 s: 2000 physics steps, which is 400 steps at the default `frame_skip`.
+    After 20 s: 2000 physics steps, which is 100 steps at the default `frame_skip`. Another task
+    may last longer.
 
     ## Arguments
 
@@ -114,15 +120,14 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | Parameter | Type | Default | Description |
     |-----------|------|---------|-------------|
     | `morphology` | Morphology, dict, nine numbers | `None` | before damage; None: the prototype |
-    | `damage` | Damage, text, list | `None` | e.g. `"left_pectoral:length=0.5;caudal:missing"` |
+    | `damage` | Damage, text, list | `None` | e.g. `"caudal:missing@4"`, `"random:moderate@2-8"` |
     | `engine` | str | `"auto"` | `"pybullet"` (if there), `"numba"`: the same; `"mujoco"`: not |
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
     | `fin_angles` | str or three numbers | `"zero"` | see Starting State |
     | `observe_fins` | bool | `False` | whether the observation holds the fins' angles |
-    | `frame_skip` | int | `5` | physics steps of 0.01 s in each step; it must divide 2000 |
+    | `frame_skip` | int | `20` | physics steps of 0.01 s in each step; they divide an episode |
     | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
-    | `forward_reward_weight` | float | `1.0` | see Rewards |
-    | `ctrl_cost_weight` | float | `1e-4` | see Rewards |
+    | `task` | str or Task | `"forward"` | what to do: also `"station"`, `"waypoint"`, `"recovery"` |
     | `reactive` | bool | `False` | whether the water also has added mass; see `simulate` |
 
     An environment on the engine numba can be pickled and copied, also in mid-episode, and goes on
