@@ -9,8 +9,8 @@ import gymnasium as _gymnasium
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import simulate
 from aquafish_gym.engines.worlds import WorldConfig
-from aquafish_gym.imu import ImuLog
 from aquafish_gym.envs import tasks
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
 
 __all__ = [

@@ -115,6 +115,7 @@ class Controller:
             )
         flag("controller.senses.imu", self.senses.imu)
         flag("controller.senses.fins", self.senses.fins)
+        flag("controller.senses.goal", self.senses.goal)
         integer("controller.senses.clock", self.senses.clock, 0, MAXIMUM_HARMONICS)
         inputs = len(self.senses.names)
         bias = finite_array("controller.bias", self.bias, (None,))
@@ -193,8 +194,8 @@ class Controller:
         senses, ends = self.senses, padded._ends
         return np.array(
             [
-                senses.imu, senses.clock, senses.fins, len(senses.names), padded.nodes, remembers,
-                self.output == "clip", self.interval, len(ends), *ends,
+                senses.imu, senses.clock, senses.fins, senses.goal, len(senses.names),
+                padded.nodes, remembers, self.output == "clip", self.interval, len(ends), *ends,
             ],
             np.int64,
         )  # fmt: skip
@@ -248,8 +249,9 @@ class Controller:
     ) -> Policy:
         """Return this controller ready to steer one robot through one swim.
 
-        It hears the first nine entries of an observation, and raises InvalidArgumentError if
-        there are fewer, or one of them or the time is not finite.
+        It hears the first nine entries of an observation, and the last three of one with a goal if
+        it feels that. It raises InvalidArgumentError if there are fewer, or one of them or the time
+        is not finite.
 
         Parameters
         ----------
@@ -262,24 +264,28 @@ class Controller:
         genes: list[float] = self.genes(fin_angles=angles, servo_gain=gains).tolist()
         layout: list[int] = self.layout().tolist()
         scratch = [0.0] * scratch_size(self)
-        held = self.interval * TIMESTEP
+        held, heard = self.interval * TIMESTEP, _HEARD + 3 * self.senses.goal
         action, due = np.zeros(3), 0.0
 
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
             nonlocal action, due
             senses = np.asarray(observation)
-            if senses.ndim != 1 or len(senses) < _HEARD:
+            if senses.ndim != 1 or len(senses) < heard:
                 raise InvalidArgumentError(
-                    f"observation must be {_HEARD} numbers or more in a row; "
+                    f"observation must be {heard} numbers or more in a row; "
                     f"got shape {senses.shape}"
                 )
-            o = finite_array("observation", senses[:_HEARD], (_HEARD,)).tolist()
+            felt = np.concatenate([senses[:_HEARD], senses[-3:]])
+            o = finite_array("observation", felt, (_HEARD + 3,)).tolist()
             if not math.isfinite(time):
                 raise InvalidArgumentError(f"time must be finite; got {time}")
             if due and time < due - TIMESTEP / 2:
                 return action
             due = time + held
-            action = np.array(respond(genes, layout, scratch, 0, 1, time, o[0:3], o[3:6], o[6:9]))
+            way = o[9:]
+            action = np.array(
+                respond(genes, layout, scratch, 0, 1, time, o[0:3], o[3:6], o[6:9], way)
+            )
             return action
 
         return act
@@ -313,7 +319,10 @@ class Controller:
         fields = dict(
             check_fields("controller", data, ("inputs", "outputs", *cls.__dataclass_fields__))
         )
-        senses = Senses(**check_fields("controller.senses", fields["senses"], FELT))
+        felt = fields["senses"]
+        if isinstance(felt, dict):
+            felt = {"goal": False, **felt}  # which older files do not say
+        senses = Senses(**check_fields("controller.senses", felt, FELT))
         fields["senses"] = senses
         for name, names in (("inputs", senses.names), ("outputs", OUTPUTS)):
             if fields.pop(name) != list(names):

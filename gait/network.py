@@ -26,6 +26,7 @@ from aquafish_gym.physics.arithmetic import (
 
 OUTPUTS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
 GYRO_SCALE = 2.0  # rad/s
+GOAL_SCALE = 5.0  # units
 
 # neat-python's activation is tanh(2.5 z); its clamp at 60 is far beyond where tanh is 1.
 GAIN = 2.5
@@ -36,7 +37,7 @@ _REACH = tuple(float(v) for v in (COMMAND_HIGH - COMMAND_LOW) / 2)
 
 
 # Of a controller's layout and genes, see :func:`respond`.
-IMU, CLOCK, FINS, INPUTS, NODES, MEMORY, CLIPPED, HELD, LAYERS = range(9)
+IMU, CLOCK, FINS, GOAL, INPUTS, NODES, MEMORY, CLIPPED, HELD, LAYERS = range(10)
 HEADER = 7  # rows: the clock, the fins' turns, the servos' gains
 
 
@@ -53,6 +54,7 @@ class Senses:
     imu: bool = True  #: Where is up, where north, and how fast the body turns.
     clock: int = 1  #: Harmonics of a clock, at multiples of its frequency.
     fins: bool = False  #: Where the fins are, from where they stood at first and the commands.
+    goal: bool = False  #: The way to a goal in body axes; only an environment with one shows it.
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -61,7 +63,13 @@ class Senses:
         waves = [f"{i}" if i > 1 else "" for i in range(1, self.clock + 1)]
         clock = [f"clock{i}_{wave}" for i in waves for wave in ("sine", "cosine")]
         fins = [f"{fin}_{wave}" for fin in OUTPUTS for wave in ("sine", "cosine")]
-        return (*(axes if self.imu else ()), *clock, *(fins if self.fins else ()))
+        goal = ("goal_x", "goal_y", "goal_z")
+        return (
+            *(axes if self.imu else ()),
+            *clock,
+            *(fins if self.fins else ()),
+            *(goal if self.goal else ()),
+        )
 
 
 def clip(x: Number, limit: float) -> Number:
@@ -138,6 +146,12 @@ def listen_fins(values: Any, at: int, turns: int, like: Number) -> None:
         put(values, at + 2 * i + 1, cosine)
 
 
+def listen_goal(values: Any, at: int, way: Vector) -> None:
+    """Put the way to a goal, units in body axes; 1 along an axis is ``GOAL_SCALE`` or more."""
+    for i in range(3):
+        put(values, at + i, clip(way[i] * (1 / GOAL_SCALE), 1.0))
+
+
 def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like: Number) -> Vector:
     """Return the last three nodes' values, given the inputs in ``values``.
 
@@ -195,6 +209,7 @@ def respond(
     up: Vector,
     north: Vector,
     gyro: Vector,
+    way: Vector,
 ) -> Vector:
     """Return the action, in [-1, 1], for what is felt ``time`` s after the swim began.
 
@@ -207,13 +222,13 @@ def respond(
         and its weights from the inputs and from the nodes that it hears.
     layout
         Whole numbers, in this order: whether the IMU is heard; how many harmonics of the clock;
-        whether the fins are; how many inputs that makes; nodes; whether they have a memory; whether
-        the outputs are clipped at 1 instead of tanh; for how many steps of 0.01 s an action is
-        held; how many layers, and up to which node each goes.
+        whether the fins are; whether the goal is; how many inputs that makes; nodes; whether they
+        have a memory; whether the outputs are clipped at 1 instead of tanh; for how many steps of
+        0.01 s an action is held; how many layers, and up to which node each goes.
     scratch
         ``scratch_size`` numbers that live through a swim.
-    up, north, gyro
-        See :func:`listen_imu`.
+    up, north, gyro, way
+        See :func:`listen_imu` and :func:`listen_goal`.
     """
     like = gyro[0]
     imu, harmonics, fins, inputs = layout[IMU], layout[CLOCK], layout[FINS], layout[INPUTS]
@@ -232,6 +247,9 @@ def respond(
         at += 2 * harmonics
     if fins:
         listen_fins(scratch, at, turns, like)
+        at += 6
+    if layout[GOAL]:
+        listen_goal(scratch, at, way)
     action = forward(genes, layout, scratch, group, groups, like)
     if fins:
         # The servos do what they are told: who knows where the fins were, knows where they are.
@@ -264,4 +282,5 @@ def steer(
 ) -> Vector:
     """Return the servo command for an attitude, rpy in rad: the policy of ``engines/kernel.py``."""
     up, north = directions(rpy)
-    return command(respond(genes, layout, scratch, group, groups, time, up, north, gyro))
+    nowhere = (0.0 * gyro[0], 0.0 * gyro[0], 0.0 * gyro[0])  # lanes know no goal
+    return command(respond(genes, layout, scratch, group, groups, time, up, north, gyro, nowhere))

@@ -185,10 +185,13 @@ def swim_all(
         kinds.setdefault(controller.kind, []).append(i)
     for those in kinds.values():
         some = [controllers[i] for i in those]
+        if some[0].senses.goal:
+            raise InvalidArgumentError(
+                "controllers must not feel a goal where they swim forward: only an environment "
+                "with a goal shows one (gait.task.perform)"
+            )
         nodes, memory = max(c.nodes for c in some), any(c.memory for c in some)
-        genes = np.repeat(np.stack([c.genes(nodes, memory) for c in some], axis=1), swims, axis=1)
-        genes[1:4] = np.tile(told.T / TAU, len(some))
-        genes[4:7] = np.tile(gains.T, len(some))
+        genes = gene_rows(some, nodes, memory, told, gains)
         lanes = LaneBatch(
             np.tile(np.broadcast_to(bodies, (swims, 9)), (len(some), 1)),
             np.tile(np.broadcast_to(poses, (swims, 3)), (len(some), 1)),
@@ -212,6 +215,24 @@ def swim_all(
         far = np.where(log.diverged, np.nan, ground - world.current[1] * (steps * TIMESTEP))
         distances[those] = far.reshape(len(some), swims)
     return distances
+
+
+def gene_rows(
+    controllers: Sequence[Controller],
+    nodes: int,
+    memory: bool,
+    told: NDArray[np.float64],
+    gains: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return what ``network.respond`` reads (rows, P Q) for P controllers in Q swims each.
+
+    In swim q each is told of its fins what row q says: angles (Q, 3) in rad, gains (Q, 3).
+    """
+    rows = np.stack([c.genes(nodes, memory) for c in controllers], axis=1)
+    genes = np.repeat(rows, len(told), axis=1)
+    genes[1:4] = np.tile(told.T / TAU, len(controllers))
+    genes[4:7] = np.tile(gains.T, len(controllers))
+    return genes
 
 
 def _told(

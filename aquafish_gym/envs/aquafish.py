@@ -127,7 +127,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `observe_fins` | bool | `False` | whether the observation holds the fins' angles |
     | `frame_skip` | int | `20` | physics steps of 0.01 s in each step; they divide an episode |
     | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
-    | `task` | str or Task | `"forward"` | what to do: also `"station"`, `"waypoint"`, `"recovery"` |
+    | `task` | str or Task | `"forward"` | or `"station"`, `"waypoint"`, `"recovery"`, a Task |
     | `reactive` | bool | `False` | whether the water also has added mass; see `simulate` |
 
     An environment on the engine numba can be pickled and copied, also in mid-episode, and goes on
