@@ -7,11 +7,11 @@ from aquafish_gym import Damage, Morphology
 from eea import estimate_morphology
 from gait import EvolveConfig, evolve_gait, swim
 
-# Swim the fish: three servo commands in [-1, 1], twenty times a second.
+# Swim the fish: three servo commands in [-1, 1], five times a second.
 env = gym.make("AquaFish-v0")
 observation, info = env.reset(seed=0)
 env.action_space.seed(0)
-for _ in range(100):
+for _ in range(25):
     observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
 print(f"random commands: {info['y_position']:+.2f} units forward in 5 s")
 

@@ -1,4 +1,4 @@
-"""Reinforcement learning for comparison: stable-baselines3 on ``AquaFish-v0`` (extra ``rl``).
+"""Reinforcement learning for comparison: stable-baselines3 on the tasks (extra ``rl``).
 
 What is learned is a ``Controller``, and swims wherever one does.
 """
@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, astuple, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +21,9 @@ from aquafish_gym.bodies import (
     sample_stamp,
     write_bodies,
 )
+from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.storage import DamagedFileError, ensure_writable_directory
@@ -32,14 +34,14 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-from gait.config import Sense, check_senses
-from gait.controller import INTERVAL, MAXIMUM_NODES, MAXIMUM_SEED, Controller
+from gait.config import Sense, TaskName, check_interval, check_senses
+from gait.controller import MAXIMUM_NODES, MAXIMUM_SEED, Controller
 from gait.evolve import FINAL_POSES
 from gait.fitness import Swims, worth
 from gait.learner import Learner, Network
 from gait.network import OUTPUTS, Senses
 from gait.records import BODIES_FILE, CONTROLLER_FILE, write_history
-from gait.rollout import SECONDS, random_poses, stream, swim_all
+from gait.rollout import random_poses, stream, swim_all
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,9 +50,6 @@ CHECKPOINT_FILE, CURVE_FILE = "checkpoint.npz", "curve.csv"
 FILES = (CHECKPOINT_FILE, CURVE_FILE, CONTROLLER_FILE)  # and a sample's BODIES_FILE
 ALGORITHMS = ("PPO", "SAC", "TD3")
 RESUMED = "PPO"
-EPISODE_STEPS = round(SECONDS / TIMESTEP)
-# Whole in an episode, and asked for whenever gait.swim asks a controller.
-INTERVALS = [n for n in range(INTERVAL, EPISODE_STEPS // 2 + 1, INTERVAL) if not EPISODE_STEPS % n]
 MOST_HIDDEN = MAXIMUM_NODES - len(OUTPUTS)
 
 
@@ -68,14 +67,18 @@ class BaselineConfig:
     """What learns: PPO, which goes on after an interruption and which the settings suit; SAC or
     TD3, which are slower and start again."""
     steps: int = 1_500_000
-    """Actions of all robots together, rounded up to whole legs: an episode of 20 s of each."""
+    """Actions of all robots together, rounded up to whole legs: an episode of each."""
     environments: int = 256
     """How many robots learn side by side."""
     interval: int = 20
     """For how many steps of 0.01 s an action is held. Where it is short, little is learned."""
     senses: tuple[Sense, ...] = ("imu", "clock", "fins")
-    """What the controller feels. The fins are not measured, but known from where they stood at
-    first and what they were told since."""
+    """What the controller feels, besides the way to a goal where the task has one. The fins are not
+    measured, but known from where they stood at first and what they were told since."""
+    task: TaskName = "forward"
+    """What to do: swim forward, or another task of the environments."""
+    frames: int = 1
+    """How many of its last inputs the controller hears together: more than one is a memory."""
     clock: float = 0.7
     """Frequency of the clock, in Hz."""
     hidden: tuple[int, ...] = (64, 64)
@@ -87,13 +90,8 @@ class BaselineConfig:
         one_of("algorithm", self.algorithm, ALGORITHMS)
         integer("steps", self.steps, 1, 10**10)
         integer("environments", self.environments, 1, 1024)
-        held_for = integer("interval", self.interval, 1)
-        if held_for not in INTERVALS:
-            nearest = min(INTERVALS, key=lambda n: abs(n - held_for))
-            raise InvalidArgumentError(
-                f"interval must be a multiple of {INTERVAL} that divides {EPISODE_STEPS}, an "
-                f"episode's steps; got {held_for}; the nearest is {nearest}"
-            )
+        one_of("task", self.task, get_args(TaskName))
+        check_interval(self.interval, TASKS[self.task].seconds)
         object.__setattr__(self, "senses", check_senses(self.senses))
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         if not isinstance(self.hidden, list | tuple):
@@ -104,17 +102,29 @@ class BaselineConfig:
                 f"hidden must be at most {MOST_HIDDEN} nodes together; got {sum(widths)}"
             )
         object.__setattr__(self, "hidden", widths)
+        most = 1 + (MOST_HIDDEN - sum(widths)) // len(self.felt.names)
+        integer("frames", self.frames, 1, most)
         integer("seed", self.seed, 0, MAXIMUM_SEED)
 
     @property
     def felt(self) -> Senses:
         """What a controller feels, as it says it."""
-        return Senses("imu" in self.senses, int("clock" in self.senses), "fins" in self.senses)
+        return Senses(
+            "imu" in self.senses,
+            int("clock" in self.senses),
+            "fins" in self.senses,
+            TASKS[self.task].has_goal,
+        )
 
     @property
     def leg(self) -> int:
         """Steps of a leg, after which what is learned is scored and kept."""
-        return self.environments * (EPISODE_STEPS // self.interval)
+        return self.environments * (round(self.seconds / TIMESTEP) // self.interval)
+
+    @property
+    def seconds(self) -> float:
+        """How long an episode is."""
+        return TASKS[self.task].seconds
 
     @property
     def legs(self) -> int:
@@ -141,7 +151,9 @@ class Baseline:
         The one with the highest score of all legs'.
     score
         Its mean distance in 20 s from 32 random poses that are the same throughout, in units; of a
-        sample from as many more as it takes for each body to swim equally often.
+        sample from as many more as it takes for each body to swim equally often. Of another task
+        than "forward", or with damage that lasts not throughout, what :func:`gait.task.perform`
+        says instead.
     curve
         One row a leg.
 
@@ -170,12 +182,12 @@ class Baseline:
 class _Run:
     """A learner, a leg at a time."""
 
-    def __init__(self, bodies: NDArray[np.float64], config: BaselineConfig) -> None:
-        self.bodies, self.config = bodies, config
+    def __init__(self, bodies: NDArray[np.float64], config: BaselineConfig, damage: Damage) -> None:
+        self.bodies, self.config, self.damage = bodies, config, damage
         self.sample = sample_stamp(bodies) if len(bodies) > 1 else None
         self.curve: list[Leg] = []
         self.best: Network | None = None
-        self._learner = Learner(bodies, config, self._seed())
+        self._learner = Learner(bodies, config, damage, self._seed())
         # The random ones that gaits are judged by that are evolved with this seed.
         count = -(-FINAL_POSES // len(bodies)) * len(bodies)
         poses = random_poses(count, stream(config.seed, 1))
@@ -189,6 +201,8 @@ class _Run:
         """All that a run follows from, but for how long it is."""
         settings = asdict(self.config)
         del settings["steps"]
+        if self.damage:
+            settings["damage"] = str(self.damage)
         sample = {} if self.sample is None else {"sample": self.sample}
         return {"morphology": median_body(self.bodies).to_dict(), **sample, **settings}
 
@@ -207,15 +221,25 @@ class _Run:
 
         training = self._learner.learn(self._seed(len(self.curve)), taken)
         network = self._learner.network()
-        far = worth(swim_all([self.controller(network)], *self._swims), SECONDS)
+        far = worth(self._earned(self.controller(network)), self.config.seconds)
         leg = Leg(before + size, training, float(far.mean()))
         if leg.score > self.score:
             self.best = network
         self.curve.append(leg)
 
+    def _earned(self, controller: Controller) -> NDArray[np.float64]:
+        if self.config.task == "forward" and not self.damage:
+            return swim_all([controller], *self._swims)
+        from gait.task import perform  # which needs gymnasium
+
+        return perform(
+            [controller], *self._swims, task=self.config.task, damage=self.damage, seed=0
+        )
+
     def controller(self, network: Network) -> Controller:
         """Return an actor as a controller."""
         c = self.config
+        held = len(network.bias) - sum(c.hidden) - len(OUTPUTS)
         return Controller(
             *network,
             response=np.ones(len(network.bias)),
@@ -224,7 +248,7 @@ class _Run:
             seed=c.seed,
             sample=self.sample,
             senses=c.felt,
-            layers=(*c.hidden, len(OUTPUTS)),
+            layers=(*c.hidden, held, len(OUTPUTS)) if held else (*c.hidden, len(OUTPUTS)),
             # PPO's actions are cut off by whoever takes them.
             output="clip" if c.algorithm == "PPO" else "tanh",
             interval=c.interval,
@@ -272,10 +296,11 @@ def train_baseline(
     morphologies: MorphologiesLike = None,
     config: BaselineConfig | None = None,
     *,
+    damage: object = None,
     out: Path | str | None = None,
     on_step: Callable[[int, Sequence[Leg]], None] | None = None,
 ) -> Baseline:
-    """Learn to swim a body forward, or a sample of bodies: domain randomisation.
+    """Learn a task with a body, or with a sample of bodies: domain randomisation.
 
     The robots that learn side by side have a sample's bodies in turn, and all begin from random fin
     poses. Observations and rewards are normalised as they come; what observations are
@@ -288,6 +313,9 @@ def train_baseline(
         (M, 9) sizes: a sample, of ``config.environments`` at most.
     config
         How; None is ``BaselineConfig()``.
+    damage
+        What breaks while it learns, as the environment takes it: ``"random:moderate"`` is other
+        damage in each episode.
     out
         A directory for ``controller.json`` (the best so far), ``curve.csv`` and, of PPO,
         ``checkpoint.npz``, all brought up to date after each leg, and a sample's ``bodies.json``.
@@ -312,7 +340,10 @@ def train_baseline(
             f"morphologies must be 1 to {config.environments} bodies, as many as environments at "
             f"most; got {len(bodies)}"
         )
-    run, tell = _Run(bodies, config), on_step or (lambda _steps, _curve: None)
+    run, tell = (
+        _Run(bodies, config, Damage.coerce(damage)),
+        on_step or (lambda _steps, _curve: None),
+    )
     directory = None if out is None else ensure_writable_directory(out)
     with held(directory) if directory else nullcontext():
         if directory:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
+from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -12,13 +14,14 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-from gait.controller import MAXIMUM_HARMONICS, MAXIMUM_SEED
+from gait.controller import INTERVAL, MAXIMUM_HARMONICS, MAXIMUM_SEED
 from gait.network import Senses
 from gait.rollout import MAXIMUM_THREADS, SECONDS, step_count
 from gait.search import schedules
 
 DEFAULT_QUANTILE = 0.2
 Sense = Literal["imu", "clock", "fins"]
+TaskName = Literal["forward", "station", "waypoint", "recovery"]
 Class = Literal["feed-forward", "recurrent", "linear", "mlp", "fourier"]
 # Of each search, the first being its own choice.
 CLASSES: dict[str, tuple[Class, ...]] = {
@@ -31,6 +34,20 @@ FOURIER = 3  # harmonics of a gait that feels nothing
 # Population, starts, how many are screened, generations and polish, where they are not given.
 CMA_POPULATION = 24  # in polishing, too
 NEAT, CMA = (150, 6, 0, 12, 350), (CMA_POPULATION, 6, 1200, 750, 0)
+
+
+def check_interval(value: object, seconds: float) -> int:
+    """Return for how many steps an action is held: some that ``gait.swim`` asks after, too."""
+    steps = round(seconds / TIMESTEP)
+    held_for = integer("interval", value, 1)
+    some = [n for n in range(INTERVAL, steps // 2 + 1, INTERVAL) if not steps % n]
+    if held_for not in some:
+        nearest = min(some, key=lambda n: abs(n - held_for))
+        raise InvalidArgumentError(
+            f"interval must be a multiple of {INTERVAL} that divides {steps}, an "
+            f"episode's steps; got {held_for}; the nearest is {nearest}"
+        )
+    return held_for
 
 
 def check_senses(senses: object) -> tuple[Sense, ...]:
@@ -77,8 +94,12 @@ class EvolveConfig:
     recurrent network, an mlp, a linear one, or fourier, which swims by the clock alone. The first
     if not given."""
     senses: tuple[Sense, ...] = ("imu", "clock")
-    """What it feels. The fins are not measured, but known from where they stood at first and what
-    they were told since."""
+    """What it feels, besides the way to a goal where the task has one. The fins are not measured,
+    but known from where they stood at first and what they were told since."""
+    task: TaskName = "forward"
+    """What to do: swim forward, or another task of the environments, which takes longer."""
+    interval: int = INTERVAL
+    """For how many steps of 0.01 s an action is held."""
     hidden: int = 6
     """Nodes between inputs and outputs, of an mlp or CMA-ES's recurrent network."""
     harmonics: int | None = None
@@ -146,6 +167,13 @@ class EvolveConfig:
         integer("poses", self.poses, 0, 1000)
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         step_count(self.seconds)
+        if one_of("task", self.task, get_args(TaskName)) != "forward" and self.seconds != SECONDS:
+            raise InvalidArgumentError(
+                f'seconds has a say only with task="forward", for a task says itself how long it '
+                f'lasts; got {self.seconds:g} with "{self.task}"'
+            )
+        if self.interval != INTERVAL:
+            check_interval(self.interval, self.lasts)
         one_of("aggregate", self.aggregate, ("mean", "quantile"))
         finite_array("quantile", self.quantile, (), 0.0, 1.0)
         if self.aggregate == "mean" and self.quantile != DEFAULT_QUANTILE:
@@ -161,6 +189,11 @@ class EvolveConfig:
             integer("threads", self.threads, 1, MAXIMUM_THREADS)
 
     @property
+    def lasts(self) -> float:
+        """How long an episode is, in s."""
+        return self.seconds if self.task == "forward" else TASKS[self.task].seconds
+
+    @property
     def plan(self) -> Plan:
         """What all choices come to.
 
@@ -173,7 +206,8 @@ class EvolveConfig:
         controller = self.controller or CLASSES[self.search][0]
         usual = FOURIER if controller == "fourier" else 1
         harmonics = (usual if self.harmonics is None else self.harmonics) * ("clock" in self.senses)
-        senses = Senses("imu" in self.senses, harmonics, "fins" in self.senses)
+        goal = TASKS[self.task].has_goal
+        senses = Senses("imu" in self.senses, harmonics, "fins" in self.senses, goal)
         given = self.population, self.starts, self.screened, self.generations, self.polish
         population, starts, screened, generations, polish = (
             usual if value is None else value
@@ -194,6 +228,10 @@ class EvolveConfig:
         given |= {name: value for name, value in plan._asdict().items() if name != "rows"}
         given["senses"] = asdict(plan.senses)
         del given["polish" if plan.polish else "generations"]
+        if self.task == "forward":
+            del given["task"]
+        if self.interval == INTERVAL:
+            del given["interval"]
         if self.aggregate == "mean":
             del given["aggregate"], given["quantile"]
         return given

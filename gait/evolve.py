@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import zlib
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass, replace
@@ -123,11 +124,7 @@ class _Run:
         self.fitness = -np.inf
         self._winner: Controller  # the last generation's that had finalists, and what it came to
         self._final = self._distance = -np.inf
-        self._scorer = scorer or (
-            lambda controllers, bodies, poses: swim_all(
-                controllers, bodies, poses, config.seconds, threads=config.threads, world=world
-            )
-        )
+        self._scorer = scorer or _scorer(config, world)
         # Streams of their own, found by name, so that a run taken up again needs no generator.
         self._search = self._begin()
         self._asked = next(self._search)
@@ -157,12 +154,12 @@ class _Run:
                     for i, source in enumerate(seeds)
                 ],
                 lambda genome: neat.genome_to_controller(
-                    genome, c.clock, self.morphology, c.seed, plan.senses, recurrent
+                    genome, c.clock, self.morphology, c.seed, plan.senses, recurrent, c.interval
                 ),
                 plan.generations,
                 (CMA_POPULATION, np.random.default_rng(stream(c.seed, 5))) if plan.polish else None,
             )
-        template = Template.of_class(plan.controller, plan.senses, c.hidden)
+        template = Template.of_class(plan.controller, plan.senses, c.hidden, c.interval)
         rng = np.random.default_rng(stream(c.seed, 6))
         return cma.race(
             template.random(plan.screened, rng),
@@ -225,7 +222,7 @@ class _Run:
         return np.asarray(np.quantile(distances, self.config.quantile, axis=1))
 
     def _score(self, controllers: Sequence[Controller], swims: Swims) -> NDArray[np.float64]:
-        return worth(self._scorer(controllers, *swims), self.config.seconds)
+        return worth(self._scorer(controllers, *swims), self.config.lasts)
 
     def _poses(self, count: int, *key: int) -> NDArray[np.float64]:
         return np.vstack([ZERO_POSE, random_poses(count, stream(self.config.seed, *key))])
@@ -278,6 +275,21 @@ class _Run:
                 f"{name} must be at least the {most} that out already holds; "
                 f"got {getattr(plan, name)}"
             )
+
+
+def _scorer(config: EvolveConfig, world: WorldConfig) -> Scorer:
+    """Return what says how good controllers are at a task."""
+    if config.task == "forward":
+        return lambda controllers, bodies, poses: swim_all(
+            controllers, bodies, poses, config.seconds, threads=config.threads, world=world
+        )
+    from gait.task import perform  # which needs gymnasium
+
+    # What a task leaves to chance is drawn anew for each generation, as its poses are.
+    return lambda controllers, bodies, poses: perform(
+        controllers, bodies, poses,
+        task=config.task, threads=config.threads, seed=zlib.crc32(poses.tobytes()),
+    )  # fmt: skip
 
 
 def _finalists(asked: Ask, fitness: NDArray[np.float64]) -> Sequence[Controller]:
@@ -351,8 +363,9 @@ def evolve_gait(
             f"poses must be at least 1 for a sample of {len(bodies)} bodies, since each swim is on "
             "another body; got 0"
         )
-    if scorer is not None and world is not None:
-        raise InvalidArgumentError("world has no say where a scorer is given: give one of them")
+    if world is not None and (scorer is not None or config.task != "forward"):
+        other = "a scorer is" if scorer is not None else f'the task "{config.task}" is'
+        raise InvalidArgumentError(f"world has no say where {other} given: give one of them")
     run = _Run(bodies, config, scorer, lane_world(world))
     tell = on_generation or (lambda _row: None)
     directory = None if out is None else ensure_writable_directory(out)

@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from gait.network import GAIN
+from gait.network import GAIN, OUTPUTS
 
 if TYPE_CHECKING:
+    from aquafish_gym.damage import Damage
     from gait.baselines import BaselineConfig
 
 GAMMA = 0.99
@@ -28,6 +29,9 @@ _STATISTICS = ("mean", "var", "count")
 
 class MissingExtraError(ImportError):
     """stable-baselines3 or torch is not installed; the message says how to get them."""
+
+
+REGISTER = 1e-3  # of an input is what a node that remembers it holds: tanh is then a straight line
 
 
 class Network(NamedTuple):
@@ -72,6 +76,36 @@ def dense_network(
     return Network(weights, biases - weights[:, :inputs] @ mean)
 
 
+def with_memory(network: Network, frames: int) -> Network:
+    """Return a network that hears frames F I of inputs, the latest last, as one that hears I.
+
+    It remembers the others itself: before its three outputs come (F - 1) I nodes that hold the
+    inputs of 1 to F - 1 times before. They are tanh nodes as all are, and hold a thousandth of an
+    input, so that what they say is true to a millionth.
+
+    Examples
+    --------
+    >>> with_memory(Network(np.ones((4, 6 + 4)), np.zeros(4)), 3).weights.shape
+    (8, 10)
+    """
+    nodes = len(network.bias)
+    inputs = (network.weights.shape[1] - nodes) // frames
+    hidden, held = nodes - len(OUTPUTS), (frames - 1) * inputs
+    place = np.r_[:hidden, hidden + held : nodes + held]
+    weights, bias = np.zeros((nodes + held, inputs + nodes + held)), np.zeros(nodes + held)
+    bias[place] = network.bias
+    weights[np.ix_(place, inputs + place)] = network.weights[:, frames * inputs :]
+    heard = network.weights[:, : frames * inputs].reshape(nodes, frames, inputs)
+    weights[place, :inputs] = heard[:, -1]
+    registers = hidden + np.arange(held)
+    earlier = heard[:, -2::-1].reshape(nodes, held)
+    weights[np.ix_(place, inputs + registers)] = earlier / REGISTER
+    # The first of them hear the inputs, the others those before them.
+    weights[registers[:inputs], np.arange(inputs)] = REGISTER / GAIN
+    weights[registers[inputs:], inputs + registers[:-inputs]] = 1.0 / GAIN
+    return Network(weights, bias)
+
+
 def load(module: str) -> Any:
     """Return a module of the extra ``rl``, or raise MissingExtraError."""
     try:
@@ -84,7 +118,7 @@ def load(module: str) -> Any:
 
 
 class Learner:
-    """An actor that learns to swim bodies (M, 9), from a seed.
+    """An actor that learns a task with bodies (M, 9), from a seed.
 
     A leg, of so many ``steps`` of all robots together, begins with fresh robots and with streams
     of random numbers that follow from its seed. So what the legs before it have come to is
@@ -101,17 +135,24 @@ class Learner:
         If stable-baselines3 or torch is not installed.
     """
 
-    def __init__(self, bodies: NDArray[np.float64], config: BaselineConfig, seed: int) -> None:
+    def __init__(
+        self, bodies: NDArray[np.float64], config: BaselineConfig, damage: Damage, seed: int
+    ) -> None:
         sb3, torch = load("stable_baselines3"), load("torch")
         vec_env, logger = (
             load(f"stable_baselines3.common.{name}") for name in ("vec_env", "logger")
         )
         self.algorithm, self.steps = config.algorithm, config.leg
+        self._frames = config.frames
         self._robots = load("gait.sb3_env").LaneVecEnv(
-            config.environments, bodies, config.felt, config.clock, config.interval
-        )
+            config.environments, bodies, config.felt, config.clock, config.interval, config.task,
+            damage,
+        )  # fmt: skip
+        heard = self._robots
+        if config.frames > 1:
+            heard = vec_env.VecFrameStack(heard, config.frames)
         # No input is far out, so that none need be cut off, which weights could not say.
-        self._normal = vec_env.VecNormalize(self._robots, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
+        self._normal = vec_env.VecNormalize(heard, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
         with _apart():
             self.model = getattr(sb3, config.algorithm)(
                 "MlpPolicy",
@@ -147,7 +188,7 @@ class Learner:
         return found
 
     def learn(self, seed: int, on_step: Callable[[int], None]) -> float:
-        """Learn for a leg; return how far its last episodes went in the mean, in units.
+        """Learn for a leg; return what its last episodes came to in the mean, see ``perform``.
 
         ``on_step`` is told how many steps of the leg have been taken.
         """
@@ -161,7 +202,7 @@ class Learner:
             model.set_random_seed(seed)
             model.set_env(self._normal)  # which it then resets
             model.learn(self.steps, callback, reset_num_timesteps=False)
-        return float(self._robots.distances.mean())
+        return float(self._robots.earned.mean())
 
     def network(self) -> Network:
         """Return the actor, which always does what it likes best."""
@@ -175,7 +216,8 @@ class Learner:
         dense = [one for part in parts for one in part.modules() if isinstance(one, linear)]
         layers = [(_array(one.weight), _array(one.bias)) for one in dense]
         felt = self._normal.obs_rms
-        return dense_network(layers, felt.mean, np.sqrt(felt.var + self._normal.epsilon))
+        network = dense_network(layers, felt.mean, np.sqrt(felt.var + self._normal.epsilon))
+        return network if self._frames == 1 else with_memory(network, self._frames)
 
     @property
     def state(self) -> dict[str, NDArray[Any]]:

@@ -10,19 +10,19 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.physics.arithmetic import TAU
-from gait.network import GYRO_SCALE, Senses
+from gait.inputs import inputs, reckoned
+from gait.network import Senses
 
 # Any, so that neither type checker nor reader needs torch for this one class.
 _VecEnv: Any = import_module("stable_baselines3.common.vec_env").VecEnv
 
 
 class LaneVecEnv(_VecEnv):  # type: ignore[misc]
-    """Robots of ``AquaFish-v0`` in the lanes, from random poses, that feel as a controller does.
+    """Robots of one task in the lanes, from random poses, that feel as a controller does.
 
-    An observation is a ``Controller``'s inputs, in their order (``senses.names``).
+    An observation is a ``Controller``'s inputs, in their order (``senses.names``). Where the fins
+    are is known from where they were at first and the commands since.
 
     Parameters
     ----------
@@ -34,29 +34,38 @@ class LaneVecEnv(_VecEnv):  # type: ignore[misc]
         What they feel, and the frequency of their clock in Hz.
     interval
         For how many steps of 0.01 s an action is held.
+    task, damage
+        As the environment's.
 
     Attributes
     ----------
-    fin_angles
-        (count, 3) where the fins are, in rad. Who knows where they were at first and has added
-        the commands since knows it, too, to rounding.
-    distances
-        (count,) how far each robot came in its last whole episode, in units; NaN before.
+    earned
+        (count,) what each robot's last whole episode came to, its rewards times the seconds that
+        each was for: of the task "forward" units along the world's +y. NaN before.
     """
 
     def __init__(
-        self, count: int, bodies: NDArray[np.float64], senses: Senses, clock: float, interval: int
+        self,
+        count: int,
+        bodies: NDArray[np.float64],
+        senses: Senses,
+        clock: float,
+        interval: int,
+        task: object = "forward",
+        damage: object = None,
     ) -> None:
         self.render_mode = None
-        self.distances = np.full(count, np.nan)
-        self._senses = senses
-        self._turn = TAU * clock * interval * TIMESTEP  # of the clock in a step, rad
-        self._steps = np.zeros(count)  # of the present episodes
+        self.earned = np.full(count, np.nan)
+        self._senses, self._clock = senses, clock
+        self._steps, self._sum = np.zeros(count), np.zeros(count)  # of the present episodes
+        self._fins = np.zeros((count, 3))
         self._env = AquaFishVectorEnv(
             count,
             bodies[0] if len(bodies) == 1 else np.resize(bodies, (count, 9)),
+            damage=damage,
             fin_angles="random",
             frame_skip=interval,
+            task=task,
             autoreset_mode=AutoresetMode.DISABLED,
         )
         space = Box(-1.0, 1.0, (len(senses.names),), np.float32)
@@ -70,19 +79,12 @@ class LaneVecEnv(_VecEnv):  # type: ignore[misc]
 
     def _begin(self, mask: NDArray[np.bool_], seed: int | None = None) -> NDArray[np.float32]:
         felt, info = self._env.reset(seed=seed, options={"reset_mask": mask})
-        self._steps[mask] = 0.0
-        return self._observe(felt, info)
+        self._steps[mask] = self._sum[mask] = 0.0
+        self._fins[mask] = info["fin_angles"][mask]
+        return self._hear(felt)
 
-    def _observe(self, felt: NDArray[np.float32], info: dict[str, Any]) -> NDArray[np.float32]:
-        """Return what a controller would have as its inputs (see ``network.respond``)."""
-        self.fin_angles = info["fin_angles"]
-        senses = self._senses
-        angles = np.outer(self._steps, self._turn * np.arange(1, senses.clock + 1))
-        if senses.fins:
-            angles = np.hstack([angles, self.fin_angles])
-        waves = np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(self.num_envs, -1)
-        imu = [felt[:, :6], np.clip(felt[:, 6:] / GYRO_SCALE, -1.0, 1.0)] if senses.imu else []
-        return np.hstack([*imu, waves], dtype=np.float32, casting="same_kind")
+    def _hear(self, felt: NDArray[np.float32]) -> NDArray[np.float32]:
+        return inputs(self._senses, self._clock, felt, self._steps * self._env.dt, self._fins)
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
         self._actions = actions
@@ -93,15 +95,17 @@ class LaneVecEnv(_VecEnv):  # type: ignore[misc]
         stable-baselines3 expects the new episode's first observation at once, and the old one's
         last in its information.
         """
-        felt, rewards, terminated, truncated, info = self._env.step(self._actions)
+        felt, rewards, terminated, truncated, _ = self._env.step(self._actions)
         self._steps += 1.0
-        observations, done = self._observe(felt, info), terminated | truncated
+        self._sum += rewards * self._env.dt
+        self._fins = reckoned(self._fins, self._actions, self._env.dt)
+        observations, done = self._hear(felt), terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if done.any():
             for i in np.flatnonzero(done):
                 infos[i]["terminal_observation"] = observations[i]
                 infos[i]["TimeLimit.truncated"] = bool(truncated[i])
-            self.distances[done] = info["y_position"][done]
+            self.earned[done] = self._sum[done]
             observations = self._begin(done)
         return observations, rewards.astype(np.float32), done, infos
 

@@ -92,8 +92,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Starting State
 
     At rest at the origin, upright, facing along y. `fin_angles` says how the fins stand:
-    `"zero"` (flippers straight back, tail straight and about to sweep), `"random"` (uniform on
-    the circle, drawn anew at every reset) or three angles in rad.
+    `"random"` (uniform on the circle, drawn anew at every reset, since nobody knows where the fins
+    of a robot at sea are), `"zero"` (flippers straight back, tail straight and about to sweep) or
+    three angles in rad.
 
     `reset(options=...)` takes `fin_angles`, `morphology` and `damage` for that episode alone.
 
@@ -123,7 +124,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `damage` | Damage, text, list | `None` | e.g. `"caudal:missing@4"`, `"random:moderate@2-8"` |
     | `engine` | str | `"auto"` | `"pybullet"` (if there), `"numba"`: the same; `"mujoco"`: not |
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
-    | `fin_angles` | str or three numbers | `"zero"` | see Starting State |
+    | `fin_angles` | str or three numbers | `"random"` | see Starting State |
     | `observe_fins` | bool | `False` | whether the observation holds the fins' angles |
     | `frame_skip` | int | `20` | physics steps of 0.01 s in each step; they divide an episode |
     | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
@@ -142,7 +143,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     --------
     >>> env = AquaFishEnv(damage="left_pectoral:length=0.5", engine="numba")
     >>> observation, info = env.reset(seed=0)
-    >>> observation.shape, info["faults"]
+    >>> observation.shape, int(info["faults"])
     ((9,), 1)
     >>> env.close()
     """
@@ -155,7 +156,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         damage: object = None,
         engine: str = "auto",
         current: ArrayLike = (0.0, 0.0, 0.0),
-        fin_angles: object = "zero",
+        fin_angles: object = "random",
         observe_fins: bool = False,
         frame_skip: int = 20,
         render_mode: str | None = None,

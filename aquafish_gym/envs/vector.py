@@ -81,7 +81,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         damage: object = None,
         engine: str = "numba",
         current: ArrayLike = (0.0, 0.0, 0.0),
-        fin_angles: object = "zero",
+        fin_angles: object = "random",
         observe_fins: bool = False,
         frame_skip: int = 20,
         render_mode: str | None = None,

@@ -16,7 +16,7 @@ import neat
 import numpy as np
 
 from aquafish_gym.morphology import Morphology
-from gait.controller import Controller
+from gait.controller import INTERVAL, Controller
 from gait.network import OUTPUTS, Senses
 from gait.search import cma
 from gait.search.asking import Ask, Search
@@ -148,6 +148,7 @@ def genome_to_controller(
     seed: int,
     senses: Senses | None = None,
     recurrent: bool = False,
+    interval: int = INTERVAL,
 ) -> Controller:
     """Return a neat-python genome's network, without hidden nodes that no output hears."""
     senses = senses or Senses()
@@ -180,6 +181,7 @@ def genome_to_controller(
         seed=seed,
         senses=senses,
         layers=(len(order),) if recurrent else None,
+        interval=interval,
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
-from gait.controller import Controller
+from gait.controller import INTERVAL, Controller
 from gait.network import OUTPUTS, Senses
 
 CLOCKS = 1 / 16, 16.0  # times the first one: how far a clock may be tuned
@@ -35,9 +35,10 @@ class Template:
     layers: tuple[int, ...] | None
     free: NDArray[np.bool_]  #: (N, I + N).
     response: NDArray[np.float64]  #: (N,).
+    interval: int = INTERVAL  #: Steps of 0.01 s.
 
     @classmethod
-    def of_class(cls, name: str, senses: Senses, hidden: int) -> Self:
+    def of_class(cls, name: str, senses: Senses, hidden: int, interval: int = INTERVAL) -> Self:
         """Return the template of a class of controllers.
 
         Parameters
@@ -50,6 +51,8 @@ class Template:
             What it feels.
         hidden
             How many nodes there are between, of the latter two.
+        interval
+            For how many steps of 0.01 s an action is held.
         """
         inputs, outputs = len(senses.names), len(OUTPUTS)
         between = hidden if name in ("mlp", "recurrent") else 0
@@ -62,7 +65,7 @@ class Template:
         if not between:
             free[:, :inputs] = True
         layers = (between, outputs) if between else (outputs,)
-        return cls(senses, layers, free, np.ones(nodes))
+        return cls(senses, layers, free, np.ones(nodes), interval)
 
     @classmethod
     def like(cls, controller: Controller) -> Self:
@@ -72,7 +75,9 @@ class Template:
         """
         free = controller.weights != 0.0
         free[-len(OUTPUTS) :, : len(controller.senses.names)] = True
-        return cls(controller.senses, controller.layers, free, controller.response)
+        return cls(
+            controller.senses, controller.layers, free, controller.response, controller.interval
+        )
 
     @property
     def size(self) -> int:
@@ -108,4 +113,5 @@ class Template:
             seed=seed,
             senses=self.senses,
             layers=self.layers,
+            interval=self.interval,
         )

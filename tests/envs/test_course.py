@@ -137,7 +137,7 @@ def test_a_dead_servo_stands_elsewhere_in_each_episode() -> None:
 
 def test_a_reversed_servo_turns_the_other_way() -> None:
     found, other = (
-        swim(make(damage=damage, frame_skip=25), 1)[1][1]["fin_angles"]
+        swim(make(damage=damage, frame_skip=25, fin_angles="zero"), 1)[1][1]["fin_angles"]
         for damage in ("left_pectoral:reversed", None)
     )
     assert found[0] == pytest.approx(-other[0])

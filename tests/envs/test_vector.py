@@ -277,8 +277,8 @@ def test_a_runaway_is_told_before_its_numbers_overflow(row: int, speed: float) -
     env = make(dtype="float64", frame_skip=1)
     single = gym.make("AquaFish-v0", engine="numba", frame_skip=1).unwrapped
     action = actions(0, 1)[0]
-    for e in (env, single):
-        e.reset(seed=0)
+    env.reset(seed=0)
+    single.reset(seed=1)
     good, *_ = env.step(action)
     single.step(action[1])
     env._lanes._table(env._lanes._states, 25)[row, 1] = speed

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.bodies import body_array, read_bodies
 from aquafish_gym.damage import Damage
-from aquafish_gym.envs import conditions
+from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
@@ -31,10 +31,11 @@ from gait.baselines import (
 )
 from gait.controller import Controller
 from gait.learner import MissingExtraError
-from gait.network import Senses, forward
+from gait.network import OUTPUTS, Senses, forward
 from gait.records import BODIES_FILE, CONTROLLER_FILE
 from gait.rollout import random_poses, stream, swim_all
 from gait.search.templates import Template
+from gait.task import perform
 from gait.transfer import TransferConfig, transfer
 from gait_fakes import contents
 
@@ -45,20 +46,22 @@ CONFIG = BaselineConfig(
 )
 
 
-def robots(count: int, senses: Senses, interval: int = 100) -> Any:
+def robots(count: int, senses: Senses, interval: int = 100, seconds: float = 20.0) -> Any:
+    """Robots that are rewarded for nothing but their speed."""
     pytest.importorskip("stable_baselines3")
     env = importlib.import_module("gait.sb3_env").LaneVecEnv
-    return env(count, HALF.to_array()[None], senses, 0.7, interval)
+    task = SwimForward(seconds=seconds, ctrl_weight=0.0)
+    return env(count, HALF.to_array()[None], senses, 0.7, interval, task)
 
 
 def swum(env: Any, act: Any, seed: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return from where robots swam under a function of what they feel, and how far."""
     env.seed(seed)
     felt = env.reset()
-    poses, done = env.fin_angles.copy(), np.zeros(1)
+    poses, done = env._fins.copy(), np.zeros(1)
     while not done.any():
         felt, _, done, _ = env.step(act(felt))
-    return poses, env.distances
+    return poses, env.earned
 
 
 def answer(controller: Controller, felt: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -74,7 +77,7 @@ def answer(controller: Controller, felt: NDArray[np.float32]) -> NDArray[np.floa
 def test_what_was_learned_is_a_controller(algorithm: str, hidden: tuple[int, ...]) -> None:
     """It does what the library's own policy does, without noise, and swims as far."""
     pytest.importorskip("stable_baselines3")
-    run = _Run(HALF.to_array()[None], replace(CONFIG, algorithm=algorithm, hidden=hidden))
+    run = _Run(HALF.to_array()[None], replace(CONFIG, algorithm=algorithm, hidden=hidden), Damage())
     untrained = run.controller(run._learner.network())
     for _ in range(2):
         run.step(lambda _steps, _curve: None)
@@ -96,15 +99,12 @@ def test_what_was_learned_is_a_controller(algorithm: str, hidden: tuple[int, ...
 @pytest.mark.parametrize(
     "senses", [Senses(), Senses(False, 3), Senses(False, 0, True), Senses(True, 2, True)]
 )
-def test_robots_feel_what_a_controller_does(
-    senses: Senses, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(conditions, "EPISODE_STEPS", 400)  # before rounding errors have grown
+def test_robots_feel_what_a_controller_does(senses: Senses) -> None:
     template = Template.of_class("mlp", senses, 5)
     vector = template.random(1, np.random.default_rng(2))[0]
     mlp = template.controller(vector, 0.7, HALF, 0).to_dict()
     controller = Controller.from_dict(mlp | {"interval": 20, "clock": 0.7})
-    poses, far = swum(robots(5, senses, 20), lambda felt: answer(controller, felt), 4)
+    poses, far = swum(robots(5, senses, 20, 4.0), lambda felt: answer(controller, felt), 4)
     np.testing.assert_allclose(swim_all([controller], HALF, poses, 4.0)[0], far, atol=1e-5)
     assert np.ptp(far) > 1e-2
 
@@ -142,7 +142,7 @@ def test_a_robot_that_diverged_begins_anew_alone(monkeypatch: pytest.MonkeyPatch
     felt, _, done, infos = env.step(np.zeros((3, 3), np.float32))
     assert done.tolist() == [False, True, False]
     assert not infos[1]["TimeLimit.truncated"]
-    assert np.isfinite(env.distances).tolist() == done.tolist()
+    assert np.isfinite(env.earned).tolist() == done.tolist()
     np.testing.assert_array_equal(felt[1], [0.0, 1.0])  # its clock; the others' go on
     np.testing.assert_allclose(felt[::2], [[np.sin(2.8 * np.pi), np.cos(2.8 * np.pi)]] * 2, 1e-6)
 
@@ -305,3 +305,47 @@ def test_bad_settings_are_refused_by_name() -> None:
     ):
         with pytest.raises(InvalidArgumentError, match=f"^{name} must"):
             BaselineConfig(**{name: value})  # type: ignore[arg-type]
+
+
+def test_frames_are_a_memory_of_the_controllers_own() -> None:
+    """It hears what the library's policy hears, the inputs of the last times, and answers alike."""
+    pytest.importorskip("stable_baselines3")
+    stack = importlib.import_module("stable_baselines3.common.vec_env").VecFrameStack
+    config = replace(CONFIG, frames=3, senses=("imu", "clock"), interval=20)
+    run = _Run(HALF.to_array()[None], config, Damage())
+    run.step(lambda _steps, _curve: None)
+    model, controller = run._learner.model, run.controller(run._learner.network())
+    assert controller.layers == (8, 5, 2 * 11, 3)
+
+    def act(felt: NDArray[np.float32]) -> NDArray[np.float32]:
+        heard = model.get_vec_normalize_env().normalize_obs(felt)
+        return np.asarray(model.predict(heard, deterministic=True)[0])
+
+    env = robots(4, config.felt, 20, 4.0)
+    stacked, done = stack(env, 3), np.zeros(1)
+    env.seed(3)
+    felt = stacked.reset()
+    poses = env._fins.copy()
+    while not done.any():
+        felt, _, done, _ = stacked.step(act(felt))
+    far = swim_all([controller], HALF, poses, 4.0)[0]
+    np.testing.assert_allclose(far, env.earned, atol=2e-5)
+    forgets = controller.weights.copy()
+    forgets[-len(OUTPUTS) - 22 : -len(OUTPUTS)] = 0.0
+    without = replace(controller, weights=forgets)
+    assert np.abs(swim_all([without], HALF, poses, 4.0)[0] - far).max() > 2e-4
+
+
+def test_a_task_is_learned_with_damage_of_each_episode(tmp_path: Path) -> None:
+    pytest.importorskip("stable_baselines3")
+    config = replace(CONFIG, task="waypoint", steps=1, environments=2)
+    found = train_baseline(HALF, config, damage="random:severe", out=tmp_path)
+    assert found.controller.senses.goal
+    calm = train_baseline(HALF, config)
+    assert found.curve[0].training != calm.curve[0].training
+    with pytest.raises(InvalidArgumentError, match="random:severe"):
+        train_baseline(HALF, config, out=tmp_path)
+    controller = Controller.load(tmp_path / CONTROLLER_FILE)
+    poses = random_poses(32, stream(7, 1))
+    earned = perform([controller], HALF, poses, task="waypoint", damage="random:severe")
+    assert earned.mean() == found.score

@@ -38,6 +38,7 @@ import aquafish_gym
 from aquafish_gym.damage import Damage, FinMissing, FinScaled
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.envs.tasks import TASKS, HoldStation, ReachWaypoints, SwimForward
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.runs.storage import ensure_writable_directory
@@ -130,6 +131,22 @@ WRONG_FAULTS = st.one_of(
             "caudal:length=0.5=0.5",
             "caudal:missing=1",
             "caudal:missing;",
+            "caudal:missing@",
+            "caudal:missing@soon",
+            "caudal:missing@-1",
+            "caudal:missing@1e9",
+            "caudal:missing@3-2",
+            "caudal:missing@1+nan",
+            "caudal:missing+2",
+            "caudal:weak=3",
+            "caudal:entangled=1.5",
+            "caudal:seized=4",
+            "caudal:seized=1@2",
+            "gyro:noise=-1",
+            "gyro_w:stuck",
+            "up_x:bias=2.5",
+            "random:moderately",
+            "random:mild=2",
             ";",
             "caudal:missing caudal:missing",
             "none;caudal:missing",
@@ -151,8 +168,8 @@ DAMAGE = Bad(
     WRONG_FAULTS
     | WRONG_FAULTS.map(lambda fault: [fault])
     | WRONG_FAULTS.map(lambda fault: ("caudal:missing", [None, fault])),
-    r"^damage( \S+:\S+)? (must|needs|takes no|fin must|kind must|of kind|factor of|is nested)"
-    r"|^fin must be one of|^damage factor of",
+    r"^damage( \S+:\S+)? (must|needs|takes no|(fin|kind|part|onset|latest|duration) (must|needs)"
+    r"|of kind|is nested)|^(fin|channel) must be one of|^damage \w+ of ",
 )
 UNFIT = st.sampled_from(
     ["caudal:length=2", "left_pectoral:length=1e308", "caudal:thickness=1.2501"]
@@ -178,8 +195,10 @@ ENVIRONMENT = {
     "observe_fins": flag("observe_fins"),
     "frame_skip": FRAME_SKIP,
     "render_mode": names("render_mode", ("human", "rgb_array"), None),
-    "forward_reward_weight": array("forward_reward_weight", (), -1e6, 1e6, "[-1e+06, 1e+06]"),
-    "ctrl_cost_weight": array("ctrl_cost_weight", (), 0.0, 1e6, "[0, 1e+06]"),
+    "task": Bad(
+        no_name(tuple(TASKS)),
+        "^task must be (a Task or )?one of forward, station, waypoint, recovery",
+    ),
     "reactive": flag("reactive"),
 }
 NUMBER_OF_BODIES = st.sampled_from([1, 3]).map(lambda n: np.full((n, 9), 0.1))
@@ -188,13 +207,22 @@ VECTOR_BODY = Bad(
     | NUMBER_OF_BODIES
     | NUMBER_OF_BODIES.map(np.ndarray.tolist)
     | WRONG_BODIES.map(lambda body: [Morphology.nominal(), body]),
-    BODY.sentence + "|^morphology must be one body or num_envs = 2 of them; got ",
+    BODY.sentence + "|^morphology must be one for all robots or num_envs = 2 of them; got ",
 )
 MODES = tuple(mode.value for mode in AutoresetMode)
 VECTOR = {
     **ENVIRONMENT,
     "num_envs": whole("num_envs", 1, 1_000_000),
     "morphology": VECTOR_BODY,
+    "damage": Bad(
+        ENVIRONMENT["damage"].values,
+        ENVIRONMENT["damage"].sentence + "|^damage must be one for all robots or num_envs = 2",
+    ),
+    "fin_angles": Bad(
+        FIN_ANGLES.values,
+        FIN_ANGLES.sentence + "|^fin_angles must be one for all robots or num_envs = 2",
+    ),
+    "max_episode_steps": whole("max_episode_steps", 1, None, None),
     "engine": Bad(
         ENVIRONMENT["engine"].values | st.just("pybullet"),
         ENVIRONMENT["engine"].sentence + '|^the batched environment runs on engine="numba" alone',
@@ -372,6 +400,25 @@ DOORS: dict[str, Door] = {
         },
     ),
     "FinMissing": Door(lambda _, fin: FinMissing(fin), {"fin": names("fin", FINS)}),
+    "SwimForward": Door(
+        lambda name, value: SwimForward(**{name: value}),
+        {
+            "seconds": array("seconds", (), 0.01, 3600.0, "[0.01, 3600] s"),
+            "forward_weight": array("forward_weight", (), -1e6, 1e6, "[-1e+06, 1e+06]"),
+            "ctrl_weight": array("ctrl_weight", (), 0.0, 1e6, "[0, 1e+06]"),
+        },
+    ),
+    "HoldStation": Door(
+        lambda name, value: HoldStation(**{name: value}),
+        {
+            "fastest": array("fastest", (), 0.2, 20.0, "[0.2, 20] units/s", good=0.3),
+            "turning": array("turning", (), 0.0, 1e6, "[0, 1e+06] rad/s"),
+        },
+    ),
+    "ReachWaypoints": Door(
+        lambda name, value: ReachWaypoints(**{name: value}),
+        {"reached_weight": array("reached_weight", (), -1e6, 1e6, "[-1e+06, 1e+06]")},
+    ),
     "AquaFishEnv": Door(
         lambda name, value: AquaFishEnv(**{"engine": "numba"} | {name: value}), ENVIRONMENT
     ),
@@ -398,7 +445,7 @@ DOORS: dict[str, Door] = {
     "vector reset options": Door(
         lambda name, value: standing_vector().reset(options={name: value}),
         {
-            **OPTIONS,
+            **{name: VECTOR[name] for name in OPTIONS},
             "reset_mask": Bad(
                 WRONG_MASKS, r'^options\["reset_mask"\] must be \(2,\) of bool with at least one'
             ),
