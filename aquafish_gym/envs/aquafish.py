@@ -148,7 +148,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     >>> env.close()
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 20}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012
 
     def __init__(
         self,

@@ -62,6 +62,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         None takes every core; no result depends on it.
     autoreset_mode
         An ``AutoresetMode`` or its name: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
+    max_episode_steps
+        Steps after which an episode is truncated, if the task is longer.
 
     The others are as the single environment's, for all.
 
@@ -101,10 +103,10 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
                 'use gym.make_vec(..., vectorization_mode="sync")'
             )
         if isinstance(autoreset_mode, AutoresetMode):
-            self._autoreset = autoreset_mode
+            self.autoreset_mode = autoreset_mode
         else:
             name = one_of("autoreset_mode", autoreset_mode, AUTORESET_MODES)
-            self._autoreset = AUTORESET_MODES[name]
+            self.autoreset_mode = AUTORESET_MODES[name]
         if isinstance(render_mode, str) and render_mode == "human":
             raise InvalidArgumentError(
                 'render_mode="human" shows one robot: use gym.make; "rgb_array" gives a frame each'
@@ -116,7 +118,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": max(1, round(1 / self.dt)),
-            "autoreset_mode": self._autoreset,
+            "autoreset_mode": self.autoreset_mode,
         }
         self._limits = conditions.limits(self._observe_fins, self.task.has_goal)
         space = conditions.observation_space(self._observe_fins, self.task.has_goal)
@@ -204,7 +206,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         """
         checked = conditions.check_action(actions, (self.num_envs, 3))
         over = self._steps == self._last
-        if not self._begun or (over.any() and self._autoreset is not AutoresetMode.NEXT_STEP):
+        if not self._begun or (over.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
         water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
@@ -232,7 +234,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         everyone = np.ones(self.num_envs, np.bool_)
         info = _masked({**self._info(before), "diverged": diverged}, everyone)
         info |= _masked(terms, ~over)
-        if ended.any() and self._autoreset is AutoresetMode.SAME_STEP:
+        if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             last = self._seen.copy()
             self._begin(ended, self._chosen(ended))
             self._look(np.flatnonzero(ended))
