@@ -66,14 +66,6 @@ def test_gymnasium_finds_nothing_to_say(kwargs: dict[str, Any]) -> None:
     env.close()
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_stable_baselines_finds_nothing_to_say(engine: str) -> None:
-    checker = pytest.importorskip("stable_baselines3.common.env_checker")
-    env = make(engine=engine)
-    checker.check_env(env)
-    env.close()
-
-
 def test_importing_loads_no_engine_and_registers_once() -> None:
     code = (
         "import sys, importlib, aquafish_gym; importlib.reload(aquafish_gym); "

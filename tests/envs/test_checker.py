@@ -1,0 +1,217 @@
+"""Every id on every engine keeps Gymnasium's contract in each of a thousand steps."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import subprocess
+import sys
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from aquafish_gym import IDS
+from aquafish_gym.engines.worlds import WORLDS
+
+STEPS = 1000
+COUNT = 3
+SAID_OF_A_STEP = {"diverged", "x_velocity", "faults", "fin_angles", "servo_gain"}
+EVERY = [(name, engine) for name in IDS for engine in WORLDS]
+
+# Of one whole episode on the engine "numba", in ten-thousandths: last digits differ between CPUs'
+# sines. An id whose behaviour changes gets a new version, and a new line here.
+HELD = {
+    "AquaFish-v0": "bb0973ec7c9e0779",
+    "AquaFishStation-v0": "8ec0c650f6c812af",
+    "AquaFishWaypoint-v0": "a9e9868354cbd8a9",
+    "AquaFishRecovery-v0": "dc5c6b56e2052427",
+}
+
+
+def make(name: str, engine: str = "numba", **kwargs: Any) -> gym.Env[Any, Any]:
+    return gym.make(name, engine=engine, disable_env_checker=True, **kwargs).unwrapped
+
+
+def check_numbers(info: dict[str, Any]) -> None:
+    """That an info is numbers by name, and not a word of text."""
+    assert info.keys() >= SAID_OF_A_STEP
+    for name, value in info.items():
+        assert isinstance(value, bool | int | float | np.ndarray | np.generic), name
+        assert np.asarray(value).dtype.kind in "bif", name
+        assert np.isfinite(value).all(), name
+
+
+def arrays(found: Any) -> list[Any]:
+    """Return the arrays in what a step or a reset returned."""
+    seen, *numbers, info = found
+    return [a for a in (seen, *numbers, *info.values()) if isinstance(a, np.ndarray)]
+
+
+def as_bytes(found: Any) -> bytes:
+    *numbers, info = found
+    return b"".join(np.asarray(value).tobytes() for value in (*numbers, *info.values()))
+
+
+def check_fresh(found: Any, before: Any) -> None:
+    for new in arrays(found):
+        assert new.flags.writeable
+        assert not any(np.shares_memory(new, old) for old in arrays(before))
+
+
+def check_strictly(env: gym.Env[Any, Any], steps: int) -> str:
+    """Swim with random actions, and return a hash of all that was said."""
+    said = hashlib.sha256()
+    space = env.observation_space
+    env.action_space.seed(7)
+    before: Any = env.reset(seed=3)
+    check_numbers(before[1])
+    over, names = False, set[str]()
+    for _ in range(steps):
+        if over:
+            before = env.reset()
+            said.update(as_bytes(before))
+        action = env.action_space.sample()
+        given = action.copy()
+        found = env.step(action)
+        seen, reward, terminated, truncated, info = found
+        assert (action == given).all()
+        assert seen.dtype == np.float32
+        assert np.isfinite(seen).all()
+        assert space.contains(seen)
+        assert type(reward) is float
+        assert math.isfinite(reward)
+        assert reward == sum(info[term] for term in info if term.startswith("reward_"))
+        assert type(terminated) is bool
+        assert type(truncated) is bool
+        assert not terminated
+        check_numbers(info)
+        names = names or set(info)
+        assert names == set(info)
+        check_fresh(found, before)
+        said.update(as_bytes(found))
+        before, over = found, truncated
+    return said.hexdigest()
+
+
+def check_batch(name: str, steps: int) -> str:
+    """Do the same with a batch, whose robots begin anew by themselves."""
+    said = hashlib.sha256()
+    envs = gym.make_vec(name, num_envs=COUNT, fin_angles="random")
+    envs.action_space.seed(7)
+    before: Any = envs.reset(seed=3)
+    for _ in range(steps):
+        found = envs.step(envs.action_space.sample())
+        seen, reward, terminated, truncated, info = found
+        assert envs.observation_space.contains(seen)
+        assert np.isfinite(seen).all()
+        assert (reward.dtype, reward.shape) == (np.float64, (COUNT,))
+        assert terminated.dtype == truncated.dtype == np.bool_
+        assert not terminated.any()
+        terms = [info[term] for term in info if term.startswith("reward_")]
+        np.testing.assert_array_equal(reward, sum(terms))
+        assert {f"_{k}" for k in info if not k.startswith("_")} == {k for k in info if k[0] == "_"}
+        check_numbers(info)
+        check_fresh(found, before)
+        said.update(as_bytes(found))
+        before = found
+    return said.hexdigest()
+
+
+@pytest.mark.parametrize(("name", "engine"), EVERY)
+def test_gymnasium_and_stable_baselines_find_nothing_to_say(name: str, engine: str) -> None:
+    """Warnings are errors here."""
+    stable_baselines = pytest.importorskip("stable_baselines3.common.env_checker")
+    env = gym.make(name, engine=engine).unwrapped
+    check_env(env, skip_render_check=True)
+    stable_baselines.check_env(env)
+    env.close()
+
+
+@pytest.mark.parametrize(("name", "engine"), EVERY)
+def test_a_thousand_steps_keep_the_contract(name: str, engine: str) -> None:
+    damage = "random:severe@0-10+3"
+    one = make(name, engine, fin_angles="random", observe_fins=True, damage=damage)
+    said = check_strictly(one, STEPS)
+    one.close()
+    assert len(said) == 64
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_a_thousand_steps_of_a_batch_keep_the_contract(name: str) -> None:
+    assert len(check_batch(name, STEPS)) == 64
+
+
+def digests() -> list[str]:
+    """Return what each id says, of one robot on each engine of ours, and of a batch."""
+    alone = [check_strictly(make(name, fin_angles="random"), 150) for name in IDS]
+    return alone + [check_batch(name, 150) for name in IDS]
+
+
+def test_the_same_seed_is_the_same_bytes_in_another_process() -> None:
+    code = f"import sys; sys.path[:0] = {sys.path!r}; import test_checker as t; print(t.digests())"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == str(digests())
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_an_id_is_what_it_was(name: str) -> None:
+    env = make(name, fin_angles="random")
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    rows, over = [], False
+    while not over:
+        action = rng.uniform(-1, 1, 3).astype(np.float32)
+        seen, reward, terminated, truncated, info = env.step(action)
+        place = [info[f"{axis}_position"] for axis in "xyz"]
+        rows.append([*place, *info["fin_angles"], *seen, reward, info["faults"]])
+        over = terminated or truncated
+    held = np.rint(np.array(rows) * 1e4).astype("<i8").tobytes()
+    assert hashlib.sha256(held).hexdigest()[:16] == HELD[name]
+
+
+def starts(name: str, seed: int, episodes: int = 3) -> list[bytes]:
+    """Return, of each robot in each episode, what it is like some seconds after its start."""
+    envs = gym.make_vec(
+        name, num_envs=4, fin_angles="random", autoreset_mode="Disabled", dtype="float64"
+    )
+    found = []
+    for episode in range(episodes):
+        seen, _ = envs.reset(seed=seed if episode == 0 else None)
+        for _ in range(5):
+            seen, *_ = envs.step(np.zeros((4, 3), np.float32))
+        found += [row.tobytes() for row in seen]
+    return found
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_starts_vary_and_repeat(name: str) -> None:
+    one = starts(name, 0)
+    assert one == starts(name, 0)
+    assert len({*one, *starts(name, 4)}) == 24  # robots 0 to 3 of seed 4 are no robots of seed 0
+
+
+def test_onsets_vary_and_repeat() -> None:
+    def onsets(seed: int) -> list[list[int]]:
+        envs = gym.make_vec("AquaFishRecovery-v0", num_envs=8, autoreset_mode="SameStep")
+        info = envs.reset(seed=seed)[1]
+        assert not info["faults"].any()
+        broken = [
+            envs.step(np.zeros((8, 3), np.float32))[-1]["faults"].astype(int) for _ in range(600)
+        ]
+        episodes = np.array(broken).reshape(2, 300, 8)
+        # The last step of an episode already tells of the next one, in which all is whole.
+        assert (episodes[:, -1] == 0).all()
+        first = episodes.argmax(axis=1)
+        assert (episodes.max(axis=1) == 1).all()
+        assert ((first >= 74) & (first < 150)).all()
+        found: list[list[int]] = first.tolist()
+        return found
+
+    one = onsets(0)
+    assert one == onsets(0)
+    assert one != onsets(1)
+    assert len({onset for episode in one for onset in episode}) > 8
+    assert all(a != b for a, b in zip(*one, strict=True))
