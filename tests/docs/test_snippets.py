@@ -16,11 +16,13 @@ BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 SMALLER = {
     'search="cma"': 'search="cma", generations=1, screened=6',
     "EEAConfig(rounds=3)": "EEAConfig(rounds=1)",
+    "learn(4096)": "learn(2048)",
 }
 PAGES = {
     "tutorial.md": ["gait for the self-model", "(1, 256, 3)", "(0.4, 1.6, 0.1) -> (0.4, 0.8, 0.1)"],
     "howto/robot.md": ["MorphologyEstimate(out-of-band, 1 round", "\nlength: 0.6"],
     "howto/task.md": ["return -"],
+    "howto/train.md": ["episodes", "mean return "],
     "howto/controller.md": ["Swim(distance 8.19 units in 20 s)", "random poses"],
     "howto/gait.md": ["Evolved(", "[", "units in 20 s"],
     "howto/sample.md": ["evolved for both: Controller(", "on the right one", "with a gait for it"],

@@ -1,0 +1,194 @@
+"""Other people's trainers and wrappers take the environments as they are, single and in batches."""
+
+from __future__ import annotations
+
+import pathlib
+import re
+import shlex
+import subprocess
+import sys
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium import wrappers
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import vector as several
+
+from aquafish_gym import IDS
+
+COUNT = 4
+PAGE = pathlib.Path(__file__).parents[2] / "docs" / "howto" / "train.md"
+
+
+def cleanrl(name: str) -> gym.Env[Any, Any]:
+    """As CleanRL's continuous PPO wraps what it makes."""
+    env: gym.Env[Any, Any] = gym.make(f"aquafish_gym:{name}", engine="numba", fin_angles="random")
+    env = wrappers.FlattenObservation(env)
+    env = wrappers.RecordEpisodeStatistics(env)
+    env = wrappers.ClipAction(env)
+    env = wrappers.NormalizeObservation(env)
+    env = wrappers.TransformObservation(env, lambda o: o.clip(-10, 10), env.observation_space)
+    env = wrappers.NormalizeReward(env, gamma=0.99)
+    return wrappers.TransformReward(env, lambda r: float(np.clip(r, -10, 10)))
+
+
+def batch(name: str, **kwargs: Any) -> gym.vector.VectorEnv[Any, Any, Any]:
+    """The same of the batched environment, by Gymnasium's vector wrappers."""
+    envs: gym.vector.VectorEnv[Any, Any, Any] = gym.make_vec(name, num_envs=COUNT, **kwargs)
+    return several.NormalizeReward(
+        several.NormalizeObservation(several.RecordEpisodeStatistics(envs))
+    )
+
+
+@pytest.mark.parametrize("native", [False, True])
+@pytest.mark.parametrize("name", IDS)
+def test_the_loop_of_cleanrl(name: str, native: bool) -> None:
+    envs: Any = batch(name) if native else SyncVectorEnv([lambda: cleanrl(name)] * COUNT)
+    assert isinstance(envs.single_action_space, gym.spaces.Box)
+    size = int(np.prod(envs.single_observation_space.shape))
+    seen, _ = envs.reset(seed=1)
+    rng, returns = np.random.default_rng(0), []
+    lasts = 100 if name == "AquaFish-v0" else 300
+    for step in range(lasts + 5):
+        actions = rng.normal(0.0, 1.0, (COUNT, 3)).astype(np.float32)
+        seen, rewards, terminations, truncations, infos = envs.step(actions)
+        assert seen.shape == (COUNT, size)
+        assert np.isfinite(seen).all()
+        assert rewards.shape == (COUNT,)
+        done = np.logical_or(terminations, truncations)
+        assert done.tolist() == [step == lasts - 1] * COUNT
+        if "episode" in infos:
+            returns += infos["episode"]["r"][infos["_episode"]].tolist()
+            assert infos["episode"]["l"].tolist() == [lasts] * COUNT
+    assert len(set(returns)) == COUNT
+    envs.close()
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("name", IDS)
+def test_a_shorter_episode_is_the_same_singly_and_in_a_batch(
+    name: str, mode: AutoresetMode
+) -> None:
+    """Step for step, to the last bit, with Gymnasium's own limit and each way to begin anew."""
+    kwargs: dict[str, Any] = {"max_episode_steps": 7, "fin_angles": "random"}
+    ours: Any = gym.make_vec(name, COUNT, autoreset_mode=mode.value, dtype="float64", **kwargs)
+    theirs: Any = gym.make_vec(
+        name, COUNT, "sync", {"autoreset_mode": mode}, engine="numba", **kwargs
+    )
+    assert ours.autoreset_mode is ours.metadata["autoreset_mode"] is mode
+    rng = np.random.default_rng(0)
+    np.testing.assert_array_equal(ours.reset(seed=5)[0], theirs.reset(seed=5)[0])
+    ends = 0
+    for _ in range(24):
+        actions = rng.uniform(-1, 1, (COUNT, 3)).astype(np.float32)
+        mine, other = ours.step(actions), theirs.step(actions)
+        for a, b in zip(mine[:4], other[:4], strict=True):
+            np.testing.assert_array_equal(a, b)
+        if mine[3].any():
+            ends += 1
+            if mode is AutoresetMode.SAME_STEP:
+                np.testing.assert_array_equal(
+                    np.stack(mine[4]["final_obs"]), np.stack(other[4]["final_obs"])
+                )
+            if mode is AutoresetMode.DISABLED:
+                again = [e.reset(options={"reset_mask": mine[3].copy()})[0] for e in (ours, theirs)]
+                np.testing.assert_array_equal(*again)
+    assert ends == 3
+    theirs.close()
+
+
+@pytest.mark.parametrize("name", IDS)
+def test_stable_baselines(name: str) -> None:
+    pytest.importorskip("stable_baselines3")
+    from stable_baselines3 import PPO
+    from stable_baselines3.common.env_util import make_vec_env
+
+    kwargs = {"engine": "numba", "fin_angles": "random"}
+    envs = make_vec_env(name, n_envs=2, seed=0, env_kwargs=kwargs)
+    model = PPO("MlpPolicy", envs, n_steps=320, batch_size=64, n_epochs=1, device="cpu", seed=0)
+    model.learn(640)
+    assert model.num_timesteps == 640
+    assert len(model.ep_info_buffer) >= 2
+    lengths = {episode["l"] for episode in model.ep_info_buffer}
+    assert lengths == {100 if name == "AquaFish-v0" else 300}
+
+
+def test_a_video_of_one_and_of_several(tmp_path: pathlib.Path) -> None:
+    pytest.importorskip("moviepy")
+    env = gym.make("AquaFish-v0", engine="numba", render_mode="rgb_array", frame_skip=1000)
+    one = wrappers.RecordVideo(env, str(tmp_path / "one"), episode_trigger=lambda _: True)
+    one.reset(seed=0)
+    over = False
+    while not over:
+        *_, over, _ = one.step(one.action_space.sample())
+    one.close()
+    envs = gym.make_vec("AquaFish-v0", num_envs=2, render_mode="rgb_array", frame_skip=1000)
+    two = several.RecordVideo(envs, str(tmp_path / "two"), episode_trigger=lambda _: True)
+    two.reset(seed=0)
+    for _ in range(3):
+        two.step(two.action_space.sample())
+    two.close()
+    for folder, episodes in (("one", 1), ("two", 2)):
+        films = list((tmp_path / folder).glob("*.mp4"))
+        assert len(films) == episodes
+        assert all(film.stat().st_size > 1000 for film in films)
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+@pytest.mark.parametrize("name", IDS)
+def test_torchrl_wraps_a_batch(name: str, mode: str) -> None:
+    pytest.importorskip("torchrl")
+    from torchrl.envs import GymWrapper
+    from torchrl.envs.utils import check_env_specs
+
+    def make(**kwargs: Any) -> Any:
+        kwargs = {"fin_angles": "random", "max_episode_steps": 20, **kwargs}
+        return gym.make_vec(name, num_envs=COUNT, **kwargs)
+
+    env = GymWrapper(make(autoreset_mode=mode))
+    check_env_specs(env)
+    env.set_seed(0)
+    found = env.rollout(45, break_when_any_done=False)
+    assert found.batch_size == (COUNT, 45)
+    ends = found["next", "done"].squeeze(-1).numpy()
+    assert (ends == (np.arange(1, 46) % 20 == 0)).all()
+    # What follows the last action of an episode is its end, not the start of the next one.
+    after, before = (found[key].numpy() for key in (("next", "observation"), "observation"))
+    assert (after[:, :-1] == before[:, 1:]).all(axis=-1).tolist() == (~ends[:, :-1]).tolist()
+    assert np.isfinite(found["next", "reward"].numpy()).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", IDS)
+def test_torchrl_makes_four_in_processes(name: str) -> None:
+    pytest.importorskip("torchrl")
+    from torchrl.envs import GymEnv
+
+    env = GymEnv(f"aquafish_gym:{name}", num_envs=4, engine="numba")
+    assert env.rollout(5).batch_size == (4, 5)
+    env.close()
+
+
+@pytest.mark.slow
+def test_rl_zoo_trains_and_keeps_what_it_learned(tmp_path: pathlib.Path) -> None:
+    """By the file and the command that the page shows."""
+    pytest.importorskip("rl_zoo3")
+    text = PAGE.read_text(encoding="utf-8")
+    (settings,) = re.findall(r"^```yaml\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    (command,) = re.findall(r"^python (-m rl_zoo3.train .*)$", text, re.MULTILINE)
+    (tmp_path / "ppo.yml").write_text(settings)
+    words = [*shlex.split(command), "-n", "512", "-f", "logs"]
+    done = subprocess.run([sys.executable, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert list(tmp_path.rglob("AquaFish-v0.zip"))
+
+
+def test_the_pages_torchrl_runs() -> None:
+    pytest.importorskip("torchrl")
+    text = PAGE.read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```py\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    names: dict[str, Any] = {"__name__": "train"}
+    exec(compile(code, PAGE.name, "exec"), names)
+    assert names["rollout"].batch_size == (64, 200)
