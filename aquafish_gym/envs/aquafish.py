@@ -14,7 +14,7 @@ from aquafish_gym.engines.base import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import conditions
 from aquafish_gym.envs.course import Sensors
-from aquafish_gym.envs.tasks import Memory, Step, check_task
+from aquafish_gym.envs.tasks import Memory, Step, check_task, check_water
 from aquafish_gym.physics.arithmetic import Vector, subtract
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.rendering import (
@@ -165,6 +165,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         self.task = check_task(task)
         self._conditions = conditions.check_conditions(morphology, damage, current, fin_angles)
+        check_water(self.task, self._conditions.current)
         self._engine = check_engine(engine)
         self._observe_fins = flag("observe_fins", observe_fins)
         self._reactive = flag("reactive", reactive)

@@ -302,3 +302,12 @@ def check_task(task: object) -> Task:
         )
     flag("task.has_goal", task.has_goal)
     return task
+
+
+def check_water(task: Task, current: Vector) -> None:
+    """Raise InvalidArgumentError if there is a current where the task has one of its own."""
+    if type(task).current is not Task.current and any(current):
+        raise InvalidArgumentError(
+            f"current must be 0 where the task says how the water flows; got {current} with "
+            f"{type(task).__name__}"
+        )

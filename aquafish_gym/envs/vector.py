@@ -18,7 +18,7 @@ from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import conditions
 from aquafish_gym.envs.course import NEVER, Course, Rows, Sensors
-from aquafish_gym.envs.tasks import Step, check_task
+from aquafish_gym.envs.tasks import Step, check_task, check_water
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector, subtract
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
@@ -128,6 +128,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
         start = conditions.check_conditions(None, None, current, "zero")
+        check_water(self.task, start.current)
         several = _of_each(
             {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}, self.num_envs
         )

@@ -99,7 +99,7 @@ def check_strictly(env: gym.Env[Any, Any], steps: int) -> str:
 def check_batch(name: str, steps: int) -> str:
     """Do the same with a batch, whose robots begin anew by themselves."""
     said = hashlib.sha256()
-    envs = gym.make_vec(name, num_envs=COUNT, fin_angles="random")
+    envs = gym.make_vec(name, num_envs=COUNT)
     envs.action_space.seed(7)
     before: Any = envs.reset(seed=3)
     for _ in range(steps):
@@ -146,7 +146,7 @@ def test_a_thousand_steps_of_a_batch_keep_the_contract(name: str) -> None:
 
 def digests() -> list[str]:
     """Return what each id says, of one robot on each engine of ours, and of a batch."""
-    alone = [check_strictly(make(name, fin_angles="random"), 150) for name in IDS]
+    alone = [check_strictly(make(name), 150) for name in IDS]
     return alone + [check_batch(name, 150) for name in IDS]
 
 
@@ -158,7 +158,7 @@ def test_the_same_seed_is_the_same_bytes_in_another_process() -> None:
 
 @pytest.mark.parametrize("name", IDS)
 def test_an_id_is_what_it_was(name: str) -> None:
-    env = make(name, fin_angles="random")
+    env = make(name)
     env.reset(seed=0)
     rng = np.random.default_rng(0)
     rows, over = [], False

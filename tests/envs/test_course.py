@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
@@ -265,3 +266,9 @@ def test_whatever_chance_breaks_the_observation_stays_in_its_space(seed: int, ti
     for seen, info in swim(env, 6, seed):
         assert env.observation_space.contains(seen)
         assert all(np.isfinite(np.asarray(value)).all() for value in info.values())
+
+
+def test_a_current_beside_the_tasks_own_is_refused() -> None:
+    for make in (gym.make, gym.make_vec):
+        with pytest.raises(InvalidArgumentError, match=r"^current must be 0 .*HoldStation"):
+            make("AquaFishStation-v0", current=(0.1, 0.0, 0.0))
