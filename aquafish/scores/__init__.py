@@ -1,0 +1,1 @@
+"""Reference scores: what simple, evolved and learned controllers are worth at every task."""

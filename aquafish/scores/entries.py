@@ -1,0 +1,141 @@
+"""What is scored: controllers that know nothing, that were evolved, and that were learned."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gait.baselines import BaselineConfig, Leg, train_baseline
+from gait.config import EvolveConfig, TaskName
+from gait.controller import Controller
+from gait.evolve import Generation, evolve_gait
+from gait.task import Crew
+
+Floats = NDArray[np.float64]
+Tell = Callable[[str, float], None]
+INTERVAL = 20  # steps of 0.01 s that an action is held for: the environments' frame_skip
+
+
+class Player(Protocol):
+    """What acts for B robots through an episode."""
+
+    def act(self, observations: NDArray[np.float32], times: Floats) -> NDArray[np.float32]:
+        """Return actions (B, 3) for observations (B, k) at so many s (B,) of the episode."""
+
+
+@dataclass(frozen=True)
+class Script:
+    """A player that hears nothing but the time.
+
+    ``shape`` is its action, whose sign is a square wave of so many Hz.
+    """
+
+    shape: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    hertz: float = 0.0
+
+    def act(self, observations: NDArray[np.float32], times: Floats) -> NDArray[np.float32]:  # noqa: ARG002
+        """See :class:`Player`."""
+        sign = np.where((times * self.hertz) % 1.0 < 0.5, 1.0, -1.0)
+        return np.outer(sign, self.shape).astype(np.float32)
+
+
+class Chance:
+    """A player that does anything."""
+
+    def __init__(self) -> None:
+        self._rng = np.random.default_rng(0)
+
+    def act(self, observations: NDArray[np.float32], times: Floats) -> NDArray[np.float32]:  # noqa: ARG002
+        """See :class:`Player`."""
+        return self._rng.uniform(-1.0, 1.0, (len(times), 3)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of the table.
+
+    Attributes
+    ----------
+    knows
+        What it hears, in words.
+    config
+        How it is evolved or learned; None of one that is what it is.
+    damage
+        What breaks while it learns.
+    play
+        Makes what acts, where nothing is evolved or learned.
+    """
+
+    knows: str
+    config: EvolveConfig | BaselineConfig | None = None
+    damage: str = "none"
+    play: Callable[[], Player] = Script
+
+    def make(self, task: TaskName, seed: int, shorter: int, tell: Tell) -> Controller | None:
+        """Evolve or learn a controller for a task, in a ``shorter``-th of the time."""
+        match self.config:
+            case BaselineConfig() as config:
+                few = max(1, config.steps // shorter)
+                config = replace(config, task=task, seed=seed, steps=few)
+                whole = config.legs * config.leg
+
+                def learning(steps: int, legs: Sequence[Leg]) -> None:
+                    tell(f"score {legs[-1].score:.1f}" if legs else "learning", steps / whole)
+
+                return train_baseline(None, config, damage=self.damage, on_step=learning).controller
+            case EvolveConfig() as config:
+                config = replace(
+                    config, task=task, seed=seed, threads=1, **briefer(config, shorter)
+                )
+                rows = config.plan.rows
+
+                def evolving(row: Generation) -> None:
+                    tell(f"final {row.final:.1f}", (row.generation + 1) / rows)
+
+                return evolve_gait(None, config, on_generation=evolving).controller
+        return None
+
+    def player(self, controller: Controller | None, fins: Floats) -> Player:
+        """Return what acts for robots whose fins stand at angles (B, 3), rad, when they begin."""
+        return self.play() if controller is None else Crew([controller], fins)
+
+
+def briefer(config: EvolveConfig, shorter: int) -> dict[str, Any]:
+    """Return what makes an evolution so many times shorter, to see whether it works."""
+    plan = config.plan
+    fewer: dict[str, Any] = {"generations": max(1, plan.generations // shorter)}
+    if plan.polish:
+        fewer["polish"] = max(1, plan.polish // shorter)
+    if plan.screened:
+        fewer["screened"] = max(plan.starts, plan.screened // shorter)
+    return fewer
+
+
+_FINS: Any = ("imu", "clock", "fins")
+_FEW: Any = {"interval": INTERVAL, "starts": 3, "generations": 400}  # of swims of 60 s, too
+ENTRIES: dict[str, Entry] = {
+    "zero": Entry("nothing"),
+    "random": Entry("nothing", play=Chance),
+    "bang-bang": Entry("the time", play=partial(Script, (1.0, 1.0, 1.0), 0.5)),
+    "tail only": Entry("nothing", play=partial(Script, (0.0, 0.0, 1.0))),
+    "CPG": Entry(
+        "the time", EvolveConfig(search="cma", controller="fourier", senses=("clock",), **_FEW)
+    ),
+    "NEAT": Entry("IMU, clock", EvolveConfig(interval=INTERVAL, starts=2)),
+    "CMA-ES": Entry("IMU, clock", EvolveConfig(search="cma", **_FEW)),
+    "CMA-ES, fins": Entry("IMU, clock, fins", EvolveConfig(search="cma", senses=_FINS, **_FEW)),
+    "PPO": Entry("IMU, clock", BaselineConfig(senses=("imu", "clock"))),
+    "PPO, fins": Entry("IMU, clock, fins", BaselineConfig(senses=_FINS)),
+    "PPO, damaged": Entry("IMU, clock, fins", BaselineConfig(senses=_FINS), "random:moderate"),
+    "PPO, damaged, 8 frames": Entry(
+        "IMU, clock, fins", BaselineConfig(senses=_FINS, frames=8), "random:moderate"
+    ),
+    "SAC, fins": Entry(
+        "IMU, clock, fins", BaselineConfig(algorithm="SAC", senses=_FINS, steps=400_000)
+    ),
+}
