@@ -155,6 +155,7 @@ class EvolveConfig:
                 f'screened has a say only with search="cma"; got {self.screened} with '
                 f'"{self.search}"'
             )
+        one_of("task", self.task, get_args(TaskName))
         starts = self.plan.starts
         if self.screened is not None and self.screened < starts:
             raise InvalidArgumentError(
@@ -167,7 +168,7 @@ class EvolveConfig:
         integer("poses", self.poses, 0, 1000)
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         step_count(self.seconds)
-        if one_of("task", self.task, get_args(TaskName)) != "forward" and self.seconds != SECONDS:
+        if self.task != "forward" and self.seconds != SECONDS:
             raise InvalidArgumentError(
                 f'seconds has a say only with task="forward", for a task says itself how long it '
                 f'lasts; got {self.seconds:g} with "{self.task}"'

@@ -1,0 +1,102 @@
+"""Controllers that do an environment's task: as in the lanes, and as alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
+from gait.config import EvolveConfig
+from gait.controller import Controller
+from gait.evolve import evolve_gait
+from gait.network import Senses
+from gait.rollout import random_poses, swim_all
+from gait.search.templates import Template
+from gait.task import Crew, perform
+from gait_fakes import contents
+
+BODY = Morphology.nominal()
+POSES = random_poses(3, 1)
+
+
+def make(senses: Senses, seed: int, interval: int = 20) -> Controller:
+    template = Template.of_class("recurrent", senses, 5, interval)
+    vector = 0.5 * np.random.default_rng(seed).standard_normal(template.size)
+    return template.controller(vector, 0.7, BODY, 0)
+
+
+def test_to_swim_forward_is_the_lanes_swim() -> None:
+    """But for the little price of effort, which this task leaves out."""
+    controllers = [make(Senses(fins=True), seed) for seed in range(2)]
+    task = SwimForward(seconds=4.0, ctrl_weight=0.0)
+    found = perform(controllers, BODY, POSES, task=task)
+    np.testing.assert_allclose(found, swim_all(controllers, BODY, POSES, 4.0), atol=1e-4)
+    assert np.ptp(found) > 0.1
+
+
+def test_a_crew_is_so_many_policies() -> None:
+    """With a goal, its fins reckoned, in an environment of one robot."""
+    controller = make(Senses(goal=True, fins=True), 3)
+    env = gym.make("AquaFishWaypoint-v0", engine="numba")
+    seen, info = env.reset(seed=2)
+    crew, alone = (
+        Crew([controller], info["fin_angles"][None]),
+        controller.policy(info["fin_angles"]),
+    )
+    for step in range(30):
+        action = crew.act(seen[None], np.array([step * 0.2]))[0]
+        np.testing.assert_allclose(action, alone(seen, step * 0.2), atol=1e-6)
+        seen, *_ = env.step(action)
+    with pytest.raises(InvalidArgumentError, match="one or more of one kind"):
+        Crew([controller, make(Senses(), 0)], POSES)
+
+
+def test_what_is_left_to_chance_follows_from_the_seed_and_is_shared() -> None:
+    controllers = [make(Senses(goal=True), seed) for seed in (0, 0, 1)]
+    one = perform(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=5)
+    again = perform(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=5)
+    other = perform(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=9)
+    np.testing.assert_array_equal(one, again)
+    np.testing.assert_array_equal(one[0], one[1])
+    assert (one[0] != one[2]).all()
+    assert (one != other).all()
+    with pytest.raises(InvalidArgumentError, match="equally many, or one for all; got 2 and 3"):
+        perform(controllers, [BODY, BODY], POSES, task="waypoint")
+
+
+def test_a_task_is_evolved_and_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+    config = EvolveConfig(
+        search="cma", controller="linear", task="station", interval=500, starts=1, screened=2,
+        generations=3, population=10, poses=1,
+    )  # fmt: skip
+    found = evolve_gait(None, config, out=tmp_path / "whole")
+    assert found.controller.senses.goal
+    assert found.controller.interval == 500
+    assert 0.0 < found.fitness < 60.0
+
+    def stop(row: Any) -> None:
+        if row.generation == 1:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        evolve_gait(None, config, out=tmp_path / "parts", on_generation=stop)
+    evolve_gait(None, config, out=tmp_path / "parts")
+    assert contents(tmp_path / "parts") == contents(tmp_path / "whole")
+    with pytest.raises(InvalidArgumentError, match=r"out .*another run|with task"):
+        evolve_gait(None, replace(config, task="waypoint"), out=tmp_path / "whole")
+
+
+def test_bad_tasks_are_refused_by_name() -> None:
+    with pytest.raises(UnknownNameError, match="did you mean 'station'"):
+        EvolveConfig(task="staton")  # type: ignore[arg-type]
+    with pytest.raises(InvalidArgumentError, match="seconds has a say only"):
+        EvolveConfig(task="station", seconds=5.0)
+    with pytest.raises(InvalidArgumentError, match="interval must be a multiple of 5"):
+        EvolveConfig(task="station", interval=7)
