@@ -102,8 +102,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ### Termination
 
-    Only if the simulation diverges, which no body within the limits has been seen to do. `info`
-    then has `diverged` true, the reward is 0 and the observation is the last good one.
+    Only if the simulation diverges, which was seen of bodies with each size at an end of its range
+    in a current of 20 units/s along every axis, at one start in 2000, and else never. `info` then
+    has `diverged` true, the reward is 0 and the observation is the last good one.
 
     ### Truncation
 

@@ -73,7 +73,7 @@ def test_a_million_steps_of_extreme_robots_are_finite(bodies: str, dtype: str) -
     rng = np.random.default_rng(0)
     sizes = CORNERS if bodies == "corners" else thin_bodies(512, rng)
     env = AquaFishVectorEnv(
-        512, sizes, dtype=dtype, fin_angles="random", observe_fins=True, current=(20, -20, 20)
+        512, sizes, dtype=dtype, frame_skip=5, observe_fins=True, current=(20, -20, 20)
     )
     env.reset(seed=0)
     for action in bang_bang(400, 512, rng):
@@ -132,7 +132,7 @@ def test_a_hundred_thousand_pybullet_steps_of_extreme_robots_are_finite() -> Non
         *CORNERS[rng.choice(512, 25, replace=False)],
         *thin_bodies(20, rng),
     ]
-    env = AquaFishEnv(engine="pybullet", fin_angles="random", current=(20, -20, 20))
+    env = AquaFishEnv(engine="pybullet", frame_skip=5, current=(20, -20, 20))
     for body, actions in zip(bodies, bang_bang(400, 50, rng).swapaxes(0, 1), strict=True):
         env.reset(seed=0, options={"morphology": body})
         for action in actions:
