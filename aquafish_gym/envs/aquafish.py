@@ -75,7 +75,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Rewards
 
-    The reward is the sum of its terms, all of them in `info`. Of the task "forward" they are:
+    The reward is the sum of its terms, all of them in `info` (0 at a reset, so that its keys are
+    always the same). Of the task "forward" they are:
 
     - *reward_forward*: the mean speed along the world's y over the step, in units/s.
     - *reward_ctrl*: minus 1e-4 times the sum of the squares of the action.
@@ -218,7 +219,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         here = self._state.position
         if self.render_mode == "human":
             self.render()
-        return self._observation(), self._info(here, here)
+        still = Step(here, here, self._state.orientation, (0.0, 0.0, 0.0), self._memory, self.dt)
+        nothing = dict.fromkeys(self.task.reward_terms(still), 0.0)
+        return self._observation(), self._info(here, here) | nothing
 
     def _enter(self, effect: Effect) -> None:
         """Have the robot be as damage makes it from now on."""

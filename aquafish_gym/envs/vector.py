@@ -194,7 +194,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._begin(mask, starts)
         self._begun = True
         self._look(np.flatnonzero(mask))
-        return self._seen.copy(), _masked(self._info(self._now), mask)
+        return self._seen.copy(), _masked(self._info(self._now) | self._nothing(), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
@@ -227,27 +227,34 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._steps += 1
         self._steps[diverged] = self._last
         terms = self._judge(before, _three(checked.T), diverged | over)
+        reward = np.asarray(sum(terms.values()))
         if over.any():
             self._begin(over, self._chosen(over))
             before[:, over] = now[:, over]
         self._look(self._everyone)
         ended = self._steps == self._last
         everyone = np.ones(self.num_envs, np.bool_)
-        info = _masked({**self._info(before), "diverged": diverged}, everyone)
-        info |= _masked(terms, ~over)
+        info = _masked({**self._info(before), "diverged": diverged.copy(), **terms}, everyone)
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             last = self._seen.copy()
             self._begin(ended, self._chosen(ended))
             self._look(np.flatnonzero(ended))
-            info = _put_final(info, _masked(self._info(now), ended), last, ended)
-        reward = np.asarray(sum(terms.values()))
+            info = _put_final(info, self._info(now) | self._nothing(), last, ended)
         return self._seen.copy(), reward, diverged, ended & ~diverged, info
+
+    def _taken(self, before: Floats, action: Vector) -> Step:
+        here, there = _three(before[POSITION]), _three(self._now[POSITION])
+        x, y, z, w = self._now[QUATERNION]
+        return Step(here, there, (x, y, z, w), action, tuple(self._memory), self.dt)
+
+    def _nothing(self) -> dict[str, Floats]:
+        """Return the reward's terms where no step was taken, for ``info`` to have the same keys."""
+        zeros = np.zeros(self.num_envs)
+        return dict.fromkeys(self.task.reward_terms(self._taken(self._now, (zeros,) * 3)), zeros)
 
     def _judge(self, before: Floats, action: Vector, bad: Mask) -> dict[str, Floats]:
         """Return what a step is worth; what is remembered and broken is then as it is after it."""
-        here, there = _three(before[POSITION]), _three(self._now[POSITION])
-        x, y, z, w = self._now[QUATERNION]
-        step = Step(here, there, (x, y, z, w), action, tuple(self._memory), self.dt)
+        step = self._taken(before, action)
         shape = (self.num_envs,)
         terms = {
             name: np.where(bad, 0.0, np.broadcast_to(value, shape))
@@ -432,8 +439,8 @@ def _put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) 
     """Move the ended robots' information to ``final_info`` and put the new episodes' instead."""
     masks = [name for name in info if name.startswith("_")]
     final = {name: info[name] & ended if name in masks else info[name].copy() for name in info}
-    info |= {name: value for name, value in fresh.items() if name not in masks}
-    info |= {name: info[name] & ~ended for name in masks if name not in fresh}
+    for name, value in fresh.items():
+        info[name][ended] = value[ended]
     observations = np.full(len(ended), None, dtype=object)
     for i in np.flatnonzero(ended):
         observations[i] = last[i]

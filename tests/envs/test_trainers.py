@@ -16,7 +16,8 @@ from gymnasium import wrappers
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as several
 
-from aquafish_gym import IDS
+from aquafish_gym import IDS, Morphology
+from gait.controller import Controller
 
 COUNT = 4
 PAGE = pathlib.Path(__file__).parents[2] / "docs" / "howto" / "train.md"
@@ -192,3 +193,37 @@ def test_the_pages_torchrl_runs() -> None:
     names: dict[str, Any] = {"__name__": "train"}
     exec(compile(code, PAGE.name, "exec"), names)
     assert names["rollout"].batch_size == (64, 200)
+
+
+def test_a_minari_dataset(tmp_path: pathlib.Path) -> None:
+    """Its infos hold the truth, with the same keys at a reset as after a step."""
+    minari = pytest.importorskip("minari")
+    pytest.importorskip("jax")
+    body = Morphology.nominal()
+    still = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, body, 0, interval=20)
+    still.save(tmp_path / "controller.json")
+    example = pathlib.Path(__file__).parents[2] / "examples" / "minari_dataset.py"
+    code = [sys.executable, str(example), str(tmp_path / "controller.json")]
+    code += ["--out", str(tmp_path / "sets"), "--episodes", "2", "--damage", "caudal:missing@2"]
+    done = subprocess.run(code, capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("2 episodes, 200 steps, mean return")
+    dataset = minari.load_dataset(str(tmp_path / "sets" / "aquafish" / "damaged-v0"))
+    (first, second) = dataset.iterate_episodes()
+    assert first.infos["faults"].tolist() == [0] * 10 + [1] * 91
+    assert first.infos["fin_angles"].shape == (101, 3)
+    assert (first.observations[0] == second.observations[0]).all()  # upright, at rest
+    assert (first.infos["fin_angles"][0] != second.infos["fin_angles"][0]).all()
+    again = subprocess.run(code, capture_output=True, text=True, check=False)
+    assert again.returncode == 2
+    assert "name must be a new one" in again.stderr
+
+
+def test_without_minari_the_remedy_is_said(tmp_path: pathlib.Path) -> None:
+    example = pathlib.Path(__file__).parents[2] / "examples" / "minari_dataset.py"
+    code = (
+        f"import runpy, sys; sys.modules['minari'] = None; sys.argv = ['x', {str(tmp_path)!r}]; "
+        f"runpy.run_path({str(example)!r}, run_name='__main__')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert 'pip install "minari[hdf5,create]"' in done.stderr

@@ -1,0 +1,101 @@
+"""A Minari dataset of damaged swimming, for offline learning.
+
+    python examples/minari_dataset.py out/gait/controller.json --episodes 100
+
+A controller, as ``aquafish evolve`` and ``aquafish baseline`` write it, swims episodes in which
+something breaks; what it felt and did, the rewards, and the truth in ``info`` become a dataset. It
+needs ``pip install "minari[hdf5,create]"``.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import gymnasium as gym
+import numpy as np
+import tyro
+from rich.console import Console
+from rich.progress import track
+
+from aquafish_gym import IDS
+from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
+from gait.controller import Controller
+
+
+@dataclass(frozen=True)
+class MinariDataset:
+    """Have a controller swim damaged robots, and write a Minari dataset of it.
+
+    Attributes
+    ----------
+    controller
+        A controller.json, as evolve and baseline write it.
+    """
+
+    controller: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/minari")
+    """Folder of datasets."""
+    name: str = "aquafish/damaged-v0"
+    """What the dataset is called in it."""
+    env: str = "AquaFish-v0"
+    damage: str = "random:moderate@2-10"
+    """What breaks; see the page of damage."""
+    noise: float = 0.1
+    """Standard deviation of what is added to its actions, so that others are seen, too."""
+    episodes: int = 20
+    seed: int = 0
+
+    def execute(self) -> None:
+        """Swim and write."""
+        one_of("env", self.env, IDS)
+        integer("episodes", self.episodes, 1, 10**6)
+        integer("seed", self.seed, 0, 2**31)
+        finite_array("noise", self.noise, (), 0.0, 2.0)
+        os.environ["MINARI_DATASETS_PATH"] = str(self.out.resolve())
+        try:
+            from minari import DataCollector
+        except ImportError:
+            raise InvalidArgumentError(
+                'Minari is not installed: pip install "minari[hdf5,create]"'
+            ) from None
+        if (self.out / self.name).exists():
+            raise InvalidArgumentError(f"name must be a new one in {self.out}; got {self.name}")
+        controller = Controller.load(self.controller)
+        made = gym.make(
+            self.env, engine="numba", damage=self.damage, frame_skip=controller.interval
+        )
+        collector, rng = DataCollector(made, record_infos=True), np.random.default_rng(self.seed)
+        returns = []
+        for episode in track(
+            range(self.episodes), "swimming", console=Console(stderr=True), transient=True
+        ):
+            seen, info = collector.reset(seed=self.seed + episode)
+            act, total, over, step = controller.policy(info["fin_angles"]), 0.0, False, 0
+            while not over:
+                wanted = np.asarray(act(seen, step * controller.interval * TIMESTEP), float)
+                wanted = wanted + rng.normal(0.0, self.noise, 3)
+                action = np.clip(wanted, -1.0, 1.0).astype(np.float32)
+                seen, reward, terminated, truncated, _ = collector.step(action)
+                total, over, step = total + float(reward), terminated or truncated, step + 1
+            returns.append(total)
+        dataset = collector.create_dataset(
+            dataset_id=self.name,
+            algorithm_name=f"{self.controller.name}, noise {self.noise:g}",
+            description=f"Swimming with damage {self.damage}; seeds from {self.seed}.",
+            requirements=["aquafish-gym"],
+        )
+        collector.close()
+        print(
+            f"{dataset.total_episodes} episodes, {dataset.total_steps} steps, mean return "
+            f"{np.mean(returns):.1f}: {self.name} in {self.out}"
+        )
+
+
+if __name__ == "__main__":
+    sys.exit(run_command_line("minari_dataset", single_command(MinariDataset), None, BAD_INPUT))
