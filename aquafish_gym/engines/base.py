@@ -22,7 +22,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, fl
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
 MAXIMUM_DRAG = 10.0  # times the law's
-MAXIMUM_GAIN = 2.0
+MAXIMUM_GAIN = 2.0  # either way: a servo that is reversed has -1
 MAXIMUM_LAG = 1.0  # s
 MAXIMUM_SUBSTEPS = 64
 MAXIMUM_THREADS = 1024
@@ -103,7 +103,7 @@ def check_trials(
         "fin_angles": _rows("fin_angles", fin_angles, (3,), -np.inf, np.inf, "rad"),
         "current": _rows("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"),
         "drag": _rows("drag", drag, (2,), 0.0, MAXIMUM_DRAG),
-        "servo_gain": _rows("servo_gain", gain, (3,), 0.0, MAXIMUM_GAIN),
+        "servo_gain": _rows("servo_gain", gain, (3,), -MAXIMUM_GAIN, MAXIMUM_GAIN),
         "lag": _rows("lag", lag, (), 0.0, MAXIMUM_LAG, "s"),
         "velocity": _rows("velocity", velocity, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"),
         "spin": _rows("spin", spin, (3,), -MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s"),
@@ -187,8 +187,8 @@ def simulate(
     drag
         (2,) or (B, 2) what the drag of the fins, and that of the body, is multiplied by: 0 to 10.
     servo_gain
-        A number, (3,) or (B, 3), 0 to 2: the servos' speeds are gain times command. One that is
-        seized has gain 0.
+        A number, (3,) or (B, 3), -2 to 2: the servos' speeds are gain times command. One that is
+        seized has gain 0, one that is reversed -1.
     lag
         A number or (B,), 0 to 1 s: the servos begin to move so late. A servo's speed is steady
         within a sample: in the one in which a lag ends it is the share of it that then remains.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass
 from pkgutil import resolve_name
@@ -18,8 +19,10 @@ from aquafish_gym.engines.base import (
     MAXIMUM_SUBSTEPS,
     TIMESTEP,
 )
+from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.kinematics import State
+from aquafish_gym.physics.attitude import attitude
+from aquafish_gym.physics.kinematics import State, rotation
 from aquafish_gym.utils.validation import finite_array, flag, integer
 
 Triple = tuple[float, float, float]
@@ -83,14 +86,15 @@ class ServoWorld:
     world
         The world that it all happens in; it is closed with this one.
     servo_gain
-        (3,) of the left, the right and the caudal servo; one that is seized has 0.
+        (3,) of the left, the right and the caudal servo; one that is seized has 0. Set in
+        mid-swim, it holds at once, whenever the command was given.
     lag
         In s.
     """
 
     def __init__(self, world: World, servo_gain: Triple, lag: float) -> None:
         self.world = world
-        self._gain = np.array(servo_gain)
+        self.servo_gain = servo_gain
         whole, self._rest = divmod(lag / TIMESTEP, 1.0)
         # The commands that lie less than lag and a step back, of which the first two count.
         self._given: deque[NDArray[np.float64]] = deque(maxlen=int(whole) + 2)
@@ -122,7 +126,7 @@ class ServoWorld:
         for _ in range(steps):
             self._given.append(np.array(command))
             older, newer = self._given[0], self._given[1]
-            told = self._gain * (self._rest * older + (1.0 - self._rest) * newer)
+            told = np.array(self.servo_gain) * (self._rest * older + (1.0 - self._rest) * newer)
             left, right, caudal = told.tolist()
             self.world.advance((left, right, caudal))
 
@@ -146,6 +150,36 @@ def with_servos(world: World, servo_gain: Triple, lag: float) -> World:
     return world if ideal else ServoWorld(world, servo_gain, lag)
 
 
+def sample(world: World) -> list[float]:
+    """Return what :func:`log_of_samples` takes of a moment: 13 numbers, NaN once diverged."""
+    if world.diverged:
+        return [math.nan] * 13
+    state = world.state()
+    return [*state.position, *state.orientation, *state.spin, *world.fin_angles]
+
+
+def log_of_samples(samples: NDArray[np.float64], record: str = "attitude") -> ImuLog:
+    """Return the log of B robots that began upright, from their :func:`sample` s (B, T, 13).
+
+    ``record`` is as of :func:`aquafish_gym.simulate`.
+    """
+    rpy = np.full((len(samples), samples.shape[1] + 1, 3), math.nan)
+    well: NDArray[np.bool_] = np.isfinite(samples).all(axis=2)
+    lasts = well.sum(axis=1)
+    for log, robot, good in zip(rpy, samples, lasts.tolist(), strict=True):
+        turns = [attitude(rotation(tuple(q))) for q in robot[:good, 3:7].tolist()]
+        log[: good + 1] = unwrap_rpy(np.array([(0.0, 0.0, 0.0), *turns]))
+    pose = record == "pose"
+    return ImuLog(
+        rpy=None if record == "gyro" else rpy[:, 1:],
+        gyro=None if record == "rpy" else samples[:, :, 7:10],
+        position=samples[:, :, :3] if pose else None,
+        quaternion=samples[:, :, 3:7] if pose else None,
+        fin_angles=samples[:, :, 10:] if pose else None,
+        diverged=lasts < samples.shape[1],
+    )
+
+
 @dataclass(frozen=True, kw_only=True)
 class WorldConfig:
     """What a world is like besides the robot's body; by default, as all models have it.
@@ -166,8 +200,8 @@ class WorldConfig:
     drag: tuple[float, float] = (1.0, 1.0)
     """What the drag of the fins, and that of the body, is multiplied by: 0 to 10."""
     servo_gain: Triple = (1.0, 1.0, 1.0)
-    """The left, right and caudal servo's speeds are gain times command, 0 to 2; a seized one's
-    gain is 0."""
+    """The left, right and caudal servo's speeds are gain times command, -2 to 2; a seized one's
+    gain is 0, a reversed one's -1."""
     lag: float = 0.0
     """How long after it was given a command is obeyed, in s: 0 to 1."""
     reactive: bool = False
@@ -179,7 +213,7 @@ class WorldConfig:
         for name, count, low, high, unit in (
             ("current", 3, -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s"),
             ("drag", 2, 0.0, MAXIMUM_DRAG, ""),
-            ("servo_gain", 3, 0.0, MAXIMUM_GAIN, ""),
+            ("servo_gain", 3, -MAXIMUM_GAIN, MAXIMUM_GAIN, ""),
         ):
             values = finite_array(name, getattr(self, name), (count,), low, high, unit)
             object.__setattr__(self, name, tuple(values.tolist()))
@@ -209,7 +243,7 @@ def make_world(
     drag
         (2,) what the drag of the fins, and that of the body, is multiplied by: 0 to 10.
     servo_gain
-        (3,) the servos' speeds are gain times command, 0 to 2.
+        (3,) the servos' speeds are gain times command, -2 to 2.
     lag
         How long after it was given a command is obeyed, 0 to 1 s; see :class:`ServoWorld`.
     substeps

@@ -25,7 +25,7 @@ _rng = np.random.default_rng(9)
 NUISANCES: dict[str, np.ndarray] = {
     "current": _rng.uniform(-0.5, 0.5, (24, 3)),
     "drag": _rng.uniform(0.0, 3.0, (24, 2)),
-    "servo_gain": _rng.uniform(0.0, 2.0, (24, 3)),
+    "servo_gain": _rng.uniform(-2.0, 2.0, (24, 3)),
     "lag": _rng.uniform(0.0, 0.5, 24),
 }
 

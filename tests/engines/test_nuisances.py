@@ -35,7 +35,7 @@ _rng = np.random.default_rng(4)
 DIFFERENT: dict[str, Any] = {
     "current": _rng.uniform(-0.3, 0.3, (COUNT, 3)),
     "drag": _rng.uniform(0.0, 2.0, (COUNT, 2)),
-    "servo_gain": _rng.uniform(0.0, 2.0, (COUNT, 3)),
+    "servo_gain": _rng.uniform(-2.0, 2.0, (COUNT, 3)),
     "lag": _rng.uniform(0.0, 0.3, COUNT),
 }
 dtypes = pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -138,9 +138,9 @@ def test_without_drag_a_current_moves_nothing() -> None:
 
 
 @dtypes
-@pytest.mark.parametrize("gain", [0.95, (0.5, 1.0, 0.0), "each"])
+@pytest.mark.parametrize("gain", [0.95, (0.5, 1.0, 0.0), (-1.0, -0.5, 1.0), "each"])
 def test_a_gain_is_another_command(gain: Any, dtype: str) -> None:
-    gain = np.minimum(DIFFERENT["servo_gain"], 1.0) if gain == "each" else gain
+    gain = np.clip(DIFFERENT["servo_gain"], 0.0, 1.0) if gain == "each" else gain
     tuned, told = swim(servo_gain=gain, dtype=dtype), swim(np.multiply(gain, COMMANDS), dtype=dtype)
     if dtype == "float64":
         assert_same(tuned, told)

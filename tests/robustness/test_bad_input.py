@@ -260,7 +260,7 @@ SIMULATE = {
     "record": names("record", ("rpy", "gyro", "attitude", "pose")),
     "reactive": flag("reactive"),
     "drag": array("drag", (2,), 0.0, 10.0, "[0, 10]", "(any, 2)"),
-    "servo_gain": array("servo_gain", (3,), 0.0, 2.0, "[0, 2]", "(any, 3)"),
+    "servo_gain": array("servo_gain", (3,), -2.0, 2.0, "[-2, 2]", "(any, 3)"),
     "lag": Bad(
         no_array((), 0.0, 1.0).filter(lambda value: not isinstance(value, np.ndarray | list))
         | no_array((2, 3), 0.0, 1.0).filter(lambda v: not isinstance(v, np.ndarray) or v.ndim > 1)
@@ -272,7 +272,7 @@ SIMULATE = {
 MAKE_WORLD = {
     "reactive": flag("reactive"),
     "drag": array("drag", (2,), 0.0, 10.0, "[0, 10]"),
-    "servo_gain": array("servo_gain", (3,), 0.0, 2.0, "[0, 2]"),
+    "servo_gain": array("servo_gain", (3,), -2.0, 2.0, "[-2, 2]"),
     "lag": array("lag", (), 0.0, 1.0, "[0, 1] s"),
     "substeps": whole("substeps", 1, 64),
 }

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
 from aquafish_gym.engines.mujoco.robot import BASE, hinge_angles, mujoco_model
 from aquafish_gym.engines.packages import load_mujoco
-from aquafish_gym.engines.worlds import RUNAWAY, Triple, with_servos
-from aquafish_gym.imu import ImuLog, unwrap_rpy
+from aquafish_gym.engines.worlds import RUNAWAY, Triple, log_of_samples, sample, with_servos
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.attitude import attitude
-from aquafish_gym.physics.kinematics import State, at_rest, rotation
+from aquafish_gym.physics.kinematics import State, at_rest
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 # MuJoCo's steps in one of 0.01 s. Its scheme is of first order, as ours is, and with these its gyro
@@ -147,9 +146,7 @@ def simulate_mujoco(trials: Trials, settings: Settings) -> ImuLog:
     It computes in double precision whatever ``settings.dtype`` is, and in one thread.
     """
     batch, steps = len(trials), settings.steps
-    # Position, quaternion, spin, fin angles.
     found = np.empty((batch, steps, 13))
-    diverged = np.zeros(batch, dtype=np.bool_)
     water, gains = (np.broadcast_to(a, (batch, 3)) for a in (trials.current, trials.servo_gain))
     drags, lags = np.broadcast_to(trials.drag, (batch, 2)), np.broadcast_to(trials.lag, batch)
     for i in range(batch):
@@ -160,27 +157,8 @@ def simulate_mujoco(trials: Trials, settings: Settings) -> ImuLog:
         series = [_triple(command) for command in trials.commands[i].reshape(-1, 3)]
         for t in range(steps):
             told.advance(series[min(t // settings.interval, len(series) - 1)])
-            state = world.state()
-            found[i, t] = (*state.position, *state.orientation, *state.spin, *world.fin_angles)
-        diverged[i] = world.diverged
-    pose = settings.record == "pose"
-    return ImuLog(
-        rpy=None if settings.record == "gyro" else _follow(found[:, :, 3:7]),
-        gyro=None if settings.record == "rpy" else found[:, :, 7:10],
-        position=found[:, :, :3] if pose else None,
-        quaternion=found[:, :, 3:7] if pose else None,
-        fin_angles=found[:, :, 10:] if pose else None,
-        diverged=diverged,
-    )
-
-
-def _follow(quaternions: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return roll, pitch and yaw (B, T, 3), continuous from upright on."""
-    rpy = np.zeros((len(quaternions), quaternions.shape[1] + 1, 3))
-    for log, turns in zip(rpy, quaternions.tolist(), strict=True):
-        log[1:] = [attitude(rotation(tuple(q))) for q in turns]
-        log[:] = unwrap_rpy(log)
-    return rpy[:, 1:]
+            found[i, t] = sample(world)
+    return log_of_samples(found, settings.record)
 
 
 def _triple(row: NDArray[np.float64]) -> Triple:
