@@ -139,7 +139,7 @@ class Morphology:
 MorphologyLike = Morphology | Mapping[str, ArrayLike] | ArrayLike | None
 
 
-_FIN_WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
+FIN_WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
 _FRACTIONS = {
     1 / 4: "a quarter of", 1 / 3: "a third of", 1 / 2: "half", 2 / 3: "two thirds of",
     3 / 4: "three quarters of",
@@ -164,7 +164,7 @@ def change_in_words(before: Morphology, after: Morphology, tolerance: float = 0.
     for fin in FINS:
         rows = [i for i, d in enumerate(DIMENSIONS) if d.fin == fin]
         if was[rows].all() and not now[rows].any():
-            parts.append(f"{_FIN_WORDS[fin]}: missing")
+            parts.append(f"{FIN_WORDS[fin]}: missing")
             continue
         changes = [
             f"{_share(now[i], was[i])} its {DIMENSIONS[i].size}, "
@@ -173,7 +173,7 @@ def change_in_words(before: Morphology, after: Morphology, tolerance: float = 0.
             if abs(now[i] - was[i]) > tolerance * DIMENSIONS[i].maximum
         ]
         if changes:
-            parts.append(f"{_FIN_WORDS[fin]}: {', '.join(changes)}")
+            parts.append(f"{FIN_WORDS[fin]}: {', '.join(changes)}")
     return "; ".join(parts) or "nothing is broken"
 
 

@@ -219,10 +219,37 @@ def test_unknown_names_are_refused() -> None:
             "left_pectoral:thickness=3",
             "left flipper: 300% of its thickness, 0.30 where it was 0.10",
         ),
+        (
+            "caudal:missing;caudal:dead;left_pectoral:length=0.5@4+2;up_x:stuck@4+2",
+            "tail: missing; servo of the tail: dead; left flipper: half its length, 0.80 where it "
+            "was 1.60, from 4 to 6 s; up_x: stuck, from 4 to 6 s",
+        ),
+        (
+            "left_pectoral:reversed@3;right_pectoral:weak=0.4;caudal:seized=0.5;caudal:seized",
+            "servo of the left flipper: turns the other way, from 3 s on; servo of the right "
+            "flipper: turns at 0.4 times what it is told; servo of the tail: seized at 0.5 rad; "
+            "servo of the tail: seized",
+        ),
+        (
+            "gyro:noise=0.02;gyro_y:bias=-0.1;north_z:bias=0.1;up_y:dropped;random:mild@2-8+3",
+            "gyro: noise of 0.02 rad/s; gyro_y: says 0.1 rad/s too little; north_z: says 0.1 too "
+            "much; up_y: says 0; mild damage that chance decides, from some time between 2 and 8 s "
+            "on, for 3 s",
+        ),
     ],
 )
 def test_damage_is_said_in_words(damage: str, words: str) -> None:
     assert Damage.parse(damage).in_words(Morphology.nominal()) == words
+
+
+@pytest.mark.parametrize("damage", ["caudal:dead", "gyro:noise=0.1", "caudal:missing@0.0+3"])
+def test_no_body_has_what_is_not_of_its_sizes_or_does_not_last(damage: str) -> None:
+    broken = f"left_pectoral:missing;{damage}"
+    with pytest.raises(
+        InvalidArgumentError, match=r"must be of its fins' sizes.*; got " + damage[:6]
+    ):
+        Damage.parse(broken).apply(Morphology.nominal())
+    assert Damage.parse(broken).effect(Morphology.nominal()).body.left_pectoral == (0, 0, 0)
 
 
 def test_an_estimate_within_the_tolerance_is_no_damage() -> None:

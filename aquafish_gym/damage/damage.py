@@ -13,14 +13,14 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from functools import reduce
-from itertools import chain
+from itertools import chain, groupby
 from typing import Any, Self
 
 import numpy as np
 
 from aquafish_gym.damage.effect import Effect
 from aquafish_gym.damage.fault import Fault
-from aquafish_gym.damage.fins import FinEntangled, FinMissing, FinScaled
+from aquafish_gym.damage.fins import FinEntangled, FinMissing, FinScaled, OfSizes
 from aquafish_gym.damage.sensors import ChannelBias, ChannelDropped, ChannelStuck, GyroNoise
 from aquafish_gym.damage.servos import ServoDead, ServoGain, ServoSeized
 from aquafish_gym.damage.tiers import TIERS, RandomFaults, broken_fins
@@ -136,8 +136,8 @@ class Damage:
 
         Examples
         --------
-        >>> str(Damage.parse("random:mild@2").drawn(np.random.default_rng(0)))
-        'x'
+        >>> str(Damage.parse("caudal:missing@2-8").drawn(np.random.default_rng(0)))
+        'caudal:missing@5.821770123928726'
         """
         if not self.is_random:
             return self
@@ -177,21 +177,42 @@ class Damage:
         return reduce(lambda robot, fault: fault.strike(robot), self.faults, whole)
 
     def apply(self, morphology: Morphology) -> Morphology:
-        """Return the body with every fault of its fins, one after another.
+        """Return the damaged body: the fins with every fault, one after another.
 
-        Raises as :meth:`effect`.
+        Raises
+        ------
+        InvalidArgumentError
+            If something else than sizes is broken, or not always, which no body says; and as
+            :meth:`effect`, whose ``body`` is that with all faults of the fins.
         """
-        return self.effect(morphology).body
+        body = self.effect(morphology).body
+        for fault in self.faults:
+            if not isinstance(fault, OfSizes) or fault.span != (0.0, np.inf):
+                raise InvalidArgumentError(
+                    "damage of a body must be of its fins' sizes, and last throughout; got "
+                    f"{fault}, which environments and an eea.EngineTarget can have"
+                )
+        return body
 
     def in_words(self, morphology: Morphology) -> str:
-        """Return what it does to a body, as :func:`change_in_words` says it.
+        """Return what it does to a robot of this body, the body as :func:`change_in_words` does.
 
         Examples
         --------
         >>> Damage.parse("left_pectoral:length=0.5").in_words(Morphology.nominal())
         'left flipper: half its length, 0.80 where it was 1.60'
+        >>> Damage.parse("caudal:missing; caudal:dead@4+2").in_words(Morphology.nominal())
+        'tail: missing; servo of the tail: dead, from 4 to 6 s'
         """
-        return change_in_words(morphology, self.apply(morphology))
+        said, was = [], morphology
+        for when, together in groupby(self.faults, lambda fault: fault.when):
+            faults = tuple(together)
+            body = Damage(tuple(f for f in faults if isinstance(f, OfSizes))).effect(was).body
+            parts = [change_in_words(was, body)] if body != was else []
+            parts += [fault.words for fault in faults if fault.words]
+            said += [f"{part}, {when}" if when else part for part in parts]
+            was = body
+        return "; ".join(said) or change_in_words(morphology, was)
 
     def __iter__(self) -> Iterator[Fault]:
         return iter(self.faults)

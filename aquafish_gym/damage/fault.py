@@ -50,6 +50,22 @@ class Fault:
         """What breaks, in text."""
         raise NotImplementedError
 
+    @property
+    def words(self) -> str:
+        """What breaks, in words; nothing where the body that is left says it."""
+        return self.what
+
+    @property
+    def when(self) -> str:
+        """When it is there, in words; nothing if it always is."""
+        onset, lasts = self.onset, self.duration
+        if isinstance(onset, tuple):
+            since = f"from some time between {onset[0]:g} and {onset[1]:g} s on"
+            return since if lasts is None else f"{since}, for {lasts:g} s"
+        if lasts is not None:
+            return f"from {onset:g} to {onset + lasts:g} s"
+        return f"from {onset:g} s on" if onset else ""
+
     def strike(self, robot: Effect) -> Effect:
         """Return the robot with this fault."""
         raise NotImplementedError
@@ -78,7 +94,9 @@ class Fault:
     def span(self) -> tuple[float, float]:
         """When it begins and when it ends, in s."""
         if isinstance(self.onset, tuple):
-            raise InvalidArgumentError(f"damage {self} leaves its onset to chance: draw it first")
+            raise InvalidArgumentError(
+                f"damage {self} leaves its onset to chance: draw it first (Damage.drawn)"
+            )
         return self.onset, self.onset + (np.inf if self.duration is None else self.duration)
 
     def __str__(self) -> str:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from aquafish_gym.damage.effect import Effect
 from aquafish_gym.damage.fault import Fault, named, set_number
-from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES, Morphology
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, SIZES, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, one_of
 
 
@@ -25,9 +25,23 @@ class OfFin(Fault):
         """Of the fin."""
         return FINS.index(self.fin)
 
+    @property
+    def name(self) -> str:
+        """Of the fin, for people."""
+        return FIN_WORDS[self.fin]
+
+
+class OfSizes(OfFin):
+    """A fault that is seen: it changes a fin's sizes."""
+
+    @property
+    def words(self) -> str:
+        """Nothing: the body that is left says it."""
+        return ""
+
 
 @dataclass(frozen=True)
-class FinScaled(OfFin):
+class FinScaled(OfSizes):
     """A fin's length, width or thickness is multiplied by ``factor``, which is 0 or more."""
 
     size: str
@@ -62,7 +76,7 @@ class FinScaled(OfFin):
 
 
 @dataclass(frozen=True)
-class FinMissing(OfFin):
+class FinMissing(OfSizes):
     """A fin is gone: all three of its sizes are zero. Its servo turns on, moving nothing."""
 
     kind: str = named("FinMissing")
@@ -79,7 +93,7 @@ class FinMissing(OfFin):
 
 
 @dataclass(frozen=True)
-class FinEntangled(OfFin):
+class FinEntangled(OfSizes):
     """Something hangs on a fin: its width grows by ``share`` of what it lacks to its maximum."""
 
     share: float

@@ -29,6 +29,11 @@ class GyroNoise(Fault):
         """See :class:`Fault`."""
         return f"gyro:noise={self.deviation!r}"
 
+    @property
+    def words(self) -> str:
+        """See :class:`Fault`."""
+        return f"gyro: noise of {self.deviation:g} rad/s"
+
     def strike(self, robot: Effect) -> Effect:
         """Return the robot with that noise, and what it had."""
         return replace(robot, noise=float(np.hypot(robot.noise, self.deviation)))
@@ -65,6 +70,14 @@ class ChannelBias(_OfChannel):
         """See :class:`Fault`."""
         return f"{self.channel}:bias={self.by!r}"
 
+    @property
+    def words(self) -> str:
+        """See :class:`Fault`."""
+        unit = " rad/s" if self.channel.startswith("gyro") else ""
+        return (
+            f"{self.channel}: says {abs(self.by):g}{unit} too {'much' if self.by > 0 else 'little'}"
+        )
+
     def strike(self, robot: Effect) -> Effect:
         """Return the robot with that bias, and what it had."""
         return robot.having("biases", self.index, robot.biases[self.index] + self.by)
@@ -81,6 +94,11 @@ class ChannelStuck(_OfChannel):
         """See :class:`Fault`."""
         return f"{self.channel}:stuck"
 
+    @property
+    def words(self) -> str:
+        """See :class:`Fault`."""
+        return f"{self.channel}: stuck"
+
     def strike(self, robot: Effect) -> Effect:
         """Return the robot with that channel."""
         return robot.having("stuck", self.index, True)
@@ -96,6 +114,11 @@ class ChannelDropped(_OfChannel):
     def what(self) -> str:
         """See :class:`Fault`."""
         return f"{self.channel}:dropped"
+
+    @property
+    def words(self) -> str:
+        """See :class:`Fault`."""
+        return f"{self.channel}: says 0"
 
     def strike(self, robot: Effect) -> Effect:
         """Return the robot with that channel."""

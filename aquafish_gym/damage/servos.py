@@ -30,6 +30,12 @@ class ServoGain(OfFin):
         """See :class:`Fault`."""
         return f"{self.fin}:reversed" if self.gain == -1 else f"{self.fin}:weak={self.gain!r}"
 
+    @property
+    def words(self) -> str:
+        """See :class:`Fault`."""
+        how = "the other way" if self.gain == -1 else f"at {self.gain:g} times what it is told"
+        return f"servo of the {self.name}: turns {how}"
+
     def strike(self, robot: Effect) -> Effect:
         """Return the robot with that servo."""
         return robot.having("gains", self.index, robot.gains[self.index] * self.gain)
@@ -62,6 +68,12 @@ class ServoSeized(OfFin):
         """See :class:`Fault`."""
         return f"{self.fin}:seized" + ("" if self.angle is None else f"={self.angle!r}")
 
+    @property
+    def words(self) -> str:
+        """See :class:`Fault`."""
+        where = "" if self.angle is None else f" at {self.angle:.3g} rad"
+        return f"servo of the {self.name}: seized{where}"
+
     def strike(self, robot: Effect) -> Effect:
         """Return the robot with that servo."""
         still = robot.having("gains", self.index, 0.0)
@@ -78,6 +90,11 @@ class ServoDead(OfFin):
     def what(self) -> str:
         """See :class:`Fault`."""
         return f"{self.fin}:dead"
+
+    @property
+    def words(self) -> str:
+        """See :class:`Fault`."""
+        return f"servo of the {self.name}: dead"
 
     def strike(self, robot: Effect) -> Effect:
         """Return the robot with that servo."""

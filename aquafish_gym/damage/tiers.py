@@ -83,6 +83,11 @@ class RandomFaults(Fault):
         return f"random:{self.tier}"
 
     @property
+    def words(self) -> str:
+        """See :class:`~aquafish_gym.damage.Fault`."""
+        return f"{self.tier} damage that chance decides"
+
+    @property
     def is_random(self) -> bool:
         """Always."""
         return True
