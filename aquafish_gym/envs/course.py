@@ -16,7 +16,7 @@ from aquafish_gym.damage import CHANNELS, Damage, Effect
 from aquafish_gym.morphology import Morphology
 
 Floats = NDArray[np.float64]
-Observations = NDArray[np.float32]
+Said = NDArray[np.floating]
 Rows = NDArray[np.intp]
 NEVER = 2**62
 GYRO = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
@@ -68,17 +68,18 @@ def course_of(damage: Damage, morphology: Morphology, dt: float) -> Course:
 class Sensors:
     """The sensors of B robots, that may say something else than what is.
 
-    ``broken`` is whether any of them ever did; where none did, nothing is computed.
+    ``broken`` is whether any of them ever did; where none did, nothing is computed. They say
+    numbers of type ``dtype``.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, dtype: type[np.floating] = np.float32) -> None:
         channels = (count, len(CHANNELS))
         self.broken = False
         self._noise: Floats = np.zeros(count)
-        self._biases = np.zeros(channels, np.float32)
+        self._biases = np.zeros(channels, dtype)
         self._stuck, self._dropped = np.zeros(channels, np.bool_), np.zeros(channels, np.bool_)
         self._fresh = np.zeros(channels, np.bool_)  # stuck from the next observation on
-        self._held = np.zeros(channels, np.float32)
+        self._held = np.zeros(channels, dtype)
 
     def become(self, robots: list[int], effect: Effect) -> None:
         """Have robots' sensors be as an effect says, from their next observations on."""
@@ -96,8 +97,8 @@ class Sensors:
         self._stuck[robots] = False
 
     def say(
-        self, truth: Observations, limits: Floats, rngs: Sequence[np.random.Generator], rows: Rows
-    ) -> Observations:
+        self, truth: Said, limits: Floats, rngs: Sequence[np.random.Generator], rows: Rows
+    ) -> Said:
         """Return what the sensors of the robots ``rows`` say, observations (n, k).
 
         They begin with ``CHANNELS``, and are ``truth`` where nothing is broken; ``rngs`` are of all

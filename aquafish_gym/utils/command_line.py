@@ -35,8 +35,13 @@ RESUMES = "the same command resumes"  # what a command says that was interrupted
 
 # The options that several commands have: one name, one meaning, one wording.
 _DAMAGE = (
-    'FIN:SIZE=FACTOR or FIN:missing, joined by ";", or none. FIN is left_pectoral, '
-    "right_pectoral or caudal; SIZE is length, width or thickness."
+    'FIN:SIZE=FACTOR, FIN:missing or FIN:entangled=SHARE, joined by ";", or none. FIN is '
+    "left_pectoral, right_pectoral or caudal; SIZE is length, width or thickness."
+)
+_ANY_DAMAGE = (
+    f"{_DAMAGE} Or FIN:weak=GAIN, reversed, seized, seized=ANGLE, dead, of its servo; "
+    "gyro:noise=SD; CHANNEL:bias=BY, stuck, dropped, CHANNEL being up_x to gyro_z. Each may end in "
+    "@ONSET+DURATION, in s of every trial."
 )
 _BODY = (
     'an object from fin to [x, y, z], or one with a "morphology", as a result.json; '
@@ -53,6 +58,7 @@ TargetMorphology = Annotated[
     Path | None, arg(metavar="FILE", help=f"JSON file of the target before its damage: {_BODY}")
 ]
 TargetDamage = Annotated[str, arg(metavar="DAMAGE", help=f"What broke on the target: {_DAMAGE}")]
+AnyDamage = Annotated[str, arg(metavar="DAMAGE", help=f"What broke on the target: {_ANY_DAMAGE}")]
 TargetEngine = Annotated[
     Literal["auto", "pybullet", "numba", "mujoco"],
     arg(

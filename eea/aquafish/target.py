@@ -8,13 +8,16 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aquafish_gym.command import check_commands
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import MAXIMUM_SUBSTEPS, simulate
+from aquafish_gym.engines.base import MAXIMUM_SUBSTEPS, TIMESTEP, simulate
 from aquafish_gym.engines.packages import resolve_engine
-from aquafish_gym.imu import ImuLog, unwrap_rpy
+from aquafish_gym.envs.course import course_of
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.attitude import attitude, rotations
+from aquafish_gym.physics.attitude import rotations
 from aquafish_gym.utils.validation import finite_array, integer
+from eea.aquafish.broken_trial import as_said, placed, rpy_of, swim_through, with_gains
 from eea.aquafish.gap import RealityGap
 from eea.core.angles import Floats
 from eea.core.checks import choice, instance
@@ -46,8 +49,7 @@ def turn_log(log: ImuLog, start: Floats) -> ImuLog:
     if log.rpy is None or log.diverged.any():
         return log  # there is no attitude to turn
     turned = start @ rotations(np.asarray(log.rpy[0], dtype=np.float64))
-    rpy = np.array([attitude(r) for r in [start.tolist(), *turned.tolist()]])
-    return replace(log, rpy=unwrap_rpy(rpy)[None, 1:])
+    return replace(log, rpy=rpy_of([start, *turned]))
 
 
 class EngineTarget:
@@ -59,7 +61,11 @@ class EngineTarget:
         The body before the damage: a ``Morphology``, fin -> (x, y, z), nine numbers, or None
         for the nominal one.
     damage
-        A ``Damage``, its text, a list of them, or None.
+        A ``Damage``, its text, a list of them, or None, of which nothing is left to chance. Each
+        trial is an episode: it begins at 0 s, so that what strikes at 1 s does so in every trial,
+        and all is whole again when the next begins. A seized servo without an angle stands in
+        every trial where it stood in the first, a dead one anywhere. Of a broken sensor every
+        sample of the log is an observation. What is broken comes on top of the ``gap``.
     rng
         Draws the hidden angles: the pectorals' over the whole turn, the caudal fin's phase over
         the whole cycle.
@@ -78,8 +84,10 @@ class EngineTarget:
 
     Attributes
     ----------
+    damage
+        What is broken.
     morphology
-        The body after the damage.
+        The body with every fault of its fins, whenever they strike.
     engine
         The engine's own name, never ``"auto"``.
 
@@ -91,6 +99,12 @@ class EngineTarget:
     Examples
     --------
     >>> fish = EngineTarget(None, "left_pectoral:length=0.5", steps=64, engine="numba")
+    >>> fish.perform(np.array([0.4, -0.3, 0.8])).gyro.shape
+    (1, 64, 3)
+
+    A tail that fails half a second into each trial:
+
+    >>> fish = EngineTarget(None, "caudal:dead@0.5; gyro_z:bias=0.1", steps=64, engine="numba")
     >>> fish.perform(np.array([0.4, -0.3, 0.8])).gyro.shape
     (1, 64, 3)
     """
@@ -109,20 +123,20 @@ class EngineTarget:
     ) -> None:
         instance("gap", gap, RealityGap)
         choice("orientation", orientation, ("upright", "heading", "attitude"))
-        self.morphology: Morphology = Damage.coerce(damage).apply(Morphology.coerce(morphology))
+        self.damage, whole = Damage.coerce(damage), Morphology.coerce(morphology)
+        self._course = course_of(self.damage, whole, TIMESTEP)
+        self.morphology: Morphology = self.damage.effect(whole).body
         self.engine: str = resolve_engine("engine", engine)
         self._rng = np.random.default_rng() if rng is None else rng
         self._gap = gap
         shared = finite_array("current", current, (3,), unit="units/s")
-        world: dict[str, Any] = dict(
-            vars(gap.world(shared, integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)))
-        )
-        self._current = np.array(world.pop("current"))
-        # In the compiled engine too the target is computed in double precision: it plays nature.
-        self._how = {"steps": steps, "engine": self.engine, "dtype": "float64", **world}
-        self._swim(np.zeros(9), np.zeros(3), np.zeros(3), self._current)  # refuses wrong settings
+        world = gap.world(shared, integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS))
+        self._current, self._steps = np.array(world.current), steps
+        self._worlds = [with_gains(world, effect) for effect in self._course.effects]
+        self._simulate(np.zeros(9), np.zeros(3), np.zeros(3), self._current)  # or refuses to
         self._orientation = orientation
         self._start_angles = np.zeros(3)
+        self._first_angles: Floats | None = None
 
     def perform(self, command: Floats) -> ImuLog:
         """Hold a command (3,) from fin angles drawn anew; return the log of that one trial."""
@@ -130,16 +144,33 @@ class EngineTarget:
         # From a hash of the angles: they stay the same whatever else is random.
         entropy = drawn.view(np.uint64)
         start = random_orientation(self._orientation, np.random.default_rng(entropy))
-        noise = np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(1,)))
-        angles = self._start_angles = self._gap.placed(drawn)
+        noise, broken = (
+            np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(i,))) for i in (1, 2)
+        )
+        angles = self._gap.placed(drawn)
+        if self._first_angles is None:
+            self._first_angles = angles
+        angles = self._start_angles = placed(angles, self._course.effects[0], self._first_angles)
         water = start.T @ self._current  # as seen from that start
-        log = self._swim(self.morphology.to_array(), command, angles, water)
+        log = self._swim(command, angles, water)
         if self._orientation != "upright":
             log = turn_log(log, start)
-        return self._gap.felt(log, noise)
+        log = self._gap.felt(log, noise)
+        return as_said(log, self._course, start, self._gap.gyro_bias, broken)
 
-    def _swim(self, body: Floats, command: Floats, angles: Floats, current: Floats) -> ImuLog:
-        return simulate(body, command, angles, current=current, **self._how)
+    def _swim(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
+        if self._course.next(0) >= self._steps:
+            body = self._course.effects[0].body.to_array()
+            return self._simulate(body, command, angles, current)
+        return swim_through(
+            self._course, self._worlds, check_commands(command)[0], angles, current,
+            self._steps, self.engine,
+        )  # fmt: skip
+
+    def _simulate(self, body: Floats, command: Floats, angles: Floats, current: Floats) -> ImuLog:
+        # In the compiled engine too the target is computed in double precision: it plays nature.
+        how: dict[str, Any] = {**vars(self._worlds[0]), "current": current}
+        return simulate(body, command, angles, self._steps, self.engine, dtype="float64", **how)
 
     @property
     def start_angles(self) -> Floats:

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
-from aquafish_gym.morphology import DIMENSIONS, Morphology
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
 from aquafish_gym.runs.folder import LOCK, claim, held
 from aquafish_gym.runs.stamps import versions
 from aquafish_gym.runs.storage import (
@@ -20,9 +20,9 @@ from aquafish_gym.runs.storage import (
     read_document,
 )
 from aquafish_gym.utils.command_line import (
+    AnyDamage,
     ModelEngine,
     Out,
-    TargetDamage,
     TargetEngine,
     TargetMorphology,
     Threads,
@@ -46,7 +46,6 @@ from eea.core.result import SCHEMA, Result, RoundRecord
 from eea.core.rounds import Rounds, streams
 
 KIND = "a run of the algorithm"
-FIN_WORDS = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
 SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
 
 
@@ -65,7 +64,7 @@ class Run:
     #: Settings of the algorithm.
     config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=EEAConfig)
     seed: int = 0  #: Everything random follows from it.
-    target_damage: TargetDamage = "none"
+    target_damage: AnyDamage = "none"
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "auto"
     engine: ModelEngine = "numba"
@@ -124,7 +123,7 @@ class Run:
             others = sorted(path.name for path in self.out.iterdir() if path.name != LOCK)
             # Whatever code an earlier run is of, this one begins anew and replaces it.
             claim(self.out, KIND, settings, versions(), others, other_code=True)
-            _fill(self.out, eea, intact)
+            _fill(self.out, eea, intact, damage)
 
 
 @dataclass(frozen=True)
@@ -137,10 +136,10 @@ class Recover(Run):
     """
 
     config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=recovery_config)
-    target_damage: TargetDamage = "left_pectoral:length=0.5"
+    target_damage: AnyDamage = "left_pectoral:length=0.5"
 
 
-def _fill(folder: Path, eea: Rounds, intact: Morphology) -> None:
+def _fill(folder: Path, eea: Rounds, intact: Morphology, damage: Damage) -> None:
     """Run to a stop rule in a folder that is held, and say what was found, also after Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True, markup=False)
     config, result, earlier = eea.result.config, eea.result, _earlier_rounds(folder)
@@ -162,7 +161,7 @@ def _fill(folder: Path, eea: Rounds, intact: Morphology) -> None:
             )
         else:
             write_outcome(folder, result)
-            _conclude(folder, result, intact, console)
+            _conclude(folder, result, intact, damage, console)
 
 
 def _earlier_rounds(folder: Path) -> int:
@@ -174,7 +173,9 @@ def _earlier_rounds(folder: Path) -> int:
         return 0
 
 
-def _conclude(folder: Path, result: Result, intact: Morphology, console: Console) -> None:
+def _conclude(
+    folder: Path, result: Result, intact: Morphology, damage: Damage, console: Console
+) -> None:
     """Draw the rounds and print what is known."""
     if not result.rounds:
         console.print("no round was completed")
@@ -184,7 +185,8 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
 
         save_figure(fitness_figure(result), folder / PICTURE)
         draw_posterior(folder, result)
-        for line in [*size_table(result), *damage_words(intact, result), *belief_words(result)]:
+        broken = damage_words(intact, damage, result)
+        for line in [*size_table(result), *broken, *belief_words(result)]:
             console.print(line)
         for line in outcome_words(folder, result):
             console.print(line)
@@ -193,10 +195,11 @@ def _conclude(folder: Path, result: Result, intact: Morphology, console: Console
         console.print("the same command begins anew, and replaces this with as many rounds")
 
 
-def damage_words(intact: Morphology, result: Result) -> list[str]:
+def damage_words(intact: Morphology, damage: Damage, result: Result) -> list[str]:
     """Return what broke, and what was found of it, a line for each size that the damage changed.
 
-    For example ``left flipper: half its length, found 0.79 where it was 1.60``.
+    For example ``left flipper: half its length, found 0.79 where it was 1.60``. And a line for
+    faults of no size, or that do not last.
     """
     assert result.truth is not None
     sizes = zip(DIMENSIONS, intact.to_array(), result.truth, result.model, strict=True)
@@ -207,7 +210,8 @@ def damage_words(intact: Morphology, result: Result) -> list[str]:
             words = SHARE_WORDS.get(round(share, 6), f"{share:.0%} of")
             what = f"{FIN_WORDS[dimension.fin]}: {words} its {dimension.size}"
             said.append(f"{what}, found {found:.2f} where it was {before:.2f}")
-    return said or ["nothing was broken"]
+    others = Damage(tuple(fault for fault in damage if fault.words or fault.when))
+    return said + ([others.in_words(intact)] if others else []) or ["nothing was broken"]
 
 
 def _why(result: Result) -> str:

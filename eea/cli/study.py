@@ -20,9 +20,9 @@ from aquafish_gym.runs.processes import WorkerDiedError
 from aquafish_gym.runs.runner import read_result, run_jobs
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.command_line import (
+    AnyDamage,
     ModelEngine,
     Out,
-    TargetDamage,
     TargetEngine,
     TargetMorphology,
     read_morphology,
@@ -125,7 +125,7 @@ class StudyCommand:
     first_seed: int = 0
     rounds: int | None = None
     settings: Annotated[ArmSettings, tyro.conf.arg(name="")] = field(default_factory=ArmSettings)
-    target_damage: TargetDamage = "none"
+    target_damage: AnyDamage = "none"
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "numba"
     target_orientation: Orientation = "upright"

@@ -142,7 +142,7 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
     try:
         damage = Damage.from_json(json.dumps(header["target_damage"]))
         morphology = Morphology.coerce(header["target_morphology"])
-        truth = damage.apply(morphology).to_array()
+        truth = damage.effect(morphology).body.to_array()
     except (InvalidArgumentError, KeyError) as error:
         raise DamagedFileError(f"{path / STUDY} does not say what the target is: {error}") from None
     return Findings(

@@ -23,7 +23,7 @@ from eea.study.presets import smoke
 
 # What decides a result. A study's settings are written down themselves, and the folder, the
 # commands and the reports only carry results.
-_ROBOT = ("command.py", "damage.py", "imu.py", "morphology.py", "physics", "engines")
+_ROBOT = ("command.py", "damage", "envs/course.py", "imu.py", "morphology.py", "physics", "engines")
 MASSES = (0.5, 0.8, 0.9)  # of the intervals that are held against the truth
 _ALGORITHM = ("core", "joint", "aquafish", "study/replicate.py")
 

@@ -236,11 +236,13 @@ def test_a_damaged_result_is_none_and_is_replaced(tmp_path, capsys):
 
 
 def words_for(damage: str, found: list[float] | None = None) -> list[str]:
-    broken = Damage.parse(damage).apply(Morphology.nominal()).to_array()
+    what = Damage.parse(damage)
+    broken = what.effect(Morphology.nominal()).body.to_array()
     result = Result(EEAConfig(), 0, fish_models(), broken)
     model = broken if found is None else found
     stub = type("Found", (Result,), {"model": np.asarray(model)})
-    return damage_words(Morphology.nominal(), stub(EEAConfig(), 0, result.layout, result.truth))
+    made = stub(EEAConfig(), 0, result.layout, result.truth)
+    return damage_words(Morphology.nominal(), what, made)
 
 
 def test_it_is_said_in_words_what_broke_and_what_was_found():
@@ -257,6 +259,11 @@ def test_it_is_said_in_words_what_broke_and_what_was_found():
         f"tail: nothing of its {size}, found 0.00 where it was {was}"
         for size, was in (("thickness", "0.40"), ("length", "1.40"), ("width", "0.60"))
     ]
+    assert words_for("caudal:width=0.9;caudal:dead@1;gyro_x:bias=0.1") == [
+        "tail: 90% of its width, found 0.54 where it was 0.60",
+        "servo of the tail: dead, from 1 s on; gyro_x: says 0.1 rad/s too much",
+    ]
+    assert words_for("caudal:missing@1+1")[-1] == "tail: missing, from 1 to 2 s"
 
 
 def test_recover_breaks_what_the_case_study_breaks(tmp_path, capsys):

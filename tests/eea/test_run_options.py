@@ -136,5 +136,5 @@ def test_help_is_text_and_says_what_each_option_is(capsys, monkeypatch, command)
         if row.startswith("--") and not row.startswith("---"):
             assert after[:1].isupper(), row
     assert "``" not in printed
-    assert 'FIN:SIZE=FACTOR or FIN:missing, joined by ";"' in printed
+    assert 'FIN:SIZE=FACTOR, FIN:missing or FIN:entangled=SHARE, joined by ";"' in printed
     assert ("Unlike run" in printed) == (command == "recover")

@@ -428,7 +428,7 @@ def test_every_option_has_a_help(command: str, capsys: pytest.CaptureFixture[str
     said = " ".join(capsys.readouterr().out.replace("│", " ").split())
     for empty in ("INT (default", "STR (default", "PATH (default", "``"):
         assert empty not in said
-    assert "FIN:SIZE=FACTOR or FIN:missing" in said
+    assert "FIN:SIZE=FACTOR, FIN:missing or FIN:entangled=SHARE" in said
 
 
 def test_help_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:

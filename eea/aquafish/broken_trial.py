@@ -1,0 +1,150 @@
+"""A trial of a broken fish: what its servos do, what breaks meanwhile, what its sensor says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from aquafish_gym.damage import CHANNELS, Effect
+from aquafish_gym.engines.worlds import (
+    ServoWorld,
+    Triple,
+    WorldConfig,
+    log_of_samples,
+    make_world,
+    sample,
+)
+from aquafish_gym.envs.course import GYRO, Course, Sensors
+from aquafish_gym.imu import ImuLog, unwrap_rpy
+from aquafish_gym.physics.attitude import attitude, rotations
+from eea.core.angles import Floats, wrap
+
+_ATTITUDE = slice(0, GYRO.start)  # the channels that say where up and north are
+_ONLY = np.zeros(1, np.intp)
+
+
+def with_gains(world: WorldConfig, effect: Effect) -> WorldConfig:
+    """Return a world whose servos are as damage has made them.
+
+    Raises InvalidArgumentError if a servo is faster than worlds allow.
+    """
+    left, right, caudal = np.multiply(world.servo_gain, effect.gains).tolist()
+    return replace(world, servo_gain=(left, right, caudal))
+
+
+def placed(angles: Floats, effect: Effect, first: Floats) -> Floats:
+    """Return fin angles (3,) in rad at which a trial begins: those of servos that turn as given.
+
+    Of those that do not, one that is dead stands anywhere, as given, and one that is seized where
+    it was seized, or else where it stood in the ``first`` trial (3,).
+    """
+    found = angles.copy()
+    for fin, (gain, stands) in enumerate(zip(effect.gains, effect.stands, strict=True)):
+        if stands is None and gain == 0.0:
+            found[fin] = first[fin]
+        elif isinstance(stands, float):
+            found[fin] = wrap(np.array(stands))
+    return found
+
+
+def swim_through(
+    course: Course,
+    worlds: Sequence[WorldConfig],
+    command: Floats,
+    angles: Floats,
+    current: Floats,
+    steps: int,
+    engine: str,
+) -> ImuLog:
+    """Return the log (1, T, 3) of a robot that becomes another in mid-swim.
+
+    Parameters
+    ----------
+    course
+        In steps of 0.01 s.
+    worlds
+        One for each of its effects, which differ in the servos' gains alone.
+    command, angles, current
+        (3,) each, as of ``aquafish_gym.simulate``.
+    steps, engine
+        As of ``aquafish_gym.simulate``.
+    """
+    told, fins, water = (_triple(row) for row in (command, angles, current))
+    plain = worlds[0]
+    bare = make_world(engine, plain.reactive, drag=plain.drag, substeps=plain.substeps)
+    world, found = ServoWorld(bare, plain.servo_gain, plain.lag), np.empty((1, steps, 13))
+    changes = dict(zip(course.begins, zip(course.effects, worlds, strict=True), strict=True))
+    try:
+        world.reset(course.effects[0].body.to_array(), fins, water)
+        for step in range(steps):
+            if step in changes:
+                effect, there = changes[step]
+                world.become(effect.body.to_array())
+                world.servo_gain = there.servo_gain
+            world.advance(told)
+            found[0, step] = sample(world)
+    finally:
+        world.close()
+    return log_of_samples(found)
+
+
+def as_said(
+    log: ImuLog, course: Course, start: Floats, resting: Triple, rng: np.random.Generator
+) -> ImuLog:
+    """Return a log (1, T, 3) as a broken sensor says it.
+
+    The attitude is the one that fits best what the sensor says of up and north: Wahba's problem,
+    solved by singular values (Markley 1988).
+
+    Parameters
+    ----------
+    log
+        Roll, pitch, yaw and gyro.
+    course
+        In steps of 0.01 s.
+    start
+        (3, 3) from body to world when the trial begins.
+    resting
+        What the gyroscope says then, rad/s.
+    rng
+        Of the noise.
+    """
+    wrong = [np.abs([e.biases, e.stuck, e.dropped]).max(axis=0) for e in course.effects]
+    spoilt = np.max(wrong, axis=0) > 0
+    noisy = any(effect.noise for effect in course.effects)
+    if log.rpy is None or log.gyro is None or log.diverged.any() or not (spoilt.any() or noisy):
+        return log
+    turns = np.concatenate([start[None], rotations(np.asarray(log.rpy[0], np.float64))])
+    felt = np.concatenate([np.array(resting)[None], log.gyro[0]])
+    truth = np.concatenate([turns[:, 2], turns[:, 1], felt], axis=1)
+    sensors, said = Sensors(1, np.float64), np.empty_like(truth)
+    unlimited = np.full(len(CHANNELS), np.inf)
+    for step in range(len(truth)):
+        if step in course.begins:
+            sensors.become([0], course.at(step))
+        said[step] = sensors.say(truth[step : step + 1], unlimited, [rng], _ONLY)[0]
+    rpy = log.rpy
+    if spoilt[_ATTITUDE].any():
+        rpy = rpy_of([start, *_fitting(said[1:, 0:3], said[1:, 3:6])])
+    return replace(log, rpy=rpy, gyro=said[None, 1:, GYRO])
+
+
+def rpy_of(turns: Sequence[Floats]) -> Floats:
+    """Return roll, pitch and yaw (1, T, 3), continuous, of a start and T matrices (3, 3) after."""
+    return unwrap_rpy(np.array([attitude(r.tolist()) for r in turns]))[None, 1:]
+
+
+def _fitting(up: Floats, north: Floats) -> Floats:
+    """Return the rotations (T, 3, 3), body to world, that fit best two directions (T, 3)."""
+    both = np.stack([np.zeros_like(up), north, up], axis=1)  # the world's axes, by rows
+    u, _, v = np.linalg.svd(both)
+    u[:, :, 2] *= np.linalg.det(u @ v)[:, None]
+    fitted: Floats = u @ v
+    return fitted
+
+
+def _triple(row: Floats) -> Triple:
+    x, y, z = row.tolist()
+    return (x, y, z)

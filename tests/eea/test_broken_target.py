@@ -1,0 +1,150 @@
+"""A target has any damage of the vocabulary, in each trial anew."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aquafish_gym import Damage, Morphology, simulate
+from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.physics.attitude import rotations
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea import EngineTarget, RealityGap
+
+COMMAND = np.array([0.4, -0.3, 0.8])
+STEPS = 60
+
+
+def fish(damage: object, seed: int = 3, **options) -> EngineTarget:
+    engine = options.pop("engine", "numba")
+    return EngineTarget(None, damage, np.random.default_rng(seed), STEPS, engine, **options)
+
+
+def simulated(target: EngineTarget, **options):
+    """Return the log of the target's last trial, simulated otherwise."""
+    body = options.pop("body", target.morphology)
+    command = options.pop("command", COMMAND)
+    return simulate(body, command, target.start_angles, STEPS, dtype="float64", **options)
+
+
+@pytest.mark.parametrize(
+    ("damage", "gain"),
+    [
+        ("left_pectoral:weak=0.4", (0.4, 1.0, 1.0)),
+        ("right_pectoral:seized", (1.0, 0.0, 1.0)),
+        ("caudal:dead", (1.0, 1.0, 0.0)),
+        ("left_pectoral:weak=0.5;left_pectoral:reversed", (-0.5, 1.0, 1.0)),
+    ],
+)
+def test_a_servo_turns_as_damage_says(damage, gain):
+    target = fish(damage)
+    log = target.perform(COMMAND)
+    assert np.array_equal(log.gyro, simulated(target, servo_gain=gain).gyro)
+    assert np.abs(log.gyro - simulated(target).gyro).max() > 1e-3
+    assert target.morphology == Morphology.nominal()
+
+
+def test_a_reversed_servo_is_told_the_opposite():
+    target = fish("left_pectoral:reversed;caudal:length=0.5")
+    log = target.perform(COMMAND)
+    assert np.array_equal(log.gyro, simulated(target, command=COMMAND * [-1, 1, 1]).gyro)
+
+
+def test_seized_stands_where_it_stood_and_dead_anywhere():
+    target = fish("left_pectoral:seized;right_pectoral:seized=1.5;caudal:dead")
+    whole, found = fish(None), []
+    for _ in range(3):
+        target.perform(COMMAND)
+        whole.perform(COMMAND)
+        found.append(target.start_angles)
+        assert target.start_angles[2] == whole.start_angles[2]
+    left, right, phase = np.transpose(found)
+    assert len(set(left)) == 1
+    assert right.tolist() == [1.5] * 3
+    assert len(set(phase)) == 3
+
+
+@pytest.mark.parametrize("engine", ["numba", "pybullet", "mujoco"])
+def test_what_breaks_in_mid_trial_does_so_in_every_trial(engine):
+    if engine != "numba":
+        pytest.importorskip(engine)
+    target = fish("caudal:missing@0.2+0.2;left_pectoral:dead@0.3", engine=engine)
+    for _ in range(2):
+        log = target.perform(COMMAND)
+        whole = simulated(target, body=None, engine=engine)
+        np.testing.assert_allclose(log.gyro[0, :20], whole.gyro[0, :20], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(log.rpy[0, :20], whole.rpy[0, :20], rtol=0, atol=1e-12)
+        assert np.abs(log.gyro[0, 20:] - whole.gyro[0, 20:]).max(axis=1).min() > 1e-6
+    assert target.morphology == Damage.parse("caudal:missing").apply(Morphology.nominal())
+
+
+def test_a_trial_is_an_episode_of_the_environment():
+    """Of the same damage, commands and angles: sensors, body and servos break alike."""
+    damage = "gyro_x:stuck@0.25;gyro_y:bias=0.2@0.1+0.3;gyro_z:dropped@0.4;caudal:width=0.5@0.3"
+    damage += ";right_pectoral:weak=0.5@0.15"
+    target = fish(damage)
+    log = target.perform(COMMAND)
+    env = AquaFishEnv(engine="numba", damage=damage, frame_skip=1, fin_angles=target.start_angles)
+    env.reset(seed=0)
+    action = 2 * COMMAND - [0, 0, 1]
+    felt = np.array([env.step(action)[0] for _ in range(STEPS)])
+    np.testing.assert_allclose(log.gyro[0], felt[:, 6:9], rtol=0, atol=1e-6)
+
+
+def test_a_lag_holds_for_commands_and_not_for_faults():
+    late = fish("left_pectoral:seized@0.3", gap=RealityGap(lag=0.1))
+    log, whole = late.perform(COMMAND), simulated(late, lag=0.1)
+    apart = np.abs(log.gyro - whole.gyro)[0].max(axis=1)
+    assert apart[:30].max() < 1e-12
+    assert apart[30] > 1e-6
+
+
+def test_a_broken_gyroscope_says_what_damage_says():
+    clear = fish(None).perform(COMMAND)
+    log = fish("gyro_x:bias=0.1;gyro_y:dropped@0.3;gyro_z:stuck@0.2").perform(COMMAND)
+    np.testing.assert_allclose(log.gyro[0, :, 0], clear.gyro[0, :, 0] + 0.1, rtol=0, atol=1e-15)
+    assert (log.gyro[0, 29:, 1] == 0.0).all()
+    assert np.array_equal(log.gyro[0, :29, 1], clear.gyro[0, :29, 1])
+    assert (log.gyro[0, 19:, 2] == clear.gyro[0, 19, 2]).all()
+    assert np.array_equal(log.rpy, clear.rpy)
+
+
+def test_noise_is_another_in_each_trial_and_repeats_with_the_seed():
+    clear, noisy, again = fish(None), fish("gyro:noise=0.05"), fish("gyro:noise=0.05")
+    found = []
+    for _ in range(2):
+        log = noisy.perform(COMMAND)
+        assert np.array_equal(log.gyro, again.perform(COMMAND).gyro)
+        found.append(log.gyro - clear.perform(COMMAND).gyro)
+    assert np.std(found) == pytest.approx(0.05, rel=0.1)
+    assert np.abs(found[0] - found[1]).max() > 0.05
+
+
+@pytest.mark.parametrize("orientation", ["upright", "attitude"])
+def test_the_attitude_is_what_the_sensor_says_of_up_and_north(orientation):
+    clear = fish(None, orientation=orientation).perform(COMMAND)
+    log = fish("up_x:bias=1e-9", orientation=orientation).perform(COMMAND)
+    np.testing.assert_allclose(rotations(log.rpy[0]), rotations(clear.rpy[0]), rtol=0, atol=1e-8)
+    np.testing.assert_allclose(log.rpy, clear.rpy, rtol=0, atol=1e-6)
+    lost = fish("up_x:stuck@0.3;up_z:dropped@0.3", orientation=orientation).perform(COMMAND)
+    assert np.abs(lost.rpy - clear.rpy)[0, :29].max() < 1e-12
+    assert np.abs(rotations(lost.rpy[0]) - rotations(clear.rpy[0]))[30:].max() > 0.1
+    assert np.array_equal(lost.gyro, clear.gyro)
+
+
+def test_a_stuck_channel_begins_with_what_the_gap_makes_of_rest():
+    log = fish("gyro_x:stuck", gap=RealityGap(gyro_bias=(0.3, 0.0, 0.0))).perform(COMMAND)
+    assert (log.gyro[0, :, 0] == 0.3).all()
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        ("random:mild", r"left to chance: draw it first \(Damage\.drawn\)"),
+        ("caudal:missing@1-2", r"leaves its onset to chance: draw it first \(Damage\.drawn\)"),
+        ("caudal:weak=2;caudal:weak=1.5", r"servo_gain\[2\] must lie in \[-2, 2\]; got 3"),
+    ],
+)
+def test_what_no_target_can_have_is_refused(damage, said):
+    with pytest.raises(InvalidArgumentError, match=said):
+        fish(damage)
