@@ -10,13 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import simulate
-from aquafish_gym.morphology import DIMENSIONS, FINS
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
 from eea.aquafish.simulator import EngineSimulator
 from eea.core.angles import Floats
 from eea.core.problem import Problem
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
-FIN_WORDS = dict(zip(FINS, ("left flipper", "right flipper", "tail"), strict=True))
+_SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
 
 # The order of the columns of ``nuisances`` in ``fish_signal``. The priors' widths are what a
 # laboratory's robot may have; the ranges, what it can hardly have.
@@ -27,7 +27,11 @@ NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(f"gyro bias {axis}", -0.3, 0.3, 0.0, 0.05, "gyro_bias") for axis in "xyz"),
     # A servo starts with a jerk, which a sample of 0.01 s feels or not.
     Nuisance("lag", 0.0, 0.2, 0.0, 0.05, valleys=20),
-    *(Nuisance(f"servo of the {word}", 0.0, 1.0, 1.0, switch=True) for word in FIN_WORDS.values()),
+    # The tail's sweep is the same both ways: reversed is but another phase.
+    *(
+        Nuisance(name, 0.0 if fin == "caudal" else -1.0, 1.0, 1.0, switch=True)
+        for fin, name in _SERVO.items()
+    ),
     Nuisance("reactive water", 0.0, 1.0, 0.0, switch=True),
 )
 CURRENT, DRAG, GAIN, BIAS = slice(0, 3), slice(3, 5), slice(5, 6), slice(6, 9)
@@ -41,19 +45,28 @@ STARTS: tuple[Nuisance, ...] = (
 )
 VELOCITY, SPIN = CURRENT, slice(14, 17)
 
-# Seized is stuck wherever it was; dead does not move by itself, but is elsewhere in each trial.
+# Seized is stuck wherever it was; dead does not move by itself, but is elsewhere in each trial;
+# reversed turns the other way; weak is at any share of its speed, either way.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     *(
         Hypothesis(f"the {word} is missing", {d.name: 0.0 for d in DIMENSIONS if d.fin == fin})
         for fin, word in FIN_WORDS.items()
     ),
     *(
-        Hypothesis(f"the servo of the {word} is seized", {f"servo of the {word}": 0.0}, (fin,))
+        Hypothesis(f"the servo of the {word} is seized", {_SERVO[fin]: 0.0}, (fin,))
         for fin, word in FIN_WORDS.items()
     ),
     *(
-        Hypothesis(f"the servo of the {word} is dead", {f"servo of the {word}": 0.0})
-        for word in FIN_WORDS.values()
+        Hypothesis(f"the servo of the {word} is dead", {_SERVO[fin]: 0.0})
+        for fin, word in FIN_WORDS.items()
+    ),
+    *(
+        Hypothesis(f"the servo of the {FIN_WORDS[fin]} is reversed", {_SERVO[fin]: -1.0})
+        for fin in ("left_pectoral", "right_pectoral")
+    ),
+    *(
+        Hypothesis(f"the servo of the {word} is weak", freed=(_SERVO[fin],))
+        for fin, word in FIN_WORDS.items()
     ),
     Hypothesis("the water also resists acceleration", {"reactive water": 1.0}),
 )

@@ -135,7 +135,9 @@ def _joint(header: Mapping[str, Any]) -> JointProblem:
         for row in header["nuisances"]
     ]
     hypotheses = [
-        Hypothesis(row["name"], row["fixed"], tuple(row["shared_angles"]))
+        Hypothesis(
+            row["name"], row["fixed"], tuple(row["shared_angles"]), tuple(row.get("freed", ()))
+        )
         for row in header["hypotheses"]
     ]
     return JointProblem(

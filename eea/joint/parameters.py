@@ -99,6 +99,8 @@ class Parameters:
             constants[i] = mean
             if nuisance.name in hypothesis.fixed:
                 constants[i] = (hypothesis.fixed[nuisance.name] - nuisance.low) / span
+            elif nuisance.name in hypothesis.freed:
+                slots[:, i] = enter(nuisance.name, mean, precision)
             elif nuisance.start or (nuisance.group in groups and not nuisance.switch):
                 if nuisance.start or nuisance.group in per_trial:
                     own.append((i, nuisance.name, mean, precision, False))
@@ -170,6 +172,11 @@ class Parameters:
     def angle_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries (h,) are a trial's hidden angles."""
         return self.slots[trial, self.slots.shape[1] - len(self.joint.problem.hidden) :]
+
+    def freed_entries(self) -> NDArray[np.intp]:
+        """Return which entries are switches that the hypothesis has freed."""
+        switches = {n.name for n in self.joint.nuisances if n.switch}
+        return np.flatnonzero([name in switches for name in self.names])
 
     def start_slots(self) -> NDArray[np.intp]:
         """Return which slots are what a trial begins with besides its angles."""

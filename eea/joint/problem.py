@@ -54,7 +54,7 @@ class Nuisance:
     nominal: float  #: Its value where it is not inferred.
     sd: float = math.inf  #: Of the prior.
     group: str = ""  #: Its own name if not given.
-    #: Whether it is nominal unless a hypothesis says otherwise, and never inferred.
+    #: Whether it is nominal, and not inferred, unless a hypothesis says otherwise.
     switch: bool = False
     #: Whether it is what a trial begins with, as the hidden angles are: each trial has its own, and
     #: it is always inferred.
@@ -91,6 +91,8 @@ class Hypothesis:
     fixed: Mapping[str, float] = field(default_factory=dict)
     #: Hidden angles that are then the same in all trials.
     shared_angles: tuple[str, ...] = ()
+    #: Switches that are then inferred, with the prior that they have.
+    freed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,9 @@ class JointProblem:
             for name in hypothesis.fixed:
                 known = [*self.problem.models.names, *nuisances]
                 choice(f"what is fixed in {hypothesis.name!r}", name, known)
+            switches = [n.name for n in self.nuisances if n.switch]
+            for name in hypothesis.freed:
+                choice(f"what is freed in {hypothesis.name!r}", name, switches)
             for name in hypothesis.shared_angles:
                 choice(f"an angle of {hypothesis.name!r}", name, self.problem.hidden)
         for name, part in self.parts.items():

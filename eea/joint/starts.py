@@ -26,7 +26,10 @@ def scan(
     parameters: Parameters, observed: Observed, rng: np.random.Generator, effort: JointConfig
 ) -> Floats:
     """Return the most promising of random bodies, as vectors (descents, P)."""
-    theta = parameters.typical(latin_hypercube(effort.bodies, parameters.body, rng))
+    freed = parameters.freed_entries()  # a descent would not get far from the nominal value
+    drawn = latin_hypercube(effort.bodies, parameters.body + len(freed), rng)
+    theta = parameters.typical(drawn[:, : parameters.body])
+    theta[:, freed] = drawn[:, parameters.body :]
     some = range(min(SCANNED_TRIALS, len(observed)))
     posed, squares = _pose(parameters, observed, theta, effort.poses, rng, some)
     kept = posed[np.argsort(squares, kind="stable")[: 2 * effort.descents]]

@@ -1,0 +1,113 @@
+"""Faults of servos and gyroscope, given as damage, are named by joint inference."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eea import (
+    ConfigurationError,
+    EEAConfig,
+    EngineTarget,
+    JointConfig,
+    JointInference,
+    RealityGap,
+)
+from eea.aquafish.estimate import fish_problem
+from eea.aquafish.joint import fish_joint
+from eea.aquafish.simulator import EngineSimulator
+from eea.core.rounds import streams
+from eea.joint.archive import from_arrays, to_arrays
+from eea.joint.belief import JointBelief
+from eea.joint.parameters import Parameters
+from eea.joint.problem import AS_COMMANDED, Hypothesis
+
+STEPS = 96
+SMALL = JointConfig(
+    bodies=24, poses=12, descents=6, polished=2, restarts=0, alternatives="always", nuisances=()
+)
+
+
+def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -> JointBelief:
+    """Return what a target's trials tell, of the hypotheses that speak of a part."""
+    config = EEAConfig("joint", steps=STEPS, rounds=rounds, joint=replace(SMALL, **more))
+    gap = RealityGap(gyro_noise=0.01)
+    target = EngineTarget(None, damage, streams(1)["target"], STEPS, "numba", gap=gap)
+    joint = fish_joint(fish_problem(), EngineSimulator(STEPS, threads=1))
+    some = tuple(h for h in joint.hypotheses if f"servo of the {part}" in h.name)
+    result = JointInference(target, replace(joint, hypotheses=some), config, 1).run()
+    assert isinstance(result.belief, JointBelief)
+    return result.belief
+
+
+@pytest.mark.parametrize(
+    ("damage", "part", "name"),
+    [
+        ("left_pectoral:reversed", "left flipper", "the servo of the left flipper is reversed"),
+        pytest.param(
+            "caudal:seized", "tail", "the servo of the tail is seized", marks=pytest.mark.slow
+        ),
+        pytest.param(
+            "left_pectoral:dead", "left flipper", "the servo of the left flipper is dead",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(
+            "left_pectoral:weak=0.5", "left flipper", "the servo of the left flipper is weak",
+            marks=pytest.mark.slow,
+        ),
+    ],
+)  # fmt: skip
+def test_a_servos_fault_is_named(damage: str, part: str, name: str) -> None:
+    belief = believed(damage, part, rounds=1 if "reversed" in damage else 2)
+    assert belief.good, belief.verdict
+    assert belief.findings[0].startswith(f"{name} (")
+    assert belief.branches[0].probability > 0.8
+    if "weak" in damage:
+        middle, low, high = belief.table()[f"servo of the {part}"]
+        assert low < middle < high
+        assert middle == pytest.approx(0.5, abs=0.03)
+        assert from_arrays(to_arrays(belief)).to_dict() == belief.to_dict()
+
+
+def test_a_gyroscopes_bias_is_found() -> None:
+    belief = believed("gyro_z:bias=0.1", rounds=1, alternatives="never", nuisances=("gyro_bias",))
+    assert belief.good, belief.verdict
+    found = [belief.table()[f"gyro bias {axis}"][0] for axis in "xyz"]
+    np.testing.assert_allclose(found, [0.0, 0.0, 0.1], atol=0.01)
+
+
+def test_what_no_hypothesis_says_is_noticed() -> None:
+    belief = believed("left_pectoral:dead@0.4", rounds=1, alternatives="never")
+    assert not belief.good
+    assert belief.findings[0].startswith("none of the bodies I can imagine swims like this")
+
+
+def test_a_switch_is_inferred_where_a_hypothesis_frees_it() -> None:
+    joint = fish_joint(fish_problem(), EngineSimulator(STEPS))
+    weak = next(h for h in joint.hypotheses if h.name == "the servo of the tail is weak")
+    plain, freed = (Parameters.of(joint, 2, (), h) for h in (AS_COMMANDED, weak))
+    assert set(freed.names) - set(plain.names) == {"servo of the tail"}
+    assert not len(plain.freed_entries())
+    (entry,) = freed.freed_entries()
+    assert freed.names[entry] == "servo of the tail"
+    assert freed.prior_precision[entry] == 0.0
+    with pytest.raises(ConfigurationError, match="what is freed in 'odd' must be one of"):
+        replace(joint, hypotheses=(Hypothesis("odd", freed=("lag",)),))
+
+
+def test_a_reversed_tail_is_no_fault_that_shows() -> None:
+    """It sweeps as any that began at another phase."""
+    target = EngineTarget(None, "caudal:reversed", streams(1)["target"], STEPS, "numba")
+    command = np.array([0.3, 0.2, 0.9])
+    log, begun = target.perform(command), target.start_angles
+    same = EngineSimulator(STEPS, dtype="float64", threads=1)
+    there = fish_joint(fish_problem(), same).simulate(
+        target.morphology.to_array()[None],
+        np.array([[0, 0, 0, 1, 1, 1, 0, 0, 0, 0, 1, 1, 1, 0.0]]),
+        command[None],
+        np.array([[begun[0], begun[1], np.pi - begun[2]]]),
+        True,
+    )
+    np.testing.assert_allclose(log.gyro, there, rtol=0, atol=1e-12)
