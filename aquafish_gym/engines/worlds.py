@@ -164,8 +164,7 @@ def log_of_samples(samples: NDArray[np.float64], record: str = "attitude") -> Im
     ``record`` is as of :func:`aquafish_gym.simulate`.
     """
     rpy = np.full((len(samples), samples.shape[1] + 1, 3), math.nan)
-    well: NDArray[np.bool_] = np.isfinite(samples).all(axis=2)
-    lasts = well.sum(axis=1)
+    lasts = np.isfinite(samples[:, :, 0]).sum(axis=1)
     for log, robot, good in zip(rpy, samples, lasts.tolist(), strict=True):
         turns = [attitude(rotation(tuple(q))) for q in robot[:good, 3:7].tolist()]
         log[: good + 1] = unwrap_rpy(np.array([(0.0, 0.0, 0.0), *turns]))

@@ -27,7 +27,7 @@ from quick_run import QUICK
         (["--rounds", "10001"], "rounds must be a whole number of at least 1 and at most 10000"),
         (["--out", ""], "--out must not be empty"),
         (["--target-damage", "left_pectoral:lenght=0.5"], "did you mean 'length'"),
-        (["--target-damage", "left_fin:length=0.5"], "damage fin must be one of"),
+        (["--target-damage", "left_fin:length=0.5"], "damage part must be one of"),
         (["--target-morphology", "/nowhere.json"], "target_morphology must be a file"),
         (["--current", "0", "nan", "0"], "current must be finite"),
         (["--threads", "0"], "threads must be"),
