@@ -26,6 +26,7 @@ from aquafish_gym.utils.command_line import (
     RESUMES,
     BodiesFile,
     BodyDamage,
+    EpisodeDamage,
     Out,
     TargetDamage,
     TargetMorphology,
@@ -59,7 +60,7 @@ RandomDamages = Annotated[
 
 @dataclass(frozen=True)
 class Evolve:
-    """Evolve a controller that swims a body forward, or a sample of bodies.
+    """Evolve a controller that swims a body forward, or does another task, or a sample of bodies.
 
     NEAT has some starts, whose best networks have their weights polished by CMA-ES, and the best of
     these goes on; with --starts 1 --polish 0 --generations 60 it is the paper's. --search cma finds
@@ -98,7 +99,8 @@ class Evolve:
 
     def execute(self) -> None:
         """Evolve to the last generation, with progress."""
-        before, bodies = len(finished_generations(self.out)), _bodies(self)
+        before = len(finished_generations(self.out))
+        bodies = _bodies(self, Damage.parse(self.damage))
         try:
             with (
                 _no_folder_for_nothing(self.out),
@@ -175,13 +177,15 @@ class TransferCommand:
 
 @dataclass(frozen=True)
 class BaselineCommand:
-    """Learn to swim a body, or a sample of bodies, with stable-baselines3, for comparison.
+    """Learn to swim, or another task, with stable-baselines3, for comparison.
 
     What PPO, SAC or TD3 learns is a controller as any other. It knows where its fins are, without
     which little is learned, unless --senses imu clock. The extra rl is needed.
 
-    Into --out go controller.json (the best so far), curve.csv (a row a leg, an episode of 20 s of
-    each robot), settings.json, curve.png and, of PPO, checkpoint.npz. The same command resumes a
+    With --damage random:moderate something else breaks in each episode.
+
+    Into --out go controller.json (the best so far), curve.csv (a row a leg, an episode of each
+    robot), settings.json, curve.png and, of PPO, checkpoint.npz. The same command resumes a
     run of PPO that was interrupted, and more --steps prolong it; SAC and TD3 start again.
 
     A file with a sample of bodies, or --random-damages, gives the robots that learn side by side
@@ -192,11 +196,12 @@ class BaselineCommand:
     - training: mean distance of the leg's episodes, in which it tries this and that.
     - score: its mean distance in 20 s, without trying, from 32 random poses, always the same; of a
     sample so many that each body swims equally often.
+    Of another task, read the sum of the rewards times the seconds that each is for.
     """
 
     out: Out
     morphology: BodiesFile = None
-    damage: BodyDamage = "none"
+    damage: EpisodeDamage = "none"
     random_damages: RandomDamages = 0
     config: Annotated[BaselineConfig, tyro.conf.arg(name="")] = field(
         default_factory=BaselineConfig
@@ -204,7 +209,9 @@ class BaselineCommand:
 
     def execute(self) -> None:
         """Learn to the last leg, with progress."""
-        config, bodies, curve = self.config, _bodies(self), list[Leg]()
+        config, curve = self.config, list[Leg]()
+        own, strikes = Damage.parse(self.damage).split()
+        bodies = _bodies(self, own)
         with _counting(config.algorithm, config.legs * config.leg) as show:
 
             def tell(steps: int, legs: Sequence[Leg]) -> None:
@@ -213,7 +220,9 @@ class BaselineCommand:
 
             try:
                 with _no_folder_for_nothing(self.out):
-                    learned = train_baseline(bodies, config, out=self.out, on_step=tell)
+                    learned = train_baseline(
+                        bodies, config, damage=strikes, out=self.out, on_step=tell
+                    )
             except KeyboardInterrupt:
                 self._plot(curve)
                 kept = (self.out / CHECKPOINT_FILE).exists()
@@ -221,9 +230,11 @@ class BaselineCommand:
                 raise KeyboardInterrupt(f"interrupted; {rest}") from None
         self._plot(curve)
         over = f"{len(bodies)} bodies" if len(bodies) > 1 else f"{FINAL_POSES} random poses"
+        what = f"swims {learned.score:.2f} units in 20 s"
+        if config.task != "forward" or strikes:
+            what = f"earns {learned.score:.2f} in {config.seconds:g} s"
         print(
-            f"swims {learned.score:.2f} units in 20 s on the mean over {over}; "
-            f"{CONTROLLER_FILE} and {CURVE_FILE} are in {self.out}"
+            f"{what} on the mean over {over}; {CONTROLLER_FILE} and {CURVE_FILE} are in {self.out}"
         )
 
     def _plot(self, curve: Sequence[Leg]) -> None:
@@ -236,11 +247,10 @@ class BaselineCommand:
 COMMANDS = {"evolve": Evolve, "transfer": TransferCommand, "baseline": BaselineCommand}
 
 
-def _bodies(command: Evolve | BaselineCommand) -> list[Morphology]:
-    """Return the bodies that a command is to swim."""
+def _bodies(command: Evolve | BaselineCommand, damage: Damage) -> list[Morphology]:
+    """Return the bodies that a command is to swim, so damaged."""
     file = command.morphology
     bodies = [None] if file is None else read_bodies(file, "morphology")
-    damage = Damage.parse(command.damage)
     several = [damage.apply(Morphology.coerce(body)) for body in bodies]
     most = max(0, MAXIMUM_BODIES - len(several))
     count = integer("random_damages", command.random_damages, 0, most)

@@ -363,7 +363,8 @@ def evolve_gait(
             f"poses must be at least 1 for a sample of {len(bodies)} bodies, since each swim is on "
             "another body; got 0"
         )
-    if world is not None and (scorer is not None or config.task != "forward"):
+    own = world is not None and world != WorldConfig()
+    if own and (scorer is not None or config.task != "forward"):
         other = "a scorer is" if scorer is not None else f'the task "{config.task}" is'
         raise InvalidArgumentError(f"world has no say where {other} given: give one of them")
     run = _Run(bodies, config, scorer, lane_world(world))

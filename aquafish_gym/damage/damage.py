@@ -186,13 +186,31 @@ class Damage:
             :meth:`effect`, whose ``body`` is that with all faults of the fins.
         """
         body = self.effect(morphology).body
-        for fault in self.faults:
-            if not isinstance(fault, OfSizes) or fault.span != (0.0, np.inf):
-                raise InvalidArgumentError(
-                    "damage of a body must be of its fins' sizes, and last throughout; got "
-                    f"{fault}, which environments and an eea.EngineTarget can have"
-                )
+        for fault in self.split()[1]:
+            raise InvalidArgumentError(
+                "damage of a body must be of its fins' sizes, and last throughout; got "
+                f"{fault}, which environments and an eea.EngineTarget can have"
+            )
         return body
+
+    def split(self) -> tuple[Self, Self]:
+        """Return what makes another body throughout, and all else.
+
+        Examples
+        --------
+        >>> body, rest = Damage.parse("caudal:length=0.5; caudal:weak=0.5").split()
+        >>> str(body), str(rest)
+        ('caudal:length=0.5', 'caudal:weak=0.5')
+        """
+        always = [
+            isinstance(fault, OfSizes) and fault.onset == 0.0 and fault.duration is None
+            for fault in self.faults
+        ]
+        body, rest = (
+            tuple(fault for fault, own in zip(self.faults, always, strict=True) if own is wanted)
+            for wanted in (True, False)
+        )
+        return type(self)(body), type(self)(rest)
 
     def in_words(self, morphology: Morphology) -> str:
         """Return what it does to a robot of this body, the body as :func:`change_in_words` does.

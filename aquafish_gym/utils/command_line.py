@@ -59,6 +59,14 @@ TargetMorphology = Annotated[
 ]
 TargetDamage = Annotated[str, arg(metavar="DAMAGE", help=f"What broke on the target: {_DAMAGE}")]
 AnyDamage = Annotated[str, arg(metavar="DAMAGE", help=f"What broke on the target: {_ANY_DAMAGE}")]
+EpisodeDamage = Annotated[
+    str,
+    arg(
+        metavar="DAMAGE",
+        help=f"What is broken while it learns: {_ANY_DAMAGE} Or random:mild, random:moderate, "
+        "random:severe: something else in each episode.",
+    ),
+]
 TargetEngine = Annotated[
     Literal["auto", "pybullet", "numba", "mujoco"],
     arg(

@@ -434,3 +434,21 @@ def test_every_option_has_a_help(command: str, capsys: pytest.CaptureFixture[str
 def test_help_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--help"]) == 0
     assert "evolve" in capsys.readouterr().out
+
+
+def test_a_task_is_evolved_and_learned_by_the_commands(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    few = ["--search", "cma", "--controller", "linear", "--starts", "1", "--screened", "2"]
+    few += ["--generations", "1", "--population", "10", "--poses", "1", "--interval", "500"]
+    assert main(["evolve", "--task", "station", *few, "--out", str(tmp_path / "gait")]) == 0
+    assert Controller.load(tmp_path / "gait" / "controller.json").senses.goal
+    pytest.importorskip("stable_baselines3")
+    learn = ["--steps", "1", "--environments", "2", "--interval", "500", "--hidden", "4"]
+    struck = ["--damage", "caudal:length=0.5; random:mild@2-8", "--out", str(tmp_path / "learned")]
+    assert main(["baseline", "--task", "waypoint", *learn, *struck]) == 0
+    assert "earns" in capsys.readouterr().out
+    learned = Controller.load(tmp_path / "learned" / "controller.json")
+    assert learned.morphology.caudal[1] == Morphology.nominal().caudal[1] / 2
+    settings = json.loads((tmp_path / "learned" / "settings.json").read_text())
+    assert "random:mild@2.0-8.0" in json.dumps(settings)
