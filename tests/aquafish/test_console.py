@@ -29,7 +29,7 @@ def test_help_lists_every_command_and_loads_nothing_heavy() -> None:
 
 def test_its_commands_are_those_of_the_packages() -> None:
     ours = {name: resolve_name(where) for name, (where, _) in COMMANDS.items()}
-    for case_study, room in (("recover", "recovery"), ("gap", "gap")):
+    for case_study, room in (("recover", "recovery"), ("gap", "gap"), ("scores", "scores")):
         assert ours.pop(case_study).__module__ == f"aquafish.{room}.command"
     theirs: dict[str, object] = {**eea.__main__.COMMANDS, **gait.cli.COMMANDS}
     # As eea run, with the case study's settings: under aquafish, recover is all of that study.

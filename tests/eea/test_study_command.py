@@ -254,7 +254,7 @@ REFUSED = [
     (["--figure", "5", "--suffix", " with | pipe"], "got ' with | pipe'"),
     (["--figure", "5", "--suffix", "a" * 61], "suffix must be at most 60"),
     (["--figure", "5", "--suffix=-x"], "the first a letter or digit; got '-x'"),
-    (["--figure", "5", "--target-damage", "left:length=2"], "damage fin must be one of"),
+    (["--figure", "5", "--target-damage", "left:length=2"], "damage part must be one of"),
     (["--figure", "5", "--target-morphology", "/nowhere"], "target_morphology must be a file"),
     (["--figure", "5", "--target-morphology", "/dev/zero"], "target_morphology must be a regular"),
     (["--figure", "5", "--current", "0", "0", "nan"], "current must be finite"),

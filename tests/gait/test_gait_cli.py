@@ -147,7 +147,7 @@ def test_evolve_is_for_the_world_that_was_asked_for(
     ("arguments", "message"),
     [
         (["evolve", "--out", "{file}"], "out must be a directory that can be written"),
-        (["evolve", "--out", "{dir}", "--damage", "tail:length=0.5"], "damage fin must be one of"),
+        (["evolve", "--out", "{dir}", "--damage", "tail:length=0.5"], "damage part must be one of"),
         (["evolve", "--out", "{dir}", "--damage", "caudal:lenth=1"], "did you mean 'length'"),
         (["evolve", "--out", "{dir}", "--morphology", "{dir}/no.json"], "No such file"),
         (["evolve", "--out", "{dir}", "--morphology", "{file}"], "file is not JSON"),
