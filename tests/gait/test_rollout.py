@@ -73,14 +73,15 @@ def test_a_path_has_its_start_and_a_sample_for_every_command() -> None:
 
 def test_a_policy_steers_the_gymnasium_environment_too() -> None:
     controller = make_controller(2, 15)
-    env = gym.make("AquaFish-v0", morphology=HALF.to_dict(), fin_angles=(0.4, 2.0, -1.0))
+    angles = (0.4, 2.0, -1.0)
+    env = gym.make("AquaFish-v0", morphology=HALF.to_dict(), fin_angles=angles, frame_skip=5)
     observation, _ = env.reset(seed=0)
     policy = controller.policy()
     for step in range(40):
         observation, *_, info = env.step(policy(observation, time=0.05 * step))
     env.close()
     # Observations are single precision.
-    far = swim(controller, HALF, (0.4, 2.0, -1.0), seconds=2.0).distance
+    far = swim(controller, HALF, angles, seconds=2.0).distance
     assert info["y_position"] == pytest.approx(far, abs=1e-4)
 
 
