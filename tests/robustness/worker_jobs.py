@@ -18,13 +18,13 @@ ENGINES = ("numba", "pybullet")
 
 def make_env(engine: str, seed: int) -> gym.Env[Any, Any]:
     """Return an environment that draws its starts from ``seed``."""
-    env = gym.make("AquaFish-v0", engine=engine, fin_angles="random", observe_fins=True)
+    env = gym.make("AquaFish-v0", engine=engine, frame_skip=5, observe_fins=True)
     env.reset(seed=seed)
     return env
 
 
 def make_numba() -> gym.Env[Any, Any]:
-    return gym.make("AquaFish-v0", engine="numba", fin_angles="random", observe_fins=True)
+    return gym.make("AquaFish-v0", engine="numba", frame_skip=5, observe_fins=True)
 
 
 def make_pybullet() -> gym.Env[Any, Any]:
