@@ -153,7 +153,7 @@ class Learner:
             heard = vec_env.VecFrameStack(heard, config.frames)
         # No input is far out, so that none need be cut off, which weights could not say.
         self._normal = vec_env.VecNormalize(heard, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
-        with _apart():
+        with apart():
             self.model = getattr(sb3, config.algorithm)(
                 "MlpPolicy",
                 self._normal,
@@ -198,7 +198,7 @@ class Learner:
             on_step(model.num_timesteps - before)
             return True
 
-        with _apart():
+        with apart():
             model.set_random_seed(seed)
             model.set_env(self._normal)  # which it then resets
             model.learn(self.steps, callback, reset_num_timesteps=False)
@@ -214,7 +214,7 @@ class Learner:
         else:
             parts = [policy.actor.mu]
         dense = [one for part in parts for one in part.modules() if isinstance(one, linear)]
-        layers = [(_array(one.weight), _array(one.bias)) for one in dense]
+        layers = [(array(one.weight), array(one.bias)) for one in dense]
         felt = self._normal.obs_rms
         network = dense_network(layers, felt.mean, np.sqrt(felt.var + self._normal.epsilon))
         return network if self._frames == 1 else with_memory(network, self._frames)
@@ -222,7 +222,7 @@ class Learner:
     @property
     def state(self) -> dict[str, NDArray[Any]]:
         """All that PPO's next leg goes on from, by name."""
-        found = {name: _array(tensor) for name, tensor in self._tensors().items()}
+        found = {name: array(tensor) for name, tensor in self._tensors().items()}
         for name, one in self._running().items():
             found |= {f"{name}.{what}": np.asarray(getattr(one, what)) for what in _STATISTICS}
         return found
@@ -248,12 +248,12 @@ class Learner:
         return {"observations": self._normal.obs_rms, "returns": self._normal.ret_rms}
 
 
-def _array(tensor: Any) -> NDArray[np.floating]:
+def array(tensor: Any) -> NDArray[np.floating]:
     return np.array(tensor.detach().numpy())
 
 
 @contextmanager
-def _apart() -> Iterator[None]:
+def apart() -> Iterator[None]:
     """Put the generators that the library seeds back after, and have torch on one thread.
 
     Networks this small lose more to a second thread than they gain.

@@ -18,7 +18,10 @@ from scipy.stats import trim_mean
 
 from aquafish.batch import do_table
 from aquafish.scores.entries import ENTRIES
+from aquafish.scores.oracle import BRIEFER, LIKE, oracle
+from aquafish.scores.oracle import NAME as RECOVERY
 from aquafish.scores.play import COLUMNS, EPISODES, play
+from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.utils.command_line import Out
 from aquafish_gym.utils.validation import integer, one_of
 from gait.config import TaskName
@@ -29,8 +32,11 @@ IDS_OF: dict[TaskName, tuple[str, ...]] = {
     "station": ("AquaFishStation-v0",),
     "waypoint": ("AquaFishWaypoint-v0",),
 }
+ORACLE = "oracle"  # a row of its own, of the recovery alone
+ORACLE_EPISODES = 20  # the first ones of those that all others play
 FIRST_SEED = 100  # of the replicates: everything was tried and tuned on lower ones
 RESAMPLES = 1000
+ROWS = (*ENTRIES, ORACLE)
 
 
 @dataclass(frozen=True)
@@ -55,8 +61,31 @@ class Job:
         return f"runs/{self.task}/{name}/{self.seed:03d}.json"
 
 
-def score(job: Job, say: Callable[[str, float], None]) -> dict[str, Any]:
+@dataclass(frozen=True)
+class OracleJob:
+    """One episode of the recovery, with a gait for what is left of the robot."""
+
+    tier: str
+    episode: int
+    shorter: int
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"recovery, {ORACLE}, {self.tier} damage, episode {self.episode}"
+
+    @property
+    def file(self) -> str:
+        """Its result's, in the run's folder."""
+        return f"runs/forward/{ORACLE}/{self.tier}-{self.episode:03d}.json"
+
+
+def score(job: Job | OracleJob, say: Callable[[str, float], None]) -> dict[str, Any]:
     """Make a controller and play the episodes, ready for JSON."""
+    if isinstance(job, OracleJob):
+        began = time.process_time()
+        after = oracle(job.tier, job.episode, job.shorter, say)
+        return {"cpu_seconds": time.process_time() - began, "after": after}
     entry = ENTRIES[job.entry]
     began = time.process_time()
     controller = entry.make(job.task, job.seed, job.shorter, say)
@@ -92,13 +121,18 @@ def iqm(runs: Sequence[ArrayLike]) -> tuple[float, float, float]:
     return float(trim_mean(np.concatenate(each), 0.25)), low, high
 
 
-def kept(runs: Sequence[dict[str, list[float]]]) -> float | None:
-    """Return which share of its whole twin's way a robot makes after something broke.
+def share(ways: Sequence[Sequence[float]], best: Sequence[float]) -> str:
+    """Return in words which share of the best way is made; nothing of none that is worth it.
 
-    None where that one makes no way either: not a unit of 5 cm in an episode.
+    Which is, of a mean under a unit of 5 cm.
+
+    Examples
+    --------
+    >>> share([[1.0, 2.0]], [3.0, 3.0]), share([[1.0]], [0.5])
+    ('50%', '')
     """
-    after, twin = (np.concatenate([run[key] for run in runs]) for key in ("after", "twin"))
-    return None if twin.mean() < 1.0 else float(after.mean() / twin.mean())
+    whole = float(np.mean(best))
+    return "" if whole < 1.0 else f"{np.concatenate(ways).mean() / whole:.0%}"
 
 
 @dataclass(frozen=True)
@@ -107,10 +141,12 @@ class Scores:
 
     Each controller is made for a task by its own seed, and then plays a hundred episodes that are
     the same for all, from fins that stand anywhere. The table shows interquartile means of the
-    returns, as any trainer counts them, with 95% bootstrap intervals over seeds and episodes; of
-    AquaFishRecovery-v0 also which share of its undamaged twin's way it makes after the onset, where
-    that one makes any.
-    Controllers for AquaFishRecovery-v0 are those that were made for AquaFish-v0.
+    returns, as any trainer counts them, with 95% bootstrap intervals over seeds and episodes.
+
+    Controllers for AquaFishRecovery-v0 are those that were made for AquaFish-v0. Of it the table
+    also shows the way after the onset, in units, then which share that is of the undamaged twin's
+    way, then of the oracle's: of a gait evolved for the very robot that is left, in the first 20
+    episodes.
 
     Into --out go table.md, and a file for each controller with its weights and all returns. What is
     there is not done again: the same command goes on, and one for fewer rows shows these.
@@ -118,8 +154,8 @@ class Scores:
 
     out: Out = Path("out/scores")
     entries: Annotated[
-        tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of {'; '.join(ENTRIES)}.")
-    ] = tuple(ENTRIES)
+        tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of {'; '.join(ROWS)}.")
+    ] = ROWS
     tasks: tuple[TaskName, ...] = tuple(IDS_OF)
     """What they are made for."""
     seeds: int = 5
@@ -130,21 +166,25 @@ class Scores:
     workers: int | None = None
     """Processes; every core if not given. No result depends on it."""
 
-    def jobs(self) -> list[Job]:
+    def jobs(self) -> list[Job | OracleJob]:
         """Return all that is to be done."""
         for name in ("seeds", "episodes", "shorter"):
             integer(name, getattr(self, name), 1)
         for name in self.entries:
-            one_of("entries", name, ENTRIES)
+            one_of("entries", name, ROWS)
         for task in self.tasks:
             one_of("tasks", task, IDS_OF)
-        return [
+        jobs: list[Job | OracleJob] = [
             Job(name, task, FIRST_SEED + seed, self.shorter, self.episodes)
             for seed in range(self.seeds)
             for task in self.tasks
             for name in self.entries
-            if not seed or ENTRIES[name].config
+            if name in ENTRIES and (not seed or ENTRIES[name].config)
         ]
+        if ORACLE in self.entries and "forward" in self.tasks:
+            few = min(self.episodes, ORACLE_EPISODES)
+            jobs += [OracleJob(tier, i, self.shorter) for tier in TIERS for i in range(few)]
+        return jobs
 
     def execute(self) -> None:
         """Do what is missing, print a table, and write it to table.md."""
@@ -154,7 +194,10 @@ class Scores:
             for name, entry in ENTRIES.items()
             if entry.config
         }
-        settings = {"shorter": self.shorter, "episodes": self.episodes, "entries": entries}
+        settings = {
+            "shorter": self.shorter, "episodes": self.episodes, "entries": entries,
+            ORACLE: [LIKE, BRIEFER, ORACLE_EPISODES],
+        }  # fmt: skip
         rows = do_table(
             jobs, score, self.out, "reference scores", settings,
             lambda results: self._rows(jobs, results), self.workers,
@@ -166,27 +209,48 @@ class Scores:
                 table.add_row(*row[1:])
             Console().print(table)
 
-    def _rows(self, jobs: list[Job], results: list[dict[str, Any]]) -> list[list[str]]:
+    def _rows(
+        self, jobs: Sequence[Job | OracleJob], results: Sequence[dict[str, Any]]
+    ) -> list[list[str]]:
+        made: dict[tuple[str, TaskName], list[dict[str, Any]]] = {}
+        best: dict[str, list[float]] = {tier: [] for tier in TIERS}
+        spent: list[float] = []
+        for job, result in zip(jobs, results, strict=True):
+            if isinstance(job, OracleJob):
+                best[job.tier].append(result["after"])
+                spent.append(result["cpu_seconds"])
+            else:
+                made.setdefault((job.entry, job.task), []).append(result)
         rows = [["environment", "controller", "hears", *COLUMNS, "CPU s"]]
         for task in self.tasks:
             for name in IDS_OF[task]:
-                for entry in self.entries:
-                    found = [
-                        result
-                        for job, result in zip(jobs, results, strict=True)
-                        if (job.entry, job.task) == (entry, task)
-                    ]
-                    cells = [
-                        _cell([result["scores"][name][column] for result in found])
-                        for column in COLUMNS
-                    ]
-                    spent = np.mean([result["cpu_seconds"] for result in found])
-                    rows.append([name, entry, ENTRIES[entry].knows, *cells, f"{spent:.0f}"])
+                for entry in (e for e in self.entries if e in ENTRIES):
+                    of = [found["scores"][name] for found in made[entry, task]]
+                    cells = [_cell([run[column]["returns"] for run in of]) for column in COLUMNS]
+                    cpu = np.mean([found["cpu_seconds"] for found in made[entry, task]])
+                    rows.append([name, entry, ENTRIES[entry].knows, *cells, f"{cpu:.0f}"])
+        if "forward" not in self.tasks:
+            return rows
+        after = f"{RECOVERY}, after the onset"
+        for entry in (e for e in self.entries if e in ENTRIES):
+            of = [found["scores"][RECOVERY] for found in made[entry, "forward"]]
+            cells = [_after([run[tier] for run in of], best[tier]) for tier in TIERS]
+            rows.append([after, entry, ENTRIES[entry].knows, "", *cells, ""])
+        if spent:
+            cells = [_cell([best[tier]]) for tier in TIERS]
+            knows = "what is left of the robot"
+            rows.append([after, ORACLE, knows, "", *cells, f"{np.mean(spent):.0f}"])
         return rows
 
 
-def _cell(runs: list[dict[str, list[float]]]) -> str:
-    middle, low, high = iqm([run["returns"] for run in runs])
-    said = f"{middle:.1f} [{low:.1f}, {high:.1f}]"
-    share = kept(runs) if "after" in runs[0] else None
-    return said if share is None else f"{said}, {share:.0%}"
+def _cell(runs: Sequence[Sequence[float]]) -> str:
+    middle, low, high = iqm(runs)
+    return f"{middle:.1f} [{low:.1f}, {high:.1f}]"
+
+
+def _after(runs: Sequence[dict[str, list[float]]], best: list[float]) -> str:
+    ways, few = [run["after"] for run in runs], len(best)
+    shares = [share(ways, np.concatenate([run["twin"] for run in runs]).tolist())]
+    if best:
+        shares.append(share([way[:few] for way in ways], best))
+    return ", ".join([_cell(ways), *filter(None, shares)])

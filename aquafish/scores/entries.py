@@ -10,6 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish.scores.recurrent import Recurrent, RecurrentConfig, learn_recurrent
+from aquafish_gym.envs.tasks import TASKS
 from gait.baselines import BaselineConfig, Leg, train_baseline
 from gait.config import EvolveConfig, TaskName
 from gait.controller import Controller
@@ -72,11 +74,13 @@ class Entry:
     """
 
     knows: str
-    config: EvolveConfig | BaselineConfig | None = None
+    config: EvolveConfig | BaselineConfig | RecurrentConfig | None = None
     damage: str = "none"
     play: Callable[[], Player] = Script
 
-    def make(self, task: TaskName, seed: int, shorter: int, tell: Tell) -> Controller | None:
+    def make(
+        self, task: TaskName, seed: int, shorter: int, tell: Tell
+    ) -> Controller | Recurrent | None:
         """Evolve or learn a controller for a task, in a ``shorter``-th of the time."""
         match self.config:
             case BaselineConfig() as config:
@@ -88,7 +92,12 @@ class Entry:
                     tell(f"score {legs[-1].score:.1f}" if legs else "learning", steps / whole)
 
                 return train_baseline(None, config, damage=self.damage, on_step=learning).controller
+            case RecurrentConfig() as config:
+                few = max(1, config.steps // shorter)
+                return learn_recurrent(replace(config, steps=few), task, seed, self.damage, tell)
             case EvolveConfig() as config:
+                # As many simulated seconds for a task whose episodes are longer.
+                shorter *= round(TASKS[task].seconds / TASKS["forward"].seconds)
                 config = replace(
                     config, task=task, seed=seed, threads=1, **briefer(config, shorter)
                 )
@@ -100,13 +109,15 @@ class Entry:
                 return evolve_gait(None, config, on_generation=evolving).controller
         return None
 
-    def player(self, controller: Controller | None, fins: Floats) -> Player:
+    def player(self, controller: Controller | Recurrent | None, fins: Floats) -> Player:
         """Return what acts for robots whose fins stand at angles (B, 3), rad, when they begin."""
+        if isinstance(controller, Recurrent):
+            return controller.player(fins)
         return self.play() if controller is None else Crew([controller], fins)
 
 
 def briefer(config: EvolveConfig, shorter: int) -> dict[str, Any]:
-    """Return what makes an evolution so many times shorter, to see whether it works."""
+    """Return what makes an evolution so many times shorter."""
     plan = config.plan
     fewer: dict[str, Any] = {"generations": max(1, plan.generations // shorter)}
     if plan.polish:
@@ -117,7 +128,7 @@ def briefer(config: EvolveConfig, shorter: int) -> dict[str, Any]:
 
 
 _FINS: Any = ("imu", "clock", "fins")
-_FEW: Any = {"interval": INTERVAL, "starts": 3, "generations": 400}  # of swims of 60 s, too
+_FEW: Any = {"interval": INTERVAL, "starts": 3, "generations": 400}
 ENTRIES: dict[str, Entry] = {
     "zero": Entry("nothing"),
     "random": Entry("nothing", play=Chance),
@@ -135,6 +146,7 @@ ENTRIES: dict[str, Entry] = {
     "PPO, damaged, 8 frames": Entry(
         "IMU, clock, fins", BaselineConfig(senses=_FINS, frames=8), "random:moderate"
     ),
+    "PPO, damaged, LSTM": Entry("IMU, clock, fins", RecurrentConfig(), "random:moderate"),
     "SAC, fins": Entry(
         "IMU, clock, fins", BaselineConfig(algorithm="SAC", senses=_FINS, steps=400_000)
     ),

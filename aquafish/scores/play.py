@@ -46,9 +46,9 @@ def play(
     -------
     dict
         Of each of ``COLUMNS`` the ``returns`` (E,): sums of rewards, as any trainer counts them.
-        Where something breaks in mid-swim also ``after``, how far along +y the robot swam from then
-        on, and ``twin``, how far it swims in that time if nothing breaks; of each episode in which
-        anything broke. A robot that diverged counts up to there.
+        Where something breaks in mid-swim also ``after`` (E,), how far along +y the robot swam from
+        then on, and ``twin`` (E,), how far it swims in that time if nothing breaks. A robot that
+        diverged counts up to there.
     """
     returns, whole, _ = _episodes(name, "none", player, episodes)
     found = {WHOLE: {"returns": returns.tolist()}}
@@ -57,25 +57,50 @@ def play(
         returns, y, broken = _episodes(name, damage, player, episodes)
         found[tier] = {"returns": returns.tolist()}
         if "@" in damage:
-            struck = np.flatnonzero(broken.any(axis=0))
-            onset = broken[:, struck].argmax(axis=0)
+            onset = broken.argmax(axis=0)
             for key, place in (("after", y), ("twin", whole)):
-                found[tier][key] = (place[-1, struck] - place[onset, struck]).tolist()
+                found[tier][key] = _since(place, onset).tolist()
     return found
 
 
+def play_one(name: str, tier: str, player: Callable[[Floats], Player], episode: int) -> float:
+    """Return how far along +y a player swims in one episode from when something breaks on."""
+    _, y, broken = _episodes(name, damage_of(name, tier), player, 1, episode)
+    return float(_since(y, broken.argmax(axis=0))[0])
+
+
+def what_is_left(name: str, tier: str, episode: int) -> dict[str, NDArray[np.float64]]:
+    """Return the truth about a robot at the end of an episode, as ``info`` has it."""
+    kwargs: dict[str, Any] = {**IDS[name], "damage": damage_of(name, tier)}
+    envs = AquaFishVectorEnv(1, threads=1, **kwargs)
+    envs.reset(seed=FIRST_SEED + episode)
+    info: dict[str, Any] = {}
+    for _ in range(_steps(name, envs)):
+        *_, info = envs.step(np.zeros((1, 3), np.float32))
+    kept = ("morphology", "servo_gain", "sensor_noise", "sensor_bias", "sensor_lost")
+    return {key: info[key][0] for key in kept}
+
+
+def _since(y: Floats, onset: NDArray[np.intp]) -> Floats:
+    """Return the way from an onset (E,) to the end of rows y (T + 1, E)."""
+    return np.asarray(y[-1] - y[onset, np.arange(y.shape[1])])
+
+
+def _steps(name: str, envs: AquaFishVectorEnv) -> int:
+    return round(TASKS[IDS[name].get("task", "forward")].seconds / envs.dt)
+
+
 def _episodes(
-    name: str, damage: str, player: Callable[[Floats], Player], episodes: int
+    name: str, damage: str, player: Callable[[Floats], Player], episodes: int, first: int = 0
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return returns (E,), and where robots were before and whether broken in each step, (T, E)."""
     kwargs: dict[str, Any] = {**IDS[name], "damage": damage}
     envs = AquaFishVectorEnv(episodes, threads=1, **kwargs)
-    seen, info = envs.reset(seed=FIRST_SEED)
+    seen, info = envs.reset(seed=FIRST_SEED + first)
     acting = player(info["fin_angles"])
-    steps = round(TASKS[IDS[name].get("task", "forward")].seconds / envs.dt)
     returns, over = np.zeros(episodes), np.zeros(episodes, np.bool_)
     y, broken = [np.zeros(episodes)], []
-    for step in range(steps):
+    for step in range(_steps(name, envs)):
         seen, rewards, terminated, *_, info = envs.step(
             acting.act(seen, np.full(episodes, step * envs.dt))
         )
