@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from aquafish.cli import main
-from aquafish.scores.command import FIRST_SEED, iqm, kept
+from aquafish.scores.command import FIRST_SEED, iqm, share
 from aquafish.scores.entries import ENTRIES
-from aquafish.scores.play import COLUMNS, damage_of, play
+from aquafish.scores.play import COLUMNS, damage_of, play, play_one, what_is_left
+from aquafish.scores.recurrent import RecurrentConfig, learn_recurrent
 from aquafish_gym import IDS
 from aquafish_gym.runs.storage import read_document
+from gait.inputs import inputs, reckoned
 
 ARGUMENTS = ["scores", "--seeds", "2", "--shorter", "1000", "--episodes", "3", "--workers", "1"]
 
@@ -28,7 +31,7 @@ def test_a_row_is_made_once_and_the_table_has_it(
     )
     assert [line.split(" | ")[:2] for line in lines] == [
         [f"| {name}", entry]
-        for name in ("AquaFish-v0", "AquaFishRecovery-v0")
+        for name in ("AquaFish-v0", "AquaFishRecovery-v0", "AquaFishRecovery-v0, after the onset")
         for entry in ("zero", "CPG")
     ]
     made = tmp_path / "runs" / "forward" / "CPG"
@@ -74,8 +77,8 @@ def test_interquartile_means_have_intervals() -> None:
     assert low < middle < high
     assert middle == pytest.approx(3.0, abs=0.2)
     assert iqm([[5.0] * 4])[1:] == (5.0, 5.0)
-    assert kept([{"after": [1.0, 2.0], "twin": [3.0, 3.0]}]) == 0.5
-    assert kept([{"after": [1.0], "twin": [0.5]}]) is None
+    assert share([[1.0, 2.0], [3.0, 6.0]], [4.0, 4.0]) == "75%"
+    assert share([[1.0]], [0.5]) == ""
 
 
 def test_every_controller_can_be_made() -> None:
@@ -84,6 +87,52 @@ def test_every_controller_can_be_made() -> None:
         controller = ENTRIES[name].make("forward", 0, 10**6, lambda _text, _share: None)
         assert controller is not None
         assert controller.memory is ("frames" in name)
+
+
+def test_a_recurrent_policy_is_the_librarys_to_rounding() -> None:
+    contrib = pytest.importorskip("sb3_contrib")
+    kept: dict[str, Any] = {}
+    make = contrib.RecurrentPPO
+
+    class Kept(make):  # type: ignore[misc, valid-type]
+        def learn(self, *args: Any, **kwargs: Any) -> Any:
+            kept["model"] = self
+            return super().learn(*args, **kwargs)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(contrib, "RecurrentPPO", Kept)
+        made = learn_recurrent(
+            RecurrentConfig(steps=1, horizon=4, epochs=1), "waypoint", 0, "none", lambda *_: None
+        )
+    model, rng = kept["model"], np.random.default_rng(0)
+    fins = rng.uniform(-3.0, 3.0, (2, 3))
+    player, turned, state, first = made.player(fins), fins, None, np.ones(2, np.bool_)
+    for step in range(5):
+        seen = rng.normal(size=(2, 12)).astype(np.float32)
+        times = np.full(2, step * made.dt)
+        heard = model.get_env().normalize_obs(inputs(made.senses, made.clock, seen, times, turned))
+        theirs, state = model.predict(heard, state, first, deterministic=True)
+        first, ours = np.zeros(2, np.bool_), player.act(seen, times)
+        np.testing.assert_allclose(ours, theirs, atol=1e-5)
+        turned = reckoned(turned, ours, made.dt)
+    assert np.ptp(ours) > 0.0
+    assert made.to_dict()["shapes"]["w_back"] == [128, 32]
+
+
+def test_the_oracle_has_a_gait_for_what_is_left(tmp_path: Path) -> None:
+    name, tier = "AquaFishRecovery-v0", "severe"
+    left = what_is_left(name, tier, 0)
+    assert any(np.any(left[key] != what_is_left(name, tier, 1)[key]) for key in left)
+    # The same episodes as everybody's.
+    tail = ENTRIES["tail only"]
+    ways = play(name, lambda fins: tail.player(None, fins), 2)[tier]["after"]
+    alone = [play_one(name, tier, lambda fins: tail.player(None, fins), i) for i in range(2)]
+    np.testing.assert_allclose(alone, ways)
+    rows = ["--entries", "tail only", "oracle", "--tasks", "forward", "--out", str(tmp_path)]
+    assert main([*ARGUMENTS[:-4], "--episodes", "1", *rows]) == 0
+    *_, last = (tmp_path / "table.md").read_text().splitlines()
+    assert last.startswith("| AquaFishRecovery-v0, after the onset | oracle | what is left of the")
+    assert len(list((tmp_path / "runs" / "forward" / "oracle").iterdir())) == 3
 
 
 def test_unknown_rows_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
