@@ -34,31 +34,37 @@ def pytest_runtest_call() -> Generator[None, None, None]:
         raise
 
 
-# What compiles the kernels that most tests use, in two halves for two processes.
-_KERNELS = (
-    """
+# What compiles the kernels that the tests use, in a process for each type of number: kernels of
+# one type share most of their functions, which are compiled once in a process.
+_LANES = """
+import numpy as np
+from aquafish_gym import Morphology, simulate
+from gait import Controller, swim_all
+command = [0.1, 0.1, 0.5]
+for commands, reactive in (([command], False), ([[command] * 2], False), ([command], True)):
+    simulate(None, commands, steps=4, engine="numba", dtype="{dtype}", reactive=reactive)
+network = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), seed=0)
+swim_all([network], None, seconds=0.1, dtype="{dtype}")
+"""
+_ONE_BY_ONE = """
+from importlib.util import find_spec
 import gymnasium, aquafish_gym
-for dtype in ("float32", "float64"):
-    aquafish_gym.simulate(None, [[0.1, 0.1, 0.5]], steps=4, engine="numba", dtype=dtype)
-env = gymnasium.make("AquaFish-v0", engine="numba")
-env.reset()
-env.step(env.action_space.sample())
-""",
-    """
 from eea import EEAConfig, estimate_morphology
-from gait import EvolveConfig, evolve_gait, swim_all
-gait = evolve_gait(config=EvolveConfig(generations=1, population=10, seconds=1, starts=1, polish=0))
-swim_all([gait.controller], None, seconds=1, dtype="float64")
-estimate_morphology(config=EEAConfig(rounds=2, steps=16))
-""",
-)
+for engine in ("numba", "pybullet") if find_spec("pybullet") else ("numba",):
+    for reactive in (False, True):
+        env = gymnasium.make("AquaFish-v0", engine=engine, reactive=reactive)
+        env.reset(seed=0)
+        env.step(env.action_space.sample())
+estimate_morphology(config=EEAConfig(rounds=2, steps=16), target_engine="numba")
+"""
+_KERNELS = (_LANES.format(dtype="float32"), _LANES.format(dtype="float64"), _ONE_BY_ONE)
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile before processes share the tests, so that none waits for another's kernels."""
     if session.config.getoption("numprocesses", None):
         processes = [subprocess.Popen([sys.executable, "-c", code]) for code in _KERNELS]
-        assert [process.wait() for process in processes] == [0, 0]
+        assert [process.wait() for process in processes] == [0] * len(processes)
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import io
 import json
 import pathlib
@@ -21,7 +22,7 @@ from rich.console import Console
 from aquafish_gym.engines.base import simulate
 from aquafish_gym.engines.packages import load_pybullet
 from tests.benchmarks import replicate, starting
-from tests.benchmarks.__main__ import Bench
+from tests.benchmarks.__main__ import Bench, main
 from tests.benchmarks.gait import NO_LEARNING
 from tests.benchmarks.measure import Timing, measure
 from tests.benchmarks.report import format_count, format_time, make_records, make_table
@@ -382,14 +383,17 @@ def test_times_have_a_unit_that_fits(seconds: float, text: str) -> None:
      ("verification",
       "Compare the simulator with its oracles and print what was found.")],
 )  # fmt: skip
-def test_help_says_what_it_does(program: str, first: str) -> None:
-    command = [sys.executable, "-m", f"tests.{program}", "--help"]
-    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+def test_help_says_what_it_does(
+    program: str, first: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert importlib.import_module(f"tests.{program}.__main__").main(["--help"]) == 0
+    said = capsys.readouterr().out
     assert " ".join(said.split("\n\n")[1].split()) == first
 
 
-def test_help_names_every_group() -> None:
-    said = command_line("--help-verbose").stdout
+def test_help_names_every_group(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--help-verbose"]) == 0
+    said = capsys.readouterr().out
     assert all(name in said for name in GROUPS)
 
 
@@ -406,7 +410,12 @@ def test_help_names_every_group() -> None:
         ),
     ],
 )
-def test_a_mistake_is_one_line(arguments: tuple[str, ...], sentence: str) -> None:
-    done = command_line(*arguments)
-    assert done.returncode == 2
-    assert done.stderr.splitlines() == [f"tests.benchmarks: {sentence}"]
+def test_a_mistake_is_one_line(
+    arguments: tuple[str, ...],
+    sentence: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(pathlib.Path(__file__).parents[1])
+    assert main(arguments) == 2
+    assert capsys.readouterr().err.splitlines() == [f"tests.benchmarks: {sentence}"]

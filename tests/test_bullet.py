@@ -285,6 +285,7 @@ print("parent", world.position, flush=True)
 """
 
 
+@pytest.mark.slow  # tests/robustness/test_processes.py asks the same of the environment
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_world_is_refused_across_a_fork() -> None:
     done = subprocess.run(

@@ -38,7 +38,8 @@ from aquafish_gym.physics import arithmetic
 
 # A call would pass lanes through memory, and hide from the compiler what does not change from
 # step to step: each function becomes part of its caller.
-_INLINE = {"forceinline": True}
+# Nobody calls it by itself: numba's wrapper for C would be a tenth of the compilation.
+_INLINE = {"forceinline": True, "no_cfunc_wrapper": True}
 inlined = register_jitable(**_INLINE)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -102,5 +103,10 @@ def time_groups(
     return groups, records
 
 
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    return run_command_line("tests.benchmarks", single_command(Bench), arguments)
+
+
 if __name__ == "__main__":
-    sys.exit(run_command_line("tests.benchmarks", single_command(Bench)))
+    sys.exit(main())

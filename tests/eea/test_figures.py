@@ -187,8 +187,13 @@ CLOSE_LEVELS = [
 ]
 
 
-@pytest.mark.parametrize("levels", CLOSE_LEVELS)
-@pytest.mark.parametrize("name", ["rounds", "conditions", "final"])
+@pytest.mark.parametrize(
+    ("name", "levels"),
+    [
+        *(("conditions", levels) for levels in CLOSE_LEVELS),
+        *((name, CLOSE_LEVELS[2]) for name in ("rounds", "final")),
+    ],
+)
 def test_nor_where_levels_are_close(study, monkeypatch, name, levels):
     findings, summary = study
     close = summary | dict(zip(("chance", "mid_range", "nearest"), levels, strict=True))

@@ -100,7 +100,14 @@ def test_a_shorter_episode_is_the_same_singly_and_in_a_batch(
     theirs.close()
 
 
-@pytest.mark.parametrize("name", IDS)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "AquaFish-v0",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in list(IDS)[1:-1]),
+        "AquaFishRecovery-v0",
+    ],
+)
 def test_stable_baselines(name: str) -> None:
     pytest.importorskip("stable_baselines3")
     from stable_baselines3 import PPO

@@ -21,7 +21,7 @@ def test_gaits_for_one_body_and_for_many_are_held_against_the_truths(
     monkeypatch.syspath_prepend(EXAMPLES)
     script = importlib.import_module("compare_gaits")
     command = script.CompareGaits(
-        out=tmp_path, noise=(0.1,), seeds=2, gait=QUICK, workers=1, trials=1
+        out=tmp_path, noise=(0.1,), seeds=1, gait=QUICK, workers=1, trials=1
     )
     command.execute()
     table = (tmp_path / "table.md").read_text()
@@ -36,7 +36,7 @@ def test_gaits_for_one_body_and_for_many_are_held_against_the_truths(
         assert int(least[:-1]) <= int(median[:-1])
 
     runs = {path: path.stat().st_mtime_ns for path in tmp_path.glob("runs/*/*.json")}
-    assert len(runs) == 2 * 4
+    assert len(runs) == 4
     command.execute()
     assert (tmp_path / "table.md").read_text() == table
     assert {path: path.stat().st_mtime_ns for path in runs} == runs

@@ -241,6 +241,13 @@ def test_a_directory_with_other_results_is_refused(
     assert contents(tmp_path) == before
 
 
+def test_a_directory_in_use_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with held(tmp_path):
+        assert main(["evolve", "--out", str(tmp_path), *QUICK]) == 2
+    assert f"{tmp_path} is in use by another command" in capsys.readouterr().err
+
+
+@pytest.mark.slow
 def test_of_two_commands_in_one_directory_the_second_is_refused(tmp_path: Path) -> None:
     """Both exited 0 once, and one was lost."""
     settings = [*PLAIN, "--generations", "400", "--population", "12", "--seconds", "0.5", "--seed"]
@@ -372,6 +379,7 @@ def test_ctrl_c_while_importing_is_one_line() -> None:
     assert (done.returncode, done.stderr) == (130, "gait: interrupted\n")
 
 
+@pytest.mark.slow
 def test_few_open_files_are_no_traceback(tmp_path: Path) -> None:
     """As under ``ulimit -n 20``, whatever it was enough for."""
     command = [sys.executable, "-m", "gait", "evolve", "--out", str(tmp_path / "out"), *QUICK]

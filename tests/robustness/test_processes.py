@@ -23,7 +23,9 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 CONTEXTS = [
-    c for c in ("spawn", "forkserver", "fork") if c in multiprocessing.get_all_start_methods()
+    pytest.param(c, marks=pytest.mark.slow) if c == "forkserver" else c  # as spawn, on the whole
+    for c in ("spawn", "forkserver", "fork")
+    if c in multiprocessing.get_all_start_methods()
 ]
 BAD = np.array([np.nan, 0.0, 0.0], np.float32)
 
@@ -76,7 +78,9 @@ def test_stable_baselines_workers_answer_as_in_process(method: str) -> None:
             env.close()
 
 
-@pytest.mark.parametrize("context", CONTEXTS)
+@pytest.mark.parametrize(
+    "context", [pytest.param("spawn", marks=pytest.mark.slow), *CONTEXTS[1:]]
+)  # as the environments do above
 def test_pools_simulate_to_the_same_bytes(context: str) -> None:
     """Forked workers come from a parent whose threads and PyBullet clients are in use."""
     jobs = [(engine, seed) for engine in ENGINES for seed in range(2)]
@@ -274,7 +278,7 @@ def test_an_interrupted_simulation_gives_its_client_back(monkeypatch: pytest.Mon
 
 def test_a_worker_that_is_given_nonsense_does_not_take_the_others_along() -> None:
     calm = play(make_env("numba", 2))
-    there = AsyncVectorEnv([make_numba, make_numba], context="spawn")
+    there = AsyncVectorEnv([make_numba, make_numba])
     there.reset(seed=0)
     with pytest.raises(InvalidArgumentError, match="action must be finite"), pytest.warns():
         there.step(np.stack([ACTIONS[0], BAD]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -76,5 +77,10 @@ class Verification:
             save_pictures(report, self.out)
 
 
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command and return its exit code."""
+    return run_command_line("tests.verification", single_command(Verification), arguments)
+
+
 if __name__ == "__main__":
-    sys.exit(run_command_line("tests.verification", single_command(Verification)))
+    sys.exit(main())

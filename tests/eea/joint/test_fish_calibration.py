@@ -104,6 +104,7 @@ def test_a_fin_without_length_is_said_to_be_missing():
     assert one["findings"][0].startswith("the tail is missing")
 
 
+@pytest.mark.slow  # test_posterior.py holds truths at the edges
 def test_intervals_hold_a_thickness_at_the_end_of_its_range():
     held = []
     for one, fin in zip(examined(EDGE, (3, 4, 5)), FINS, strict=True):
