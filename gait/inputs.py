@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.command import scale_action
+from aquafish_gym.envs.conditions import reckon
 from aquafish_gym.physics.arithmetic import TAU
 from gait.network import GOAL_SCALE, GYRO_SCALE, Senses
 
@@ -51,4 +51,6 @@ def reckoned(
     fins: NDArray[np.float64], actions: NDArray[np.floating], seconds: float
 ) -> NDArray[np.float64]:
     """Return where fins (B, 3), in rad, are after actions (B, 3), if the servos do as told."""
-    return fins + TAU * seconds * scale_action(actions)
+    left, right, caudal = fins.T
+    told = np.clip(actions, -1.0, 1.0, dtype=np.float64).T
+    return np.stack(reckon((left, right, caudal), (told[0], told[1], told[2]), seconds), axis=1)

@@ -18,7 +18,7 @@ from scipy.stats import trim_mean
 
 from aquafish.batch import do_table
 from aquafish.scores.entries import ENTRIES
-from aquafish.scores.oracle import BRIEFER, LIKE, oracle
+from aquafish.scores.oracle import LIKE, oracle
 from aquafish.scores.oracle import NAME as RECOVERY
 from aquafish.scores.play import COLUMNS, EPISODES, play
 from aquafish_gym.damage.tiers import TIERS
@@ -196,7 +196,7 @@ class Scores:
         }
         settings = {
             "shorter": self.shorter, "episodes": self.episodes, "entries": entries,
-            ORACLE: [LIKE, BRIEFER, ORACLE_EPISODES],
+            ORACLE: [LIKE, ORACLE_EPISODES],
         }  # fmt: skip
         rows = do_table(
             jobs, score, self.out, "reference scores", settings,

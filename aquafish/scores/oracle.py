@@ -4,45 +4,69 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+from numpy.typing import NDArray
 
 from aquafish.scores.entries import ENTRIES, briefer
 from aquafish.scores.play import play_one, what_is_left
+from aquafish_gym.bodies import MorphologiesLike
 from aquafish_gym.engines.worlds import WorldConfig
-from gait.config import EvolveConfig
+from gait.config import EvolveConfig, Sense
+from gait.controller import Controller
 from gait.evolve import Generation, evolve_gait
 from gait.task import Crew
 
 NAME = "AquaFishRecovery-v0"
 LIKE = "CMA-ES, fins"  # the entry that is evolved
-BRIEFER = 2  # than that
+Tell = Callable[[str, float], None]
 
 
-def oracle(tier: str, episode: int, shorter: int, tell: Callable[[str, float], None]) -> float:
+def oracle(tier: str, episode: int, shorter: int, tell: Tell) -> float:
     """Return how far a gait that was evolved for what is left swims from the onset on, in units.
 
-    It is evolved for the body and the servos as they are once something is broken, and swims
-    through the whole episode. Where a sensor is broken, it hears the clock and the fins alone.
+    It is evolved for the body and the servos as they are once something is broken; where a sensor
+    is broken, also one that hears the clock and the fins alone. Up to the onset the robot swims as
+    one that was evolved for the whole robot; then whichever takes it farthest, that one included,
+    takes over, told how the fins stand at that moment.
     """
     left = what_is_left(NAME, tier, episode)
-    deaf = any(left[f"sensor_{what}"].any() for what in ("noise", "bias", "lost"))
+    hears: list[tuple[Sense, ...]] = [("imu", "clock", "fins")]
+    if any(left[f"sensor_{what}"].any() for what in ("noise", "bias", "lost")):
+        hears.append(("clock", "fins"))
+    left_gain, right, caudal = left["servo_gain"].tolist()
+    world = WorldConfig(servo_gain=(left_gain, right, caudal))
+    whole = _whole(shorter)
+    gaits = [whole, *(_evolve(left["morphology"], world, s, episode, shorter, tell) for s in hears)]
+    return max(
+        play_one(NAME, tier, partial(_crew, whole), partial(_crew, gait), episode) for gait in gaits
+    )
+
+
+def _crew(gait: Controller, fins: NDArray[np.float64]) -> Crew:
+    return Crew([gait], fins)
+
+
+@cache
+def _whole(shorter: int) -> Controller:
+    """Return the gait that all episodes begin with."""
+    return _evolve(None, WorldConfig(), ("imu", "clock", "fins"), 0, shorter, lambda *_: None)
+
+
+def _evolve(
+    body: MorphologiesLike,
+    world: WorldConfig,
+    senses: tuple[Sense, ...],
+    seed: int,
+    shorter: int,
+    tell: Tell,
+) -> Controller:
     like = ENTRIES[LIKE].config
     assert isinstance(like, EvolveConfig)
-    config = replace(
-        like,
-        seed=episode,
-        threads=1,
-        senses=("clock", "fins") if deaf else like.senses,
-        **briefer(like, BRIEFER * shorter),
-    )
-    left_gain, right, caudal = left["servo_gain"].tolist()
+    config = replace(like, seed=seed, threads=1, senses=senses, **briefer(like, shorter))
 
     def evolving(row: Generation) -> None:
         tell(f"final {row.final:.1f}", (row.generation + 1) / config.plan.rows)
 
-    best = evolve_gait(
-        left["morphology"],
-        config,
-        world=WorldConfig(servo_gain=(left_gain, right, caudal)),
-        on_generation=evolving,
-    ).controller
-    return play_one(NAME, tier, lambda fins: Crew([best], fins), episode)
+    return evolve_gait(body, config, world=world, on_generation=evolving).controller

@@ -57,16 +57,37 @@ def play(
         returns, y, broken = _episodes(name, damage, player, episodes)
         found[tier] = {"returns": returns.tolist()}
         if "@" in damage:
-            onset = broken.argmax(axis=0)
+            onset = broken.argmax(axis=0), np.arange(episodes)
             for key, place in (("after", y), ("twin", whole)):
-                found[tier][key] = _since(place, onset).tolist()
+                found[tier][key] = (place[-1] - place[onset]).tolist()
     return found
 
 
-def play_one(name: str, tier: str, player: Callable[[Floats], Player], episode: int) -> float:
-    """Return how far along +y a player swims in one episode from when something breaks on."""
-    _, y, broken = _episodes(name, damage_of(name, tier), player, 1, episode)
-    return float(_since(y, broken.argmax(axis=0))[0])
+def play_one(
+    name: str,
+    tier: str,
+    before: Callable[[Floats], Player],
+    after: Callable[[Floats], Player],
+    episode: int,
+) -> float:
+    """Return how far along +y a robot swims in one episode from when something breaks on.
+
+    ``before`` makes what acts until then, and ``after`` what acts from then on.
+    """
+    kwargs: dict[str, Any] = {**IDS[name], "damage": damage_of(name, tier)}
+    envs = AquaFishVectorEnv(1, threads=1, **kwargs)
+    seen, info = envs.reset(seed=FIRST_SEED + episode)
+    acting, begun, struck, onset = before(info["fin_angles"]), 0, False, 0.0
+    y = 0.0
+    for step in range(_steps(name, envs)):
+        actions = acting.act(seen, np.full(1, (step - begun) * envs.dt))
+        seen, _, terminated, _, info = envs.step(actions)
+        if not struck and info["faults"][0]:
+            struck, onset, begun, acting = True, y, step + 1, after(info["fin_angles"])
+        if terminated[0]:
+            break
+        y = float(info["y_position"][0])
+    return y - onset
 
 
 def what_is_left(name: str, tier: str, episode: int) -> dict[str, NDArray[np.float64]]:
@@ -81,22 +102,17 @@ def what_is_left(name: str, tier: str, episode: int) -> dict[str, NDArray[np.flo
     return {key: info[key][0] for key in kept}
 
 
-def _since(y: Floats, onset: NDArray[np.intp]) -> Floats:
-    """Return the way from an onset (E,) to the end of rows y (T + 1, E)."""
-    return np.asarray(y[-1] - y[onset, np.arange(y.shape[1])])
-
-
 def _steps(name: str, envs: AquaFishVectorEnv) -> int:
     return round(TASKS[IDS[name].get("task", "forward")].seconds / envs.dt)
 
 
 def _episodes(
-    name: str, damage: str, player: Callable[[Floats], Player], episodes: int, first: int = 0
+    name: str, damage: str, player: Callable[[Floats], Player], episodes: int
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return returns (E,), and where robots were before and whether broken in each step, (T, E)."""
     kwargs: dict[str, Any] = {**IDS[name], "damage": damage}
     envs = AquaFishVectorEnv(episodes, threads=1, **kwargs)
-    seen, info = envs.reset(seed=FIRST_SEED + first)
+    seen, info = envs.reset(seed=FIRST_SEED)
     acting = player(info["fin_angles"])
     returns, over = np.zeros(episodes), np.zeros(episodes, np.bool_)
     y, broken = [np.zeros(episodes)], []

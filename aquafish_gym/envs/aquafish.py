@@ -60,9 +60,11 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     What an inertial measurement unit gives: which way is up, which way is north (the world's y,
     where the robot faces at the start), and its gyro, all in the robot's own axes. Up and north
     hold the same as roll, pitch and yaw without their jumps, as an accelerometer and a compass
-    measure them. Velocity and damage are never observed, the fins' angles only with
-    `observe_fins=True`, and where the robot is only where the task has a goal: then as what a
-    beacon there would tell. Broken sensors say something else.
+    measure them. Velocity and damage are never observed, and where the robot is only where the
+    task has a goal: then as what a beacon there would tell. The fins' angles are hidden; with
+    `observe_fins=True` they are as a sensor would tell, with `"reckoned"` as who is told how they
+    stood at first can reckon from the commands, and wrong once a servo does not as it is told.
+    Broken sensors of the unit say something else.
 
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
@@ -127,7 +129,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `engine` | str | `"auto"` | `"pybullet"` (if there), `"numba"`: the same; `"mujoco"`: not |
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
     | `fin_angles` | str or three numbers | `"random"` | see Starting State |
-    | `observe_fins` | bool | `False` | whether the observation holds the fins' angles |
+    | `observe_fins` | bool, str | `False` | the fins' angles: hidden, seen, or `"reckoned"` |
     | `frame_skip` | int | `20` | physics steps of 0.01 s in each step; they divide an episode |
     | `render_mode` | str or None | `None` | `"rgb_array"`, or `"human"` where there is a display |
     | `task` | str or Task | `"forward"` | or `"station"`, `"waypoint"`, `"recovery"`, a Task |
@@ -159,7 +161,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         engine: str = "auto",
         current: ArrayLike = (0.0, 0.0, 0.0),
         fin_angles: object = "random",
-        observe_fins: bool = False,
+        observe_fins: bool | str = False,
         frame_skip: int = 20,
         render_mode: str | None = None,
         task: object = "forward",
@@ -169,7 +171,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._conditions = conditions.check_conditions(morphology, damage, current, fin_angles)
         check_water(self.task, self._conditions.current)
         self._engine = check_engine(engine)
-        self._observe_fins = flag("observe_fins", observe_fins)
+        self._observe_fins, self._reckons = conditions.check_observe_fins(observe_fins)
         self._reactive = flag("reactive", reactive)
         self.frame_skip = conditions.check_frame_skip(frame_skip, self.task.seconds)
         self.render_mode = check_render_mode(render_mode)
@@ -188,6 +190,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._memory: Memory = ()
         # What is now, or was before the robot diverged.
         self._fin_angles: conditions.Triple = (0.0, 0.0, 0.0)
+        self._reckoned: Vector = self._fin_angles
         self._state = at_rest(self._fin_angles)
 
     @property
@@ -213,6 +216,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         body = self._course.effects[0].body.to_array()
         self._world.reset(body, (left, right, phase), episode.current)
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
+        self._reckoned = self._fin_angles
         self._steps, self._last = 0, round(self.task.seconds / self.dt)
         self._sensors.reset([0])
         self._enter(self._course.effects[0])
@@ -252,6 +256,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         diverged = world.diverged
         if not diverged:
             self._state, self._fin_angles = world.state(), world.fin_angles
+            self._reckoned = conditions.reckon(self._reckoned, checked, self.dt)
         here = self._state.position
         step = Step(before, here, self._state.orientation, checked, self._memory, self.dt)
         terms = {name: float(value) for name, value in task.reward_terms(step).items()}
@@ -276,7 +281,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         state, way = self._state, None
         if self.task.has_goal:
             way = subtract(self.task.goal(self._memory), state.position)
-        fins = self._fin_angles if self._observe_fins else None
+        fins = None
+        if self._observe_fins:
+            fins = self._reckoned if self._reckons else self._fin_angles
         seen = conditions.observe(state.orientation, state.spin, fins, way)
         if not self._sensors.broken:
             return seen

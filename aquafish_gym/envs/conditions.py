@@ -18,7 +18,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.envs.course import Course, course_of
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Number, Vector
+from aquafish_gym.physics.arithmetic import TAU, Number, Vector
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
 Floats = NDArray[np.float64]
@@ -29,6 +29,7 @@ GYRO_RANGE = math.radians(2000.0)
 GOAL_RANGE = 100.0  # units, beyond which a goal is observed at this distance along each axis
 _LOW: list[float] = COMMAND_LOW.tolist()
 _SPAN: list[float] = (COMMAND_HIGH - COMMAND_LOW).tolist()
+RECKONED = "reckoned"
 OPTIONS = ("fin_angles", "morphology", "damage")
 
 
@@ -156,6 +157,24 @@ def servo_speeds(action: Vector, gains: Vector = (1.0, 1.0, 1.0)) -> Vector:
         gains[1] * (_LOW[1] + 0.5 * (right + 1.0) * _SPAN[1]),
         gains[2] * (_LOW[2] + 0.5 * (caudal + 1.0) * _SPAN[2]),
     )
+
+
+def check_observe_fins(value: object) -> tuple[bool, bool]:
+    """Return whether the fins' angles are observed, and whether as reckoned rather than as true."""
+    if isinstance(value, str) and value == RECKONED:
+        return True, True
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidArgumentError(
+            f'observe_fins must be True, False or "{RECKONED}"; got {brief(value)}'
+        )
+    return bool(value), False
+
+
+def reckon(angles: Vector, action: Vector, dt: float) -> Vector:
+    """Return where fins are after so many s of an action, if the servos do as they are told."""
+    left, right, caudal = servo_speeds(action)
+    turn = TAU * dt
+    return (angles[0] + turn * left, angles[1] + turn * right, angles[2] + turn * caudal)
 
 
 def action_space() -> Box[np.float32]:

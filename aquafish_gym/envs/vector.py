@@ -84,7 +84,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         engine: str = "numba",
         current: ArrayLike = (0.0, 0.0, 0.0),
         fin_angles: object = "random",
-        observe_fins: bool = False,
+        observe_fins: bool | str = False,
         frame_skip: int = 20,
         render_mode: str | None = None,
         task: object = "forward",
@@ -113,7 +113,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             )
         self.render_mode = check_render_mode(render_mode)
         self.task = check_task(task)
-        self._observe_fins = flag("observe_fins", observe_fins)
+        self._observe_fins, self._reckons = conditions.check_observe_fins(observe_fins)
         self.frame_skip = conditions.check_frame_skip(frame_skip, self.task.seconds)
         self.metadata = {
             "render_modes": ["rgb_array"],
@@ -159,6 +159,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
         self._everyone = np.arange(self.num_envs)
+        self._reckoned: Floats = np.zeros((3, self.num_envs))
         self._begun = False
 
     @property
@@ -221,6 +222,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         # Robots that diverged stay at what was last good; a robot whose episode was over has
         # swum for nothing, and begins anew.
         diverged = lost & ~over
+        reckoned = conditions.reckon(_three(self._reckoned), _three(checked.T), self.dt)
+        self._reckoned = np.where(lost, self._reckoned, reckoned)
         if lost.any():
             now[:, lost] = before[:, lost]
         self._now = now
@@ -315,6 +318,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if remembered.shape[1] != len(self._memory):
             self._memory = np.zeros((remembered.shape[1], self.num_envs))
         self._memory[:, mask] = remembered.T
+        self._reckoned[:, mask] = angles.T
         self._lanes.replace(mask, self._truth["morphology"][mask], angles)
         self._now[:, mask] = self._lanes.rows()[:, mask]
 
@@ -324,7 +328,9 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if self.task.has_goal:
             goal = self.task.goal(tuple(self._memory[:, rows]))
             way = subtract(goal, _three(now[POSITION]))
-        fins = angles_of_rows(now) if self._observe_fins else None
+        fins = None
+        if self._observe_fins:
+            fins = self._reckoned[:, rows] if self._reckons else angles_of_rows(now)
         seen = conditions.observe(now[QUATERNION], now[GYRO], fins, way)
         if self._sensors.broken:
             seen = self._sensors.say(seen, self._limits, self._rngs, rows)

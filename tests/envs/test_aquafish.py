@@ -170,6 +170,22 @@ def test_the_observation_hides_the_fins_and_info_tells() -> None:
     np.testing.assert_array_equal(seeing[:9], first)
 
 
+def test_reckoned_fins_are_the_true_ones_until_a_servo_is_broken() -> None:
+    def shown(observe_fins: object) -> Any:
+        env = make(observe_fins=observe_fins, damage="left_pectoral:seized@1", fin_angles="random")
+        rng = np.random.default_rng(0)
+        seen = [env.reset(seed=1)[0]]
+        return np.array(
+            seen + [env.step(rng.uniform(-1, 1, 3).astype(np.float32))[0] for _ in range(20)]
+        )
+
+    true, reckoned = shown(np.True_), shown("reckoned")
+    np.testing.assert_array_equal(true[:, :9], reckoned[:, :9])
+    np.testing.assert_allclose(true[:6], reckoned[:6], atol=1e-6)
+    off = np.abs(true - reckoned)[8:].max(axis=0)
+    assert [i for i in range(15) if off[i] > 1e-3] == [9, 12]  # of the left flipper alone
+
+
 @given(st.tuples(*[st.floats(-math.pi, math.pi)] * 3), st.floats(-100, 100))
 @settings(max_examples=50, deadline=None)
 def test_up_and_north_are_the_attitude(rpy: tuple[float, float, float], rate: float) -> None:
@@ -398,7 +414,7 @@ def test_workers_may_each_have_a_pybullet_environment() -> None:
         ({"frame_skip": 2.5}, "frame_skip must be a whole number"),
         ({"frame_skip": 7}, "frame_skip must divide 2000.*; got 7; the nearest are 5 and 8"),
         ({"frame_skip": 1999}, "the nearest are 1000 and 2000"),
-        ({"observe_fins": "no"}, "observe_fins must be True or False; got 'no'"),
+        ({"observe_fins": "no"}, "observe_fins must be True, False or \"reckoned\"; got 'no'"),
         ({"task": "forwards"}, "did you mean 'forward'"),
         ({"task": 3}, "task must be a Task or one of forward, .*; got 3"),
         ({"render_mode": "rgb"}, "did you mean 'rgb_array'"),

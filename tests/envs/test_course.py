@@ -181,7 +181,7 @@ def test_a_batch_is_single_robots_to_the_bit(
 ) -> None:
     kwargs: dict[str, Any] = {
         "task": task, "damage": damage, "fin_angles": "random", "frame_skip": 100,
-        "observe_fins": True,
+        "observe_fins": True if mode is AutoresetMode.NEXT_STEP else "reckoned",
     }  # fmt: skip
     batch = AquaFishVectorEnv(COUNT, dtype="float64", autoreset_mode=mode, **kwargs)
     singles = SyncVectorEnv([lambda: make(**kwargs)] * COUNT, autoreset_mode=mode)

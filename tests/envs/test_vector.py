@@ -354,7 +354,7 @@ def test_every_robot_has_a_frame() -> None:
         ({"morphology": [[0.0] * 9, [0.0] * 9, [-1.0] * 9]}, "must lie in"),
         ({"frame_skip": True}, "frame_skip must be"),
         ({"frame_skip": 150}, "frame_skip must divide 2000"),
-        ({"observe_fins": "no"}, "observe_fins must be True or False"),
+        ({"observe_fins": "no"}, "observe_fins must be True, False or"),
     ],
 )
 def test_bad_arguments_are_refused(kwargs: dict[str, Any], sentence: str) -> None:

@@ -192,7 +192,7 @@ ENVIRONMENT = {
     "engine": names("engine", ("auto", "numba", "pybullet", "mujoco")),
     "current": CURRENT,
     "fin_angles": FIN_ANGLES,
-    "observe_fins": flag("observe_fins"),
+    "observe_fins": Bad(no_flag(), '^observe_fins must be True, False or "reckoned"; got '),
     "frame_skip": FRAME_SKIP,
     "render_mode": names("render_mode", ("human", "rgb_array"), None),
     "task": Bad(
