@@ -161,11 +161,13 @@ def do_table(
     settings: dict[str, Any],
     tabulate: Callable[[list[dict[str, Any]]], list[list[str]]],
     processes: int | None,
+    pictures: tuple[str, ...] = (),
 ) -> list[list[str]]:
     """Do all jobs in a folder, with a bar; return the table of their results.
 
     It is also written to ``table.md`` there. Words stand to the left, and all columns but the first
-    to the right. ``kind`` and ``settings`` are what the folder is claimed for, see ``claim``.
+    to the right. ``tabulate`` may draw ``pictures``, of these names, there. ``kind`` and
+    ``settings`` are what the folder is claimed for, see ``claim``.
 
     Raises
     ------
@@ -174,7 +176,7 @@ def do_table(
     """
     folder = ensure_writable_directory(out)
     with held(folder):
-        claim(folder, kind, settings, {"source": source_stamp()}, ("table.md",))
+        claim(folder, kind, settings, {"source": source_stamp()}, ("table.md", *pictures))
         failures = do_missing(
             jobs, work, folder, _nothing, _bar, processes=processes, scheduler=None
         )

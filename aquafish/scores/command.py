@@ -18,10 +18,12 @@ from scipy.stats import trim_mean
 
 from aquafish.batch import do_table
 from aquafish.scores.entries import ENTRIES
+from aquafish.scores.figure import scores_figure
 from aquafish.scores.oracle import LIKE, oracle
 from aquafish.scores.oracle import NAME as RECOVERY
 from aquafish.scores.play import COLUMNS, EPISODES, play
 from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.utils.command_line import Out
 from aquafish_gym.utils.validation import integer, one_of
 from gait.config import TaskName
@@ -37,6 +39,8 @@ ORACLE_EPISODES = 20  # the first ones of those that all others play
 FIRST_SEED = 100  # of the replicates: everything was tried and tuned on lower ones
 RESAMPLES = 1000
 ROWS = (*ENTRIES, ORACLE)
+PICTURE = "scores.png"
+Interval = tuple[float, float, float]  # a mean, and the ends of its interval
 
 
 @dataclass(frozen=True)
@@ -100,7 +104,7 @@ def score(job: Job | OracleJob, say: Callable[[str, float], None]) -> dict[str, 
     }
 
 
-def iqm(runs: Sequence[ArrayLike]) -> tuple[float, float, float]:
+def iqm(runs: Sequence[ArrayLike]) -> Interval:
     """Return the interquartile mean of all episodes of some runs, and its 95% interval.
 
     The interval is a bootstrap that draws runs, and episodes of each (Agarwal et al., Deep
@@ -148,8 +152,9 @@ class Scores:
     way, then of the oracle's: of a gait evolved for the very robot that is left, in the first 20
     episodes.
 
-    Into --out go table.md, and a file for each controller with its weights and all returns. What is
-    there is not done again: the same command goes on, and one for fewer rows shows these.
+    Into --out go table.md, scores.png, and a file for each controller with its weights and all
+    returns. What is there is not done again: the same command goes on, and one for fewer rows shows
+    these.
     """
 
     out: Out = Path("out/scores")
@@ -200,7 +205,7 @@ class Scores:
         }  # fmt: skip
         rows = do_table(
             jobs, score, self.out, "reference scores", settings,
-            lambda results: self._rows(jobs, results), self.workers,
+            lambda results: self._rows(jobs, results), self.workers, (PICTURE,),
         )  # fmt: skip
         head, *body = rows
         for name, several in groupby(body, key=lambda row: row[0]):
@@ -222,13 +227,17 @@ class Scores:
             else:
                 made.setdefault((job.entry, job.task), []).append(result)
         rows = [["environment", "controller", "hears", *COLUMNS, "CPU s"]]
+        scored: dict[tuple[str, str], list[Interval]] = {}
         for task in self.tasks:
             for name in IDS_OF[task]:
                 for entry in (e for e in self.entries if e in ENTRIES):
                     of = [found["scores"][name] for found in made[entry, task]]
-                    cells = [_cell([run[column]["returns"] for run in of]) for column in COLUMNS]
+                    ends = [iqm([run[column]["returns"] for run in of]) for column in COLUMNS]
+                    cells, scored[name, entry] = [_said(each) for each in ends], ends
                     cpu = np.mean([found["cpu_seconds"] for found in made[entry, task]])
                     rows.append([name, entry, ENTRIES[entry].knows, *cells, f"{cpu:.0f}"])
+        if scored:
+            save_figure(scores_figure(scored), self.out / PICTURE)
         if "forward" not in self.tasks:
             return rows
         after = f"{RECOVERY}, after the onset"
@@ -237,14 +246,14 @@ class Scores:
             cells = [_after([run[tier] for run in of], best[tier]) for tier in TIERS]
             rows.append([after, entry, ENTRIES[entry].knows, "", *cells, ""])
         if spent:
-            cells = [_cell([best[tier]]) for tier in TIERS]
+            cells = [_said(iqm([best[tier]])) for tier in TIERS]
             knows = "what is left of the robot"
             rows.append([after, ORACLE, knows, "", *cells, f"{np.mean(spent):.0f}"])
         return rows
 
 
-def _cell(runs: Sequence[Sequence[float]]) -> str:
-    middle, low, high = iqm(runs)
+def _said(interval: Interval) -> str:
+    middle, low, high = interval
     return f"{middle:.1f} [{low:.1f}, {high:.1f}]"
 
 
@@ -253,4 +262,4 @@ def _after(runs: Sequence[dict[str, list[float]]], best: list[float]) -> str:
     shares = [share(ways, np.concatenate([run["twin"] for run in runs]).tolist())]
     if best:
         shares.append(share([way[:few] for way in ways], best))
-    return ", ".join([_cell(ways), *filter(None, shares)])
+    return ", ".join([_said(iqm(ways)), *filter(None, shares)])

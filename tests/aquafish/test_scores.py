@@ -34,6 +34,7 @@ def test_a_row_is_made_once_and_the_table_has_it(
         for name in ("AquaFish-v0", "AquaFishRecovery-v0", "AquaFishRecovery-v0, after the onset")
         for entry in ("zero", "CPG")
     ]
+    assert (tmp_path / "scores.png").stat().st_size > 10_000
     made = tmp_path / "runs" / "forward" / "CPG"
     assert sorted(file.name for file in made.iterdir()) == [
         f"{FIRST_SEED}.json", f"{FIRST_SEED + 1}.json"

@@ -1,0 +1,44 @@
+"""The picture of the scores: a panel an environment, a row a controller, a mark a tier."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from matplotlib.figure import Figure
+
+from aquafish.scores.play import COLUMNS
+from aquafish_gym.rendering.pictures import new_figure
+from eea.report.figures.drawing import GREY, SMALL, grid, legend_below
+
+COLOURS = dict(zip(COLUMNS, ("#0072B2", "#009E73", "#E69F00", "#D55E00"), strict=True))
+MARKS = dict(zip(COLUMNS, "osD^", strict=True))
+# Mean and 95% interval of a controller's returns in an environment under each tier.
+Scored = Mapping[tuple[str, str], Sequence[tuple[float, float, float]]]
+
+
+def scores_figure(scored: Scored) -> Figure:
+    """Draw the interquartile mean of the returns, with its interval."""
+    environments = list(dict.fromkeys(name for name, _ in scored))
+    entries = list(dict.fromkeys(entry for _, entry in scored))
+    across, down = min(2, len(environments)), -(-len(environments) // 2)
+    figure = new_figure(1.6 + 3.4 * across, down * (0.9 + 0.34 * len(entries)))
+    panels = figure.subplots(down, across, sharey=True, squeeze=False)
+    for axes, name in zip(panels.flat, environments, strict=False):
+        for row, entry in enumerate(entries):
+            for i, (middle, low, high) in enumerate(scored.get((name, entry), ())):
+                column, y = COLUMNS[i], row + 0.18 * (i - 1.5)
+                axes.plot([low, high], [y, y], color=COLOURS[column], lw=1.4)
+                axes.plot(
+                    middle, y, MARKS[column], color=COLOURS[column], ms=4,
+                    label=column if row == 0 else None,
+                )  # fmt: skip
+        axes.axvline(0.0, color=GREY, lw=0.8)
+        axes.set_yticks(range(len(entries)), entries, fontsize=SMALL + 1)
+        axes.set_ylim(len(entries) - 0.5, -0.5)
+        axes.set_title(name, fontsize=SMALL + 2)
+        axes.set_xlabel("return", fontsize=SMALL + 1)
+        grid(axes, "x")
+    for axes in panels.flat[len(environments) :]:
+        axes.set_visible(False)
+    legend_below(figure, panels.flat[0], len(COLUMNS))
+    return figure
