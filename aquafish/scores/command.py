@@ -104,8 +104,8 @@ def score(job: Job | OracleJob, say: Callable[[str, float], None]) -> dict[str, 
     }
 
 
-def iqm(runs: Sequence[ArrayLike]) -> Interval:
-    """Return the interquartile mean of all episodes of some runs, and its 95% interval.
+def iqm(runs: ArrayLike) -> Interval:
+    """Return the interquartile mean of all episodes of runs (R, E), and its 95% interval.
 
     The interval is a bootstrap that draws runs, and episodes of each (Agarwal et al., Deep
     reinforcement learning at the edge of the statistical precipice, 2021).
@@ -115,14 +115,14 @@ def iqm(runs: Sequence[ArrayLike]) -> Interval:
     >>> iqm([[1.0, 2.0, 3.0, 1000.0]])[0]
     2.5
     """
-    each = [np.asarray(run, float) for run in runs]
+    table = np.asarray(runs, float)
+    count, episodes = table.shape
     rng = np.random.default_rng(0)
-    means = []
-    for _ in range(RESAMPLES):
-        drawn = [each[i] for i in rng.integers(len(each), size=len(each))]
-        means.append(trim_mean(np.concatenate([rng.choice(run, len(run)) for run in drawn]), 0.25))
+    drawn = rng.integers(count, size=(RESAMPLES, count, 1))
+    resampled = table[drawn, rng.integers(episodes, size=(RESAMPLES, count, episodes))]
+    means = trim_mean(resampled.reshape(RESAMPLES, -1), 0.25, axis=1)
     low, high = np.quantile(means, (0.025, 0.975)).tolist()
-    return float(trim_mean(np.concatenate(each), 0.25)), low, high
+    return float(trim_mean(table, 0.25, axis=None)), low, high
 
 
 def share(ways: Sequence[Sequence[float]], best: Sequence[float]) -> str:

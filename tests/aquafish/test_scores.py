@@ -15,9 +15,10 @@ from aquafish.scores.play import COLUMNS, damage_of, play, play_one, what_is_lef
 from aquafish.scores.recurrent import RecurrentConfig, learn_recurrent
 from aquafish_gym import IDS
 from aquafish_gym.runs.storage import read_document
+from gait.controller import Controller
 from gait.inputs import inputs, reckoned
 
-ARGUMENTS = ["scores", "--seeds", "2", "--shorter", "1000", "--episodes", "3", "--workers", "1"]
+ARGUMENTS = ["scores", "--seeds", "2", "--shorter", "10000", "--episodes", "3", "--workers", "1"]
 
 
 def test_a_row_is_made_once_and_the_table_has_it(
@@ -82,12 +83,12 @@ def test_interquartile_means_have_intervals() -> None:
     assert share([[1.0]], [0.5]) == ""
 
 
-def test_every_controller_can_be_made() -> None:
+def test_a_learned_controller_can_be_made() -> None:
     pytest.importorskip("stable_baselines3")
-    for name in ("PPO, damaged, 8 frames", "SAC, fins"):
-        controller = ENTRIES[name].make("forward", 0, 10**6, lambda _text, _share: None)
-        assert controller is not None
-        assert controller.memory is ("frames" in name)
+    entry = ENTRIES["PPO, damaged, 8 frames"]
+    controller = entry.make("forward", 0, 10**6, lambda _text, _share: None)
+    assert isinstance(controller, Controller)
+    assert controller.memory
 
 
 def test_a_recurrent_policy_is_the_librarys_to_rounding() -> None:

@@ -209,6 +209,7 @@ def test_a_log_of_any_rate_is_taken_as_it_is(rate, jitter):
 
 
 @pytest.mark.usefixtures("little_effort")
+@pytest.mark.slow  # test_swims has the same of bodies, without the command
 def test_ordinary_swimming_from_its_middle_is_enough(tmp_path, capsys):
     time = np.arange(620) / 100.0
     rng = np.random.default_rng(3)
