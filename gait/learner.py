@@ -112,7 +112,8 @@ def load(module: str) -> Any:
         return import_module(module)
     except ImportError as error:
         raise MissingExtraError(
-            f"baselines need stable-baselines3 and torch, which are not installed here ({error}): "
+            "learning needs stable-baselines3, sb3-contrib and torch, which are not all installed "
+            f"here ({error}): "
             'pip install -e ".[rl]" in a clone of the repository'
         ) from None
 

@@ -126,17 +126,15 @@ def iqm(runs: ArrayLike) -> Interval:
 
 
 def share(ways: Sequence[Sequence[float]], best: Sequence[float]) -> str:
-    """Return in words which share of the best way is made; nothing of none that is worth it.
-
-    Which is, of a mean under a unit of 5 cm.
+    """Return which share of the best way is made; a dash if that is under a unit in the mean.
 
     Examples
     --------
     >>> share([[1.0, 2.0]], [3.0, 3.0]), share([[1.0]], [0.5])
-    ('50%', '')
+    ('50%', '-')
     """
     whole = float(np.mean(best))
-    return "" if whole < 1.0 else f"{np.concatenate(ways).mean() / whole:.0%}"
+    return "-" if whole < 1.0 else f"{np.concatenate(ways).mean() / whole:.0%}"
 
 
 @dataclass(frozen=True)
@@ -150,7 +148,7 @@ class Scores:
     Controllers for AquaFishRecovery-v0 are those that were made for AquaFish-v0. Of it the table
     also shows the way after the onset, in units, then which share that is of the undamaged twin's
     way, then of the oracle's: of a gait evolved for the very robot that is left, in the first 20
-    episodes.
+    episodes; a dash where that way is no unit long.
 
     Into --out go table.md, scores.png, and a file for each controller with its weights and all
     returns. What is there is not done again: the same command goes on, and one for fewer rows shows
@@ -262,4 +260,4 @@ def _after(runs: Sequence[dict[str, list[float]]], best: list[float]) -> str:
     shares = [share(ways, np.concatenate([run["twin"] for run in runs]).tolist())]
     if best:
         shares.append(share([way[:few] for way in ways], best))
-    return ", ".join([_said(iqm(ways)), *filter(None, shares)])
+    return ", ".join([_said(iqm(ways)), *shares])

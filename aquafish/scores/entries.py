@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish.scores.recurrent import Recurrent, RecurrentConfig, learn_recurrent
+from aquafish_gym.bodies import MorphologiesLike
+from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.envs.tasks import TASKS
 from gait.baselines import BaselineConfig, Leg, train_baseline
 from gait.config import EvolveConfig, TaskName
@@ -98,15 +100,7 @@ class Entry:
             case EvolveConfig() as config:
                 # As many simulated seconds for a task whose episodes are longer.
                 shorter *= round(TASKS[task].seconds / TASKS["forward"].seconds)
-                config = replace(
-                    config, task=task, seed=seed, threads=1, **briefer(config, shorter)
-                )
-                rows = config.plan.rows
-
-                def evolving(row: Generation) -> None:
-                    tell(f"final {row.final:.1f}", (row.generation + 1) / rows)
-
-                return evolve_gait(None, config, on_generation=evolving).controller
+                return evolved(replace(config, task=task, seed=seed), shorter, tell)
         return None
 
     def player(self, controller: Controller | Recurrent | None, fins: Floats) -> Player:
@@ -116,15 +110,26 @@ class Entry:
         return self.play() if controller is None else Crew([controller], fins)
 
 
-def briefer(config: EvolveConfig, shorter: int) -> dict[str, Any]:
-    """Return what makes an evolution so many times shorter."""
+def evolved(
+    config: EvolveConfig,
+    shorter: int,
+    tell: Tell,
+    body: MorphologiesLike = None,
+    world: WorldConfig | None = None,
+) -> Controller:
+    """Evolve a controller in a ``shorter``-th of the time, on one thread."""
     plan = config.plan
     fewer: dict[str, Any] = {"generations": max(1, plan.generations // shorter)}
     if plan.polish:
         fewer["polish"] = max(1, plan.polish // shorter)
     if plan.screened:
         fewer["screened"] = max(plan.starts, plan.screened // shorter)
-    return fewer
+    config = replace(config, threads=1, **fewer)
+
+    def evolving(row: Generation) -> None:
+        tell(f"final {row.final:.1f}", (row.generation + 1) / config.plan.rows)
+
+    return evolve_gait(body, config, world=world, on_generation=evolving).controller
 
 
 _FINS: Any = ("imu", "clock", "fins")

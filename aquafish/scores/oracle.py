@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish.scores.entries import ENTRIES, briefer
+from aquafish.scores.entries import ENTRIES, Tell, evolved
 from aquafish.scores.play import play_one, what_is_left
-from aquafish_gym.bodies import MorphologiesLike
 from aquafish_gym.engines.worlds import WorldConfig
 from gait.config import EvolveConfig, Sense
 from gait.controller import Controller
-from gait.evolve import Generation, evolve_gait
 from gait.task import Crew
 
 NAME = "AquaFishRecovery-v0"
 LIKE = "CMA-ES, fins"  # the entry that is evolved
-Tell = Callable[[str, float], None]
 
 
 def oracle(tier: str, episode: int, shorter: int, tell: Tell) -> float:
@@ -38,7 +34,8 @@ def oracle(tier: str, episode: int, shorter: int, tell: Tell) -> float:
     left_gain, right, caudal = left["servo_gain"].tolist()
     world = WorldConfig(servo_gain=(left_gain, right, caudal))
     whole = _whole(shorter)
-    gaits = [whole, *(_evolve(left["morphology"], world, s, episode, shorter, tell) for s in hears)]
+    configs = [replace(_like(), seed=episode, senses=senses) for senses in hears]
+    gaits = [whole, *(evolved(c, shorter, tell, left["morphology"], world) for c in configs)]
     return max(
         play_one(NAME, tier, partial(_crew, whole), partial(_crew, gait), episode) for gait in gaits
     )
@@ -51,22 +48,10 @@ def _crew(gait: Controller, fins: NDArray[np.float64]) -> Crew:
 @cache
 def _whole(shorter: int) -> Controller:
     """Return the gait that all episodes begin with."""
-    return _evolve(None, WorldConfig(), ("imu", "clock", "fins"), 0, shorter, lambda *_: None)
+    return evolved(replace(_like(), seed=0), shorter, lambda *_: None)
 
 
-def _evolve(
-    body: MorphologiesLike,
-    world: WorldConfig,
-    senses: tuple[Sense, ...],
-    seed: int,
-    shorter: int,
-    tell: Tell,
-) -> Controller:
-    like = ENTRIES[LIKE].config
-    assert isinstance(like, EvolveConfig)
-    config = replace(like, seed=seed, threads=1, senses=senses, **briefer(like, shorter))
-
-    def evolving(row: Generation) -> None:
-        tell(f"final {row.final:.1f}", (row.generation + 1) / config.plan.rows)
-
-    return evolve_gait(body, config, world=world, on_generation=evolving).controller
+def _like() -> EvolveConfig:
+    config = ENTRIES[LIKE].config
+    assert isinstance(config, EvolveConfig)
+    return config

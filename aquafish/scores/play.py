@@ -91,12 +91,11 @@ def play_one(
 
 
 def what_is_left(name: str, tier: str, episode: int) -> dict[str, NDArray[np.float64]]:
-    """Return the truth about a robot at the end of an episode, as ``info`` has it."""
+    """Return the truth about a robot once something is broken, as ``info`` has it."""
     kwargs: dict[str, Any] = {**IDS[name], "damage": damage_of(name, tier)}
     envs = AquaFishVectorEnv(1, threads=1, **kwargs)
-    envs.reset(seed=FIRST_SEED + episode)
-    info: dict[str, Any] = {}
-    for _ in range(_steps(name, envs)):
+    _, info = envs.reset(seed=FIRST_SEED + episode)
+    while not info["faults"][0]:
         *_, info = envs.step(np.zeros((1, 3), np.float32))
     kept = ("morphology", "servo_gain", "sensor_noise", "sensor_bias", "sensor_lost")
     return {key: info[key][0] for key in kept}

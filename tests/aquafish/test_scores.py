@@ -80,7 +80,7 @@ def test_interquartile_means_have_intervals() -> None:
     assert middle == pytest.approx(3.0, abs=0.2)
     assert iqm([[5.0] * 4])[1:] == (5.0, 5.0)
     assert share([[1.0, 2.0], [3.0, 6.0]], [4.0, 4.0]) == "75%"
-    assert share([[1.0]], [0.5]) == ""
+    assert share([[1.0]], [0.5]) == "-"
 
 
 def test_a_learned_controller_can_be_made() -> None:
