@@ -207,20 +207,14 @@ class JointInference(Rounds):
 
     def _conclude(self) -> JointBelief:
         """Fit every hypothesis that is worth it, and weigh them."""
-        settings = self.result.config.joint
         plain = self._fit(AS_COMMANDED)
-        doubted = not self._judged(plain).good or self._part_is_absent(plain)
-        fitted = [(AS_COMMANDED, plain)]
-        if settings.alternatives == "always" or (settings.alternatives == "doubt" and doubted):
-            likely = (h for h in self._joint.hypotheses if h.name not in self._dropped)
-            fitted += [(hypothesis, self._fit(hypothesis)) for hypothesis in likely]
+        alone = posterior_of(plain, plain)
+        likely = self._likely(plain, alone)
+        fitted = [(AS_COMMANDED, plain), *((h, self._fit(h)) for h in likely)]
         best = min((optima for _, optima in fitted), key=lambda optima: optima.sigma)
-        sigma = settings.noise or best.sigma
-        residuals = best.residuals()
-        share = effective_count(residuals) / residuals.size
         fits = []
         for hypothesis, optima in fitted:
-            posterior = posterior_of(optima, sigma, share)
+            posterior = alone if optima is best is plain else posterior_of(optima, best)
             evidence = posterior.log_evidence + prior_constant(optima.parameters)
             fits.append((hypothesis, optima.parameters, posterior, evidence))
         most = max(evidence for *_, evidence in fits)
@@ -228,8 +222,19 @@ class JointInference(Rounds):
         self._dropped -= {AS_COMMANDED.name}
         branches = weigh(fits)
         judged = self._judged(self._optima[branches[0].hypothesis.name])
-        count = 0 if settings.noise else residuals.size
-        return JointBelief(branches, judged, sigma, count)
+        count = 0 if self.result.config.joint.noise else self._observed.signal.size
+        return JointBelief(branches, judged, best.sigma, count)
+
+    def _likely(self, plain: Optima, alone: Posterior) -> list[Hypothesis]:
+        """Return the other hypotheses to weigh, given the best fits as commanded."""
+        when = self.result.config.joint.alternatives
+        if when == "never":
+            return []
+        names = {h.name for h in self._joint.hypotheses} - self._dropped
+        if when == "doubt" and self._judged(plain).good and not self._may_be_absent(plain, alone):
+            # What was probable is weighed on: a small fin explains a missing one nearly as well.
+            names &= {b.hypothesis.name for b in self._belief.branches} if self._belief else set()
+        return [h for h in self._joint.hypotheses if h.name in names]
 
     def _fit(self, hypothesis: Hypothesis) -> Optima:
         """Fit all trials under a hypothesis, also from what the trials before have taught."""
@@ -249,6 +254,9 @@ class JointInference(Rounds):
             for trial in range(earlier.parameters.trials, len(self._observed)):
                 entries = parameters.own_entries(trial)
                 known[:, entries] = posed[:, entries]
+        if hypothesis is not AS_COMMANDED:  # without a fin that does nothing all is as it was
+            as_commanded = _carried_over(self._optima[AS_COMMANDED.name], parameters)
+            known = as_commanded if known is None else np.concatenate([known, as_commanded])
         found = search(
             parameters,
             self._observed,
@@ -267,14 +275,11 @@ class JointInference(Rounds):
             optima.residuals(), len(optima.parameters), self.result.config.joint.noise
         )
 
-    def _part_is_absent(self, optima: Optima) -> bool:
-        """Return whether a part of the best body has next to no area, as if it did nothing."""
-        sides = (
-            optima.theta[0, part.indices[side]]
-            for part in groups(self._joint)
-            for side in part.area or ()
-        )
-        return min(sides, default=1.0) < ABSENT
+    def _may_be_absent(self, plain: Optima, alone: Posterior) -> bool:
+        """Return whether a part may have next to no area, as if it did nothing."""
+        sides = [part.indices[side] for part in groups(self._joint) for side in part.area or ()]
+        low, _ = alone.interval(0.9)
+        return bool(sides) and min(plain.theta[0, sides].min(), low[sides].min()) < ABSENT
 
     def _model_fitness(self, best: Optima) -> float:
         """Return the MOD_FIT (Eq. 3) of the best fit, its angles and nuisances included."""
@@ -298,13 +303,14 @@ class JointInference(Rounds):
         return enough(self._belief, self._problem.models, settings, self._utility)
 
 
-def posterior_of(optima: Optima, sigma: float, share: float = 1.0) -> Posterior:
-    """Return the posterior that optima mean at a noise of ``sigma``.
+def posterior_of(optima: Optima, best: Optima) -> Posterior:
+    """Return the posterior that optima mean at the noise that the best of all fits leaves.
 
-    ``share`` of the samples count where their residuals hang together.
+    Where its residuals hang together, only a share of the samples counts.
     """
+    residuals = best.residuals()
+    weight = effective_count(residuals) / residuals.size / best.sigma**2
     parameters, linear = optima.parameters, optima.linear()
-    weight = share / sigma**2
     away = optima.theta - parameters.prior_mean
     modes = tuple(
         Mode(

@@ -46,7 +46,7 @@ def posteriors():
         robot.perform(fast_command(joint.problem.actions, np.empty((0, 3)), rng))
         truth = truth_of(parameters, robot)
         optima = search(parameters, robot.observed, rng, NEARLY_NONE, truth[None])
-        found.append((posterior_of(optima, optima.sigma), truth))
+        found.append((posterior_of(optima, optima), truth))
     return found
 
 

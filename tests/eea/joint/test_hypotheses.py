@@ -1,0 +1,63 @@
+"""Which hypotheses are weighed, and when."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from eea.core.replay import RecordedLog
+from eea.joint import inference
+from eea.joint.belief import JointBelief
+from eea.joint.inference import JointInference
+from eea.joint.problem import AS_COMMANDED, Hypothesis, Part
+from tests.eea.joint.swing import CONFIG, SIGMA, SWING, simulate
+
+SLIPPERY = "the arm has no friction"
+ARM = Part({"arm.length": "length", "arm.friction": "friction"}, area=("length", "friction"))
+PROBLEM = replace(
+    SWING,
+    hypotheses=(*SWING.hypotheses, Hypothesis(SLIPPERY, {"arm.friction": 0.0})),
+    parts={"arm": ARM},
+)
+
+
+class Slippery:
+    """A robot of which a part does nothing."""
+
+    def __init__(self, seed: int) -> None:
+        self._rng = np.random.default_rng(seed)
+
+    def perform(self, command):
+        body, nuisances = np.array([[1.3, 0.0]]), np.array([[0.0, 1.0]])
+        felt = simulate(body, nuisances, command[None], np.array([[0.5]]))[0]
+        return RecordedLog(gyro=felt + SIGMA * self._rng.normal(size=felt.shape))
+
+
+def weighed(method: JointInference) -> set[str]:
+    belief = method.result.belief
+    assert isinstance(belief, JointBelief)
+    return {branch.hypothesis.name for branch in belief.branches}
+
+
+def test_what_was_probable_is_weighed_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sliver explains a missing part a little better than none: that is no reason to forget."""
+    method = JointInference(Slippery(2), PROBLEM, CONFIG)
+    rounds = iter(method)
+    next(rounds)
+    assert SLIPPERY in weighed(method)
+    monkeypatch.setattr(inference, "ABSENT", -1.0)  # from now on nothing seems to be absent
+    next(rounds)
+    assert SLIPPERY in weighed(method)
+    assert method.result.belief.branches[0].hypothesis.name == SLIPPERY
+
+
+def test_a_part_may_be_absent_though_the_best_has_some_of_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(inference, "ABSENT", 1e-9)
+    method = JointInference(Slippery(2), PROBLEM, CONFIG)
+    next(iter(method))
+    assert method._optima[AS_COMMANDED.name].theta[0, 1] > 1e-9
+    assert SLIPPERY in weighed(method)
