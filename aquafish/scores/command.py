@@ -92,10 +92,11 @@ def score(job: Job | OracleJob, say: Callable[[str, float], None]) -> dict[str, 
         return {"cpu_seconds": time.process_time() - began, "after": after}
     entry = ENTRIES[job.entry]
     began = time.process_time()
-    controller = entry.make(job.task, job.seed, job.shorter, say)
+    controller, curve = entry.make(job.task, job.seed, job.shorter, say)
     spent = time.process_time() - began
     return {
         "cpu_seconds": spent,
+        "curve": curve,
         "controller": None if controller is None else controller.to_dict(),
         "scores": {
             name: play(name, lambda fins: entry.player(controller, fins), job.episodes)
@@ -150,9 +151,9 @@ class Scores:
     way, then of the oracle's: of a gait evolved for the very robot that is left, in the first 20
     episodes; a dash where that way is no unit long.
 
-    Into --out go table.md, scores.png, and a file for each controller with its weights and all
-    returns. What is there is not done again: the same command goes on, and one for fewer rows shows
-    these.
+    Into --out go table.md, scores.png, and a file for each controller with its weights, its curve
+    (actions of all robots, or generations, and the score by then) and all returns. What is there is
+    not done again: the same command goes on, and one for fewer rows shows these.
     """
 
     out: Out = Path("out/scores")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,7 @@ from aquafish_gym.envs.tasks import TASKS
 from gait.baselines import BaselineConfig, Leg, train_baseline
 from gait.config import EvolveConfig, TaskName
 from gait.controller import Controller
-from gait.evolve import Generation, evolve_gait
+from gait.evolve import Evolved, Generation, evolve_gait
 from gait.task import Crew
 
 Floats = NDArray[np.float64]
@@ -59,6 +59,14 @@ class Chance:
         return self._rng.uniform(-1.0, 1.0, (len(times), 3)).astype(np.float32)
 
 
+class Made(NamedTuple):
+    """A controller, and how it came to be."""
+
+    controller: Controller | Recurrent | None = None
+    #: What it scored after so many actions of all robots if it was learned, or generations.
+    curve: Sequence[tuple[int, float]] = ()
+
+
 @dataclass(frozen=True)
 class Entry:
     """One row of the table.
@@ -80,9 +88,7 @@ class Entry:
     damage: str = "none"
     play: Callable[[], Player] = Script
 
-    def make(
-        self, task: TaskName, seed: int, shorter: int, tell: Tell
-    ) -> Controller | Recurrent | None:
+    def make(self, task: TaskName, seed: int, shorter: int, tell: Tell) -> Made:
         """Evolve or learn a controller for a task, in a ``shorter``-th of the time."""
         match self.config:
             case BaselineConfig() as config:
@@ -93,15 +99,19 @@ class Entry:
                 def learning(steps: int, legs: Sequence[Leg]) -> None:
                     tell(f"score {legs[-1].score:.1f}" if legs else "learning", steps / whole)
 
-                return train_baseline(None, config, damage=self.damage, on_step=learning).controller
+                found = train_baseline(None, config, damage=self.damage, on_step=learning)
+                return Made(found.controller, [(leg.steps, leg.score) for leg in found.curve])
             case RecurrentConfig() as config:
                 few = max(1, config.steps // shorter)
-                return learn_recurrent(replace(config, steps=few), task, seed, self.damage, tell)
+                config = replace(config, steps=few)
+                return Made(*learn_recurrent(config, task, seed, self.damage, tell))
             case EvolveConfig() as config:
                 # As many simulated seconds for a task whose episodes are longer.
                 shorter *= round(TASKS[task].seconds / TASKS["forward"].seconds)
-                return evolved(replace(config, task=task, seed=seed), shorter, tell)
-        return None
+                evolved = evolve(replace(config, task=task, seed=seed), shorter, tell)
+                curve = [(row.generation + 1, row.final) for row in evolved.history]
+                return Made(evolved.controller, curve)
+        return Made()
 
     def player(self, controller: Controller | Recurrent | None, fins: Floats) -> Player:
         """Return what acts for robots whose fins stand at angles (B, 3), rad, when they begin."""
@@ -110,13 +120,13 @@ class Entry:
         return self.play() if controller is None else Crew([controller], fins)
 
 
-def evolved(
+def evolve(
     config: EvolveConfig,
     shorter: int,
     tell: Tell,
     body: MorphologiesLike = None,
     world: WorldConfig | None = None,
-) -> Controller:
+) -> Evolved:
     """Evolve a controller in a ``shorter``-th of the time, on one thread."""
     plan = config.plan
     fewer: dict[str, Any] = {"generations": max(1, plan.generations // shorter)}
@@ -129,7 +139,7 @@ def evolved(
     def evolving(row: Generation) -> None:
         tell(f"final {row.final:.1f}", (row.generation + 1) / config.plan.rows)
 
-    return evolve_gait(body, config, world=world, on_generation=evolving).controller
+    return evolve_gait(body, config, world=world, on_generation=evolving)
 
 
 _FINS: Any = ("imu", "clock", "fins")

@@ -8,7 +8,7 @@ from functools import cache, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish.scores.entries import ENTRIES, Tell, evolved
+from aquafish.scores.entries import ENTRIES, Tell, evolve
 from aquafish.scores.play import play_one, what_is_left
 from aquafish_gym.engines.worlds import WorldConfig
 from gait.config import EvolveConfig, Sense
@@ -35,7 +35,10 @@ def oracle(tier: str, episode: int, shorter: int, tell: Tell) -> float:
     world = WorldConfig(servo_gain=(left_gain, right, caudal))
     whole = _whole(shorter)
     configs = [replace(_like(), seed=episode, senses=senses) for senses in hears]
-    gaits = [whole, *(evolved(c, shorter, tell, left["morphology"], world) for c in configs)]
+    gaits = [
+        whole,
+        *(evolve(c, shorter, tell, left["morphology"], world).controller for c in configs),
+    ]
     return max(
         play_one(NAME, tier, partial(_crew, whole), partial(_crew, gait), episode) for gait in gaits
     )
@@ -48,7 +51,7 @@ def _crew(gait: Controller, fins: NDArray[np.float64]) -> Crew:
 @cache
 def _whole(shorter: int) -> Controller:
     """Return the gait that all episodes begin with."""
-    return evolved(replace(_like(), seed=0), shorter, lambda *_: None)
+    return evolve(replace(_like(), seed=0), shorter, lambda *_: None).controller
 
 
 def _like() -> EvolveConfig:

@@ -109,8 +109,14 @@ def learn_recurrent(
     seed: int,
     damage: str,
     tell: Callable[[str, float], None],
-) -> Recurrent:
+) -> tuple[Recurrent, list[tuple[int, float]]]:
     """Learn a policy for a task, while ``damage`` strikes.
+
+    Returns
+    -------
+    tuple
+        The policy, and after how many actions the robots had earned how much in their last whole
+        episodes on average: a row each time that something was learned.
 
     Raises
     ------
@@ -126,11 +132,13 @@ def learn_recurrent(
     normal = normalize(robots, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
     size = like.environments * config.horizon
     steps = -(-config.steps // size) * size
+    curve: list[tuple[int, float]] = []
 
     def callback(names: dict[str, Any], _globals: dict[str, Any]) -> bool:
-        earned = robots.earned.mean()
-        said = f"earned {earned:.1f}" if np.isfinite(earned) else "learning"
-        tell(said, names["self"].num_timesteps / steps)
+        earned, done = float(robots.earned.mean()), int(names["self"].num_timesteps)
+        if np.isfinite(earned) and done % size == 0:
+            curve.append((done, earned))
+        tell(f"earned {earned:.1f}" if np.isfinite(earned) else "learning", done / steps)
         return True
 
     with apart():
@@ -162,4 +170,4 @@ def learn_recurrent(
     weights = {name: array(value).astype(float) for name, value in found.items()}
     weights["mean"] = normal.obs_rms.mean
     weights["scale"] = np.sqrt(normal.obs_rms.var + normal.epsilon)
-    return Recurrent(like.felt, like.clock, TIMESTEP * like.interval, weights)
+    return Recurrent(like.felt, like.clock, TIMESTEP * like.interval, weights), curve

@@ -47,6 +47,7 @@ def test_a_row_is_made_once_and_the_table_has_it(
     result = read_document(made / f"{FIRST_SEED}.json", "aquafish.result/1", "out")
     assert result["controller"]["interval"] == 20
     assert set(result["scores"]["AquaFish-v0"]) == set(COLUMNS)
+    assert [generation for generation, _ in result["curve"]] == [1, 2, 3, 4]
 
 
 def test_episodes_are_the_same_for_all_and_repeat() -> None:
@@ -86,9 +87,12 @@ def test_interquartile_means_have_intervals() -> None:
 def test_a_learned_controller_can_be_made() -> None:
     pytest.importorskip("stable_baselines3")
     entry = ENTRIES["PPO, damaged, 8 frames"]
-    controller = entry.make("forward", 0, 10**6, lambda _text, _share: None)
+    controller, curve = entry.make("forward", 0, 10**6, lambda _text, _share: None)
     assert isinstance(controller, Controller)
     assert controller.memory
+    ((steps, score),) = curve
+    assert steps == 256 * 100
+    assert np.isfinite(score)
 
 
 def test_a_recurrent_policy_is_the_librarys_to_rounding() -> None:
@@ -103,9 +107,10 @@ def test_a_recurrent_policy_is_the_librarys_to_rounding() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(contrib, "RecurrentPPO", Kept)
-        made = learn_recurrent(
+        made, curve = learn_recurrent(
             RecurrentConfig(steps=1, horizon=4, epochs=1), "waypoint", 0, "none", lambda *_: None
         )
+    assert curve == []  # no episode has ended
     model, rng = kept["model"], np.random.default_rng(0)
     fins = rng.uniform(-3.0, 3.0, (2, 3))
     player, turned, state, first = made.player(fins), fins, None, np.ones(2, np.bool_)
