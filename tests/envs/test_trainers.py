@@ -227,6 +227,25 @@ def test_a_minari_dataset(tmp_path: pathlib.Path) -> None:
     assert "name must be a new one" in again.stderr
 
 
+def test_the_dataset_that_is_here_can_be_swum_again() -> None:
+    """What the environment answers to its actions is what it says, in every episode."""
+    minari = pytest.importorskip("minari")
+    folder = pathlib.Path(__file__).parents[2] / "docs" / "results" / "minari"
+    dataset = minari.load_dataset(str(folder / "aquafish" / "damaged-v0"))
+    env = dataset.recover_environment()
+    assert dataset.total_episodes == 10
+    for seed, episode in enumerate(dataset.iterate_episodes()):
+        seen, info = env.reset(seed=seed)
+        rows, earned = [seen], []
+        for action in episode.actions:
+            seen, reward, *_, info = env.step(action)
+            rows.append(seen)
+            earned.append(reward)
+        np.testing.assert_allclose(rows, episode.observations, rtol=1e-4, atol=1e-4)
+        np.testing.assert_allclose(earned, episode.rewards, rtol=1e-4, atol=1e-4)
+        assert info["faults"] == episode.infos["faults"][-1] > 0
+
+
 def test_without_minari_the_remedy_is_said(tmp_path: pathlib.Path) -> None:
     example = pathlib.Path(__file__).parents[2] / "examples" / "minari_dataset.py"
     code = (
