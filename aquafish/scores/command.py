@@ -18,7 +18,7 @@ from scipy.stats import trim_mean
 
 from aquafish.batch import do_table
 from aquafish.scores.entries import ENTRIES
-from aquafish.scores.figure import scores_figure
+from aquafish.scores.figure import curves_figure, scores_figure
 from aquafish.scores.oracle import LIKE, oracle
 from aquafish.scores.oracle import NAME as RECOVERY
 from aquafish.scores.play import COLUMNS, EPISODES, play
@@ -39,7 +39,7 @@ ORACLE_EPISODES = 20  # the first ones of those that all others play
 FIRST_SEED = 100  # of the replicates: everything was tried and tuned on lower ones
 RESAMPLES = 1000
 ROWS = (*ENTRIES, ORACLE)
-PICTURE = "scores.png"
+PICTURE, CURVES = "scores.png", "curves.png"
 Interval = tuple[float, float, float]  # a mean, and the ends of its interval
 
 
@@ -151,9 +151,10 @@ class Scores:
     way, then of the oracle's: of a gait evolved for the very robot that is left, in the first 20
     episodes; a dash where that way is no unit long.
 
-    Into --out go table.md, scores.png, and a file for each controller with its weights, its curve
-    (actions of all robots, or generations, and the score by then) and all returns. What is there is
-    not done again: the same command goes on, and one for fewer rows shows these.
+    Into --out go table.md, scores.png, curves.png, and a file for each controller with its weights,
+    its curve and all returns. A curve has the actions of all robots so far and what they earned
+    while they learned; or generations, and the best gait's score by then. What is there is not done
+    again: the same command goes on, and one for fewer rows shows these.
     """
 
     out: Out = Path("out/scores")
@@ -204,7 +205,7 @@ class Scores:
         }  # fmt: skip
         rows = do_table(
             jobs, score, self.out, "reference scores", settings,
-            lambda results: self._rows(jobs, results), self.workers, (PICTURE,),
+            lambda results: self._rows(jobs, results), self.workers, (PICTURE, CURVES),
         )  # fmt: skip
         head, *body = rows
         for name, several in groupby(body, key=lambda row: row[0]):
@@ -237,6 +238,13 @@ class Scores:
                     rows.append([name, entry, ENTRIES[entry].knows, *cells, f"{cpu:.0f}"])
         if scored:
             save_figure(scores_figure(scored), self.out / PICTURE)
+        curves: dict[tuple[str, str], list[Any]] = {
+            (task, entry): [found["curve"] for found in several]
+            for (entry, task), several in made.items()
+            if several[0].get("curve")
+        }
+        if curves:
+            save_figure(curves_figure(curves), self.out / CURVES)
         if "forward" not in self.tasks:
             return rows
         after = f"{RECOVERY}, after the onset"

@@ -63,7 +63,8 @@ class Made(NamedTuple):
     """A controller, and how it came to be."""
 
     controller: Controller | Recurrent | None = None
-    #: What it scored after so many actions of all robots if it was learned, or generations.
+    #: After so many actions of all robots, what they earned while they learned; or after so many
+    #: generations, the best gait's score. Either is the sum of the rewards times the time step.
     curve: Sequence[tuple[int, float]] = ()
 
 
@@ -100,7 +101,7 @@ class Entry:
                     tell(f"score {legs[-1].score:.1f}" if legs else "learning", steps / whole)
 
                 found = train_baseline(None, config, damage=self.damage, on_step=learning)
-                return Made(found.controller, [(leg.steps, leg.score) for leg in found.curve])
+                return Made(found.controller, [(leg.steps, leg.training) for leg in found.curve])
             case RecurrentConfig() as config:
                 few = max(1, config.steps // shorter)
                 config = replace(config, steps=few)

@@ -1,9 +1,11 @@
-"""The picture of the scores: a panel an environment, a row a controller, a mark a tier."""
+"""Pictures of the scores, and of how the controllers came to them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+import matplotlib as mpl
+import numpy as np
 from matplotlib.figure import Figure
 
 from aquafish.scores.play import COLUMNS
@@ -14,10 +16,15 @@ COLOURS = dict(zip(COLUMNS, ("#0072B2", "#009E73", "#E69F00", "#D55E00"), strict
 MARKS = dict(zip(COLUMNS, "osD^", strict=True))
 # Mean and 95% interval of a controller's returns in an environment under each tier.
 Scored = Mapping[tuple[str, str], Sequence[tuple[float, float, float]]]
+# What each of some replicates scored on the way, by task and controller: (x, score) of any x.
+Curves = Mapping[tuple[str, str], Sequence[Sequence[tuple[int, float]]]]
 
 
 def scores_figure(scored: Scored) -> Figure:
-    """Draw the interquartile mean of the returns, with its interval."""
+    """Draw the interquartile mean of the returns, with its interval.
+
+    A panel an environment, a row a controller, a mark a tier.
+    """
     environments = list(dict.fromkeys(name for name, _ in scored))
     entries = list(dict.fromkeys(entry for _, entry in scored))
     across, down = min(2, len(environments)), -(-len(environments) // 2)
@@ -41,4 +48,23 @@ def scores_figure(scored: Scored) -> Figure:
     for axes in panels.flat[len(environments) :]:
         axes.set_visible(False)
     legend_below(figure, panels.flat[0], len(COLUMNS))
+    return figure
+
+
+def curves_figure(curves: Curves) -> Figure:
+    """Draw what each replicate scored on its way: a panel a task, a colour a controller."""
+    tasks = list(dict.fromkeys(task for task, _ in curves))
+    entries = list(dict.fromkeys(entry for _, entry in curves))
+    colours = dict(zip(entries, mpl.colormaps["tab20"](np.arange(len(entries)) % 20), strict=True))
+    figure = new_figure(1.2 + 3.0 * len(tasks), 3.6)
+    for axes, task in zip(figure.subplots(1, len(tasks), squeeze=False).flat, tasks, strict=True):
+        for entry in entries:
+            for i, curve in enumerate(curves.get((task, entry), ())):
+                x, y = np.transpose(curve)
+                axes.plot(x / x[-1], y, color=colours[entry], lw=0.9, label="" if i else entry)
+        axes.set_title(task, fontsize=SMALL + 2)
+        axes.set_xlabel("share of its budget", fontsize=SMALL + 1)
+        axes.set_ylabel("score", fontsize=SMALL + 1)
+        grid(axes)
+    legend_below(figure, figure.axes[0], 5)
     return figure

@@ -35,7 +35,8 @@ def test_a_row_is_made_once_and_the_table_has_it(
         for name in ("AquaFish-v0", "AquaFishRecovery-v0", "AquaFishRecovery-v0, after the onset")
         for entry in ("zero", "CPG")
     ]
-    assert (tmp_path / "scores.png").stat().st_size > 10_000
+    for picture in ("scores.png", "curves.png"):
+        assert (tmp_path / picture).stat().st_size > 10_000
     made = tmp_path / "runs" / "forward" / "CPG"
     assert sorted(file.name for file in made.iterdir()) == [
         f"{FIRST_SEED}.json", f"{FIRST_SEED + 1}.json"
@@ -90,9 +91,9 @@ def test_a_learned_controller_can_be_made() -> None:
     controller, curve = entry.make("forward", 0, 10**6, lambda _text, _share: None)
     assert isinstance(controller, Controller)
     assert controller.memory
-    ((steps, score),) = curve
+    ((steps, earned),) = curve
     assert steps == 256 * 100
-    assert np.isfinite(score)
+    assert np.isfinite(earned)
 
 
 def test_a_recurrent_policy_is_the_librarys_to_rounding() -> None:
