@@ -43,6 +43,7 @@ def test_the_fins_are_where_they_are_believed_to_be(gain: float) -> None:
     assert np.sqrt(np.mean(np.square(errors))) == pytest.approx(1.0, abs=0.6)
 
 
+@pytest.mark.slow  # every hypothesis is fitted
 def test_a_fin_that_is_stuck_stays_where_it_was() -> None:
     target = EngineTarget(
         None, None, np.random.default_rng(5), engine="numba", gap=RealityGap(seized="left_pectoral")
