@@ -49,23 +49,28 @@ VELOCITY, SPIN = CURRENT, slice(14, 17)
 # reversed turns the other way; weak is at any share of its speed, either way.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     *(
-        Hypothesis(f"the {word} is missing", {d.name: 0.0 for d in DIMENSIONS if d.fin == fin})
+        Hypothesis(
+            f"the {word} is missing",
+            {d.name: 0.0 for d in DIMENSIONS if d.fin == fin},
+            part=word,
+        )
         for fin, word in FIN_WORDS.items()
     ),
     *(
-        Hypothesis(f"the servo of the {word} is seized", {_SERVO[fin]: 0.0}, (fin,))
+        Hypothesis(f"the servo of the {word} is seized", {_SERVO[fin]: 0.0}, (fin,), part=word)
         for fin, word in FIN_WORDS.items()
     ),
     *(
-        Hypothesis(f"the servo of the {word} is dead", {_SERVO[fin]: 0.0})
+        Hypothesis(f"the servo of the {word} is dead", {_SERVO[fin]: 0.0}, part=word)
         for fin, word in FIN_WORDS.items()
     ),
     *(
-        Hypothesis(f"the servo of the {FIN_WORDS[fin]} is reversed", {_SERVO[fin]: -1.0})
-        for fin in ("left_pectoral", "right_pectoral")
+        Hypothesis(f"the servo of the {word} is reversed", {_SERVO[fin]: -1.0}, part=word)
+        for fin, word in FIN_WORDS.items()
+        if fin != "caudal"
     ),
     *(
-        Hypothesis(f"the servo of the {word} is weak", freed=(_SERVO[fin],))
+        Hypothesis(f"the servo of the {word} is weak", freed=(_SERVO[fin],), part=word)
         for fin, word in FIN_WORDS.items()
     ),
     Hypothesis("the water also resists acceleration", {"reactive water": 1.0}),

@@ -136,7 +136,11 @@ def _joint(header: Mapping[str, Any]) -> JointProblem:
     ]
     hypotheses = [
         Hypothesis(
-            row["name"], row["fixed"], tuple(row["shared_angles"]), tuple(row.get("freed", ()))
+            row["name"],
+            row["fixed"],
+            tuple(row["shared_angles"]),
+            tuple(row.get("freed", ())),
+            row.get("part", ""),
         )
         for row in header["hypotheses"]
     ]

@@ -231,16 +231,16 @@ class JointInference(Rounds):
         if when == "never":
             return []
         names = {h.name for h in self._joint.hypotheses} - self._dropped
-        if when == "doubt" and self._judged(plain).good and not self._may_be_absent(plain, alone):
+        if when == "doubt" and self._judged(plain).good:
             # What was probable is weighed on: a small fin explains a missing one nearly as well.
-            names &= {b.hypothesis.name for b in self._belief.branches} if self._belief else set()
+            probable = {b.hypothesis.name for b in self._belief.branches} if self._belief else set()
+            absent = self._perhaps_absent(plain, alone)
+            names &= probable | {h.name for h in self._joint.hypotheses if h.part in absent}
         return [h for h in self._joint.hypotheses if h.name in names]
 
     def _fit(self, hypothesis: Hypothesis) -> Optima:
         """Fit all trials under a hypothesis, also from what the trials before have taught."""
         settings, rng = self.result.config.joint, self._rngs["estimation"]
-        if hypothesis is not AS_COMMANDED:  # most of them are wrong, and each takes its time
-            settings = halved(settings)
         parameters = Parameters.of(
             self._joint, len(self._observed), self._groups, hypothesis, settings.per_trial
         )
@@ -254,9 +254,12 @@ class JointInference(Rounds):
             for trial in range(earlier.parameters.trials, len(self._observed)):
                 entries = parameters.own_entries(trial)
                 known[:, entries] = posed[:, entries]
-        if hypothesis is not AS_COMMANDED:  # without a fin that does nothing all is as it was
+        if hypothesis is not AS_COMMANDED:
+            # Without a fin that does nothing all else is as it was.
             as_commanded = _carried_over(self._optima[AS_COMMANDED.name], parameters)
             known = as_commanded if known is None else np.concatenate([known, as_commanded])
+            if earlier is not None:  # most of them are wrong, and each takes its time
+                settings = halved(settings)
         found = search(
             parameters,
             self._observed,
@@ -275,11 +278,14 @@ class JointInference(Rounds):
             optima.residuals(), len(optima.parameters), self.result.config.joint.noise
         )
 
-    def _may_be_absent(self, plain: Optima, alone: Posterior) -> bool:
-        """Return whether a part may have next to no area, as if it did nothing."""
-        sides = [part.indices[side] for part in groups(self._joint) for side in part.area or ()]
-        low, _ = alone.interval(0.9)
-        return bool(sides) and min(plain.theta[0, sides].min(), low[sides].min()) < ABSENT
+    def _perhaps_absent(self, plain: Optima, alone: Posterior) -> set[str]:
+        """Return the names of parts that may have next to no area, as if they did nothing."""
+        least = np.minimum(plain.theta[0], alone.interval(0.9)[0])
+        return {
+            name
+            for name, part in zip(self._joint.parts, groups(self._joint), strict=True)
+            if part.area and least[[part.indices[side] for side in part.area]].min() < ABSENT
+        }
 
     def _model_fitness(self, best: Optima) -> float:
         """Return the MOD_FIT (Eq. 3) of the best fit, its angles and nuisances included."""

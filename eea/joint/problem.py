@@ -93,6 +93,7 @@ class Hypothesis:
     shared_angles: tuple[str, ...] = ()
     #: Switches that are then inferred, with the prior that they have.
     freed: tuple[str, ...] = ()
+    part: str = ""  #: The name of the part that it is about, if it is about one.
 
 
 @dataclass(frozen=True)
@@ -178,6 +179,8 @@ class JointProblem:
                 choice(f"what is freed in {hypothesis.name!r}", name, switches)
             for name in hypothesis.shared_angles:
                 choice(f"an angle of {hypothesis.name!r}", name, self.problem.hidden)
+            if hypothesis.part:
+                choice(f"the part of {hypothesis.name!r}", hypothesis.part, self.parts)
         for name, part in self.parts.items():
             for dimension in part.dimensions:
                 choice(f"a dimension of {name!r}", dimension, self.problem.models.names)

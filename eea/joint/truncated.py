@@ -189,6 +189,7 @@ class BoxNormal:
         def slope(y: Floats) -> tuple[Floats, Floats]:
             z, tilt, left, right = ends(y)
             log = log_mass(left, right) + 0.5 * np.log(2.0 * np.pi)
+            # So far out that walls a rounding apart are one, the densities there are no numbers.
             at_left, at_right = np.exp(-0.5 * left**2 - log), np.exp(-0.5 * right**2 - log)
             pull = at_left - at_right
             bend = left * at_left - right * at_right - pull**2
@@ -203,20 +204,22 @@ class BoxNormal:
         # convex in the tilt), so that its norm falls along every Newton step.
         z = solve_triangular(self._lower, (at - self._centre)[self._order], lower=True)
         y = np.append(z[some], np.zeros(size - 1))
-        value, jacobian = slope(y)
-        for _ in range(STEPS):
-            if np.abs(value).max(initial=0.0) < 1e-9:
-                break
-            move, damping = np.linalg.solve(jacobian, -value), 1.0
-            there = slope(y + move)
-            while there[0] @ there[0] > value @ value and damping > 1e-3:
-                damping *= 0.5
-                there = slope(y + damping * move)
-            y, (value, jacobian) = y + damping * move, there
+        with np.errstate(over="ignore", invalid="ignore"):
+            value, jacobian = slope(y)
+            for _ in range(STEPS):
+                far = np.abs(value).max(initial=0.0)
+                if far < 1e-9 or not np.isfinite(jacobian).all():
+                    break
+                move, damping = np.linalg.solve(jacobian, -value), 1.0
+                there = slope(y + move)
+                while not there[0] @ there[0] <= value @ value and damping > 1e-3:
+                    damping *= 0.5
+                    there = slope(y + damping * move)
+                y, (value, jacobian) = y + damping * move, there
         z, tilt, left, right = ends(y)
         reach = lower @ z
         inside = (reach >= low - 1e-9) & (reach <= high + 1e-9)
-        if np.abs(value).max(initial=0.0) > 1e-6 or not inside.all():
+        if not np.abs(value).max(initial=0.0) <= 1e-6 or not inside.all():
             return np.zeros(size), -np.inf
         return tilt, float((log_mass(left, right) + 0.5 * tilt**2 - z * tilt).sum())
 

@@ -18,7 +18,7 @@ SLIPPERY = "the arm has no friction"
 ARM = Part({"arm.length": "length", "arm.friction": "friction"}, area=("length", "friction"))
 PROBLEM = replace(
     SWING,
-    hypotheses=(*SWING.hypotheses, Hypothesis(SLIPPERY, {"arm.friction": 0.0})),
+    hypotheses=(*SWING.hypotheses, Hypothesis(SLIPPERY, {"arm.friction": 0.0}, part="arm")),
     parts={"arm": ARM},
 )
 

@@ -131,3 +131,13 @@ def test_the_same_seed_gives_the_same_points():
 def test_a_point_outside_is_refused():
     with pytest.raises(ConfigurationError, match="at must be from low to high"):
         unit_box(np.eye(2), np.array([0.5, 1.5]))
+
+
+def test_walls_that_are_a_rounding_apart() -> None:
+    """In sd of what is known, where that lies across the axes and nothing else is known."""
+    for seed in range(20):
+        at = np.random.default_rng(seed).random(3)
+        box = unit_box(rotated([3e-11, 1.0, 1.0], seed), at)
+        drawn = box.sample(50, np.random.default_rng(1))
+        assert np.isfinite(box.log_volume)
+        assert ((drawn >= 0.0) & (drawn <= 1.0)).all()
