@@ -22,6 +22,7 @@ from aquafish_gym.utils.command_line import run_command_line, single_command
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.inference.cases import Case, measure, source_stamp
 from tests.inference.plots import save_pictures
+from tests.inference.rehearsal import rehearse
 from tests.inference.settings import SETTINGS
 from tests.inference.summary import summarise
 from tests.inference.swims import SWIMS, summarise_swims
@@ -122,15 +123,11 @@ class Inference:
         if not missing:
             return
         with workers(self.workers) as executor, _progress(missing) as tell:
-            executor.submit(measure, missing[0], _unheard).result()  # what compiles is not timed
+            executor.submit(rehearse, missing[0]).result()
             failures = run_jobs(missing, measure, folder, executor, tell)
         if failures:
             print("\n".join(f"failed: {failure}" for failure in failures), file=sys.stderr)
             raise SystemExit(1)
-
-
-def _unheard(_text: str, _share: float) -> None:
-    """Tell nobody."""
 
 
 def _read(folder: Path, case: Case) -> dict[str, Any]:
