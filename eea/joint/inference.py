@@ -26,10 +26,10 @@ from eea.joint.belief import JointBelief, groups, weigh
 from eea.joint.fitting import Observed
 from eea.joint.goodness import Goodness, effective_count, goodness_of_fit
 from eea.joint.next_trial import enough, next_command
-from eea.joint.parameters import Parameters
+from eea.joint.parameters import SURE, Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
-from eea.joint.search import Optima, halved, search
+from eea.joint.search import Optima, halved, improved, search
 from eea.joint.starts import pose
 
 FEWEST_STEPS = 32
@@ -210,7 +210,13 @@ class JointInference(Rounds):
         plain = self._fit(AS_COMMANDED)
         alone = posterior_of(plain, plain)
         likely = self._likely(plain, alone)
-        fitted = [(AS_COMMANDED, plain), *((h, self._fit(h)) for h in likely)]
+        others = [(h, self._fit(h)) for h in likely]
+        lowest = min((o for _, o in others), key=lambda o: o.squares[0], default=plain)
+        if lowest.squares[0] < plain.squares[0]:  # was it the hypothesis, or a better search?
+            again = _carried_over(lowest, plain.parameters)[:1]
+            plain = improved(plain, again, self.result.config.joint.noise)
+            self._optima[AS_COMMANDED.name], alone = plain, posterior_of(plain, plain)
+        fitted = [(AS_COMMANDED, plain), *others]
         best = min((optima for _, optima in fitted), key=lambda optima: optima.sigma)
         fits = []
         for hypothesis, optima in fitted:
@@ -341,10 +347,16 @@ def prior_constant(parameters: Parameters) -> float:
 
 
 def _carried_over(earlier: Optima, parameters: Parameters) -> Floats:
-    """Return what was found of fewer trials, as vectors (K, P) of more."""
+    """Return what was found of fewer trials or another hypothesis, as vectors (K, P).
+
+    What a hypothesis fixes stays so. An angle that all trials share is that of the first, and
+    where each has its own, each begins with the one that was shared.
+    """
     theta: Floats = np.tile(parameters.prior_mean, (len(earlier.theta), 1))
     column = {name: i for i, name in enumerate(earlier.parameters.names)}
     for i, name in enumerate(parameters.names):
-        if name in column:
-            theta[:, i] = earlier.theta[:, column[name]]
+        sources = (name, name.partition("@")[0], f"{name}@1")
+        source = next((column[source] for source in sources if source in column), None)
+        if source is not None and parameters.prior_precision[i] < SURE:
+            theta[:, i] = earlier.theta[:, source]
     return theta

@@ -91,6 +91,14 @@ def search(
     return best
 
 
+def improved(optima: Optima, starts: Floats, noise: float | None) -> Optima:
+    """Return optima together with those that descents from vectors (S, P) end in."""
+    parameters, observed = optima.parameters, optima.observed
+    ended = descend(Misfit(parameters, observed, FINE), starts, optima.sigma, 40, 1e-6)
+    known = Fitted(optima.theta, optima.squares, optima.cost)
+    return _optima(parameters, observed, _together(known, ended), noise)
+
+
 def halved(effort: JointConfig) -> JointConfig:
     """Return settings for a search of half the effort."""
     return replace(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from eea.core.replay import RecordedLog
 from eea.joint import inference
 from eea.joint.belief import JointBelief
 from eea.joint.inference import JointInference
+from eea.joint.parameters import SURE, Parameters
 from eea.joint.problem import AS_COMMANDED, Hypothesis, Part
+from eea.joint.search import Optima, search
 from tests.eea.joint.swing import CONFIG, SIGMA, SWING, simulate
 
 SLIPPERY = "the arm has no friction"
@@ -61,3 +64,22 @@ def test_a_part_may_be_absent_though_the_best_has_some_of_it(
     next(iter(method))
     assert method._optima[AS_COMMANDED.name].theta[0, 1] > 1e-9
     assert SLIPPERY in weighed(method)
+
+
+def test_what_another_hypothesis_found_is_tried_as_commanded_too(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Or a better search would pass for evidence."""
+
+    def worse(parameters: Parameters, *args: Any) -> Optima:
+        found = search(parameters, *args)
+        if parameters.prior_precision[1] == SURE:  # the arm has no friction
+            return found
+        missed = np.where(np.arange(len(parameters)) == 0, 0.1, found.theta[:1])
+        return replace(found, theta=missed, squares=np.array([1e3]), cost=np.array([1e6]))
+
+    monkeypatch.setattr(inference, "search", worse)
+    method = JointInference(Slippery(2), PROBLEM, CONFIG)
+    next(iter(method))
+    assert method._optima[SLIPPERY].theta[0, 0] == pytest.approx(0.65, abs=0.01)
+    assert method._optima[AS_COMMANDED.name].theta[0, 0] == pytest.approx(0.65, abs=0.01)
