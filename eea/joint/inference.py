@@ -281,7 +281,7 @@ class JointInference(Rounds):
 
     def _judged(self, optima: Optima) -> Goodness:
         return goodness_of_fit(
-            optima.residuals(), len(optima.parameters), self.result.config.joint.noise
+            optima.residuals, len(optima.parameters), self.result.config.joint.noise
         )
 
     def _perhaps_absent(self, plain: Optima, alone: Posterior) -> set[str]:
@@ -297,7 +297,7 @@ class JointInference(Rounds):
         """Return the MOD_FIT (Eq. 3) of the best fit, its angles and nuisances included."""
         config = self.result.config
         simulated = summarize(
-            RecordedLog(gyro=self._observed.signal + best.residuals()), config.behavior
+            RecordedLog(gyro=self._observed.signal + best.residuals), config.behavior
         )
         observed = summarize(RecordedLog(gyro=self._observed.signal), config.behavior)
         return float(model_fitness(similarity(simulated, observed, config.behavior)))
@@ -320,7 +320,7 @@ def posterior_of(optima: Optima, best: Optima) -> Posterior:
 
     Where its residuals hang together, only a share of the samples counts.
     """
-    residuals = best.residuals()
+    residuals = best.residuals
     weight = effective_count(residuals) / residuals.size / best.sigma**2
     parameters, linear = optima.parameters, optima.linear()
     away = optima.theta - parameters.prior_mean

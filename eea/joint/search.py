@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +45,9 @@ class Optima:
         """Return the misfit near each of them."""
         return Misfit(self.parameters, self.observed, FINE).linearise(self.theta)
 
+    @cached_property
     def residuals(self) -> Floats:
-        """Return simulated less observed (E, T, axes) of the best."""
+        """Simulated less observed (E, T, axes) of the best."""
         flat = Misfit(self.parameters, self.observed, FINE).residuals(self.theta[:1])[0]
         trials, samples, axes = self.observed.signal.shape
         residuals: Floats = flat.reshape(trials, axes, samples).swapaxes(1, 2)
