@@ -43,7 +43,9 @@ def inputs(
     waves = np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(times), -1)
     gyro = np.clip(observations[:, 6:9] / GYRO_SCALE, -1.0, 1.0)
     imu = [observations[:, :6], gyro] if senses.imu else []
-    goal = [np.clip(observations[:, -3:] / GOAL_SCALE, -1.0, 1.0)] if senses.goal else []
+    way = observations[:, -3:]
+    shrink = np.sqrt(np.square(way).sum(axis=1, keepdims=True) + GOAL_SCALE**2)
+    goal = [way / shrink] if senses.goal else []
     return np.hstack([*imu, waves, *goal], dtype=np.float32, casting="same_kind")
 
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 GAMMA = 0.99
 MOST_BATCH = 1600
+HORIZON = 1000  # steps of 0.01 s from which PPO learns at a time, at least
 _STATISTICS = ("mean", "var", "count")
 
 
@@ -162,7 +163,7 @@ class Learner:
                 policy_kwargs={"net_arch": list(config.hidden), "activation_fn": torch.nn.Tanh},
                 device="cpu",
                 seed=seed,
-                **self._settings(config.leg // config.environments),
+                **self._settings(config.leg // config.environments, config.interval),
             )
         self.model.set_logger(logger.Logger(None, []))
         if config.algorithm == "PPO":
@@ -175,14 +176,20 @@ class Learner:
                     "exp_avg_sq": torch.zeros_like(parameter),
                 }
 
-    def _settings(self, episode: int) -> dict[str, Any]:
+    def _settings(self, episode: int, interval: int) -> dict[str, Any]:
         if self.algorithm == "PPO":
-            # From half an episode each time more is learned than from a whole one.
-            steps = episode // 2 if episode % 2 == 0 else episode
+            # From ten seconds each time more is learned than from a whole episode.
+            parts = [n for n in range(1, episode) if episode % n == 0 and n * interval >= HORIZON]
+            steps = min(parts, default=episode)
             size = self.steps // episode * steps
             batch = max(n for n in range(1, MOST_BATCH + 1) if size % n == 0)
             return {"n_steps": steps, "batch_size": batch, "n_epochs": 6, "learning_rate": 1e-3}
-        found = {"learning_starts": self.steps, "gradient_steps": 8, "batch_size": 512}
+        found = {
+            "learning_starts": self.steps,
+            "gradient_steps": 8,
+            "batch_size": 512,
+            "learning_rate": 1e-3,
+        }
         if self.algorithm == "TD3":  # which explores by this alone
             noise = load("stable_baselines3.common.noise").NormalActionNoise
             found["action_noise"] = noise(np.zeros(3), np.full(3, 0.2))

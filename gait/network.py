@@ -3,11 +3,12 @@
 :func:`steer` is the only statement of the controllers' inputs and of their network. It runs on
 plain floats (one robot), and the lane engine compiles the same function objects into its time
 loop, where a number is a register of many robots. So nothing here branches on data, and nothing
-but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
+but ``+ - * /``, ``sqrt`` and the primitives of ``arithmetic.py`` is used.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,6 +20,7 @@ from aquafish_gym.physics.arithmetic import (
     Vector,
     fetch,
     floor,
+    fma,
     put,
     small_sine_cosine,
     where_less,
@@ -147,9 +149,13 @@ def listen_fins(values: Any, at: int, turns: int, like: Number) -> None:
 
 
 def listen_goal(values: Any, at: int, way: Vector) -> None:
-    """Put the way to a goal, units in body axes; 1 along an axis is ``GOAL_SCALE`` or more."""
+    """Put the way to a goal, units in body axes, drawn in to a length of d / sqrt(d^2 + s^2) for a
+    distance d and s = ``GOAL_SCALE``: however far it is, it tells where.
+    """
+    x, y, z = way
+    shrink = 1.0 / math.sqrt(fma(x, x, fma(y, y, fma(z, z, GOAL_SCALE * GOAL_SCALE))))
     for i in range(3):
-        put(values, at + i, clip(way[i] * (1 / GOAL_SCALE), 1.0))
+        put(values, at + i, way[i] * shrink)
 
 
 def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like: Number) -> Vector:

@@ -147,6 +147,7 @@ _FINS: Any = ("imu", "clock", "fins")
 _FEW: Any = {"interval": INTERVAL, "starts": 3, "generations": 400}
 ENTRIES: dict[str, Entry] = {
     "zero": Entry("nothing"),
+    "still": Entry("nothing", play=partial(Script, (0.0, 0.0, -1.0))),
     "random": Entry("nothing", play=Chance),
     "bang-bang": Entry("the time", play=partial(Script, (1.0, 1.0, 1.0), 0.5)),
     "tail only": Entry("nothing", play=partial(Script, (0.0, 0.0, 1.0))),
