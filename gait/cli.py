@@ -22,7 +22,6 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import SETTINGS
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.command_line import (
-    BAD_INPUT,
     RESUMES,
     BodiesFile,
     BodyDamage,
@@ -45,7 +44,6 @@ from gait.evolve import (
     damaged_at_random,
     evolve_gait,
 )
-from gait.learner import MissingExtraError
 from gait.records import CONTROLLER_FILE, HISTORY_FILE, Generation, finished_generations
 from gait.transfer import TransferConfig, transfer
 
@@ -337,6 +335,4 @@ def _plot(out: Path, history: Sequence[Generation]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    return run_command_line(
-        "gait", subcommands(COMMANDS), arguments, (*BAD_INPUT, MissingExtraError)
-    )
+    return run_command_line("gait", subcommands(COMMANDS), arguments)

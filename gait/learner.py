@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish_gym.utils.validation import MissingExtraError
 from gait.network import GAIN, OUTPUTS
 
 if TYPE_CHECKING:
@@ -26,10 +27,6 @@ GAMMA = 0.99
 MOST_BATCH = 1600
 HORIZON = 1000  # steps of 0.01 s from which PPO learns at a time, at least
 _STATISTICS = ("mean", "var", "count")
-
-
-class MissingExtraError(ImportError):
-    """stable-baselines3 or torch is not installed; the message says how to get them."""
 
 
 REGISTER = 1e-3  # of an input is what a node that remembers it holds: tanh is then a straight line
@@ -115,7 +112,7 @@ def load(module: str) -> Any:
         raise MissingExtraError(
             "learning needs stable-baselines3, sb3-contrib and torch, which are not all installed "
             f"here ({error}): "
-            'pip install -e ".[rl]" in a clone of the repository'
+            'pip install ".[rl]" in a clone of the repository'
         ) from None
 
 

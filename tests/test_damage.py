@@ -30,6 +30,7 @@ from aquafish_gym.damage import (
     ServoGain,
     ServoSeized,
 )
+from aquafish_gym.envs.course import course_of
 from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 
@@ -38,7 +39,7 @@ seconds = st.floats(0.0, 1e6)
 onsets = st.one_of(
     st.just(0.0), seconds, st.tuples(seconds, seconds).map(lambda two: tuple(sorted(two)))
 )
-whens = st.fixed_dictionaries({"onset": onsets, "duration": st.none() | seconds})
+whens = st.fixed_dictionaries({"onset": onsets, "duration": st.none() | st.floats(1e-3, 1e6)})
 
 
 def at_any_time(*kinds: st.SearchStrategy[Fault]) -> st.SearchStrategy[Fault]:
@@ -100,8 +101,9 @@ def test_each_size_stands_on_its_own_axis() -> None:
 def test_several_faults_join_in_any_form() -> None:
     expected = Damage((FinScaled("left_pectoral", "length", 0.5), FinMissing("caudal")))
     assert Damage.parse(" left_pectoral : length = .5 , caudal:missing") == expected
-    assert Damage.coerce(["left_pectoral:length=0.5", FinMissing("caudal")]) == expected
-    assert Damage.coerce([Damage(expected.faults[:1]), {"kind": "FinMissing", "fin": "caudal"}])
+    assert Damage.coerce(list(expected.faults)) == expected
+    assert Damage.coerce([expected.faults[0], {"kind": "FinMissing", "fin": "caudal"}]) == expected
+    assert Damage.coerce(expected.to_list()) == expected
     assert Damage.coerce(expected) is expected
     assert Damage.coerce(None) == Damage.parse("") == Damage.parse("none") == Damage()
 
@@ -139,11 +141,24 @@ def test_several_faults_join_in_any_form() -> None:
         ("caudal:length=nan", "must be finite"),
         ("caudal:length=inf", "must be finite"),
         ("caudal:missing=1", "takes no number"),
+        ("caudal:missing@4+0", "damage duration must lie in"),
+        ("caudal:Missing", "did you mean 'missing'"),
+        ("left_pectoral:shortened=0.5", "did you mean 'length=0.5'"),
+        ("caudal:oversized", "did you mean 'entangled=0.5'"),
+        ("gyro:stuck", "did you mean 'gyro_x:stuck'"),
     ],
 )
 def test_bad_text_is_refused(text: str, sentence: str) -> None:
     with pytest.raises(InvalidArgumentError, match=sentence):
         Damage.parse(text)
+
+
+@pytest.mark.parametrize(
+    "several", [["caudal:missing"], ["caudal:missing", "none"], [Damage(), Damage()]]
+)
+def test_what_may_be_several_robots_is_not_joined(several: list[object]) -> None:
+    with pytest.raises(InvalidArgumentError, match="must be one robot's, whose faults are joined"):
+        Damage.coerce(several)
 
 
 def test_a_fin_that_outgrows_its_range_is_refused() -> None:
@@ -311,21 +326,13 @@ def test_what_hangs_on_a_fin_makes_it_wider_within_its_range() -> None:
     assert effect("caudal:entangled=1").body.caudal == (0.4, 1.4, 1.0)
 
 
-@given(damages, st.floats(0.0, 2e6))
-def test_what_is_drawn_leaves_nothing_to_chance_and_has_a_time(damage: Damage, t: float) -> None:
+@given(damages)
+def test_what_is_drawn_leaves_nothing_to_chance_and_has_a_time(damage: Damage) -> None:
     drawn = damage.drawn(np.random.default_rng(0))
     assert not drawn.is_random
     assert drawn.drawn(np.random.default_rng(1)) is drawn
     assert drawn == damage.drawn(np.random.default_rng(0))
-    now = drawn.at(t)
-    held = [f for f in drawn if f.span[0] <= t < f.span[1]]
-    assert [type(fault) for fault in now] == [type(fault) for fault in held]
-    assert all(fault.span == (0.0, math.inf) for fault in now)
-    # Nothing changes between two moments.
-    moments = [0.0, *drawn.moments, math.inf]
-    assert moments == sorted(set(moments))
-    last = max(moment for moment in moments if moment <= t)
-    assert drawn.at(last) == now
+    assert all(fault.span[0] < fault.span[1] for fault in drawn)
 
 
 def test_what_is_left_to_chance_must_be_drawn() -> None:
@@ -334,7 +341,7 @@ def test_what_is_left_to_chance_must_be_drawn() -> None:
         ("caudal:dead@1-2", "its onset"),
     ):
         with pytest.raises(InvalidArgumentError, match=f"{sentence}.* draw it first"):
-            Damage.parse(text).at(0.0).effect(NOMINAL)
+            course_of(Damage.parse(text), NOMINAL, 0.05)
     with pytest.raises(InvalidArgumentError, match="draw it first"):
         Damage.parse("random:mild").apply(NOMINAL)
 

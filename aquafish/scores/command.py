@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import tyro
@@ -22,14 +22,17 @@ from aquafish.scores.figure import curves_figure, scores_figure
 from aquafish.scores.oracle import LIKE, oracle
 from aquafish.scores.oracle import NAME as RECOVERY
 from aquafish.scores.play import COLUMNS, EPISODES, play
+from aquafish.scores.recurrent import RecurrentConfig
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.utils.command_line import Out
-from aquafish_gym.utils.validation import integer, one_of
-from gait.config import TaskName
+from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from gait.baselines import BaselineConfig
+from gait.learner import load
 
 # A task that controllers are made for, and the ids that they then do.
-IDS_OF: dict[TaskName, tuple[str, ...]] = {
+MadeFor = Literal["forward", "station", "waypoint"]
+IDS_OF: dict[MadeFor, tuple[str, ...]] = {
     "forward": ("AquaFish-v0", "AquaFishRecovery-v0"),
     "station": ("AquaFishStation-v0",),
     "waypoint": ("AquaFishWaypoint-v0",),
@@ -48,10 +51,15 @@ class Job:
     """One controller: made for a task, then scored."""
 
     entry: str
-    task: TaskName
+    task: MadeFor
     seed: int
     shorter: int
     episodes: int
+
+    @property
+    def learns(self) -> bool:
+        """Whether it takes the extra ``rl``."""
+        return isinstance(ENTRIES[self.entry].config, BaselineConfig | RecurrentConfig)
 
     @property
     def name(self) -> str:
@@ -72,6 +80,7 @@ class OracleJob:
     tier: str
     episode: int
     shorter: int
+    learns: ClassVar[bool] = False
 
     @property
     def name(self) -> str:
@@ -161,8 +170,8 @@ class Scores:
     entries: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of {'; '.join(ROWS)}.")
     ] = ROWS
-    tasks: tuple[TaskName, ...] = tuple(IDS_OF)
-    """What they are made for."""
+    tasks: tuple[MadeFor, ...] = tuple(IDS_OF)
+    """What they are made for; those made for "forward" also recover."""
     seeds: int = 5
     """Replicates of what is evolved or learned, with seeds from 100 upwards."""
     episodes: int = EPISODES
@@ -175,10 +184,13 @@ class Scores:
         """Return all that is to be done."""
         for name in ("seeds", "episodes", "shorter"):
             integer(name, getattr(self, name), 1)
-        for name in self.entries:
-            one_of("entries", name, ROWS)
-        for task in self.tasks:
-            one_of("tasks", task, IDS_OF)
+        known: dict[str, Iterable[str]] = {"entries": ROWS, "tasks": IDS_OF}
+        for name, choices in known.items():
+            given = [one_of(name, one, choices) for one in getattr(self, name)]
+            if not given or len(set(given)) < len(given):
+                raise InvalidArgumentError(
+                    f"{name} must be one or more, each named once; got {', '.join(given) or 'none'}"
+                )
         jobs: list[Job | OracleJob] = [
             Job(name, task, FIRST_SEED + seed, self.shorter, self.episodes)
             for seed in range(self.seeds)
@@ -194,6 +206,8 @@ class Scores:
     def execute(self) -> None:
         """Do what is missing, print a table, and write it to table.md."""
         jobs = self.jobs()
+        if any(job.learns and not (self.out / job.file).exists() for job in jobs):
+            load("sb3_contrib")  # or say now what is missing, and not after the first rows
         entries = {
             name: {**asdict(entry.config), "damage": entry.damage}
             for name, entry in ENTRIES.items()
@@ -217,7 +231,7 @@ class Scores:
     def _rows(
         self, jobs: Sequence[Job | OracleJob], results: Sequence[dict[str, Any]]
     ) -> list[list[str]]:
-        made: dict[tuple[str, TaskName], list[dict[str, Any]]] = {}
+        made: dict[tuple[str, str], list[dict[str, Any]]] = {}
         best: dict[str, list[float]] = {tier: [] for tier in TIERS}
         spent: list[float] = []
         for job, result in zip(jobs, results, strict=True):

@@ -29,7 +29,10 @@ def damage_of(name: str, column: str) -> str:
 
 
 def play(
-    name: str, player: Callable[[Floats], Player], episodes: int = EPISODES
+    name: str,
+    player: Callable[[Floats], Player],
+    episodes: int = EPISODES,
+    observe_fins: bool | str = False,
 ) -> dict[str, dict[str, list[float]]]:
     """Return what a player comes to in an id's episodes, whole and under each tier.
 
@@ -41,6 +44,8 @@ def play(
         Makes what acts for robots whose fins stand at angles (E, 3), rad, when they begin.
     episodes
         How many, always the first ones of the same row.
+    observe_fins
+        As of the environment: what the player is shown.
 
     Returns
     -------
@@ -50,11 +55,11 @@ def play(
         then on, and ``twin`` (E,), how far it swims in that time if nothing breaks. A robot that
         diverged counts up to there.
     """
-    returns, whole, _ = _episodes(name, "none", player, episodes)
+    returns, whole, _ = _episodes(name, "none", player, episodes, observe_fins)
     found = {WHOLE: {"returns": returns.tolist()}}
     for tier in TIERS:
         damage = damage_of(name, tier)
-        returns, y, broken = _episodes(name, damage, player, episodes)
+        returns, y, broken = _episodes(name, damage, player, episodes, observe_fins)
         found[tier] = {"returns": returns.tolist()}
         if "@" in damage:
             onset = broken.argmax(axis=0), np.arange(episodes)
@@ -106,10 +111,14 @@ def _steps(name: str, envs: AquaFishVectorEnv) -> int:
 
 
 def _episodes(
-    name: str, damage: str, player: Callable[[Floats], Player], episodes: int
+    name: str,
+    damage: str,
+    player: Callable[[Floats], Player],
+    episodes: int,
+    observe_fins: bool | str,
 ) -> tuple[Floats, Floats, NDArray[np.bool_]]:
     """Return returns (E,), and where robots were before and whether broken in each step, (T, E)."""
-    kwargs: dict[str, Any] = {**IDS[name], "damage": damage}
+    kwargs: dict[str, Any] = {**IDS[name], "damage": damage, "observe_fins": observe_fins}
     envs = AquaFishVectorEnv(episodes, threads=1, **kwargs)
     seen, info = envs.reset(seed=FIRST_SEED)
     acting = player(info["fin_angles"])

@@ -24,7 +24,7 @@ from aquafish_gym.damage.fins import FinEntangled, FinMissing, FinScaled, OfSize
 from aquafish_gym.damage.sensors import ChannelBias, ChannelDropped, ChannelStuck, GyroNoise
 from aquafish_gym.damage.servos import ServoDead, ServoGain, ServoSeized
 from aquafish_gym.damage.tiers import TIERS, RandomFaults, broken_fins
-from aquafish_gym.damage.words import WORDS, Word
+from aquafish_gym.damage.words import MEANT, WORDS, Word
 from aquafish_gym.morphology import Morphology, change_in_words
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of, parse_json
 
@@ -85,7 +85,8 @@ class Damage:
         """Make one from whatever a user may mean.
 
         ``None`` is no damage; text is parsed; a fault is itself; a mapping is read as
-        ``to_list`` or ``dataclasses.asdict`` wrote it; a list or tuple joins any of these.
+        ``to_list`` or ``dataclasses.asdict`` wrote it; a list or tuple is of faults, or of such
+        mappings. One of texts or of damages is refused, as it might be of several robots.
         """
         try:
             return cls._coerce(value)
@@ -107,10 +108,22 @@ class Damage:
                 return cls._coerce(faults)
             case Mapping():
                 return cls((_fault_from_dict(value),))
-            case list() | tuple():
+            case list() | tuple() if cls.is_list_of_faults(value):
                 return cls(tuple(chain.from_iterable(map(cls._coerce, value))))
-        wanted = "text such as 'left_pectoral:length=0.5', a Damage, or a list"
+            case list() | tuple():
+                raise InvalidArgumentError(
+                    "damage must be one robot's, whose faults are joined by ';' in one text, or a "
+                    f"list of Fault; got a list of {len(value)}: {brief(value)}"
+                )
+        wanted = "text such as 'left_pectoral:length=0.5', a Damage, or a list of faults"
         raise InvalidArgumentError(f"damage must be {wanted}; got {brief(value)}")
+
+    @staticmethod
+    def is_list_of_faults(value: object) -> bool:
+        """Whether it is what one robot's faults are listed in, and no damages of several robots."""
+        return isinstance(value, list | tuple) and all(
+            isinstance(one, Fault) or (isinstance(one, Mapping) and "kind" in one) for one in value
+        )
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> Self:
@@ -142,24 +155,6 @@ class Damage:
         if not self.is_random:
             return self
         return type(self)(tuple(chain.from_iterable(f.drawn(rng) for f in self.faults)))
-
-    def at(self, seconds: float) -> Self:
-        """Return what is broken at a moment of an episode, in s, without onsets and durations.
-
-        Examples
-        --------
-        >>> damage = Damage.parse("caudal:missing@4+2")
-        >>> str(damage.at(5.0)), str(damage.at(6.0))
-        ('caudal:missing', 'none')
-        """
-        held = (fault for fault in self.faults if fault.holds(seconds))
-        return type(self)(tuple(replace(fault, onset=0.0, duration=None) for fault in held))
-
-    @property
-    def moments(self) -> list[float]:
-        """When something strikes or ends after an episode's beginning, in s, in order."""
-        ends = chain.from_iterable(fault.span for fault in self.faults)
-        return sorted({moment for moment in ends if 0.0 < moment < np.inf})
 
     def effect(self, morphology: Morphology) -> Effect:
         """Return what a robot is with every fault, one after another, whenever they strike.
@@ -277,7 +272,7 @@ def _read_fault(text: str) -> Fault:
 
 
 def _make(part: str, word: str, equals: str, digits: str) -> Fault:
-    word = one_of("damage", word.strip(), _WORDS[part])
+    word = one_of("damage", word.strip(), _WORDS[part], MEANT)
     damage, (make, takes) = f"damage {part}:{word}", _WORDS[part][word]
     if not equals:
         if takes:

@@ -13,7 +13,7 @@ import numpy as np
 from aquafish_gym.damage.effect import Effect
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 
-LONGEST = 1e6  # s
+SHORTEST, LONGEST = 1e-3, 1e6  # s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +43,7 @@ class Fault:
         else:
             set_number(self, "onset", 0.0, LONGEST, "s")
         if self.duration is not None:
-            set_number(self, "duration", 0.0, LONGEST, "s")
+            set_number(self, "duration", SHORTEST, LONGEST, "s")
 
     @property
     def what(self) -> str:
@@ -84,11 +84,6 @@ class Fault:
     def is_random(self) -> bool:
         """Whether it leaves something to chance."""
         return isinstance(self.onset, tuple)
-
-    def holds(self, seconds: float) -> bool:
-        """Whether it is there at a moment of an episode; its onset must be decided."""
-        begin, end = self.span
-        return begin <= seconds < end
 
     @property
     def span(self) -> tuple[float, float]:

@@ -38,6 +38,17 @@ _CHANNEL_WORDS = {
     "stuck": Word(ChannelStuck),
     "dropped": Word(ChannelDropped),
 }
+#: Words that are not said here, and what is.
+MEANT = {
+    **dict.fromkeys(("shortened", "shorter"), "length=0.5"),
+    **dict.fromkeys(("narrowed", "narrower"), "width=0.5"),
+    **dict.fromkeys(("thinned", "thinner"), "thickness=0.5"),
+    **dict.fromkeys(("oversized", "larger", "wider"), "entangled=0.5"),
+    **dict.fromkeys(("lost", "gone", "torn"), "missing"),
+    **dict.fromkeys(("slow", "slower"), "weak=0.5"),
+    **dict.fromkeys(("jammed", "locked"), "seized"),
+    **{word: f"gyro_x:{word}" for word in _CHANNEL_WORDS},
+}
 #: What can be said of each part.
 WORDS: dict[str, dict[str, Word]] = {
     **dict.fromkeys(FINS, _FIN_WORDS),

@@ -168,7 +168,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         reactive: bool = False,
     ) -> None:
         self.task = check_task(task)
-        self._conditions = conditions.check_conditions(morphology, damage, current, fin_angles)
+        self._conditions = conditions.check_conditions(
+            morphology, damage, current, fin_angles, self.task.seconds
+        )
         check_water(self.task, self._conditions.current)
         self._engine = check_engine(engine)
         self._observe_fins, self._reckons = conditions.check_observe_fins(observe_fins)

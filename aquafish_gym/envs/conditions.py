@@ -38,13 +38,14 @@ OPTIONS = ("fin_angles", "morphology", "damage")
 class Conditions:
     """The robot, its water and how its fins stand at first; from :func:`check_conditions`.
 
-    ``fin_angles`` is ``"random"`` or three angles in rad.
+    ``fin_angles`` is ``"random"`` or three angles in rad; an episode lasts so many ``seconds``.
     """
 
     morphology: Morphology
     damage: Damage
     fin_angles: str | Triple
     current: Triple
+    seconds: float
 
     @cached_property
     def _courses(self) -> dict[float, Course]:
@@ -70,6 +71,12 @@ class Conditions:
             damage=Damage.coerce(options.get("damage", self.damage)),
             fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
         )
+        for fault in found.damage:
+            latest = fault.onset[1] if isinstance(fault.onset, tuple) else fault.onset
+            if latest >= self.seconds:
+                raise InvalidArgumentError(
+                    f"damage must strike before the episode ends at {self.seconds:g} s; got {fault}"
+                )
         if not found.damage.is_random:
             course_of(found.damage, found.morphology, 1.0)  # raises if it does not fit the body
         return found
@@ -99,12 +106,12 @@ class Conditions:
 
 
 def check_conditions(
-    morphology: object, damage: object, current: ArrayLike, fin_angles: object
+    morphology: object, damage: object, current: ArrayLike, fin_angles: object, seconds: float
 ) -> Conditions:
     """Return conditions from an environment's arguments."""
     water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
     x, y, z = water.tolist()
-    whole = Conditions(Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), (x, y, z))
+    whole = Conditions(Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), (x, y, z), seconds)
     return whole.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )

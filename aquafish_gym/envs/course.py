@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.damage import CHANNELS, Damage, Effect
+from aquafish_gym.damage import CHANNELS, Damage, Effect, Fault
 from aquafish_gym.morphology import Morphology
 
 Floats = NDArray[np.float64]
@@ -57,12 +57,24 @@ class Course:
 def course_of(damage: Damage, morphology: Morphology, dt: float) -> Course:
     """Return the course of a damage that leaves nothing to chance, in steps of ``dt`` seconds.
 
-    A step is broken if it begins at a fault's onset or later. Raises as ``Damage.effect``.
+    A step is broken if it begins at a fault's onset or later, and each fault breaks one at least.
+    Raises as ``Damage.effect``.
     """
-    # The last moment of those that come to the same step: rounding makes no step of its own.
-    moments = {math.ceil(moment / dt - 1e-9): moment for moment in (0.0, *damage.moments)}
-    found = [damage.at(moment).effect(morphology) for moment in moments.values()]
-    return Course(tuple(found), tuple(moments))
+    spans = [_steps(fault, dt) for fault in damage]
+    always = [replace(fault, onset=0.0, duration=None) for fault in damage]
+    begins = sorted({0, *(step for span in spans for step in span if step < NEVER)})
+    found = [
+        Damage(tuple(f for f, (a, b) in zip(always, spans, strict=True) if a <= step < b))
+        for step in begins
+    ]
+    return Course(tuple(broken.effect(morphology) for broken in found), tuple(begins))
+
+
+def _steps(fault: Fault, dt: float) -> tuple[int, int]:
+    """Return the first step that a fault breaks, and the first one after it."""
+    onset, end = fault.span
+    first = math.ceil(onset / dt - 1e-9)  # rounding makes no step of its own
+    return first, NEVER if math.isinf(end) else max(first + 1, math.ceil(end / dt - 1e-9))
 
 
 class Sensors:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -70,6 +70,14 @@ class Task:
     seconds: float = 20.0
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            own = getattr(type(self), field.name, field.default)
+            if own is not field.default:
+                raise InvalidArgumentError(
+                    f"{type(self).__name__}.{field.name} must be a field of a class under "
+                    f"@dataclass(frozen=True): `{field.name}: {field.type} = {brief(own)}`; "
+                    f"as it stands the task has {brief(getattr(self, field.name))}"
+                )
         seconds = float(finite_array("seconds", self.seconds, (), TIMESTEP, LONGEST, "s"))
         object.__setattr__(self, "seconds", seconds)
 
@@ -83,11 +91,13 @@ class Task:
 
     def goal(self, memory: Memory) -> Vector:
         """Return the place to be at, in units."""
-        raise NotImplementedError
+        raise NotImplementedError(f"{type(self).__name__} has a goal: its `goal` must say where")
 
     def reward_terms(self, step: Step) -> Mapping[str, Number]:
         """Return what a step is worth, in terms whose sum is the reward."""
-        raise NotImplementedError
+        raise NotImplementedError(
+            f"{type(self).__name__}.reward_terms must say what steps are worth"
+        )
 
     def remember(self, step: Step) -> Memory:
         """Return the memory after a step."""

@@ -12,7 +12,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.damage import Effect
+from aquafish_gym.damage import Damage, Effect
 from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
@@ -20,7 +20,7 @@ from aquafish_gym.envs import conditions
 from aquafish_gym.envs.course import NEVER, Course, Rows, Sensors
 from aquafish_gym.envs.tasks import Step, check_task, check_water
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Vector, subtract
+from aquafish_gym.physics.arithmetic import Number, Vector, subtract
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
@@ -127,7 +127,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-        start = conditions.check_conditions(None, None, current, "zero")
+        start = conditions.check_conditions(None, None, current, "zero", self.task.seconds)
         check_water(self.task, start.current)
         several = _of_each(
             {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}, self.num_envs
@@ -212,7 +212,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
         water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
-            self._lanes.flow(np.stack(water, axis=1))
+            self._lanes.flow(self._of_all("current", water, 3).T)
         gains = _three(self._truth["servo_gain"].T)
         commands = np.array(conditions.servo_speeds(_three(checked.T), gains)).T
         lost = self._lanes.advance(commands, self.frame_skip).diverged
@@ -230,7 +230,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._steps += 1
         self._steps[diverged] = self._last
         terms = self._judge(before, _three(checked.T), diverged | over)
-        reward = np.asarray(sum(terms.values()))
+        reward = sum(terms.values(), np.zeros(self.num_envs))
         if over.any():
             self._begin(over, self._chosen(over))
             before[:, over] = now[:, over]
@@ -244,6 +244,19 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._look(np.flatnonzero(ended))
             info = _put_final(info, self._info(now) | self._nothing(), last, ended)
         return self._seen.copy(), reward, diverged, ended & ~diverged, info
+
+    def _of_all(self, method: str, values: Sequence[Number], count: int) -> Floats:
+        """Return what a task's method gave, (count, num_envs); a number is every robot's."""
+        try:
+            rows = [np.broadcast_to(value, (self.num_envs,)) for value in values]
+        except (TypeError, ValueError):
+            rows = []
+        if len(rows) != count:
+            raise InvalidArgumentError(
+                f"{type(self.task).__name__}.{method} must return {count} numbers, each a float or "
+                f"a row of one for each of the {self.num_envs} robots; got {brief(values)}"
+            )
+        return np.array(rows, np.float64)
 
     def _taken(self, before: Floats, action: Vector) -> Step:
         here, there = _three(before[POSITION]), _three(self._now[POSITION])
@@ -264,7 +277,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             for name, value in self.task.reward_terms(step).items()
         }
         if len(self._memory):
-            self._memory = np.where(bad, self._memory, self.task.remember(step))
+            remembered = self._of_all("remember", self.task.remember(step), len(self._memory))
+            self._memory = np.where(bad, self._memory, remembered)
         changed = (self._changes == self._steps) & ~bad
         if changed.any():
             old = self._truth["morphology"].copy()
@@ -373,6 +387,11 @@ def _of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
     found = {}
     for name, value in arguments.items():
         rows = isinstance(value, list | tuple) if name == "damage" else _has_rows(value)
+        if name == "damage" and rows and value and Damage.is_list_of_faults(value):
+            raise InvalidArgumentError(
+                "damage must be one for all robots or a list of texts or Damages, one each; got a "
+                f"list of {len(value)} faults, which might be either: make it Damage(...)"
+            )
         each = list(value) if rows and name in ALL_OR_EACH else [value]
         if len(each) != count and not (len(each) == 1 and each[0] is value):
             joined = "; faults of one robot are joined by ';'" if name == "damage" else ""

@@ -26,9 +26,18 @@ from aquafish_gym.bodies import morphology_of
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.executors import interrupts
 from aquafish_gym.runs.storage import read_document
-from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, one_of
+from aquafish_gym.utils.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    MissingExtraError,
+    one_of,
+)
 
-BAD_INPUT: tuple[type[Exception], ...] = (InvalidArgumentError, EngineUnavailableError)
+BAD_INPUT: tuple[type[Exception], ...] = (
+    InvalidArgumentError,
+    EngineUnavailableError,
+    MissingExtraError,
+)
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 UNREAD = 141  # as of a program that SIGPIPE ends
 RESUMES = "the same command resumes"  # what a command says that was interrupted

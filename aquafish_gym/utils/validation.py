@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import json
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from decimal import Decimal
 from numbers import Real
 from typing import Any
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 _DEEPEST = 64  # lists and objects within each other, of JSON
 Shape = tuple[int | None, ...]  # None is any length
+_NOTHING: Mapping[str, str] = {}
 
 
 class InvalidArgumentError(ValueError):
@@ -29,19 +30,32 @@ class UnknownNameError(InvalidArgumentError):
     """A name is not one of the known ones; the message offers the nearest."""
 
 
+class MissingExtraError(ImportError):
+    """What was asked for needs an extra that is not installed; the message says how to get it."""
+
+
 class EngineUnavailableError(ImportError):
     """The engine asked for needs a package or a display that this machine lacks."""
 
 
-def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
-    """Return ``name`` if it is one of ``choices``; UnknownNameError offers the nearest."""
+def one_of(
+    argument: str, name: object, choices: Iterable[str], meant: Mapping[str, str] = _NOTHING
+) -> str:
+    """Return ``name`` if it is one of ``choices``; UnknownNameError offers the nearest.
+
+    ``meant`` is what other words for a choice mean, which spelling does not tell.
+    """
     known = list(choices)
     if isinstance(name, str) and name in known:
         return name
-    said = name if isinstance(name, str) else brief(name)
-    close = difflib.get_close_matches(said, known, n=1, cutoff=0.4)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise UnknownNameError(f"{argument} must be one of {', '.join(known)}; got {brief(name)}{hint}")
+    said = name.lower() if isinstance(name, str) else ""
+    lowered = {one.lower(): one for one in known}
+    close = difflib.get_close_matches(said, lowered, n=1, cutoff=0.4)
+    offer = meant.get(said) or (lowered[close[0]] if close else "")
+    hint = f"; did you mean {offer!r}?" if offer else ""
+    # Commas may be within a name.
+    listed = ("; " if any("," in one for one in known) else ", ").join(known)
+    raise UnknownNameError(f"{argument} must be one of {listed}; got {brief(name)}{hint}")
 
 
 def finite_array(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -147,3 +148,16 @@ def test_the_oracle_has_a_gait_for_what_is_left(tmp_path: Path) -> None:
 def test_unknown_rows_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*ARGUMENTS, "--entries", "PPO, fin", "--out", str(tmp_path)]) == 2
     assert "did you mean 'PPO, fins'" in capsys.readouterr().err
+    for rows, said in (((), "got none"), (("zero", "zero"), "got zero, zero")):
+        assert main([*ARGUMENTS, "--entries", *rows, "--out", str(tmp_path)]) == 2
+        assert f"each named once; {said}" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_is_missing_to_learn_is_said_before_anything_is_done(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "sb3_contrib", None)
+    assert main([*ARGUMENTS, "--entries", "zero", "PPO", "--out", str(tmp_path)]) != 0
+    assert "[rl]" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

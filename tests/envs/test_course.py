@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -43,7 +44,7 @@ def swim(env: AquaFishEnv, steps: int, seed: int = 0) -> list[tuple[Any, dict[st
     return found
 
 
-@given(st.lists(st.tuples(st.integers(0, 50), st.none() | st.integers(0, 20)), max_size=5))
+@given(st.lists(st.tuples(st.integers(0, 50), st.none() | st.integers(1, 20)), max_size=5))
 def test_a_step_is_broken_if_it_begins_at_the_onset_or_later(
     times: list[tuple[int, int | None]],
 ) -> None:
@@ -57,7 +58,9 @@ def test_a_step_is_broken_if_it_begins_at_the_onset_or_later(
         expected = sum(
             2.0**-i
             for i, (onset, lasts) in enumerate(times)
-            if onset <= 7 * step and (lasts is None or 7 * step < onset + lasts)
+            if onset <= 7 * step
+            # It breaks one step at least.
+            and (lasts is None or 7 * step < onset + lasts or 7 * (step - 1) < onset)
         )
         assert course.at(step).biases[CHANNELS.index("gyro_x")] == expected
         until = min(course.next(step), 12)
@@ -266,6 +269,45 @@ def test_whatever_chance_breaks_the_observation_stays_in_its_space(seed: int, ti
     for seen, info in swim(env, 6, seed):
         assert env.observation_space.contains(seen)
         assert all(np.isfinite(np.asarray(value)).all() for value in info.values())
+
+
+@pytest.mark.parametrize("task", ["station", "waypoint"])
+def test_a_broken_robot_is_to_do_what_a_whole_one_is(task: str) -> None:
+    """Else what damage costs would be what chance costs, too."""
+
+    def asked(damage: str) -> Any:
+        envs = AquaFishVectorEnv(COUNT, task=task, damage=damage)
+        envs.reset(seed=5)
+        ways = [envs.step(np.zeros((COUNT, 3), np.float32))[0][:, -3:]]
+        env = make(task=task, damage=damage)
+        env.reset(seed=5)
+        assert env.step(np.zeros(3, np.float32))[0][-3:] == pytest.approx(ways[0][0], abs=1e-5)
+        return ways
+
+    # Of what breaks later, so that all have moved alike.
+    for damage in ("random:severe@1-2", "caudal:dead@1", "caudal:missing@1-2"):
+        assert (np.array(asked(damage)) == np.array(asked("none"))).all()
+
+
+@pytest.mark.parametrize("make", [gym.make, partial(gym.make_vec, vectorization_mode="sync")])
+def test_a_list_for_one_robot_is_refused(make: Any) -> None:
+    with pytest.raises(InvalidArgumentError, match=r"must be one robot's.*a list of 2"):
+        make("AquaFish-v0", engine="numba", damage=["caudal:missing", "none"])
+    with pytest.raises(InvalidArgumentError, match=r"make it Damage\(...\)"):
+        AquaFishVectorEnv(2, damage=Damage.parse("caudal:missing;up_x:stuck").to_list())
+
+
+@pytest.mark.parametrize("damage", ["caudal:missing@20", "random:mild@15-30"])
+def test_what_would_strike_after_the_end_is_refused(damage: str) -> None:
+    for make in (gym.make, gym.make_vec):
+        with pytest.raises(InvalidArgumentError, match="before the episode ends at 20 s; got"):
+            make("AquaFish-v0", damage=damage)
+        make("AquaFishRecovery-v0", damage=damage)
+
+
+def test_a_fault_shorter_than_a_step_breaks_one() -> None:
+    found = swim(make(damage="gyro:noise=0.3@1.05+0.1"), 10)
+    assert [int(info["faults"]) for _, info in found] == [0] * 6 + [1] + [0] * 4
 
 
 def test_a_current_beside_the_tasks_own_is_refused() -> None:

@@ -8,16 +8,19 @@ import subprocess
 import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import aquafish_gym  # noqa: F401
 from aquafish_gym.engines.compiled import lanes
+from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.envs.tasks import Step, Task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -377,3 +380,51 @@ def test_bad_actions_and_masks_are_refused() -> None:
             env.reset(options={"reset_mask": mask})
     with pytest.raises(InvalidArgumentError, match="did you mean 'damage'"):
         env.reset(options={"damages": "none"})
+
+
+@dataclass(frozen=True)
+class Drifting(Task):
+    """What numbers a task returns, and what rows, is its own affair."""
+
+    kept: int = 2
+
+    def begin(self, rng: np.random.Generator) -> tuple[float, ...]:
+        """See Task."""
+        return (float(rng.uniform(0.1, 0.3)), 0.0)
+
+    def current(self, memory: Any, seconds: Any) -> Any:  # noqa: ARG002
+        """See Task."""
+        return (memory[0], 0.0, 0.1)
+
+    def remember(self, step: Step) -> Any:
+        """See Task."""
+        return (step.memory[0], 1.0)[: self.kept]
+
+    def reward_terms(self, step: Step) -> Any:
+        """See Task."""
+        return {"reward_along": step.velocity[0], "reward_always": 1.0}
+
+
+def test_a_task_may_return_numbers_for_all_robots() -> None:
+    envs = AquaFishVectorEnv(3, task=Drifting(), dtype="float64")
+    single = SyncVectorEnv([lambda: AquaFishEnv(engine="numba", task=Drifting())] * 3)
+    envs.reset(seed=0)
+    single.reset(seed=0)
+    for _ in range(3):
+        actions = np.zeros((3, 3), np.float32)
+        assert (envs.step(actions)[1] == single.step(actions)[1]).all()
+
+
+def test_a_task_that_returns_too_little_is_named() -> None:
+    envs = AquaFishVectorEnv(3, task=Drifting(kept=1))
+    envs.reset(seed=0)
+    with pytest.raises(InvalidArgumentError, match=r"^Drifting.remember must return 2 numbers"):
+        envs.step(np.zeros((3, 3), np.float32))
+
+
+def test_a_default_that_is_no_field_is_refused() -> None:
+    class Longer(Drifting):
+        seconds = 30.0
+
+    with pytest.raises(InvalidArgumentError, match=r"`seconds: float = 30.0`.* has 20.0$"):
+        Longer()

@@ -18,7 +18,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import DamagedFileError
-from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
+from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, UnknownNameError
 from gait import learner
 from gait.baselines import (
     CHECKPOINT_FILE,
@@ -30,7 +30,6 @@ from gait.baselines import (
     train_baseline,
 )
 from gait.controller import Controller
-from gait.learner import MissingExtraError
 from gait.network import OUTPUTS, Senses, forward
 from gait.records import BODIES_FILE, CONTROLLER_FILE
 from gait.rollout import random_poses, stream, swim_all
@@ -272,7 +271,7 @@ def test_a_missing_library_is_named_with_its_remedy(
         raise ModuleNotFoundError(f"No module named {module!r}")
 
     monkeypatch.setattr(learner, "import_module", absent)
-    with pytest.raises(MissingExtraError, match=r'pip install -e "\.\[rl\]"'):
+    with pytest.raises(MissingExtraError, match=r'pip install "\.\[rl\]"'):
         train_baseline(out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 

@@ -411,7 +411,8 @@ DOORS: dict[str, Door] = {
     "HoldStation": Door(
         lambda name, value: HoldStation(**{name: value}),
         {
-            "fastest": array("fastest", (), 0.2, 20.0, "[0.2, 20] units/s", good=0.3),
+            "fastest": array("fastest", (), 0.1, 20.0, "[0.1, 20] units/s", good=0.3),
+            "half": array("half", (), 1e-3, 1e6, "[0.001, 1e+06] units"),
             "turning": array("turning", (), 0.0, 1e6, "[0, 1e+06] rad/s"),
         },
     ),
