@@ -20,6 +20,8 @@ SMALLER = {
 }
 PAGES = {
     "tutorial.md": ["gait for the self-model", "(1, 256, 3)", "(0.4, 1.6, 0.1) -> (0.4, 0.8, 0.1)"],
+    "environments/damage.md": ["[0 0]", "ImuLog(", "\n1 [1.6 "],
+    "environments/scores.md": ["PPO, fins {'whole': '6", "\nmine {'whole': '1.3"],
     "howto/robot.md": ["MorphologyEstimate(out-of-band, 1 round", "\nlength: 0.6"],
     "howto/task.md": ["return -"],
     "howto/train.md": ["episodes", "mean return "],
@@ -46,7 +48,7 @@ def test_a_page_does_what_it_says(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.chdir(DOCS.parent if page == "environments/scores.md" else tmp_path)
     monkeypatch.syspath_prepend(DOCS.parent / "examples")
     monkeypatch.setattr("gymnasium.envs.registration.registry", dict(gym.registry))
     code = snippets(page)
@@ -59,7 +61,8 @@ def test_a_page_does_what_it_says(
 
 
 def test_every_page_with_python_is_run() -> None:
-    pages = [DOCS / "tutorial.md", *(DOCS / "howto").glob("*.md")]
+    pages = [DOCS / "tutorial.md", *(DOCS / "environments" / f for f in ("damage.md", "scores.md"))]
+    pages += (DOCS / "howto").glob("*.md")
     with_python = {str(page.relative_to(DOCS)) for page in pages if BLOCK.search(page.read_text())}
     assert with_python == set(PAGES)
 

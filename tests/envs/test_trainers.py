@@ -179,20 +179,30 @@ def test_torchrl_makes_four_in_processes(name: str) -> None:
     env.close()
 
 
+FEW = {
+    "ppo": ["n_envs:2", "n_steps:100", "batch_size:100"],
+    "sac": ["n_envs:2", "learning_starts:100", "batch_size:16"],
+    "ppo_lstm": ["n_envs:2", "n_steps:100", "batch_size:100"],
+}
+
+
 @pytest.mark.slow
-def test_rl_zoo_trains_and_keeps_what_it_learned(tmp_path: pathlib.Path) -> None:
+@pytest.mark.parametrize("algorithm", FEW)
+def test_rl_zoo_trains_and_keeps_what_it_learned(tmp_path: pathlib.Path, algorithm: str) -> None:
     """By the command that the page shows, in short."""
     pytest.importorskip("rl_zoo3")
     text = PAGE.read_text(encoding="utf-8")
     (command,) = re.findall(r"^python (-m rl_zoo3.train .*)$", text, re.MULTILINE)
+    command = command.replace("--algo ppo ", f"--algo {algorithm} ")
+    command = command.replace("rl_zoo_ppo.yml", f"rl_zoo_{algorithm}.yml")
     words = [*shlex.split(command), "-n", "512", "-f", str(tmp_path / "logs"), "--hyperparams"]
-    words += ["n_envs:2", "n_steps:100", "batch_size:100"]
+    words += FEW[algorithm]
     root = PAGE.parents[2]
     done = subprocess.run([sys.executable, *words], cwd=root, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert list(tmp_path.rglob("AquaFish-v0.zip"))
-    ids = re.findall(r"^(AquaFish\S*):", (root / "examples" / "rl_zoo_ppo.yml").read_text(), re.M)
-    assert ids == list(IDS)
+    settings = (root / "examples" / f"rl_zoo_{algorithm}.yml").read_text()
+    assert re.findall(r"^(AquaFish\S*):", settings, re.M) == list(IDS)
 
 
 def test_the_pages_torchrl_runs() -> None:
