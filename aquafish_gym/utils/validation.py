@@ -106,7 +106,8 @@ def fits(shape: tuple[int, ...], wanted: Shape) -> bool:
 
 def spelled(shape: Shape) -> str:
     """Return a shape in words, such as "(any, 3)"."""
-    return "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+    words = ["any" if n is None else str(n) for n in shape]
+    return f"({words[0]},)" if len(words) == 1 else f"({', '.join(words)})"
 
 
 def integer(argument: str, value: object, low: int, high: int | None = None) -> int:

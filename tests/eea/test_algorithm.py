@@ -294,7 +294,7 @@ def test_revealed_angles_must_be_three_numbers(angles):
     ("changed", "message"),
     [
         ({"config": {"rounds": 3}}, "config must be of type EEAConfig; got {'rounds': 3}"),
-        ({"truth": TRUTH[:8]}, r"truth must have shape \(9\); got \(8,\)"),
+        ({"truth": TRUTH[:8]}, r"truth must have shape \(9,\); got \(8,\)"),
         (
             {"config": replace(QUICK, genetic=GeneticConfig(mutations=18.5))},
             "genetic.mutations must be at most the shortest genome's bits, 18; got 18.5",

@@ -118,7 +118,7 @@ def test_a_log_with_other_axes_than_the_problem_says_is_refused():
 
 
 def test_revealed_angles_must_be_as_many_as_are_hidden():
-    with pytest.raises(TargetError, match=r"start_angles must have shape \(3\); got \(2,\)"):
+    with pytest.raises(TargetError, match=r"start_angles must have shape \(3,\); got \(2,\)"):
         EEA(Robot(2, 1), Machine(1), problem(1, 3, 1), QUICK).run()
 
 

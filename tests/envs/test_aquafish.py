@@ -405,7 +405,7 @@ def test_workers_may_each_have_a_pybullet_environment() -> None:
         ({"damage": "left_pectoral:length=2"}, "left_pectoral.length"),
         ({"morphology": {"tail": (1, 1, 1)}}, "morphology fin must be one of"),
         ({"morphology": [-1.0] * 9}, "must lie in"),
-        ({"morphology": [1.0] * 8}, r"shape \(9\)"),
+        ({"morphology": [1.0] * 8}, r"shape \(9,\)"),
         ({"current": (0.0, 0.0)}, "current must have shape"),
         ({"current": (0.0, math.nan, 0.0)}, "current must be finite"),
         ({"fin_angles": "randon"}, "did you mean 'random'"),

@@ -214,7 +214,7 @@ def test_no_file_is_a_pickle_and_none_is_read(tmp_path: Path) -> None:
         with pytest.raises(DamagedFileError, match=r"whole archive of arrays.*delete it to start"):
             train_baseline(HALF, CONFIG, out=tmp_path)
     np.savez(path, **(arrays | {"best.bias": np.zeros(3)}))
-    with pytest.raises(DamagedFileError, match=r"must have best\.bias of shape \(16\)"):
+    with pytest.raises(DamagedFileError, match=r"must have best\.bias of shape \(16,\)"):
         train_baseline(HALF, CONFIG, out=tmp_path)
     np.savez(path, **(arrays | {"curve": np.zeros((0, 3))}))
     with pytest.raises(DamagedFileError, match="holds no leg"):

@@ -104,7 +104,7 @@ def without(name: str) -> dict[str, Any]:
         (change(clock=None), r"controller\.clock must be (numbers|finite)"),
         (change(bias=[0.0, 1.0]), r"controller\.bias must have 3 to 1000 entries; got 2"),
         (change(bias=[0.0, 1.0, "x"]), r"controller\.bias must be numbers"),
-        (change(bias=[0.0] * 3), r"controller\.response must have shape \(3\)"),
+        (change(bias=[0.0] * 3), r"controller\.response must have shape \(3,\)"),
         (change(morphology={}), "morphology's JSON"),
         (change(sample=5), r"controller\.sample must be text or None; got 5"),
     ],

@@ -116,7 +116,7 @@ def test_a_network_and_its_policy_alone_swim_alike() -> None:
     ("controller", "message"),
     [
         (3, "controller must be a function .* got 3"),
-        (constant(0.0, 1.0), r"action must have shape \(3\)"),
+        (constant(0.0, 1.0), r"action must have shape \(3,\)"),
         (constant(0.0, 1.0, np.nan), "action must be finite"),
         (lambda _observation, _time: "left", "action must be numbers"),
     ],

@@ -142,8 +142,8 @@ def test_a_gait_is_evolved_for_the_world_that_was_asked_for(tmp_path: Path) -> N
     [
         ("current", (0.0, 21.0, 0.0), r"current\[1\] must lie in \[-20, 20\] units/s; got 21"),
         ("drag", (1.0, -0.1), r"drag\[1\] must lie in \[0, 10\]"),
-        ("drag", 1.2, r"drag must have shape \(2\)"),
-        ("servo_gain", (1.0, 1.0), r"servo_gain must have shape \(3\)"),
+        ("drag", 1.2, r"drag must have shape \(2,\)"),
+        ("servo_gain", (1.0, 1.0), r"servo_gain must have shape \(3,\)"),
         ("servo_gain", (1.0, 1.0, np.nan), "servo_gain must be finite"),
         ("lag", 1.1, r"lag must lie in \[0, 1\] s"),
         ("substeps", 0, "substeps must be a whole number of at least 1"),

@@ -71,7 +71,7 @@ def array(
     good: float = 0.0,
 ) -> Bad:
     """An array of numbers; ``rows`` is how its shape is written where many rows would do."""
-    wanted = re.escape(rows or "(" + ", ".join(map(str, shape)) + ")")
+    wanted = re.escape(rows or str(shape))
     inside = f"|lie in {re.escape(span)}[^;]*" if span else ""
     return Bad(
         no_array(shape, low, high, good, rows_too=bool(rows)),
@@ -265,7 +265,7 @@ SIMULATE = {
         no_array((), 0.0, 1.0).filter(lambda value: not isinstance(value, np.ndarray | list))
         | no_array((2, 3), 0.0, 1.0).filter(lambda v: not isinstance(v, np.ndarray) or v.ndim > 1)
         | spoiled((3,), beyond(0.0, 1.0)),
-        r"^lag(\[\d\])? must (be numbers of shape \(any\)|have shape \(any\)|be finite"
+        r"^lag(\[\d\])? must (be numbers of shape \(any,\)|have shape \(any,\)|be finite"
         r"|lie in \[0, 1\] s); got ",
     ),
 }

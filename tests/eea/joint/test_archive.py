@@ -132,7 +132,7 @@ def test_a_header_that_does_not_fit_is_refused(result, path, changes, message):
         ("information", lambda a: -a, "information must have no negative eigenvalue"),
         ("theta", lambda a: a + np.nan, "theta must be finite"),
         ("theta", lambda a: a + 100.0, r"theta of .* must be in \[0, 1\]"),
-        ("gradient", lambda a: a[None], r"must have gradient of shape \(any\)"),
+        ("gradient", lambda a: a[None], r"must have gradient of shape \(any,\)"),
         ("header", lambda a: a[: len(a) // 2], "lacks something: JSONDecodeError"),
         ("header", lambda _: np.frombuffer(b"[" * 10**5, np.uint8), "lacks something"),
     ],
