@@ -53,7 +53,7 @@ class Course:
         return self.begins[after] if after < len(self.begins) else NEVER
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=128)
 def course_of(damage: Damage, morphology: Morphology, dt: float) -> Course:
     """Return the course of a damage that leaves nothing to chance, in steps of ``dt`` seconds.
 

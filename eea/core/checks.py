@@ -98,7 +98,8 @@ def finite(argument: str, value: ArrayLike, shape: tuple[int | None, ...]) -> ND
         array = np.array(given, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         raise ConfigurationError(f"{argument} must be numbers; got {brief(value)}") from None
-    wanted = "(" + ", ".join("any" if n is None else str(n) for n in shape) + ")"
+    words = ["any" if n is None else str(n) for n in shape]
+    wanted = f"({words[0]},)" if len(words) == 1 else f"({', '.join(words)})"
     if array.ndim != len(shape) or any(
         n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
     ):
