@@ -162,7 +162,7 @@ class Scores:
 
     Into --out go table.md, scores.png, curves.png, and a file for each controller with its weights,
     its curve and all returns. A curve has the actions of all robots so far and what they earned
-    while they learned; or generations, and the best gait's score by then. What is there is not done
+    while they learned; or generations, and the best gait's score in each. What is there is not done
     again: the same command goes on, and one for fewer rows shows these.
     """
 
@@ -275,7 +275,7 @@ class Scores:
 
 def _said(interval: Interval) -> str:
     middle, low, high = interval
-    return f"{middle:.1f} [{low:.1f}, {high:.1f}]"
+    return f"{middle:z.1f} [{low:z.1f}, {high:z.1f}]"
 
 
 def _after(runs: Sequence[dict[str, list[float]]], best: list[float]) -> str:

@@ -64,7 +64,7 @@ class Made(NamedTuple):
 
     controller: Controller | Recurrent | None = None
     #: After so many actions of all robots, what they earned while they learned; or after so many
-    #: generations, the best gait's score. Either is the sum of the rewards times the time step.
+    #: generations, that one's best gait's score. Either is a sum of rewards times the time step.
     curve: Sequence[tuple[int, float]] = ()
 
 

@@ -52,7 +52,7 @@ def scores_figure(scored: Scored) -> Figure:
 
 
 def curves_figure(curves: Curves) -> Figure:
-    """Draw what each replicate scored on its way: a panel a task, a colour a controller."""
+    """Draw the best that each replicate scored by then: a panel a task, a colour a controller."""
     tasks = list(dict.fromkeys(task for task, _ in curves))
     entries = list(dict.fromkeys(entry for _, entry in curves))
     colours = dict(zip(entries, mpl.colormaps["tab20"](np.arange(len(entries)) % 20), strict=True))
@@ -61,10 +61,11 @@ def curves_figure(curves: Curves) -> Figure:
         for entry in entries:
             for i, curve in enumerate(curves.get((task, entry), ())):
                 x, y = np.transpose(curve)
-                axes.plot(x / x[-1], y, color=colours[entry], lw=0.9, label="" if i else entry)
+                best = np.maximum.accumulate(y)  # a search begins several times
+                axes.plot(x / x[-1], best, color=colours[entry], lw=0.9, label="" if i else entry)
         axes.set_title(task, fontsize=SMALL + 2)
         axes.set_xlabel("share of its budget", fontsize=SMALL + 1)
-        axes.set_ylabel("score", fontsize=SMALL + 1)
+        axes.set_ylabel("best score so far", fontsize=SMALL + 1)
         grid(axes)
     legend_below(figure, figure.axes[0], 5)
     return figure
