@@ -43,9 +43,10 @@ def inputs(
     waves = np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(times), -1)
     gyro = np.clip(observations[:, 6:9] / GYRO_SCALE, -1.0, 1.0)
     imu = [observations[:, :6], gyro] if senses.imu else []
-    way = observations[:, -3:]
-    shrink = np.sqrt(np.square(way).sum(axis=1, keepdims=True) + GOAL_SCALE**2)
-    goal = [way / shrink] if senses.goal else []
+    goal = []
+    if senses.goal:
+        way = observations[:, -3:]
+        goal = [way / np.sqrt(np.square(way).sum(axis=1, keepdims=True) + GOAL_SCALE**2)]
     return np.hstack([*imu, waves, *goal], dtype=np.float32, casting="same_kind")
 
 

@@ -27,8 +27,6 @@ GAMMA = 0.99
 MOST_BATCH = 1600
 HORIZON = 1000  # steps of 0.01 s from which PPO learns at a time, at least
 _STATISTICS = ("mean", "var", "count")
-
-
 REGISTER = 1e-3  # of an input is what a node that remembers it holds: tanh is then a straight line
 
 

@@ -17,13 +17,13 @@ from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.envs.course import Course, course_of
+from aquafish_gym.envs.tasks import Memory
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Number, Vector
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
-Memory = tuple[float, ...]
 
 # Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
 GYRO_RANGE = math.radians(2000.0)

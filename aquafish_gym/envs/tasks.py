@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
+from types import MemberDescriptorType
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -72,7 +73,7 @@ class Task:
     def __post_init__(self) -> None:
         for field in fields(self):
             own = getattr(type(self), field.name, field.default)
-            if own is not field.default:
+            if own is not field.default and not isinstance(own, MemberDescriptorType):  # of slots
                 raise InvalidArgumentError(
                     f"{type(self).__name__}.{field.name} must be a field of a class under "
                     f"@dataclass(frozen=True): `{field.name}: {field.type} = {brief(own)}`; "

@@ -428,3 +428,9 @@ def test_a_default_that_is_no_field_is_refused() -> None:
 
     with pytest.raises(InvalidArgumentError, match=r"`seconds: float = 30.0`.* has 20.0$"):
         Longer()
+
+    @dataclass(frozen=True, slots=True)
+    class Field(Drifting):
+        seconds: float = 30.0
+
+    assert Field().seconds == 30.0
