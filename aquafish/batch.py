@@ -16,8 +16,8 @@ from rich.console import Console
 from rich.progress import Progress
 
 import aquafish_gym
-import eea.aquafish
 import eea.core
+import eea.fish
 import eea.joint
 import gait
 from aquafish_gym.runs.executors import workers
@@ -27,10 +27,10 @@ from aquafish_gym.runs.runner import Event, Job, JobLike, Say, finished, read_re
 from aquafish_gym.runs.stamps import code_stamp
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
 from aquafish_gym.utils.command_line import RESUMES
-from eea.aquafish import EngineSimulator, fish_problem
-from eea.aquafish.joint import fish_joint
 from eea.core import ConfigurationError, EEAConfig
 from eea.core.config import JointConfig
+from eea.fish import EngineSimulator, fish_problem
+from eea.fish.joint import fish_joint
 
 PATIENCE = 3.0  # s, in which a worker with everything compiled is ready
 
@@ -50,7 +50,7 @@ def say(text: str) -> None:
 @cache
 def source_stamp(*files: Path) -> str:
     """Return a hash of all code that self-models and gaits come from, and of more files."""
-    packages = (aquafish_gym, eea.core, eea.joint, eea.aquafish, gait)
+    packages = (aquafish_gym, eea.core, eea.joint, eea.fish, gait)
     folders = [Path(str(package.__file__)).parent for package in packages]
     kinds = ("*.py", "*.ini")
     theirs = [file for folder in folders for kind in kinds for file in folder.rglob(kind)]

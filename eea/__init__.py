@@ -2,7 +2,7 @@
 
 The algorithm, ``eea.core``, knows no robot: it asks a ``Target`` and a ``Simulator``, and needs
 numpy only. ``eea.joint``, which needs scipy too, is the method beyond the paper: it infers body,
-angles and nuisances together. ``eea.aquafish`` binds both to the fish of ``aquafish_gym``,
+angles and nuisances together. ``eea.fish`` binds both to the fish of ``aquafish_gym``,
 ``eea.study`` repeats them in numbers. All but the core are loaded when first used.
 """
 
@@ -11,18 +11,18 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from eea import aquafish, core, joint
+from eea import core, fish, joint
 from eea.core import *  # noqa: F403
 
 if TYPE_CHECKING:
-    from eea.aquafish import *  # noqa: F403
+    from eea.fish import *  # noqa: F403
     from eea.joint import Hypothesis, JointInference, JointProblem, Nuisance
     from eea.study.presets import FIGURES, figure_config
 
 _JOINT = ("Hypothesis", "JointInference", "JointProblem", "Nuisance")
 __all__ = ["FIGURES", "Hypothesis", "JointInference", "JointProblem", "Nuisance", "figure_config"]
 __all__ += core.__all__
-__all__ += aquafish.__all__
+__all__ += fish.__all__
 
 
 def __getattr__(name: str) -> Any:
@@ -30,6 +30,6 @@ def __getattr__(name: str) -> Any:
         return getattr(import_module("eea.study.presets"), name)
     if name in _JOINT:
         return getattr(joint, name)
-    if name in aquafish.__all__:
-        return getattr(aquafish, name)
+    if name in fish.__all__:
+        return getattr(fish, name)
     raise AttributeError(f"module 'eea' has no attribute {name!r}")

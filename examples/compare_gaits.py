@@ -26,8 +26,8 @@ from aquafish_gym import Damage, Morphology
 from aquafish_gym.utils.command_line import Out, run_command_line, single_command
 from aquafish_gym.utils.validation import finite_array, integer
 from eea import EEAConfig
-from eea.aquafish import EngineTarget, RealityGap, fish_eea
 from eea.core import streams
+from eea.fish import EngineTarget, RealityGap, fish_eea
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
 BODIES, POSES = 50, 32

@@ -22,9 +22,9 @@ from aquafish_gym import Morphology
 from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
 from aquafish_gym.utils.validation import integer
 from eea import ConfigurationError
-from eea.aquafish import EngineSimulator, fish_models
 from eea.core.behavior import BehaviorConfig, Signal, similarity, summarize
 from eea.core.experiment import Trials
+from eea.fish import EngineSimulator, fish_models
 from tests.verification.trials import random_trials
 
 SIGNALS: dict[str, Signal] = {

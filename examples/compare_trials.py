@@ -33,8 +33,8 @@ from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.command_line import BAD_INPUT, Out, run_command_line, single_command
 from aquafish_gym.utils.validation import finite_array, integer
 from eea import ConfigurationError, EEAConfig, EngineTarget, fish_eea, streams
-from eea.aquafish.gap import RealityGap
 from eea.core.exploration import ExplorationConfig, Strategy
+from eea.fish.gap import RealityGap
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
 LEAST, POSES = 0.1, 16  # of a range; of a gait that is scored

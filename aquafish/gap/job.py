@@ -17,12 +17,12 @@ from aquafish.gap.rivals import RIVALS, Rival
 from aquafish.gap.worlds import WORLDS, damage_of, gap_of
 from aquafish_gym import Morphology
 from aquafish_gym.morphology import DIMENSIONS, FINS
-from eea.aquafish import EngineSimulator, EngineTarget, RealityGap, fish_eea, fish_problem
-from eea.aquafish.joint import HYPOTHESES, fish_joint
 from eea.core import EEAConfig, Result, streams
 from eea.core.angles import Floats
 from eea.core.config import Condition
 from eea.core.rounds import Rounds
+from eea.fish import EngineSimulator, EngineTarget, RealityGap, fish_eea, fish_problem
+from eea.fish.joint import HYPOTHESES, fish_joint
 from eea.joint.belief import JointBelief
 from eea.joint.problem import AS_COMMANDED
 from gait import Controller

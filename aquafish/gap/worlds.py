@@ -10,7 +10,7 @@ import numpy as np
 
 from aquafish_gym import Damage
 from aquafish_gym.morphology import FINS
-from eea.aquafish import RealityGap
+from eea.fish import RealityGap
 
 # Damages that no method was developed on: all of that was done on left_pectoral:length=0.5.
 # Replicate r has damage r modulo their number.

@@ -38,9 +38,9 @@ from aquafish_gym.utils.command_line import (
     read_morphology,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from eea.aquafish.gap import MOST_SPIN
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
 from eea.core.exploration import Strategy
+from eea.fish.gap import MOST_SPIN
 from gait.controller import Controller
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig

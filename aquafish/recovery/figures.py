@@ -21,8 +21,8 @@ from aquafish.recovery.treatment import (
 from aquafish_gym import Morphology
 from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
 from aquafish_gym.rendering.pictures import new_figure, save_figure
-from eea.aquafish import fish_models
 from eea.core.fitness import chance_level, mid_range_level
+from eea.fish import fish_models
 from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 

@@ -17,12 +17,12 @@ from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.runner import Say
-from eea.aquafish import EngineTarget, RealityGap, fish_eea, fish_models
-from eea.aquafish.fins import fins_after
 from eea.core import EEAConfig, streams
 from eea.core.angles import wrap
 from eea.core.config import Condition
 from eea.core.fitness import objective_fitness
+from eea.fish import EngineTarget, RealityGap, fish_eea, fish_models
+from eea.fish.fins import fins_after
 from gait.evolve import EvolveConfig, Generation, damaged_at_random, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer

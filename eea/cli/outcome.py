@@ -7,8 +7,8 @@ from pathlib import Path
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import write_document
-from eea.aquafish import save_posterior
 from eea.core.result import SCHEMA, Result
+from eea.fish import save_posterior
 
 RESULT, MODEL, PICTURE = "result.json", "morphology.json", "rounds.png"
 POSTERIOR, BODIES, MARGINALS = "posterior.npz", "bodies.json", "posterior.png"
@@ -33,7 +33,7 @@ def draw_posterior(folder: Path, result: Result) -> None:
     """Draw what is believed, where that is known."""
     if result.belief is not None:
         from aquafish_gym.rendering.pictures import save_figure
-        from eea.aquafish.posterior_figure import posterior_figure
+        from eea.fish.posterior_figure import posterior_figure
 
         save_figure(posterior_figure(result), folder / MARGINALS)
 

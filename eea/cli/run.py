@@ -28,8 +28,6 @@ from aquafish_gym.utils.command_line import (
     Threads,
     read_morphology,
 )
-from eea.aquafish import EngineTarget, RealityGap, fish_eea
-from eea.aquafish.simulator import SimulatorOptions
 from eea.cli.outcome import (
     MASS,
     PICTURE,
@@ -44,6 +42,8 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
 from eea.core.rounds import Rounds, streams
+from eea.fish import EngineTarget, RealityGap, fish_eea
+from eea.fish.simulator import SimulatorOptions
 
 KIND = "a run of the algorithm"
 SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
@@ -181,7 +181,7 @@ def _conclude(
         console.print("no round was completed")
     else:
         from aquafish_gym.rendering.pictures import save_figure
-        from eea.aquafish.run_figure import fitness_figure
+        from eea.fish.run_figure import fitness_figure
 
         save_figure(fitness_figure(result), folder / PICTURE)
         draw_posterior(folder, result)

@@ -28,7 +28,6 @@ from aquafish_gym.utils.command_line import (
     read_morphology,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.aquafish import Orientation, RealityGap
 from eea.cli.arms import (
     ArmSettings,
     Figure,
@@ -40,6 +39,7 @@ from eea.cli.arms import (
 from eea.cli.board import Board, shown
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import Condition
+from eea.fish import Orientation, RealityGap
 from eea.study.cost import cost
 from eea.study.folder import claim, extended, merge, read_description
 from eea.study.presets import smoke

@@ -7,7 +7,7 @@ from math import degrees
 from pathlib import PurePath
 from typing import Any
 
-from eea.aquafish.gap import RealityGap
+from eea.fish.gap import RealityGap
 from eea.report.arms import angle_label, setting_label, shown_in_full
 
 _STARTS = {

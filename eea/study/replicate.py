@@ -13,11 +13,11 @@ import eea
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.stamps import code_stamp
-from eea.aquafish import EngineTarget, Orientation, RealityGap, fish_eea
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.core.result import Belief, Result
 from eea.core.rounds import Rounds, streams
+from eea.fish import EngineTarget, Orientation, RealityGap, fish_eea
 from eea.study.plan import Place
 from eea.study.presets import smoke
 
@@ -25,7 +25,7 @@ from eea.study.presets import smoke
 # commands and the reports only carry results.
 _ROBOT = ("command.py", "damage", "envs/course.py", "imu.py", "morphology.py", "physics", "engines")
 MASSES = (0.5, 0.8, 0.9)  # of the intervals that are held against the truth
-_ALGORITHM = ("core", "joint", "aquafish", "study/replicate.py")
+_ALGORITHM = ("core", "joint", "fish", "study/replicate.py")
 
 
 @cache

@@ -12,15 +12,15 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
-import eea.aquafish.spectral
 import eea.core.estimation
 import eea.core.genetic
+import eea.fish.spectral
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from eea.aquafish.estimate import estimate_morphology
 from eea.core.bits import BitLayout
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
+from eea.fish.estimate import estimate_morphology
 from eea.study.presets import figure_config
 from tests.benchmarks.rows import Group, Row, Settings
 
@@ -35,8 +35,8 @@ REST = "the rest"
 PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "physics, transform": ((LaneBatch, "_run"),),
     "batches": ((LaneBatch, "__init__"), (LaneBatch, "spectra")),
-    "Eq. 2": ((eea.aquafish.spectral, "pack_spectra"), (eea.aquafish.spectral, "distances")),
-    "Eq. 1": ((eea.aquafish.spectral, "disagreements"),),
+    "Eq. 2": ((eea.fish.spectral, "pack_spectra"), (eea.fish.spectral, "distances")),
+    "Eq. 1": ((eea.fish.spectral, "disagreements"),),
     "GA": (
         (eea.core.estimation, "next_generation"),
         (eea.core.genetic, "next_generation"),
@@ -156,7 +156,7 @@ def replicates(settings: Settings, _cleanup: ExitStack) -> Group:
 def _warm_up(seed: int) -> None:
     """Compile everything that the rows call: the loops are the same for any duration."""
     config = replace(
-        figure_config("fig5", eea.aquafish.spectral.SHORTEST, QUICK_ROUNDS),
+        figure_config("fig5", eea.fish.spectral.SHORTEST, QUICK_ROUNDS),
         exploration=ExplorationConfig(population=2, generations=1),
         estimation=EstimationConfig(population=2, generations=1),
     )

@@ -11,10 +11,10 @@ import eea
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from eea import EEAConfig, EngineSimulator, EngineTarget, Trials, estimate_morphology
-from eea.aquafish import estimate_morphology_of, fish_actions, fish_eea, fish_models
 from eea.core.behavior import BehaviorConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
+from eea.fish import estimate_morphology_of, fish_actions, fish_eea, fish_models
 
 QUICK = EEAConfig(
     condition="none",

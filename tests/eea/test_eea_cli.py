@@ -17,10 +17,10 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document
 from aquafish_gym.utils.command_line import read_morphology
 from eea.__main__ import main
-from eea.aquafish import fish_models, load_posterior
 from eea.cli.run import damage_words
 from eea.core.config import EEAConfig
 from eea.core.result import Result
+from eea.fish import fish_models, load_posterior
 from quick_run import QUICK
 
 JOINT = [

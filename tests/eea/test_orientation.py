@@ -9,7 +9,7 @@ from aquafish_gym import Morphology
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.attitude import attitude, rotations
 from eea import ConfigurationError, EngineTarget
-from eea.aquafish.target import random_orientation
+from eea.fish.target import random_orientation
 
 COMMAND = np.array([0.4, -0.3, 0.8])
 CURRENT = (0.7, -0.4, 0.2)

@@ -18,7 +18,6 @@ from eea import (
     read_log,
     write_log,
 )
-from eea.aquafish import estimate, estimate_morphology_of
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.config import RECOMMENDED, JointConfig
@@ -26,6 +25,7 @@ from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.inference import OutOfBandConfig
 from eea.core.rounds import streams
+from eea.fish import estimate, estimate_morphology_of
 
 QUICK = EEAConfig(
     steps=32,

@@ -7,11 +7,11 @@ from matplotlib.figure import Figure
 
 from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.utils.validation import UnknownNameError
-from eea.aquafish.run_figure import fitness_figure
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
+from eea.fish.run_figure import fitness_figure
 from fake_fish import STEPS, fake_eea
 
 QUICK = EEAConfig(

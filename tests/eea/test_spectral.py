@@ -10,12 +10,12 @@ import pytest
 
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.aquafish.simulator import EngineSimulator
-from eea.aquafish.spectral import SpectralComparer, can_compare
 from eea.core.behavior import BehaviorConfig, Signal
 from eea.core.checks import TargetError
 from eea.core.experiment import Simulator, Trials
 from eea.core.laboratory import DIVERGED, Laboratory
+from eea.fish.simulator import EngineSimulator
+from eea.fish.spectral import SpectralComparer, can_compare
 from tests.verification.trials import random_trials
 
 STEPS, MODELS = 128, 6

@@ -11,10 +11,10 @@ from aquafish_gym import simulate
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import RecordedLog, SwimLog, read_log, write_log
-from eea.aquafish.log_inference import log_windows
-from eea.aquafish.sampling import cubic_weights
-from eea.aquafish.swim_log import COLUMNS
 from eea.core.checks import ConfigurationError
+from eea.fish.log_inference import log_windows
+from eea.fish.sampling import cubic_weights
+from eea.fish.swim_log import COLUMNS
 
 COMMANDS = [(0.5, -0.5, 1.0), (-0.3, 0.2, 0.5)]
 HEADING = ",".join(COLUMNS)

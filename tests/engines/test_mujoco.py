@@ -20,7 +20,7 @@ from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics.kinematics import SWEEP, rotation
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
-from eea.aquafish.target import EngineTarget
+from eea.fish.target import EngineTarget
 from gait import swim
 from gait.transfer import TransferConfig, transfer
 from tests.verification.convergence import attitude_gap

@@ -15,9 +15,9 @@ import eea
 from aquafish_gym.runs.runner import Say
 from aquafish_gym.runs.stamps import code_stamp
 from eea import EEAConfig, JointConfig, fish_problem
-from eea.aquafish.joint import fish_joint
-from eea.aquafish.simulator import EngineSimulator
 from eea.core.exploration import ExplorationConfig
+from eea.fish.joint import fish_joint
+from eea.fish.simulator import EngineSimulator
 from eea.joint import JointBelief, JointInference, ranks
 from eea.joint.belief import Branch
 from eea.joint.fitting import FINE, Misfit, descend

@@ -8,9 +8,9 @@ from scipy.stats import truncnorm
 
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
-from eea.aquafish.gap import RealityGap
-from eea.aquafish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
-from eea.aquafish.target import EngineTarget
+from eea.fish.gap import RealityGap
+from eea.fish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
+from eea.fish.target import EngineTarget
 from eea.joint.fitting import Observed
 from tests.inference.settings import Setting
 
@@ -31,7 +31,7 @@ def draw_body(setting: Setting, number: int, rng: np.random.Generator) -> Floats
 
 
 def draw_world(setting: Setting, rng: np.random.Generator) -> Floats:
-    """Return the nuisances of a setting's robot, as ``eea.aquafish.joint`` orders them."""
+    """Return the nuisances of a setting's robot, as ``eea.fish.joint`` orders them."""
     values = NOMINAL.copy()
     if setting.world == "other numbers":
         way = rng.normal(size=3)

@@ -27,7 +27,6 @@ from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import layout
-from eea.aquafish import EngineTarget, fish_actions, fish_eea
 from eea.core.behavior import BehaviorConfig, Signal
 from eea.core.checks import TargetError
 from eea.core.config import EEAConfig
@@ -36,6 +35,7 @@ from eea.core.experiment import Simulator, Trials
 from eea.core.exploration import Exploration, ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.core.laboratory import DIVERGED, Laboratory
+from eea.fish import EngineTarget, fish_actions, fish_eea
 from gait import evolve, rollout
 from gait.controller import Controller
 from gait.fitness import DIVERGED_SPEED

@@ -9,13 +9,13 @@ import pytest
 
 from aquafish_gym import Morphology, simulate
 from aquafish_gym.engines.base import TIMESTEP
-from eea.aquafish import RealityGap
-from eea.aquafish.estimate import fish_eea
-from eea.aquafish.fins import fins_after
-from eea.aquafish.target import EngineTarget
 from eea.core.angles import wrap
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig, JointConfig
+from eea.fish import RealityGap
+from eea.fish.estimate import fish_eea
+from eea.fish.fins import fins_after
+from eea.fish.target import EngineTarget
 
 # As much of a search as these trials need.
 QUICK = JointConfig(bodies=48, poses=48, descents=12, polished=2, alternatives="never")

@@ -15,10 +15,10 @@ from eea import (
     JointInference,
     RealityGap,
 )
-from eea.aquafish.estimate import fish_problem
-from eea.aquafish.joint import fish_joint
-from eea.aquafish.simulator import EngineSimulator
 from eea.core.rounds import streams
+from eea.fish.estimate import fish_problem
+from eea.fish.joint import fish_joint
+from eea.fish.simulator import EngineSimulator
 from eea.joint.archive import from_arrays, to_arrays
 from eea.joint.belief import JointBelief
 from eea.joint.parameters import Parameters

@@ -11,13 +11,13 @@ from scipy.stats import kstest
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.aquafish.estimate import MorphologyEstimate
-from eea.aquafish.log_inference import BEFORE, infer_log, log_windows
-from eea.aquafish.swim_log import SwimLog
-from eea.aquafish.watch import watch_swim
 from eea.core.checks import ConfigurationError
 from eea.core.config import JointConfig
 from eea.core.replay import RecordedLog
+from eea.fish.estimate import MorphologyEstimate
+from eea.fish.log_inference import BEFORE, infer_log, log_windows
+from eea.fish.swim_log import SwimLog
+from eea.fish.watch import watch_swim
 
 NOISE = 0.01
 BODY = Damage.parse("left_pectoral:length=0.6").apply(Morphology.nominal())

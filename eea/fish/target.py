@@ -17,10 +17,10 @@ from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.attitude import rotations
 from aquafish_gym.utils.validation import finite_array, integer
-from eea.aquafish.broken_trial import as_said, placed, rpy_of, swim_through, with_gains
-from eea.aquafish.gap import RealityGap
 from eea.core.angles import Floats
 from eea.core.checks import choice, instance
+from eea.fish.broken_trial import as_said, placed, rpy_of, swim_through, with_gains
+from eea.fish.gap import RealityGap
 
 Orientation = Literal["upright", "heading", "attitude"]
 NO_GAP = RealityGap()

@@ -74,6 +74,6 @@ class EngineSimulator(Simulator):
         if resolve_engine("engine", self.engine) != "numba" or steps != self.steps:
             return None
         # numba comes with it: importing this room stays quick.
-        from eea.aquafish.spectral import SpectralComparer, can_compare
+        from eea.fish.spectral import SpectralComparer, can_compare
 
         return SpectralComparer(self, behavior) if can_compare(behavior, steps) else None

@@ -13,14 +13,14 @@ from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.aquafish.estimate import MorphologyEstimate, fish_problem
-from eea.aquafish.joint import Swims, fish_joint
-from eea.aquafish.sampling import NEAR, at_times, steps_for
-from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
-from eea.aquafish.swim_log import FEWEST, SwimLog
 from eea.core.angles import Floats
 from eea.core.checks import TargetError
 from eea.core.config import EEAConfig, JointConfig
+from eea.fish.estimate import MorphologyEstimate, fish_problem
+from eea.fish.joint import Swims, fish_joint
+from eea.fish.sampling import NEAR, at_times, steps_for
+from eea.fish.simulator import EngineSimulator, SimulatorOptions
+from eea.fish.swim_log import FEWEST, SwimLog
 from eea.joint.contradiction import contradiction
 from eea.joint.inference import JointInference
 

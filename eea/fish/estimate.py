@@ -12,9 +12,6 @@ from numpy.typing import ArrayLike
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
-from eea.aquafish.gap import RealityGap
-from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
-from eea.aquafish.target import NO_GAP, EngineTarget, Orientation
 from eea.core.algorithm import EEA
 from eea.core.behavior import Log, signal_samples
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
@@ -26,6 +23,9 @@ from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
 from eea.core.result import Result, RoundRecord
 from eea.core.rounds import Rounds, streams
+from eea.fish.gap import RealityGap
+from eea.fish.simulator import EngineSimulator, SimulatorOptions
+from eea.fish.target import NO_GAP, EngineTarget, Orientation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,7 +71,7 @@ class MorphologyEstimate(Result):
 
     def plot(self) -> Figure:
         """Return a matplotlib figure of OBJ_FIT, where the truth is known, and MOD_FIT by round."""
-        from eea.aquafish.run_figure import fitness_figure
+        from eea.fish.run_figure import fitness_figure
 
         return fitness_figure(self)
 
@@ -80,7 +80,7 @@ class MorphologyEstimate(Result):
 
         The condition joint alone has it; others raise ConfigurationError.
         """
-        from eea.aquafish.posterior_figure import posterior_figure
+        from eea.fish.posterior_figure import posterior_figure
 
         return posterior_figure(self)
 
@@ -150,7 +150,7 @@ def fish_eea(
     body = None if truth is None else Morphology.coerce(truth).to_array()
     if config.condition == "joint":
         # scipy's statistics come with it: importing this room stays quick.
-        from eea.aquafish.joint import fish_joint
+        from eea.fish.joint import fish_joint
         from eea.joint.inference import JointInference
 
         return JointInference(target, fish_joint(problem, engine), config, seed, body, utility)

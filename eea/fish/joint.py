@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import simulate
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
-from eea.aquafish.simulator import EngineSimulator
 from eea.core.angles import Floats
 from eea.core.problem import Problem
+from eea.fish.simulator import EngineSimulator
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
 _SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}

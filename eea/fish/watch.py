@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Unpack
 
-from eea.aquafish.estimate import fish_problem
-from eea.aquafish.sampling import at_times, steps_for
-from eea.aquafish.simulator import EngineSimulator, SimulatorOptions
-from eea.aquafish.swim_log import SwimLog
 from eea.core.angles import Floats
+from eea.fish.estimate import fish_problem
+from eea.fish.sampling import at_times, steps_for
+from eea.fish.simulator import EngineSimulator, SimulatorOptions
+from eea.fish.swim_log import SwimLog
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -49,7 +49,7 @@ class Watched:
 
     def plot(self) -> Figure:
         """Return a matplotlib figure of what each window leaves unexplained."""
-        from eea.aquafish.watched_figure import watched_figure
+        from eea.fish.watched_figure import watched_figure
 
         return watched_figure(self)
 
@@ -98,8 +98,8 @@ def watch_swim(
     60 s of swimming, 59 windows: this is still the body that was inferred
     """
     # scipy's statistics come with it: importing this room stays quick.
-    from eea.aquafish.joint import Swims, fish_joint
-    from eea.aquafish.log_inference import log_windows
+    from eea.fish.joint import Swims, fish_joint
+    from eea.fish.log_inference import log_windows
     from eea.joint.watch import ALARM, Watch
 
     cut, _, ends, _ = log_windows(log, True, WINDOW)

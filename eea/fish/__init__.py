@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eea.aquafish.estimate import (
+    from eea.fish.estimate import (
         MorphologyEstimate,
         estimate_from_logs,
         estimate_morphology,
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
         fish_models,
         fish_problem,
     )
-    from eea.aquafish.fins import Fins, fins_after
-    from eea.aquafish.gap import RealityGap
-    from eea.aquafish.log_inference import infer_log
-    from eea.aquafish.posterior_file import load_posterior, save_posterior
-    from eea.aquafish.simulator import EngineSimulator
-    from eea.aquafish.swim_log import SwimLog
-    from eea.aquafish.swim_log_file import read_log, write_log
-    from eea.aquafish.target import EngineTarget, Orientation
-    from eea.aquafish.watch import watch_swim
+    from eea.fish.fins import Fins, fins_after
+    from eea.fish.gap import RealityGap
+    from eea.fish.log_inference import infer_log
+    from eea.fish.posterior_file import load_posterior, save_posterior
+    from eea.fish.simulator import EngineSimulator
+    from eea.fish.swim_log import SwimLog
+    from eea.fish.swim_log_file import read_log, write_log
+    from eea.fish.target import EngineTarget, Orientation
+    from eea.fish.watch import watch_swim
 
 __all__ = [
     "EngineSimulator",
@@ -68,5 +68,5 @@ _ROOMS = {
 def __getattr__(name: str) -> Any:
     if name in __all__:
         room = _ROOMS.get(name, "estimate")
-        return getattr(import_module(f"eea.aquafish.{room}"), name)
-    raise AttributeError(f"module 'eea.aquafish' has no attribute {name!r}")
+        return getattr(import_module(f"eea.fish.{room}"), name)
+    raise AttributeError(f"module 'eea.fish' has no attribute {name!r}")

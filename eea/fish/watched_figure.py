@@ -11,7 +11,7 @@ from aquafish_gym.rendering.pictures import new_figure
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from eea.aquafish.watch import Watched
+    from eea.fish.watch import Watched
 
 _SAME, _OTHER = "#0072B2", "#D55E00"  # of Okabe and Ito's palette
 

@@ -9,11 +9,11 @@ import numpy as np
 from aquafish_gym.command import SERVOS
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
-from eea.aquafish.joint import GAIN, LAG
-from eea.aquafish.joint import SERVOS as SWITCHES
 from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
+from eea.fish.joint import GAIN, LAG
+from eea.fish.joint import SERVOS as SWITCHES
 from eea.joint.belief import SAMPLES, JointBelief
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import DamagedFileError, read_bytes, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of
-from eea.aquafish.swim_log import COLUMNS, SwimLog
+from eea.fish.swim_log import COLUMNS, SwimLog
 
 MOST_BYTES = 64 * 2**20  # of a file: more than an hour at 100 rows a second
 SUFFIXES = (".csv", ".npz")

@@ -26,7 +26,7 @@ from eea.core.behavior import BehaviorConfig, Coefficients
 from eea.core.experiment import Trials
 
 if TYPE_CHECKING:
-    from eea.aquafish.simulator import EngineSimulator
+    from eea.fish.simulator import EngineSimulator
 
 SHORTEST = 4  # steps of a trial that the engine transforms
 
