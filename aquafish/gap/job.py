@@ -20,10 +20,10 @@ from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core import EEAConfig, Result, streams
 from eea.core.angles import Floats
 from eea.core.config import Condition
-from eea.core.rounds import Rounds
+from eea.core.session import Session
 from eea.fish import EngineSimulator, EngineTarget, RealityGap, fish_eea, fish_problem
 from eea.fish.joint import HYPOTHESES, fish_joint
-from eea.joint.belief import JointBelief
+from eea.joint.joint_posterior import JointPosterior
 from eea.joint.problem import AS_COMMANDED
 from gait import Controller
 from gait.evolve import EvolveConfig, evolve_gait
@@ -87,7 +87,7 @@ class GapJob:
         """How the target's world differs from the models'."""
         return gap_of(self.world, self.seed)
 
-    def begin(self) -> Rounds:
+    def begin(self) -> Session:
         """Return the method before its first round; raises as ``EngineTarget`` and ``EEA``."""
         settings, engine = self.settings.eea, WORLDS[self.world].engine
         hidden, truth = streams(self.seed)["target"], self.body.to_array()
@@ -144,7 +144,7 @@ def bridge(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
             "trials": [record.trials for record in result.rounds],
             "cpu_seconds": seconds,
         }
-        if isinstance(result.belief, JointBelief):
+        if isinstance(result.belief, JointPosterior):
             bodies["sample"] = result.sample(job.settings.bodies, job.seed)
             outcome["belief"] = _judge(job, result.belief)
     say("gait", MODEL_SHARE)
@@ -166,7 +166,7 @@ def _model(job: GapJob, say: Callable[[str, float], None]) -> tuple[Result, list
     return method.result, seconds
 
 
-def _judge(job: GapJob, belief: JointBelief) -> dict[str, Any]:
+def _judge(job: GapJob, belief: JointPosterior) -> dict[str, Any]:
     """Return how belief and truth compare."""
     truth, covered = job.body.to_array(), {}
     for mass in MASSES:

@@ -22,8 +22,8 @@ from eea.core.design import fast_command
 from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
-from eea.core.rounds import Answer, Conclusion, Rounds
-from eea.joint.fitting import COARSE, FINE, Misfit, Observed
+from eea.core.session import Answer, Conclusion, Session
+from eea.joint.least_squares import COARSE, FINE, Misfit, Observed
 from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
 from eea.joint.search import LEAST_SIGMA
@@ -173,7 +173,7 @@ RIVALS: dict[str, Search] = {"cma-es": cma_es, "ga": genetic}
 PACKAGES = {"cma-es": "cma", "ga": "deap"}
 
 
-class Rival(Rounds):
+class Rival(Session):
     """Finds the likeliest body, nuisances and hidden angles of all trials by some search.
 
     Parameters

@@ -10,11 +10,11 @@ import tyro
 
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, choice
+from eea.core.conditions import InBandConfig, OutOfBandConfig
 from eea.core.config import Condition, EEAConfig, JointConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
-from eea.core.inference import InBandConfig, OutOfBandConfig
 from eea.study.ablations import ABLATIONS, ablation_arms
 from eea.study.presets import FIGURE_ARMS, FIGURES
 

@@ -19,7 +19,7 @@ from aquafish_gym.utils.command_line import BodyFile, Threads, read_morphology
 from aquafish_gym.utils.validation import one_of
 from eea.cli.outcome import belief_words, draw_posterior, outcome_words, size_table, write_outcome
 from eea.core.config import JointConfig
-from eea.core.rounds import streams
+from eea.core.session import streams
 from eea.fish import infer_log, read_log
 from eea.fish.log_inference import disagreement, log_nuisances, log_windows
 from eea.fish.swim_log import SwimLog

@@ -41,7 +41,7 @@ from eea.cli.outcome import (
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
-from eea.core.rounds import Rounds, streams
+from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.fish.simulator import SimulatorOptions
 
@@ -139,7 +139,7 @@ class Recover(Run):
     target_damage: AnyDamage = "left_pectoral:length=0.5"
 
 
-def _fill(folder: Path, eea: Rounds, intact: Morphology, damage: Damage) -> None:
+def _fill(folder: Path, eea: Session, intact: Morphology, damage: Damage) -> None:
     """Run to a stop rule in a folder that is held, and say what was found, also after Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True, markup=False)
     config, result, earlier = eea.result.config, eea.result, _earlier_rounds(folder)

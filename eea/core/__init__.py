@@ -12,7 +12,7 @@ from eea.core.experiment import Performed, RevealingTarget, Simulator, Target, T
 from eea.core.problem import Problem
 from eea.core.replay import RecordedLog, ReplayTarget
 from eea.core.result import Result
-from eea.core.rounds import streams
+from eea.core.session import streams
 
 __all__ = [
     "CONDITIONS",

@@ -11,19 +11,19 @@ from eea.core.angles import Floats
 from eea.core.behavior import summarize
 from eea.core.bits import BitLayout, pose_layout
 from eea.core.checks import ConfigurationError, TargetError, at_most
+from eea.core.conditions import Ideal, InBand, Inference, NoInference, OutOfBand
 from eea.core.config import EEAConfig
 from eea.core.design import Utility
 from eea.core.estimation import Estimation
 from eea.core.experiment import Context, Experiment, Simulator, Target, reveals
 from eea.core.exploration import Exploration
-from eea.core.inference import Ideal, InBand, Inference, NoInference, OutOfBand
-from eea.core.laboratory import Laboratory
+from eea.core.model_evaluator import ModelEvaluator
 from eea.core.problem import Problem
-from eea.core.rounds import Answer, Conclusion, Rounds
+from eea.core.session import Answer, Conclusion, Session
 
 
 def make_inference(
-    config: EEAConfig, poses: BitLayout, laboratory: Laboratory, rng: np.random.Generator
+    config: EEAConfig, poses: BitLayout, evaluator: ModelEvaluator, rng: np.random.Generator
 ) -> Inference:
     """Return the strategy for ``config.condition``; ``poses`` is the hidden angles' genome."""
     if config.condition == "ideal":
@@ -32,10 +32,10 @@ def make_inference(
         return NoInference()
     if config.condition == "in-band":
         return InBand(config.in_band)
-    return OutOfBand(config.out_of_band, poses, laboratory, config.genetic, rng)
+    return OutOfBand(config.out_of_band, poses, evaluator, config.genetic, rng)
 
 
-class EEA(Rounds):
+class EEA(Session):
     """One run of the algorithm against one target.
 
     Parameters
@@ -118,16 +118,16 @@ class EEA(Rounds):
                 "the ideal condition needs a target with start_angles, the hidden angles when "
                 f"its last command began; {type(target).__name__} has none"
             )
-        self._laboratory = Laboratory(simulator, config.behavior, config.steps, problem.axes)
+        self._evaluator = ModelEvaluator(simulator, config.behavior, config.steps, problem.axes)
         rngs = self._rngs
-        laboratory, genetic, hidden = self._laboratory, config.genetic, len(problem.hidden)
+        evaluator, genetic, hidden = self._evaluator, config.genetic, len(problem.hidden)
         self._exploration = Exploration(
-            problem.actions, hidden, laboratory, config.exploration, genetic, rngs["exploration"]
+            problem.actions, hidden, evaluator, config.exploration, genetic, rngs["exploration"]
         )
         self._estimation = Estimation(
-            problem.models, laboratory, config.estimation, genetic, rngs["estimation"]
+            problem.models, evaluator, config.estimation, genetic, rngs["estimation"]
         )
-        self._inference = make_inference(config, poses, laboratory, rngs["inference"])
+        self._inference = make_inference(config, poses, evaluator, rngs["inference"])
         self._experiments: list[Experiment] = []
 
     @contextmanager
@@ -145,7 +145,7 @@ class EEA(Rounds):
             raise
 
     def _round(self) -> tuple[Answer, Conclusion]:
-        laboratory, trials = self._laboratory, self._laboratory.trials
+        evaluator, trials = self._evaluator, self._evaluator.trials
         before, config = self._estimation.population, self.result.config
         known = before.models, before.fitness
         performed = np.array([experiment.command for experiment in self._experiments])
@@ -169,5 +169,5 @@ class EEA(Rounds):
         rng = self._rngs["inference"]
         model, fitness = self._estimation.run(self._experiments, self._inference, rng)
         spread = self._estimation.population.models.std(axis=0) / self.result.layout.span
-        simulated = laboratory.trials - trials
+        simulated = evaluator.trials - trials
         return answer, Conclusion(action_fitness, model, fitness, newest.context, spread, simulated)

@@ -7,10 +7,10 @@ from typing import Any, Literal, get_args
 
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, at_most, choice, instance, real, whole
+from eea.core.conditions import InBandConfig, OutOfBandConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig, Strategy
 from eea.core.genetic import GeneticConfig
-from eea.core.inference import InBandConfig, OutOfBandConfig
 
 Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
 #: The paper's.
@@ -91,7 +91,7 @@ class EEAConfig:
     condition: Condition = "out-of-band"
     #: Length of a trial in samples, 2^20 at most; a power of two, but for "joint".
     steps: int = 256
-    #: Rounds at most, which is also the number of commands the target performs; 10,000 at most.
+    #: Session at most, which is also the number of commands the target performs; 10,000 at most.
     rounds: int = 25
     accurate: float | None = None  #: Stop once the best MOD_FIT reaches this; None for never.
     time_limit: float | None = None  #: Begin no round after so many seconds; None for no limit.

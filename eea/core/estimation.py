@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats
 from eea.core.bits import BitLayout, Genomes
 from eea.core.checks import choice, flag, whole
+from eea.core.conditions import Inference
 from eea.core.experiment import Experiment, Trials, perform_angles
 from eea.core.fitness import model_fitness
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, next_generation
-from eea.core.inference import Inference
-from eea.core.laboratory import Laboratory
+from eea.core.model_evaluator import ModelEvaluator
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class Estimation:
     """Keeps a population of models and fits it to the experiments."""
 
     layout: BitLayout
-    laboratory: Laboratory
+    evaluator: ModelEvaluator
     config: EstimationConfig
     genetic: GeneticConfig
     rng: np.random.Generator
@@ -162,7 +162,7 @@ class Estimation:
             commands = np.stack([e.command for e in experiments])
             observed = np.stack([e.behavior for e in experiments])
             trials = Trials(models[model], commands[experiment], angles[model, experiment])
-            result[model, experiment] = self.laboratory.similarities(trials, observed, experiment)
+            result[model, experiment] = self.evaluator.similarities(trials, observed, experiment)
         if self.config.remember:
             model, experiment = np.nonzero(needed & fixed)
             table[rows[model], experiment] = result[model, experiment]

@@ -23,7 +23,7 @@ from eea.core.design import (
 )
 from eea.core.experiment import Trials
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
-from eea.core.laboratory import Laboratory
+from eea.core.model_evaluator import ModelEvaluator
 
 Strategy = Literal["disagreement", "random", "fast", Designed]
 RESOLUTION = 0.01  # of the signal's standard deviation: what an EEA's models are told apart by
@@ -64,7 +64,7 @@ class Exploration:
 
     layout: BitLayout
     hidden: int  #: How many hidden angles a pose has.
-    laboratory: Laboratory
+    evaluator: ModelEvaluator
     config: ExplorationConfig
     genetic: GeneticConfig
     rng: np.random.Generator
@@ -135,7 +135,7 @@ class Exploration:
             np.repeat(commands, count, axis=0),
             np.broadcast_to(pose, (actions * count, len(pose))),
         )
-        fitness = self.laboratory.disagreements(trials, count)
+        fitness = self.evaluator.disagreements(trials, count)
         return np.where(np.isfinite(fitness), fitness, -1.0)
 
     def forecast(
@@ -163,7 +163,7 @@ class Exploration:
 
         def simulate(samples: Floats, own: Floats, commands: Floats) -> Floats:
             bodies = layout.low + layout.span * samples
-            return self.laboratory.signals(Trials(bodies, commands, own))
+            return self.evaluator.signals(Trials(bodies, commands, own))
 
         ahead = Forecast(
             samples,

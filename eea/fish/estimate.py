@@ -22,7 +22,7 @@ from eea.core.experiment import Target
 from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
 from eea.core.result import Result, RoundRecord
-from eea.core.rounds import Rounds, streams
+from eea.core.session import Session, streams
 from eea.fish.gap import RealityGap
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.target import NO_GAP, EngineTarget, Orientation
@@ -123,7 +123,7 @@ def fish_eea(
     truth: Morphology | ArrayLike | None = None,
     utility: Utility | None = None,
     **simulator: Unpack[SimulatorOptions],
-) -> Rounds:
+) -> Session:
     """Return the method of ``config.condition``, ready to iterate, bound to a target and the fish.
 
     Parameters

@@ -14,7 +14,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.result import Result
 from eea.fish.joint import GAIN, LAG
 from eea.fish.joint import SERVOS as SWITCHES
-from eea.joint.belief import SAMPLES, JointBelief
+from eea.joint.joint_posterior import SAMPLES, JointPosterior
 
 
 class Fins(NamedTuple):
@@ -57,7 +57,7 @@ def fins_after(result: Result) -> Fins:
     True
     """
     belief = result.belief
-    if not isinstance(belief, JointBelief) or not result.rounds:
+    if not isinstance(belief, JointPosterior) or not result.rounds:
         raise ConfigurationError(
             "result must be of the condition joint, after a trial, to tell where the fins are; got "
             f"{result.config.condition} after {len(result.rounds)} trials"

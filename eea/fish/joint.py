@@ -19,7 +19,7 @@ from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 _SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
 
 # The order of the columns of ``nuisances`` in ``fish_signal``. The priors' widths are what a
-# laboratory's robot may have; the ranges, what it can hardly have.
+# evaluator's robot may have; the ranges, what it can hardly have.
 NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(f"current {axis}", -0.5, 0.5, 0.0, 0.15, "current") for axis in "xyz"),
     *(Nuisance(f"drag of the {what}", 0.5, 1.5, 1.0, 0.2, "drag") for what in ("fins", "body")),

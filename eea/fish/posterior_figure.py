@@ -16,7 +16,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.result import Result
 
 if TYPE_CHECKING:
-    from eea.joint.belief import JointBelief
+    from eea.joint.joint_posterior import JointPosterior
 
 # Of Okabe and Ito's palette, told apart by all eyes: the body's parts in turn, and the nuisances.
 COLOURS, NUISANCE = ("#0072B2", "#D55E00", "#009E73", "#CC79A7"), "#56B4E9"
@@ -53,10 +53,10 @@ def posterior_figure(result: Result) -> Figure:
     ConfigurationError
         If there is no posterior: the condition is another, or no round was completed.
     """
-    from eea.joint.belief import JointBelief
+    from eea.joint.joint_posterior import JointPosterior
 
     belief = result.belief
-    if not isinstance(belief, JointBelief):
+    if not isinstance(belief, JointPosterior):
         raise ConfigurationError(
             "result must have a posterior to be drawn, as the condition joint has after a round; "
             f"it has none, and is of the condition {result.config.condition}"
@@ -85,7 +85,7 @@ def posterior_figure(result: Result) -> Figure:
     return figure
 
 
-def _body(result: Result, belief: JointBelief) -> list[Row]:
+def _body(result: Result, belief: JointPosterior) -> list[Row]:
     layout = result.layout
     draws = belief.sample(DRAWS, np.random.default_rng(0))
     ends, half = belief.interval(0.9), belief.interval(0.5)
@@ -105,7 +105,7 @@ def _body(result: Result, belief: JointBelief) -> list[Row]:
     ]
 
 
-def _nuisances(belief: JointBelief) -> list[Row]:
+def _nuisances(belief: JointPosterior) -> list[Row]:
     """Return what was inferred besides body and angles; of trials with their own, all of them."""
     best = belief.branches[0]
     names, joint = best.parameters.names, best.parameters.joint
@@ -166,7 +166,7 @@ def _draw(axes: Axes, place: int, row: Row) -> None:
         )
 
 
-def _conclusion(belief: JointBelief) -> str:
+def _conclusion(belief: JointPosterior) -> str:
     """Return which hypotheses are probable, if there is a choice, and whether the fit is good."""
     told = [b for b in belief.branches if b.probability > LEAST]
     said = [f"{b.hypothesis.name} ({b.probability:.0%})" for b in told if len(told) > 1]

@@ -11,7 +11,7 @@ from eea.core.checks import ConfigurationError, brief
 from eea.core.result import Belief
 
 if TYPE_CHECKING:
-    from eea.joint.belief import JointBelief
+    from eea.joint.joint_posterior import JointPosterior
 
 
 def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
@@ -26,15 +26,15 @@ def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
     CannotWriteError
         If the file cannot be written.
     """
-    from eea.joint.archive import to_arrays
-    from eea.joint.belief import JointBelief
+    from eea.joint.joint_posterior import JointPosterior
+    from eea.joint.serialization import to_arrays
 
-    if not isinstance(belief, JointBelief):
-        raise ConfigurationError(f"belief must be of type JointBelief; got {brief(belief)}")
+    if not isinstance(belief, JointPosterior):
+        raise ConfigurationError(f"belief must be of type JointPosterior; got {brief(belief)}")
     write_arrays(path, to_arrays(belief))
 
 
-def load_posterior(path: str | os.PathLike[str]) -> JointBelief:
+def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
     """Return what ``save_posterior`` wrote, as ``posterior.npz`` of a run.
 
     Its ``interval``, ``sample`` and ``table`` are those of the belief that was saved, to the
@@ -53,7 +53,7 @@ def load_posterior(path: str | os.PathLike[str]) -> JointBelief:
     >>> low, high = load_posterior("posterior.npz").interval(0.9)  # doctest: +SKIP
     """
     # scipy comes with it.
-    from eea.joint.archive import ARRAYS, from_arrays
+    from eea.joint.serialization import ARRAYS, from_arrays
 
     shapes = {name: (None,) * dimensions for name, dimensions in ARRAYS.items()}
     arrays = read_arrays(path, shapes, "posterior")

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from eea.joint.belief import JointBelief
-    from eea.joint.watch import Look
+    from eea.joint.change_detection import WindowTest
+    from eea.joint.joint_posterior import JointPosterior
 
 WINDOW = 1.0  # s: what changed is seen in the first window that is all after it
 
@@ -27,7 +27,7 @@ class Watched:
     """What a swim looked like, window by window."""
 
     time: Floats  #: (E,) when each window ended, s since the record's beginning.
-    looks: tuple[Look, ...]
+    looks: tuple[WindowTest, ...]
     alarm: float  #: The chance of a false alarm in each window.
 
     @property
@@ -56,7 +56,7 @@ class Watched:
 
 def watch_swim(
     log: SwimLog,
-    belief: JointBelief,
+    belief: JointPosterior,
     *,
     alarm: float | None = None,
     seed: int = 0,
@@ -66,7 +66,7 @@ def watch_swim(
 ) -> Watched:
     """Hold a swim, second by second, against what is believed of the body.
 
-    How that is done, see ``eea.joint.watch``.
+    How that is done, see ``eea.joint.change_detection``.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ def watch_swim(
     # scipy's statistics come with it: importing this room stays quick.
     from eea.fish.joint import Swims, fish_joint
     from eea.fish.log_inference import log_windows
-    from eea.joint.watch import ALARM, Watch
+    from eea.joint.change_detection import ALARM, ChangeDetector
 
     cut, _, ends, _ = log_windows(log, True, WINDOW)
     steps = cut.gyro.shape[1] if cut.time is None else steps_for(cut.time)
@@ -110,7 +110,7 @@ def watch_swim(
     observed = Swims.array(cut.series, cut.spin)
     if cut.time is not None:
         joint, observed = at_times(joint, observed, cut.time)
-    watch, looks = Watch(joint, belief, ALARM if alarm is None else alarm, seed), []
+    watch, looks = ChangeDetector(joint, belief, ALARM if alarm is None else alarm, seed), []
     for i, gyro in enumerate(cut.gyro):
         looks.append(watch.look(observed[i : i + 1], gyro))
         if progress is not None:

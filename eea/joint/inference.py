@@ -21,23 +21,23 @@ from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
 from eea.core.result import RoundRecord
-from eea.core.rounds import Answer, Conclusion, Rounds
-from eea.joint.belief import JointBelief, groups, weigh
-from eea.joint.fitting import Observed
-from eea.joint.goodness import Goodness, effective_count, goodness_of_fit
+from eea.core.session import Answer, Conclusion, Session
+from eea.joint.goodness_of_fit import Goodness, effective_count, goodness_of_fit
+from eea.joint.initialization import pose
+from eea.joint.joint_posterior import JointPosterior, groups, weigh
+from eea.joint.least_squares import Observed
 from eea.joint.next_trial import enough, next_command
 from eea.joint.parameters import SURE, Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
 from eea.joint.search import Optima, halved, improved, search
-from eea.joint.starts import pose
 
 FEWEST_STEPS = 32
 ABSENT = 0.02  # of a range: a part this small may as well be one that does not move
 HOPELESS = 50.0  # in log evidence: what is so much worse is not fitted again
 
 
-class JointInference(Rounds):
+class JointInference(Session):
     """Fits body, nuisances and every trial's hidden angles together, trial by trial.
 
     Parameters
@@ -130,9 +130,9 @@ class JointInference(Rounds):
         return self._simulate(bodies, nuisances, commands, angles, fine)
 
     @property
-    def _belief(self) -> JointBelief | None:
+    def _belief(self) -> JointPosterior | None:
         belief = self.result.belief
-        assert belief is None or isinstance(belief, JointBelief)
+        assert belief is None or isinstance(belief, JointPosterior)
         return belief
 
     @contextmanager
@@ -205,7 +205,7 @@ class JointInference(Rounds):
             self._simulated - simulated,
         )
 
-    def _conclude(self) -> JointBelief:
+    def _conclude(self) -> JointPosterior:
         """Fit every hypothesis that is worth it, and weigh them."""
         plain = self._fit(AS_COMMANDED)
         alone = posterior_of(plain, plain)
@@ -229,7 +229,7 @@ class JointInference(Rounds):
         branches = weigh(fits)
         judged = self._judged(self._optima[branches[0].hypothesis.name])
         count = 0 if self.result.config.joint.noise else self._observed.signal.size
-        return JointBelief(branches, judged, best.sigma, count)
+        return JointPosterior(branches, judged, best.sigma, count)
 
     def _likely(self, plain: Optima, alone: Posterior) -> list[Hypothesis]:
         """Return the other hypotheses to weigh, given the best fits as commanded."""

@@ -21,9 +21,9 @@ from eea.core.design import (
 )
 from eea.core.experiment import Simulator, Trials
 from eea.core.exploration import Exploration
-from eea.core.laboratory import Laboratory
+from eea.core.model_evaluator import ModelEvaluator
 from eea.core.replay import RecordedLog
-from eea.joint.belief import SAMPLES, JointBelief
+from eea.joint.joint_posterior import SAMPLES, JointPosterior
 from eea.joint.parameters import Parameters
 
 COMPARED = 128  # bodies that gaits are compared on
@@ -101,7 +101,7 @@ def forecast(one: Parameters, theta: Floats, sigma: float, rng: np.random.Genera
 
 def next_command(
     one: Parameters,
-    belief: JointBelief | None,
+    belief: JointPosterior | None,
     config: EEAConfig,
     performed: Floats,
     utilities: Callable[[Forecast], Floats],
@@ -121,9 +121,9 @@ def next_command(
         See ``Exploration.choose``; and there for the strategies.
     """
     problem = one.joint.problem
-    laboratory = Laboratory(Believed(one), config.behavior, config.steps, problem.axes)
+    evaluator = ModelEvaluator(Believed(one), config.behavior, config.steps, problem.axes)
     exploration = Exploration(
-        problem.actions, len(problem.hidden), laboratory, config.exploration, config.genetic, rng
+        problem.actions, len(problem.hidden), evaluator, config.exploration, config.genetic, rng
     )
 
     def sampled(count: int) -> Floats:
@@ -143,7 +143,7 @@ def next_command(
 
 
 def enough(
-    belief: JointBelief | None, layout: BitLayout, settings: JointConfig, utility: Utility | None
+    belief: JointPosterior | None, layout: BitLayout, settings: JointConfig, utility: Utility | None
 ) -> str | None:
     """Return which stop rule holds, ``"narrow"`` or ``"robust"``, if any does.
 

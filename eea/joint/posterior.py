@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import ConfigurationError, brief, finite, real, whole
-from eea.joint.truncated import BoxNormal
+from eea.joint.truncated_normal import BoxNormal
 
 SCHEMA = "eea.posterior/1"
 DRAWS = 4096  # that summaries are made of: a 5% quantile is then one of 4.3 to 5.7%

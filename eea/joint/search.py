@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import JointConfig
-from eea.joint.fitting import COARSE, FINE, Fitted, Linear, Misfit, Observed, descend
+from eea.joint.initialization import hop, pose, relined, scan
+from eea.joint.least_squares import COARSE, FINE, Fitted, Linear, Misfit, Observed, descend
 from eea.joint.parameters import Parameters
-from eea.joint.starts import hop, pose, relined, scan
 
 CLOSE = 10.0  # in cost: what is further from the best has under 1/20,000 of its weight
 HOPS = 3  # from the best, at most

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from eea.core.checks import choice
+from eea.core.conditions import InBandConfig, OutOfBandConfig
 from eea.core.config import EEAConfig
 from eea.core.estimation import EstimationConfig
-from eea.core.inference import InBandConfig, OutOfBandConfig
 
 FIGURES: dict[str, EEAConfig] = {
     "fig5": EEAConfig(condition="ideal"),

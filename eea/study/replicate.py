@@ -16,7 +16,7 @@ from aquafish_gym.runs.stamps import code_stamp
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig
 from eea.core.result import Belief, Result
-from eea.core.rounds import Rounds, streams
+from eea.core.session import Session, streams
 from eea.fish import EngineTarget, Orientation, RealityGap, fish_eea
 from eea.study.plan import Place
 from eea.study.presets import smoke
@@ -107,7 +107,7 @@ class Replicate:
         """Its file relative to the study's folder."""
         return self.place.file
 
-    def begin(self) -> Rounds:
+    def begin(self) -> Session:
         """Return the algorithm before its first round.
 
         Raises

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from eea import CONDITIONS, EEAConfig, estimate_morphology
+from eea.core.conditions import OutOfBandConfig
 from eea.core.config import Condition
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
-from eea.core.inference import OutOfBandConfig
 
 DAMAGE = "left_pectoral:length=0.5"
 

@@ -9,14 +9,14 @@ import pytest
 from eea.core.algorithm import EEA
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
+from eea.core.conditions import InBandConfig, OutOfBandConfig
 from eea.core.config import CONDITIONS, EEAConfig, recovery_config
 from eea.core.estimation import EstimationConfig
 from eea.core.experiment import Trials
 from eea.core.exploration import ExplorationConfig
 from eea.core.fitness import mid_range_level, quantisation_limit
 from eea.core.genetic import GeneticConfig
-from eea.core.inference import InBandConfig, OutOfBandConfig
-from eea.core.rounds import STREAMS, streams
+from eea.core.session import STREAMS, streams
 from eea.study.presets import FIGURES, figure_config
 from fake_fish import (
     MODELS,

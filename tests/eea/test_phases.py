@@ -9,13 +9,13 @@ import pytest
 
 from eea.core.behavior import BehaviorConfig, summarize
 from eea.core.checks import ConfigurationError, TargetError
+from eea.core.conditions import Ideal, NoInference, OutOfBandConfig
 from eea.core.config import CONDITIONS, EEAConfig
 from eea.core.estimation import Estimation, EstimationConfig
 from eea.core.experiment import Context, Experiment, Trials
 from eea.core.exploration import Exploration, ExplorationConfig
 from eea.core.genetic import GeneticConfig
-from eea.core.inference import Ideal, NoInference, OutOfBandConfig
-from eea.core.laboratory import DIVERGED, Laboratory
+from eea.core.model_evaluator import DIVERGED, ModelEvaluator
 from fake_fish import (
     ACTIONS,
     MODELS,
@@ -33,8 +33,8 @@ BEHAVIOR = BehaviorConfig()
 def explore(
     config: ExplorationConfig, simulator: FakeSimulator | None = None, seed: int = 0
 ) -> Exploration:
-    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR, STEPS, 3)
-    return Exploration(ACTIONS, 3, laboratory, config, GeneticConfig(), np.random.default_rng(seed))
+    evaluator = ModelEvaluator(simulator or FakeSimulator(), BEHAVIOR, STEPS, 3)
+    return Exploration(ACTIONS, 3, evaluator, config, GeneticConfig(), np.random.default_rng(seed))
 
 
 def bodies(count: int, seed: int = 0) -> np.ndarray:
@@ -111,8 +111,8 @@ def experiments(count: int) -> list[Experiment]:
 
 
 def estimate(config: EstimationConfig, simulator: FakeSimulator | None = None) -> Estimation:
-    laboratory = Laboratory(simulator or FakeSimulator(), BEHAVIOR, STEPS, 3)
-    return Estimation(MODELS, laboratory, config, GeneticConfig(), np.random.default_rng(0))
+    evaluator = ModelEvaluator(simulator or FakeSimulator(), BEHAVIOR, STEPS, 3)
+    return Estimation(MODELS, evaluator, config, GeneticConfig(), np.random.default_rng(0))
 
 
 def test_estimation_finds_a_body_that_explains_the_experiments():
@@ -173,9 +173,9 @@ def test_what_was_learnt_of_an_undone_experiment_is_forgotten():
     found = []
     for interrupted in (True, False):
         rng = np.random.default_rng(0)
-        laboratory = Laboratory(FakeSimulator(), BEHAVIOR, STEPS, 3)
+        evaluator = ModelEvaluator(FakeSimulator(), BEHAVIOR, STEPS, 3)
         config = EstimationConfig(generations=8)
-        estimation = Estimation(MODELS, laboratory, config, GeneticConfig(), rng)
+        estimation = Estimation(MODELS, evaluator, config, GeneticConfig(), rng)
         estimation.run([first], NoInference(), rng)
         saved, drawn = estimation.population, rng.bit_generator.state
         if interrupted:

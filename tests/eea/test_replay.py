@@ -20,11 +20,11 @@ from eea import (
 )
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
+from eea.core.conditions import OutOfBandConfig
 from eea.core.config import RECOMMENDED, JointConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
-from eea.core.inference import OutOfBandConfig
-from eea.core.rounds import streams
+from eea.core.session import streams
 from eea.fish import estimate, estimate_morphology_of
 
 QUICK = EEAConfig(

@@ -13,7 +13,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.behavior import BehaviorConfig, Signal
 from eea.core.checks import TargetError
 from eea.core.experiment import Simulator, Trials
-from eea.core.laboratory import DIVERGED, Laboratory
+from eea.core.model_evaluator import DIVERGED, ModelEvaluator
 from eea.fish.simulator import EngineSimulator
 from eea.fish.spectral import SpectralComparer, can_compare
 from tests.verification.trials import random_trials
@@ -42,9 +42,9 @@ def some(count: int) -> Trials:
 both_signals = pytest.mark.parametrize("signal", ["attitude", "body_rates"])
 
 
-def laboratory(behavior: BehaviorConfig, compiled: bool) -> Laboratory:
+def evaluator(behavior: BehaviorConfig, compiled: bool) -> ModelEvaluator:
     simulator = EngineSimulator(STEPS) if compiled else ByNumpy()
-    return Laboratory(simulator, behavior, STEPS, 3)
+    return ModelEvaluator(simulator, behavior, STEPS, 3)
 
 
 @both_signals
@@ -53,7 +53,7 @@ def laboratory(behavior: BehaviorConfig, compiled: bool) -> Laboratory:
 )
 def test_the_engine_compares_as_numpy_does(settings: dict[str, Any], signal: Signal) -> None:
     behavior = BehaviorConfig(signal=signal, **settings)
-    ours, theirs = (laboratory(behavior, compiled) for compiled in (True, False))
+    ours, theirs = (evaluator(behavior, compiled) for compiled in (True, False))
     assert isinstance(ours._comparer, SpectralComparer)
     observed = theirs.behaviors(some(4)).astype(np.complex128)
     which = np.arange(30) % 4
@@ -84,7 +84,7 @@ def test_it_takes_over_only_what_it_knows(signal: Signal) -> None:
 def test_a_robot_that_diverged_is_like_nothing(
     monkeypatch: pytest.MonkeyPatch, signal: Signal
 ) -> None:
-    lab = laboratory(BehaviorConfig(signal=signal), compiled=True)
+    lab = evaluator(BehaviorConfig(signal=signal), compiled=True)
     spectra = SpectralComparer._spectra
 
     def sick(self: SpectralComparer, trials: object) -> np.ndarray:
@@ -103,7 +103,7 @@ def test_a_robot_that_diverged_is_like_nothing(
 @both_signals
 def test_a_simulator_of_ones_own_is_asked_and_not_bypassed(signal: Signal) -> None:
     noisy = ByNumpy()
-    lab = Laboratory(noisy, BehaviorConfig(signal=signal), STEPS, 3)
+    lab = ModelEvaluator(noisy, BehaviorConfig(signal=signal), STEPS, 3)
     observed = lab.behaviors(some(1))
     lab.similarities(TRIALS, observed, np.zeros(30, np.intp))
     lab.disagreements(TRIALS, MODELS)
@@ -125,17 +125,17 @@ def test_a_simulator_without_the_protocols_methods_is_named() -> None:
         def simulate(self, trials: Trials) -> None: ...
 
     with pytest.raises(TargetError, match=r"must have comparer, as whatever inherits .* Old has"):
-        Laboratory(Old(), BehaviorConfig(), STEPS, 3)  # type: ignore[arg-type]
+        ModelEvaluator(Old(), BehaviorConfig(), STEPS, 3)  # type: ignore[arg-type]
 
 
 def test_it_checks_what_the_long_way_checks() -> None:
-    lab = laboratory(BehaviorConfig(), compiled=True)
+    lab = evaluator(BehaviorConfig(), compiled=True)
     observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
     with pytest.raises(InvalidArgumentError, match="morphologies"):
         lab.similarities(Trials(-TRIALS.models, TRIALS.commands, TRIALS.angles), observed, which)
     with pytest.raises(InvalidArgumentError, match=r"which must lie in \[0, 0\]; got 0 to 7"):
         lab.similarities(TRIALS, observed, which + 7 * (np.arange(30) == 3))
-    other = Laboratory(EngineSimulator(64), BehaviorConfig(), STEPS, 3)
+    other = ModelEvaluator(EngineSimulator(64), BehaviorConfig(), STEPS, 3)
     with pytest.raises(TargetError, match="128 steps"):
         other.similarities(TRIALS, observed, which)
 
@@ -144,7 +144,7 @@ def test_it_checks_what_the_long_way_checks() -> None:
 def test_it_swims_in_the_simulators_water(signal: Signal) -> None:
     behavior = BehaviorConfig(signal=signal)
     still, moving = (
-        Laboratory(EngineSimulator(STEPS, current=current), behavior, STEPS, 3)
+        ModelEvaluator(EngineSimulator(STEPS, current=current), behavior, STEPS, 3)
         for current in ((0.0, 0.0, 0.0), (1.0, 0.0, 0.5))
     )
     assert (moving.disagreements(TRIALS, MODELS) != still.disagreements(TRIALS, MODELS)).all()

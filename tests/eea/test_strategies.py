@@ -11,11 +11,11 @@ import pytest
 
 from eea.core.algorithm import EEA
 from eea.core.checks import ConfigurationError
+from eea.core.conditions import OutOfBandConfig
 from eea.core.config import CONDITIONS, EEAConfig, JointConfig
 from eea.core.design import corners
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig, Strategy
-from eea.core.inference import OutOfBandConfig
 from eea.joint.inference import JointInference
 from eea.joint.problem import JointProblem, Nuisance
 from fake_fish import (

@@ -12,11 +12,11 @@ from eea.core.algorithm import EEA
 from eea.core.behavior import BehaviorConfig
 from eea.core.bits import action_layout, model_layout
 from eea.core.checks import ConfigurationError, TargetError
+from eea.core.conditions import OutOfBandConfig
 from eea.core.config import CONDITIONS, EEAConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.experiment import Performed, Simulator, Trials
 from eea.core.exploration import ExplorationConfig
-from eea.core.inference import OutOfBandConfig
 from eea.core.problem import Problem
 from eea.core.replay import RecordedLog
 from fake_fish import ACTIONS, MODELS

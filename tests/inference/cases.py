@@ -18,11 +18,12 @@ from eea import EEAConfig, JointConfig, fish_problem
 from eea.core.exploration import ExplorationConfig
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
-from eea.joint import JointBelief, JointInference, ranks
-from eea.joint.belief import Branch
-from eea.joint.fitting import FINE, Misfit, descend
+from eea.joint import JointInference, JointPosterior
+from eea.joint.joint_posterior import HypothesisPosterior
+from eea.joint.least_squares import FINE, Misfit, descend
 from eea.joint.parameters import Parameters
 from eea.joint.problem import AS_COMMANDED
+from tests.inference.calibration import ranks
 from tests.inference.robots import Floats, Robot, draw_body, draw_world
 from tests.inference.settings import SETTINGS, Setting
 from tests.inference.swims import SWIMS, measure_swim
@@ -104,7 +105,7 @@ def examine(
         rounds.append({"fitness": record.objective_fitness, "seconds": seconds})
         say(f"trial {record.round}", record.round / setting.trials)
     belief = method.result.belief
-    assert isinstance(belief, JointBelief)
+    assert isinstance(belief, JointPosterior)
     ends = np.array([belief.interval(mass) for mass in MASSES])
     return {
         "rounds": rounds,
@@ -123,7 +124,7 @@ def examine(
     }
 
 
-def _all_unknowns(belief: JointBelief, robot: Robot, rng: np.random.Generator) -> dict[str, Any]:
+def _all_unknowns(belief: JointPosterior, robot: Robot, rng: np.random.Generator) -> dict[str, Any]:
     """Return what needs the whole truth, nuisances and angles included: where it has one."""
     plain = [b for b in belief.branches if b.hypothesis.name == AS_COMMANDED.name]
     if not plain or robot.setting.world in ("reactive", "mujoco"):
@@ -165,7 +166,7 @@ def truth_of(parameters: Parameters, robot: Robot) -> Floats:
     return theta
 
 
-def _excess(branch: Branch, sigma: float, robot: Robot, truth: Floats) -> float:
+def _excess(branch: HypothesisPosterior, sigma: float, robot: Robot, truth: Floats) -> float:
     """Return by how much what was found is worse, in -log posterior, than the truth's valley."""
     parameters, sigma = branch.parameters, max(sigma, LEAST_SIGMA)
     misfit = Misfit(parameters, robot.observed, FINE)

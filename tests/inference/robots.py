@@ -11,7 +11,7 @@ from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.fish.gap import RealityGap
 from eea.fish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
 from eea.fish.target import EngineTarget
-from eea.joint.fitting import Observed
+from eea.joint.least_squares import Observed
 from tests.inference.settings import Setting
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import binomtest
 
 from aquafish_gym.morphology import DIMENSIONS
-from eea.joint import coverage, rank_uniformity
+from tests.inference.calibration import coverage, rank_uniformity
 from tests.inference.cases import DRAWS, MASSES, WORSE
 from tests.inference.settings import SETTINGS, Target
 

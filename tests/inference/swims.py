@@ -18,7 +18,7 @@ from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.runs.runner import Say
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
 from eea.fish.log_inference import BEFORE
-from eea.joint import JointBelief
+from eea.joint import JointPosterior
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.policy import new_policy
@@ -78,7 +78,7 @@ def _window(number: int, rng: np.random.Generator) -> dict[str, Any]:
     swim = SwimLog(swim.time[first:], swim.gyro[first:], swim.commands[first:])
     found = infer_log(swim, seed=number, truth=body, moving=True, threads=1)
     low, high = found.interval(0.9)
-    assert isinstance(found.belief, JointBelief)
+    assert isinstance(found.belief, JointPosterior)
     truth = body.to_array()
     return {
         "fitness": found.objective_fitness,
@@ -95,7 +95,7 @@ def _moved(commands: Floats) -> list[bool]:
 
 
 @lru_cache(maxsize=GAITS)
-def _known(number: int) -> tuple[Controller, JointBelief]:
+def _known(number: int) -> tuple[Controller, JointPosterior]:
     """Return a gait of the undamaged fish, and what it believes after three trials."""
     body, rng = Morphology.nominal(), np.random.default_rng([number, 1])
 
@@ -114,7 +114,7 @@ def _known(number: int) -> tuple[Controller, JointBelief]:
             return RecordedLog(gyro=np.array(felt) + rng.normal(0.0, NOISE, (256, 3)))
 
     belief = estimate_morphology_of(Fish(), seed=number, threads=1).belief
-    assert isinstance(belief, JointBelief)
+    assert isinstance(belief, JointPosterior)
     config = EvolveConfig(seed=number, generations=30, population=60, threads=1, starts=1, polish=0)
     return evolve_gait(body, config).controller, belief
 

@@ -34,7 +34,7 @@ from eea.core.estimation import EstimationConfig
 from eea.core.experiment import Simulator, Trials
 from eea.core.exploration import Exploration, ExplorationConfig
 from eea.core.genetic import GeneticConfig
-from eea.core.laboratory import DIVERGED, Laboratory
+from eea.core.model_evaluator import DIVERGED, ModelEvaluator
 from eea.fish import EngineTarget, fish_actions, fish_eea
 from gait import evolve, rollout
 from gait.controller import Controller
@@ -329,14 +329,14 @@ BEHAVIORS = [
 def test_a_candidate_that_diverged_is_like_nothing(
     config: BehaviorConfig, how: float, late: int
 ) -> None:
-    """``eea.core.laboratory``: its sim is DIVERGED, far below any other."""
-    laboratory = Laboratory(Sick(how, late), config, 16, 3)
+    """``eea.core.model_evaluator``: its sim is DIVERGED, far below any other."""
+    evaluator = ModelEvaluator(Sick(how, late), config, 16, 3)
     bodies = np.tile(MAXIMA / 2, (3, 1))
     bodies[1, 0] = 1.0
     commands, angles = np.tile([0.2, 0.3, 0.5], (3, 1)), np.zeros((3, 3))
-    observed = laboratory.behaviors(Trials(bodies[:1], commands[:1], angles[:1]))
+    observed = evaluator.behaviors(Trials(bodies[:1], commands[:1], angles[:1]))
     trials = Trials(bodies, commands, angles)
-    similarity = laboratory.similarities(trials, observed, np.zeros(3, np.intp))
+    similarity = evaluator.similarities(trials, observed, np.zeros(3, np.intp))
     assert similarity[1] == DIVERGED
     assert similarity[[0, 2]] == pytest.approx(1.0)
 
@@ -347,7 +347,7 @@ def test_a_command_under_which_a_model_diverges_is_chosen_last(config: BehaviorC
     exploration = Exploration(
         fish_actions(),
         3,
-        Laboratory(Sick(), config, 16, 3),
+        ModelEvaluator(Sick(), config, 16, 3),
         ExplorationConfig(),
         GeneticConfig(),
         np.random.default_rng(0),
@@ -363,14 +363,14 @@ def test_a_command_under_which_a_model_diverges_is_chosen_last(config: BehaviorC
 def test_no_honest_similarity_is_as_low_as_divergence() -> None:
     """The least alike of extreme bodies under extreme commands stay far above DIVERGED."""
     rng = np.random.default_rng(0)
-    laboratory = Laboratory(Sick(steps=256), BehaviorConfig(), 256, 3)
+    evaluator = ModelEvaluator(Sick(steps=256), BehaviorConfig(), 256, 3)
     bodies = np.concatenate([CORNERS[CORNERS[:, 0] == 0], thin_bodies(64, rng)])
     commands = np.where(rng.random((len(bodies), 3)) < 0.5, (-0.5, -0.5, 0.0), (0.5, 0.5, 1.0))
     angles = rng.uniform(-np.pi, np.pi, (len(bodies), 3))
     trials = Trials(bodies, commands, angles)
-    behaviors = laboratory.behaviors(trials)
+    behaviors = evaluator.behaviors(trials)
     others = np.roll(np.arange(len(bodies)), 1)
-    similarity = laboratory.similarities(trials, behaviors, others)
+    similarity = evaluator.similarities(trials, behaviors, others)
     assert similarity.min() > DIVERGED / 1000
 
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from eea.core.checks import ConfigurationError
-from eea.joint import coverage, rank_uniformity, ranks
+from tests.inference.calibration import coverage, rank_uniformity, ranks
 
 
 @given(st.integers(0, 40), st.integers(1, 40))

@@ -12,10 +12,10 @@ from eea import EEAConfig, JointConfig, RecordedLog, estimate_from_logs, fish_pr
 from eea.core.design import fast_command
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
-from eea.joint import coverage, rank_uniformity, ranks
 from eea.joint.inference import posterior_of
 from eea.joint.parameters import Parameters
 from eea.joint.search import search
+from tests.inference.calibration import coverage, rank_uniformity, ranks
 from tests.inference.cases import DRAWS, examine, truth_of
 from tests.inference.robots import NOMINAL, SPANS, Robot, draw_body, draw_world
 from tests.inference.settings import Setting

@@ -10,8 +10,8 @@ import pytest
 
 from eea.core.replay import RecordedLog
 from eea.joint import inference
-from eea.joint.belief import JointBelief
 from eea.joint.inference import JointInference
+from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import SURE, Parameters
 from eea.joint.problem import AS_COMMANDED, Hypothesis, Part
 from eea.joint.search import Optima, search
@@ -40,7 +40,7 @@ class Slippery:
 
 def weighed(method: JointInference) -> set[str]:
     belief = method.result.belief
-    assert isinstance(belief, JointBelief)
+    assert isinstance(belief, JointPosterior)
     return {branch.hypothesis.name for branch in belief.branches}
 
 

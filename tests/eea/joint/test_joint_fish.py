@@ -23,7 +23,7 @@ from eea import (
     read_log,
     write_log,
 )
-from eea.core.rounds import streams
+from eea.core.session import streams
 
 DAMAGE = "left_pectoral:length=0.5"
 # Few starts, which a trial without noise forgives.

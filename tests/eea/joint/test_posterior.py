@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from eea.core.angles import circular_distance
 from eea.core.checks import ConfigurationError
-from eea.joint import Mode, Posterior, coverage, rank_uniformity, ranks
+from eea.joint.posterior import Mode, Posterior
 from linear_worlds import EFFECTS, fit, observe
+from tests.inference.calibration import coverage, rank_uniformity, ranks
 
 REPLICATES = 200
 

@@ -15,14 +15,14 @@ from eea import (
     JointInference,
     RealityGap,
 )
-from eea.core.rounds import streams
+from eea.core.session import streams
 from eea.fish.estimate import fish_problem
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
-from eea.joint.archive import from_arrays, to_arrays
-from eea.joint.belief import JointBelief
+from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.problem import AS_COMMANDED, Hypothesis
+from eea.joint.serialization import from_arrays, to_arrays
 
 STEPS = 96
 SMALL = JointConfig(
@@ -30,7 +30,7 @@ SMALL = JointConfig(
 )
 
 
-def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -> JointBelief:
+def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -> JointPosterior:
     """Return what a target's trials tell, of the hypotheses that speak of a part."""
     config = EEAConfig("joint", steps=STEPS, rounds=rounds, joint=replace(SMALL, **more))
     gap = RealityGap(gyro_noise=0.01)
@@ -38,7 +38,7 @@ def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -
     joint = fish_joint(fish_problem(), EngineSimulator(STEPS, threads=1))
     some = tuple(h for h in joint.hypotheses if f"servo of the {part}" in h.name)
     result = JointInference(target, replace(joint, hypotheses=some), config, 1).run()
-    assert isinstance(result.belief, JointBelief)
+    assert isinstance(result.belief, JointPosterior)
     return result.belief
 
 

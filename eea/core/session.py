@@ -1,4 +1,4 @@
-"""Rounds of asking a target: what every method of modelling it has in common (Sec. 3.2)."""
+"""Session of asking a target: what every method of modelling it has in common (Sec. 3.2)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class Conclusion(NamedTuple):
     trials: int  #: Simulated in this round.
 
 
-class Rounds(ABC):
+class Session(ABC):
     """A method that asks a target round by round and comes to a model of it.
 
     A method has a ``_round``, which asks and concludes, and ``_undone_if_broken_off``. It takes

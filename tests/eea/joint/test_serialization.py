@@ -14,8 +14,8 @@ from aquafish_gym.runs.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import load_posterior, save_posterior
 from eea.core.checks import ConfigurationError, TargetError
-from eea.joint.archive import to_arrays
 from eea.joint.problem import AS_COMMANDED
+from eea.joint.serialization import to_arrays
 from swing import TRUTH, infer
 
 
@@ -77,7 +77,7 @@ def test_what_was_read_says_that_it_cannot_simulate(result, path):
 
 
 def test_another_kind_of_belief_is_not_saved(path):
-    with pytest.raises(ConfigurationError, match="belief must be of type JointBelief; got None"):
+    with pytest.raises(ConfigurationError, match="belief must be of type JointPosterior; got None"):
         save_posterior(path, None)
     assert not path.exists()
 

@@ -7,9 +7,7 @@ from eea.core.angles import circular_distance
 from eea.core.behavior import BehaviorConfig, summarize
 from eea.core.bits import pose_layout
 from eea.core.checks import ConfigurationError
-from eea.core.experiment import Context, Experiment, Trials
-from eea.core.genetic import GeneticConfig
-from eea.core.inference import (
+from eea.core.conditions import (
     Ideal,
     InBand,
     InBandConfig,
@@ -17,7 +15,9 @@ from eea.core.inference import (
     OutOfBand,
     OutOfBandConfig,
 )
-from eea.core.laboratory import Laboratory
+from eea.core.experiment import Context, Experiment, Trials
+from eea.core.genetic import GeneticConfig
+from eea.core.model_evaluator import ModelEvaluator
 from fake_fish import ACTIONS, MODELS, STEPS, TRUTH, FakeSimulator
 
 COMMAND = np.array([0.4, -0.3, 0.8])
@@ -110,12 +110,10 @@ def out_of_band(
     config: OutOfBandConfig | None = None, seed: int = 0
 ) -> tuple[OutOfBand, FakeSimulator]:
     simulator = FakeSimulator()
-    laboratory = Laboratory(simulator, BehaviorConfig(), STEPS, 3)
+    evaluator = ModelEvaluator(simulator, BehaviorConfig(), STEPS, 3)
     rng = np.random.default_rng(seed)
     poses = pose_layout(ACTIONS.names)
-    return OutOfBand(
-        config or OutOfBandConfig(), poses, laboratory, GeneticConfig(), rng
-    ), simulator
+    return OutOfBand(config or OutOfBandConfig(), poses, evaluator, GeneticConfig(), rng), simulator
 
 
 def test_opt_ang_finds_the_pose_if_the_models_are_right():

@@ -21,7 +21,7 @@ from eea.core.fitness import action_fitness, disagreement
 DIVERGED = -1e6  # far below any real similarity, and still a number that means can hold
 
 
-class Laboratory:
+class ModelEvaluator:
     """Runs batches of models through the simulator and counts them.
 
     Every log must be of so many ``steps``, and its signal of so many ``axes``.

@@ -11,8 +11,8 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import whole
-from eea.joint.findings import Group, findings
-from eea.joint.goodness import Goodness
+from eea.joint.diagnostics import Group, findings
+from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, intervals
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
@@ -23,7 +23,7 @@ MAXIMUM_SAMPLES = 10**7
 
 
 @dataclass(frozen=True, eq=False)
-class Branch:
+class HypothesisPosterior:
     """One hypothesis, how probable it is, and what is believed if it holds."""
 
     hypothesis: Hypothesis
@@ -62,7 +62,7 @@ class Branch:
 
 
 @dataclass(frozen=True, eq=False)
-class JointBelief:
+class JointPosterior:
     """A posterior over bodies, nuisances, angles and hypotheses.
 
     Samples and intervals are of all hypotheses, each as often as it is probable.
@@ -80,7 +80,7 @@ class JointBelief:
         How many numbers it was found from; 0 if it was given.
     """
 
-    branches: tuple[Branch, ...]
+    branches: tuple[HypothesisPosterior, ...]
     goodness: Goodness
     sigma: float
     samples: int
@@ -194,14 +194,14 @@ def groups(joint: JointProblem) -> list[Group]:
 
 def weigh(
     fits: Sequence[tuple[Hypothesis, Parameters, Posterior, float]],
-) -> tuple[Branch, ...]:
+) -> tuple[HypothesisPosterior, ...]:
     """Return hypotheses with their probabilities, equal before the trials, from log evidences."""
     evidence = np.array([log_evidence for *_, log_evidence in fits])
     shares = np.exp(evidence - evidence.max())
     shares /= shares.sum()
     order = np.argsort(-shares, kind="stable")
     return tuple(
-        Branch(fits[i][0], float(shares[i]), fits[i][1], fits[i][2])
+        HypothesisPosterior(fits[i][0], float(shares[i]), fits[i][1], fits[i][2])
         for i in order
         if shares[i] > LEAST_PROBABILITY
     )

@@ -21,11 +21,11 @@ from scipy.stats import chi2, f
 
 from eea.core.angles import Floats
 from eea.core.checks import finite, real, whole
-from eea.joint.belief import JointBelief
-from eea.joint.fitting import COARSE, FINE, Misfit, Observed, descend
+from eea.joint.initialization import pose
+from eea.joint.joint_posterior import JointPosterior
+from eea.joint.least_squares import COARSE, FINE, Misfit, Observed, descend
 from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
-from eea.joint.starts import pose
 
 ALARM = 1e-6  # the chance of a false alarm in each window
 EFFORTS = (64, 512, 4096)  # random starts, one after another until one explains the window
@@ -34,7 +34,7 @@ STARTS, DRAWS = 6, 4000
 LEAST_SD = 1e-6  # of a range: what is known better is known
 
 
-class Look(NamedTuple):
+class WindowTest(NamedTuple):
     """What a window looks like to one who believes to know the body."""
 
     p: float  #: The chance of so bad a fit with the body that is believed in.
@@ -42,7 +42,7 @@ class Look(NamedTuple):
     excess: float  #: What the fit leaves, as a multiple of what it would on average.
 
 
-class Watch:
+class ChangeDetector:
     """Holds windows of a swim against a belief, each by itself.
 
     Parameters
@@ -63,7 +63,7 @@ class Watch:
     """
 
     def __init__(
-        self, joint: JointProblem, belief: JointBelief, alarm: float = ALARM, seed: int = 0
+        self, joint: JointProblem, belief: JointPosterior, alarm: float = ALARM, seed: int = 0
     ) -> None:
         real("alarm", alarm, 0.0, 1.0)
         whole("seed", seed, 0)
@@ -85,7 +85,7 @@ class Watch:
         information[:count][turning] = information[:, :count][:, turning] = 0.0
         self._one = replace(plain, prior_mean=mean, prior_information=information)
 
-    def look(self, commands: NDArray[Any], signal: Floats) -> Look:
+    def look(self, commands: NDArray[Any], signal: Floats) -> WindowTest:
         """Return what one window looks like.
 
         Parameters
@@ -109,7 +109,7 @@ class Watch:
                 p = float(chi2.sf(ratio * freedom, freedom))
             if p >= UNSUSPICIOUS:
                 break
-        return Look(p, p >= self.alarm, ratio)
+        return WindowTest(p, p >= self.alarm, ratio)
 
     def _explained(self, observed: Observed, effort: int) -> float:
         """Return the least cost found from so many random starts."""

@@ -8,7 +8,7 @@ from scipy import stats
 from scipy.integrate import quad
 
 from eea.core.checks import ConfigurationError
-from eea.joint.truncated import BoxNormal, draw_between, log_mass
+from eea.joint.truncated_normal import BoxNormal, draw_between, log_mass
 
 
 def rotated(sds, seed):

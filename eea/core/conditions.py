@@ -19,7 +19,7 @@ from eea.core.bits import BitLayout
 from eea.core.checks import choice, flag, real, whole
 from eea.core.experiment import Context, Experiment, Trials
 from eea.core.genetic import MAXIMUM_GENERATIONS, MAXIMUM_POPULATION, GeneticConfig, evolve
-from eea.core.laboratory import Laboratory
+from eea.core.model_evaluator import ModelEvaluator
 
 
 class Inference(ABC):
@@ -167,7 +167,7 @@ class OutOfBand(Inference):
 
     config: OutOfBandConfig
     layout: BitLayout  #: The poses' genome.
-    laboratory: Laboratory
+    evaluator: ModelEvaluator
     genetic: GeneticConfig
     rng: np.random.Generator
 
@@ -220,7 +220,7 @@ class OutOfBand(Inference):
             np.broadcast_to(experiment.command, (count, len(experiment.command))),
             np.repeat(poses, shape[1], axis=0),
         )
-        similarities = self.laboratory.similarities(
+        similarities = self.evaluator.similarities(
             trials, experiment.behavior[None], np.zeros(count, dtype=np.intp)
         ).reshape(shape)
         best = self.config.pose_fitness == "best"

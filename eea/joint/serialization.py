@@ -20,8 +20,8 @@ from eea.core.bits import BitLayout, Variable
 from eea.core.checks import ConfigurationError, TargetError, brief, whole
 from eea.core.config import MAXIMUM_ROUNDS
 from eea.core.problem import Problem
-from eea.joint.belief import Branch, JointBelief
-from eea.joint.goodness import Goodness
+from eea.joint.goodness_of_fit import Goodness
+from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Nuisance, Part
@@ -32,7 +32,7 @@ ARRAYS = {"header": 1, "theta": 1, "information": 1, "gradient": 1, "cost": 1}
 MOST_HEADER, MOST_SLOTS = 2**22, 10**7  # bytes; numbers that all trials are simulated with
 
 
-def to_arrays(belief: JointBelief) -> dict[str, NDArray[Any]]:
+def to_arrays(belief: JointPosterior) -> dict[str, NDArray[Any]]:
     """Return all of a belief but the simulator, which ``from_arrays`` reads back exactly.
 
     Returns
@@ -75,7 +75,7 @@ def to_arrays(belief: JointBelief) -> dict[str, NDArray[Any]]:
     }
 
 
-def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointBelief:
+def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
     """Return the belief that ``to_arrays`` wrote; it can do all but simulate.
 
     Raises
@@ -105,7 +105,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointBelief:
             raise ConfigurationError(f"its probabilities must sum to 1; got {brief(shares)}")
         whole("its samples", header["samples"], 0)
         goodness = Goodness(**header["goodness"])
-        return JointBelief(branches, goodness, float(header["sigma"]), header["samples"])
+        return JointPosterior(branches, goodness, float(header["sigma"]), header["samples"])
     except ConfigurationError as error:
         raise ConfigurationError(f"an archive of a posterior is wrong: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
@@ -164,7 +164,7 @@ def _no_simulator(*_: Any, **__: Any) -> NDArray[Any]:
 
 def _branch(
     row: Mapping[str, Any], joint: JointProblem, trials: int, flat: dict[str, Floats]
-) -> Branch:
+) -> HypothesisPosterior:
     """Return a branch, and take its numbers from the front of the arrays."""
     known = {h.name: h for h in (AS_COMMANDED, *joint.hypotheses)}
     hypothesis, names = known[row["hypothesis"]], tuple(row["parameters"])
@@ -181,7 +181,7 @@ def _branch(
         cost = float(_take(flat, "cost", 1)[0])
         modes.append(Mode(theta, information.reshape(2 * (len(names),)), cost, gradient))
     posterior = Posterior(names, parameters.low, parameters.high, parameters.circular, tuple(modes))
-    return Branch(hypothesis, float(row["probability"]), parameters, posterior)
+    return HypothesisPosterior(hypothesis, float(row["probability"]), parameters, posterior)
 
 
 def _take(flat: dict[str, Floats], name: str, count: int) -> Floats:

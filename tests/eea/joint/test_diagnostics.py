@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from eea.core.checks import ConfigurationError
-from eea.joint import Group, Mode, Posterior
-from eea.joint.findings import findings
+from eea.joint.diagnostics import Group, findings
+from eea.joint.posterior import Mode, Posterior
 
 NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")
 CIRCULAR = np.array([False] * 6 + [True])

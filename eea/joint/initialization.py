@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eea.core.angles import Floats, circular_distance, wrap
 from eea.core.config import JointConfig
-from eea.joint.fitting import COARSE, Misfit, Observed, Precision, descend
+from eea.joint.least_squares import COARSE, Misfit, Observed, Precision, descend
 from eea.joint.parameters import Parameters
 
 SCANNED = Precision(fine=False, stride=4, difference=0.0)
