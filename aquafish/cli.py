@@ -31,7 +31,7 @@ COMMANDS = {
         "eea.cli.watch:Watch",
         "is a recorded swim still that of the body that was inferred?",
     ),
-    "study": ("eea.cli.study:StudyCommand", "replicates of the paper's figures, ablations"),
+    "study": ("eea.cli.study:StudyCommand", "replicates of the paper's figures"),
     "plot": ("eea.cli.study:Plot", "write a study's tables and figures anew"),
     "merge": ("eea.cli.study:Merge", "add another folder of a study to this one"),
     "evolve": ("gait.cli:Evolve", "evolve a gait for a body"),

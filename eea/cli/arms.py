@@ -9,13 +9,12 @@ from typing import Literal, get_args
 import tyro
 
 from eea.core.behavior import BehaviorConfig
-from eea.core.checks import ConfigurationError, choice
+from eea.core.checks import ConfigurationError
 from eea.core.conditions import InBandConfig, OutOfBandConfig
 from eea.core.config import Condition, EEAConfig, JointConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
-from eea.study.ablations import ABLATIONS, ablation_arms
 from eea.study.presets import FIGURE_ARMS, FIGURES
 
 _NONE = "no arm is of the condition"
@@ -61,10 +60,10 @@ class ArmSettings:
 
 
 def asked_arms(
-    figure: Sequence[Figure] | None, conditions: Sequence[Condition] | None, ablation: str | None
+    figure: Sequence[Figure] | None, conditions: Sequence[Condition] | None
 ) -> dict[str, EEAConfig]:
     """Return the arms that one of the options asks for; else raise a ConfigurationError."""
-    asked = {"--figure": figure, "--conditions": conditions, "--ablation": ablation}
+    asked = {"--figure": figure, "--conditions": conditions}
     given = [name for name, what in asked.items() if what is not None]
     if len(given) > 1:
         raise ConfigurationError(
@@ -78,10 +77,7 @@ def asked_arms(
     if conditions is not None:
         refuse_empty("--conditions", conditions, "of " + ", ".join(get_args(Condition)))
         return {condition: EEAConfig(condition=condition) for condition in conditions}
-    if ablation is not None:
-        choice("ablation", ablation, [*ABLATIONS, "all"])
-        return ablation_arms(ABLATIONS if ablation == "all" else [ablation])
-    raise ConfigurationError(f"one of {', '.join(asked)} must say what to run")
+    raise ConfigurationError(f"{' or '.join(asked)} must say what to run")
 
 
 def refuse_empty(option: str, values: Sequence[object], wanted: str) -> None:

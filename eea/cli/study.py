@@ -56,7 +56,7 @@ _SUFFIX = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,59}")
 class StudyCommand:
     """Make the paper's figures, or other comparisons: many replicates of several arms.
 
-    Say what to run with --figure, --conditions or --ablation. Into --out go study.json (what is
+    Say what to run with --figure or --conditions. Into --out go study.json (what is
     run), runs/ARM/STEPS/SEED.json (a finished replicate each) and, at the end, results.csv,
     summary.md and figures. Stopped in whatever way, the same command resumes; a command with more
     seeds, steps or arms extends the study.
@@ -67,8 +67,6 @@ class StudyCommand:
         Figures of the paper to make, 5 to 10, or all of these.
     conditions
         Arms of the default settings instead, one for each of these conditions.
-    ablation
-        Arms of an ablation instead, by its name, or all of them.
     preset
         smoke makes everything very small, to see whether it works. What else is given goes over it.
     suffix
@@ -77,7 +75,7 @@ class StudyCommand:
         or digit.
     steps
         Lengths of trials in steps of 0.01 s, each a power of two; every arm runs with each. The
-        paper's 128, 256, 512 and 1024 if not given, for ablations 256, for smoke 128.
+        paper's 128, 256, 512 and 1024 if not given, for smoke 128.
     replicates
         How many seeds each arm has; 25 if not given, for smoke 2.
     first_seed
@@ -117,7 +115,6 @@ class StudyCommand:
     out: Out
     figure: tuple[Figure, ...] | None = None
     conditions: tuple[Condition, ...] | None = None
-    ablation: str | None = None
     preset: Literal["smoke"] | None = None
     suffix: str = ""
     steps: tuple[int, ...] | None = None
@@ -157,9 +154,9 @@ class StudyCommand:
         ending = f"-{self.suffix}" if self.suffix else ""
         small = self.preset == "smoke"
         figure = self.figure
-        if small and figure is None and self.conditions is None and self.ablation is None:
+        if small and figure is None and self.conditions is None:
             figure = ("all",)
-        bases = asked_arms(figure, self.conditions, self.ablation)
+        bases = asked_arms(figure, self.conditions)
         if small:
             bases = {name: smoke(base) for name, base in bases.items()}
         arms = {
@@ -170,10 +167,9 @@ class StudyCommand:
         if self.steps is not None:
             refuse_empty("--steps", self.steps, "whole numbers")
         refuse_empty("--format", self.format, f"of {', '.join(get_args(Format))}")
-        usual_steps = (256,) if self.ablation is not None else _PAPERS_STEPS
         return Study(
             arms=arms,
-            steps=self.steps or ((128,) if small else usual_steps),
+            steps=self.steps or ((128,) if small else _PAPERS_STEPS),
             rounds=(3 if small else 25) if self.rounds is None else self.rounds,
             first_seed=self.first_seed,
             replicates=(2 if small else 25) if self.replicates is None else self.replicates,

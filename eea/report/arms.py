@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 
 from eea.study.presets import FIGURE_ARMS
 
-BASELINE = "baseline"  # what ablations are held against; begins the names of such arms
 # The paper's arms in its order, and their figures' names; other arms follow, by name.
 FIGURES = {arm: f"fig{number}" for number, arm in FIGURE_ARMS.items()}
 LABELS = {
@@ -33,32 +32,12 @@ COMPARISONS = (
 )
 
 
-def is_baseline(arm: str) -> bool:
-    """Return whether an arm is what ablations are held against."""
-    return arm == BASELINE or arm.startswith(f"{BASELINE}-")
-
-
-def condition_of(baseline: str, arm: str) -> str:
-    """Return the condition that both names end with, empty if there is none."""
-    condition = baseline.removeprefix(BASELINE)[1:]
-    return condition if condition and arm.endswith(f"-{condition}") else ""
-
-
 def arm_label(arm: str, models: int | None = None) -> str:
     """Return an arm's name as a reader knows it; ``models`` is how many it has, if known."""
-    if arm != BASELINE and is_baseline(arm):
-        return f"{arm_label(arm.removeprefix(f'{BASELINE}-'), models)} (baseline)"
     label = LABELS.get(arm, arm)
     if "{models}" in label and models is None:
         return arm
     return label.replace("{models}", str(models))
-
-
-def setting_label(arm: str, baseline: str, labels: Mapping[str, str]) -> str:
-    """Return an ablation's name without the condition that it shares with its baseline."""
-    condition = condition_of(baseline, arm)
-    short = condition and arm != baseline
-    return arm.removesuffix(f"-{condition}") if short else labels[arm]
 
 
 def angle_label(label: str, condition: str) -> str:
@@ -66,27 +45,10 @@ def angle_label(label: str, condition: str) -> str:
     return f"{label} (assumes zero)" if condition == "none" else label
 
 
-def arm_order(arm: str) -> tuple[bool, int, str]:
-    """Return a sort key: baselines first, then the paper's order, then names."""
-    order, name = list(FIGURES), arm.removeprefix(f"{BASELINE}-")
-    return (not is_baseline(arm), order.index(name) if name in order else len(order), arm)
-
-
-def baseline_of(arm: str, arms: Iterable[str]) -> str | None:
-    """Return which of the arms an ablation is held against, None if it is no ablation.
-
-    ``clamp-degrees-ideal`` is held against ``baseline-ideal``, and any arm against ``baseline``.
-    """
-    if is_baseline(arm):
-        return None
-    baselines = [other for other in arms if is_baseline(other)]
-    fitting = [other for other in baselines if condition_of(other, arm)]
-    return max(fitting, key=len, default=BASELINE if BASELINE in baselines else None)
-
-
-def shown_in_full(arms: Sequence[str]) -> list[str]:
-    """Return the arms that are no ablations; of these, the differences say enough."""
-    return [arm for arm in arms if baseline_of(arm, arms) is None]
+def arm_order(arm: str) -> tuple[int, str]:
+    """Return a sort key: the paper's order, then names."""
+    order = list(FIGURES)
+    return (order.index(arm) if arm in order else len(order), arm)
 
 
 def comparisons(arms: Sequence[str]) -> list[tuple[str, str]]:
@@ -95,8 +57,8 @@ def comparisons(arms: Sequence[str]) -> list[tuple[str, str]]:
     Besides the conditions these are variants: an arm whose name goes on after another's.
     """
     pairs = [(first, second) for first, second in COMPARISONS if {first, second} <= set(arms)]
-    for arm in shown_in_full(arms):
+    for arm in arms:
         plain = [other for other in arms if arm.startswith(f"{other}-")]
-        if arm not in dict(pairs) and not is_baseline(arm) and plain:
+        if arm not in dict(pairs) and plain:
             pairs.append((arm, max(plain, key=len)))
     return pairs

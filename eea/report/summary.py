@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from aquafish_gym.morphology import FINS
 from eea.core.fitness import chance_level, mid_range_level, quantisation_errors, quantisation_limit
-from eea.report.arms import baseline_of, comparisons, is_baseline
+from eea.report.arms import comparisons
 from eea.report.findings import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, SPREADS, Findings, Floats
 from eea.report.statistics import paired_difference, rank_correlation, summarize
 
@@ -37,12 +36,6 @@ def summarize_study(findings: Findings) -> dict[str, Any]:
         "conditions": findings.conditions,
         "arms": {arm: _summarize_arm(findings, arm) for arm in arms},
         "paired": [_compare(findings, first, second) for first, second in comparisons(arms)],
-        "effects": [
-            _compare(findings, arm, baseline)
-            for baseline in filter(is_baseline, arms)
-            for arm in arms
-            if baseline_of(arm, arms) == baseline
-        ],
         "dimensions": _summarize_dimensions(findings),
         "angle_error": {
             arm: {
@@ -109,11 +102,7 @@ def _compare(findings: Findings, first: str, second: str) -> dict[str, Any]:
             over = [c.mean(axis="columns").to_dict() for c in curves]
             row = {"durations": durations, "last_round": paired_difference(*last)}
             rows.append(row | {"mean_over_rounds": paired_difference(*over)})
-    # How many times the second's trials the first simulates, where both are finished.
-    trials = [findings.replicates.loc[arm]["trials"] for arm in (first, second)]
-    ours, theirs = pd.concat(trials, axis="columns", join="inner").sum()
-    ratio = float(ours / theirs) if theirs else None
-    return {"first": first, "second": second, "rows": rows, "trials_ratio": ratio}
+    return {"first": first, "second": second, "rows": rows}
 
 
 def chance_errors(truth: Floats) -> Floats:

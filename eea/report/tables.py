@@ -8,7 +8,7 @@ from pathlib import PurePath
 from typing import Any
 
 from eea.fish.gap import RealityGap
-from eea.report.arms import angle_label, setting_label, shown_in_full
+from eea.report.arms import angle_label
 
 _STARTS = {
     "heading": ", and begins each trial with any heading",
@@ -38,9 +38,8 @@ def markdown(summary: Mapping[str, Any], figures: Sequence[str]) -> str:
         "",
         *_arms(summary),
         *_differences(summary["paired"], labels),
-        *_effects(summary["effects"], labels),
     ]
-    arms = shown_in_full(list(summary["arms"]))
+    arms = list(summary["arms"])
     lines += _dimensions(summary["dimensions"], arms, labels)
     angles = {
         angle_label(labels[arm], summary["conditions"][arm]): summary["angle_error"][arm]
@@ -156,30 +155,6 @@ def _differences(comparisons: Sequence[Mapping[str, Any]], labels: Mapping[str, 
     return ["## Paired differences", "", text, "", *table] if rows else []
 
 
-def _effects(comparisons: Sequence[Mapping[str, Any]], labels: Mapping[str, str]) -> list[str]:
-    columns = ["setting", "duration", "last round", "better in", "p", "mean over rounds"]
-    columns.append("trials, times the baseline's")
-    lines = []
-    for baseline in dict.fromkeys(comparison["second"] for comparison in comparisons):
-        rows = [
-            [
-                setting_label(found["first"], baseline, labels),
-                *cells,
-                _plain(found["trials_ratio"], 2),
-            ]
-            for found in comparisons
-            if found["second"] == baseline
-            for cells in _compared(found)
-        ]
-        if rows:
-            lines += [f"### From {labels[baseline]}", "", *_table(columns, rows)]
-    text = (
-        "Of OBJ_FIT within replicates. Of twenty settings without any effect, one interval is "
-        "expected to exclude zero."
-    )
-    return ["## Effects against the baseline", "", text, "", *lines] if lines else []
-
-
 def _compared(comparison: Mapping[str, Any]) -> list[list[str]]:
     """Return a comparison's cells, a row a duration."""
     return [
@@ -279,8 +254,8 @@ def _listed(words: Sequence[str]) -> str:
     return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
 
 
-def _plain(value: float | None, digits: int = 3) -> str:
-    return "" if value is None else f"{value:.{digits}f}"
+def _plain(value: float | None) -> str:
+    return "" if value is None else f"{value:.3f}"
 
 
 def _signed_mean(summary: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from aquafish_gym.utils.validation import UnknownNameError
 from eea.core.checks import ConfigurationError
 from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
 from eea.report import report
-from eea.report.arms import baseline_of, comparisons
+from eea.report.arms import comparisons
 from eea.report.figures.rounds import rounds_figure
 from eea.report.findings import COLUMNS, LAYOUT, read_study
 from eea.report.summary import chance_errors, summarize_study
@@ -234,74 +234,6 @@ def test_dimensions_are_held_against_guessing(folder):
     assert not none["caudal.thickness"]["better_than_guessing"]
 
 
-@pytest.mark.usefixtures("undrawn")
-def test_ablations_are_held_against_the_baseline(tmp_path):
-    arms = ("clamp", "baseline", "binary")
-    folder = write_study(tmp_path / "s", arms, (256,))
-    for seed in range(5):
-        same = json.loads((folder / f"runs/baseline/256/{seed}.json").read_text())["rounds"]
-        write_records(folder, "clamp", 256, seed, same)
-    report(folder)
-    summary = json.loads((folder / "summary.json").read_text())
-    effects = {effect["first"]: effect for effect in summary["effects"]}
-    assert list(summary["arms"]) == ["baseline", "binary", "clamp"]
-    assert set(effects) == {"binary", "clamp"}
-    same = effects["clamp"]["rows"][0]["last_round"]
-    assert (same["mean"], same["interval"], same["sign_test_p"]) == (0.0, [0.0, 0.0], 1.0)
-    assert effects["clamp"]["trials_ratio"] == 1.0
-    findings = read_study(folder)
-    other, base = (values(findings, arm, 256) for arm in ("binary", "baseline"))
-    gains = [other[seed] - base[seed] for seed in range(5)]
-    assert effects["binary"]["rows"][0]["last_round"]["mean"] == pytest.approx(np.mean(gains))
-    assert (folder / "figures/effects.png").exists()
-    assert "## Effects against the baseline" in (folder / "summary.md").read_text()
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_figures_and_ablations_share_a_report(tmp_path):
-    folder = write_study(tmp_path / "s", ("ideal", "out-of-band"), (256,), rounds=2)
-    report(folder)
-    assert (folder / "figures/final.png").exists()
-    (folder / "figures/mine.png").write_bytes(b"")
-    (folder / "figures/rounds-gone.png").write_bytes(b"")
-    (folder / "figures/rounds-gone.svg").write_bytes(b"")
-    arms = ("ideal", "out-of-band", "baseline-out-of-band", "clamp-out-of-band")
-    both = write_study(tmp_path / "both", arms, (256,), rounds=2)
-    (folder / "study.json").write_bytes((both / "study.json").read_bytes())
-    for arm in arms[2:]:
-        (both / "runs" / arm).rename(folder / "runs" / arm)
-    pictures = report(folder)[3:]
-    summary = (folder / "summary.md").read_text()
-    columns = "quantisation limit | Out-of-Band (baseline) | Ideal | Out-of-Band |"
-    assert f"| dimension | random | middle | {columns}" in summary
-    angles = summary.partition("## The inferred angles")[2].partition("## Figures")[0]
-    assert "\n| Out-of-Band |" in angles
-    assert "\n| Out-of-Band (baseline) |" in angles
-    assert "clamp" not in angles
-    made = {path.name for path in (folder / "figures").iterdir()}
-    assert made == {path.name for path in pictures} | {"mine.png"}
-    assert {"fig5.png", "final.png", "final-out-of-band.png", "conditions.png"} <= made
-
-
-def test_trials_are_compared_where_both_arms_are_finished(tmp_path):
-    folder = write_study(tmp_path / "s", ("baseline", "clamp"), (128, 256), seeds=2, rounds=2)
-    for seed in (0, 1):  # as dear as they are, they are not the baseline's to be compared with
-        records = make_records(np.random.default_rng(seed), 0.3, 0.1, 2)
-        dear = [{**record, "trials": 10**9} for record in records]
-        write_records(folder, "clamp", 256, seed, dear)
-        (folder / f"runs/baseline/256/{seed}.json").unlink()
-    (folder / "runs/clamp/128/1.json").unlink()
-    (effect,) = summarize_study(read_study(folder))["effects"]
-    ours, theirs = (
-        sum(
-            record["trials"]
-            for record in json.loads((folder / f"runs/{arm}/128/0.json").read_text())["rounds"]
-        )
-        for arm in ("clamp", "baseline")
-    )
-    assert effect["trials_ratio"] == pytest.approx(ours / theirs)
-
-
 def test_an_arms_models_are_counted_in_its_settings(tmp_path):
     folder = write_study(tmp_path / "s", ("in-band-200", "ideal"), (128,), seeds=1, rounds=1)
     arms = settings_of(folder)
@@ -310,26 +242,6 @@ def test_an_arms_models_are_counted_in_its_settings(tmp_path):
     text = written(folder)[1]
     assert "| In-Band, 7 models |" in text
     assert "200 models" not in text
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_each_condition_has_its_own_baseline(tmp_path):
-    arms = ("baseline-ideal", "baseline-out-of-band", "baseline-out-of-band-100")
-    assert baseline_of("k-5-out-of-band", arms) == "baseline-out-of-band"
-    assert baseline_of("k-5-out-of-band-100", arms) == "baseline-out-of-band-100"
-    assert baseline_of("k-5-in-band", arms) is None
-    assert baseline_of("k-5-in-band", [*arms, "baseline"]) == "baseline"
-    assert baseline_of("baseline-ideal", [*arms, "baseline"]) is None
-    arms = ("clamp-ideal", "clamp-out-of-band", *arms[:2])
-    folder = write_study(tmp_path / "s", arms, (256,), rounds=2)
-    names = {path.name for path in report(folder)}
-    assert {"effects-ideal.png", "effects-out-of-band.png", "final-ideal.png"} <= names
-    effects = json.loads((folder / "summary.json").read_text())["effects"]
-    assert [(effect["first"], effect["second"]) for effect in effects] == [
-        ("clamp-ideal", "baseline-ideal"),
-        ("clamp-out-of-band", "baseline-out-of-band"),
-    ]
-    assert "### From Out-of-Band (baseline)" in (folder / "summary.md").read_text()
 
 
 def test_conditions_are_compared_in_the_papers_order_and_variants_with_what_they_vary():
@@ -347,7 +259,6 @@ def test_conditions_are_compared_in_the_papers_order_and_variants_with_what_they
         ("out-of-band-100-long", "out-of-band-100"),
         ("ideal-long", "ideal"),
     ]
-    assert comparisons(["baseline", "baseline-ideal", "clamp", "clamp-on"]) == []
 
 
 def test_a_study_of_one_replicate_is_reported_without_intervals(tmp_path):

@@ -16,7 +16,6 @@ from aquafish_gym.runs.stamps import versions
 from aquafish_gym.runs.storage import read_document
 from eea.__main__ import Commands, main
 from eea.cli.study import StudyCommand
-from eea.study.ablations import ABLATIONS, ablation_arms
 from eea.study.folder import read_description
 from eea.study.presets import figure_config
 from eea.study.replicate import replicate, source_stamp
@@ -216,7 +215,7 @@ def test_what_breeds_commands_under_joint_inference_has_a_say():
 
 
 REFUSED = [
-    ([], "one of --figure, --conditions, --ablation must say what to run"),
+    ([], "--figure or --conditions must say what to run"),
     (["--figure", "5", "--conditions", "none"], "--figure and --conditions exclude each other"),
     (["--figure", "5", "--steps", "100"], "steps must be a power of two; got 100"),
     (["--figure", "5", "--steps", "64", "64"], "steps must differ from each other"),
@@ -229,7 +228,6 @@ REFUSED = [
     (["--figure", "5", "--rounds", "1" + 400 * "0"], "rounds must be a whole number"),
     (["--figure", "5", "--workers", "0"], "workers must be a whole number"),
     (["--figure", "5", "--workers", "1000000000"], "workers must be .* at most 1024"),
-    (["--ablation", "everything"], "ablation must be one of"),
     (["--figure", "5", "--in-band.k", "4"], "in_band.k has no say: no arm is of the condition"),
     (
         ["--figure", "5", "--joint.noise", "0.01"],
@@ -343,14 +341,6 @@ def test_the_attitudes_rates_have_a_timestep():
         word for name, value in settings.items() for word in (f"--behavior.{name}", str(value))
     ]
     assert asked("--figure", "5", *words).arms["ideal"].behavior.timestep == 0.02
-
-
-def test_an_ablation_is_arms_of_256_steps():
-    name = next(iter(ABLATIONS))
-    study = asked("--ablation", name)
-    assert study.steps == (256,)
-    assert dict(study.arms) == ablation_arms([name])
-    assert dict(asked("--ablation", "all").arms) == ablation_arms()
 
 
 @pytest.mark.slow

@@ -6,7 +6,6 @@ They are a function of the study's numbers: the same ones give the same bytes.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,7 @@ from matplotlib.figure import Figure
 
 from aquafish_gym.rendering.pictures import FORMATS, save_figure
 from aquafish_gym.utils.validation import one_of
-from eea.report.arms import BASELINE, FIGURES, shown_in_full
+from eea.report.arms import FIGURES
 from eea.report.figures.outcomes import final_figure, forest_figure, spread_figure
 from eea.report.figures.rounds import (
     angles_figure,
@@ -26,7 +25,7 @@ from eea.report.findings import Findings
 
 _MOST_LINES = 8  # that can be told apart in one picture
 _NAMES = {
-    *("final", "paired", "conditions", "dimensions", "spread", "angles", "effects"),
+    *("final", "paired", "conditions", "dimensions", "spread", "angles"),
     *FIGURES.values(),
 }
 
@@ -55,7 +54,7 @@ def save_study_figures(
             paths.append(directory / f"{name}.{form}")
             save_figure(figure, paths[-1])
     for old in directory.iterdir():
-        ours = old.stem in _NAMES or old.stem.startswith(("rounds-", "final-", "effects-"))
+        ours = old.stem in _NAMES or old.stem.startswith("rounds-")
         if ours and old.suffix[1:] in FORMATS and old not in paths:
             old.unlink()
     return paths
@@ -63,29 +62,17 @@ def save_study_figures(
 
 def study_figures(findings: Findings, summary: Mapping[str, Any]) -> dict[str, Figure]:
     """Return every picture that a study has the numbers for, by name."""
-    arms = shown_in_full(findings.arms)
-    effects, labels = summary["effects"], summary["labels"]
-    baselines = list(dict.fromkeys(effect["second"] for effect in effects))
-    plain = [arm for arm in arms if arm not in baselines]
+    arms, labels = findings.arms, summary["labels"]
     figures: dict[str, Figure] = {}
-    for arm in plain:
+    for arm in arms:
         figures[FIGURES.get(arm, f"rounds-{arm}")] = rounds_figure(findings, summary, arm)
-    if plain:
-        figures["final"] = final_figure(findings, summary, plain)
+    figures["final"] = final_figure(findings, summary, arms)
     if any(comparison["rows"] for comparison in summary["paired"]):
         figures["paired"] = forest_figure(summary["paired"], labels, findings.durations())
-    for baseline in baselines:
-        against = [effect for effect in effects if effect["second"] == baseline]
-        suffix = baseline.removeprefix(BASELINE)
-        group = [baseline, *(effect["first"] for effect in against)]
-        figures[f"final{suffix}"] = final_figure(findings, summary, group)
-        if any(effect["rows"] for effect in against):
-            figures[f"effects{suffix}"] = forest_figure(against, labels, findings.durations())
-    shown = replace(findings, table=findings.table[findings.table["arm"].isin(arms)])
     if len(arms) <= _MOST_LINES and any(arm in summary["dimensions"]["arms"] for arm in arms):
-        figures["conditions"] = conditions_figure(shown, summary)
-        figures["dimensions"] = dimensions_figure(shown, summary)
+        figures["conditions"] = conditions_figure(findings, summary)
+        figures["dimensions"] = dimensions_figure(findings, summary)
         figures["spread"] = spread_figure(summary)
         if any(findings.conditions[arm] != "ideal" for arm in arms):
-            figures["angles"] = angles_figure(shown)
+            figures["angles"] = angles_figure(findings)
     return figures

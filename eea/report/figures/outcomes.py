@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from aquafish_gym.rendering.pictures import new_figure
-from eea.report.arms import setting_label, shown_in_full
 from eea.report.figures.drawing import (
     GREY,
     MARKERS,
@@ -37,7 +36,7 @@ def final_figure(findings: Findings, summary: Mapping[str, Any], arms: Sequence[
     Boxes reach from quartile to quartile with a line at the median.
     """
     every, durations = findings.durations(*arms), findings.durations()
-    names = [setting_label(arm, arms[0], findings.labels).replace(", ", ",\n") for arm in arms]
+    names = [findings.labels[arm].replace(", ", ",\n") for arm in arms]
     crowded = len(arms) > 8 or max(len(line) for name in names for line in name.split("\n")) > 14
     share = max(0.3 if crowded else 1.1, 0.29 * len(every))
     figure = new_figure(max(4.8, 0.8 + share * len(arms)), 5.2 if crowded else 3.8)
@@ -70,14 +69,9 @@ def forest_figure(
 ) -> Figure:
     """Return paired differences of OBJ_FIT with their 95% intervals, by comparison and duration.
 
-    Differences from one and the same arm are ordered by size. A point is hollow where the interval
-    holds 0, and a cross where there is none.
+    A point is hollow where the interval holds 0, and a cross where there is none.
     """
     shown = [comparison for comparison in comparisons if comparison["rows"]]
-    against = sorted({comparison["second"] for comparison in shown})
-    alone = len(against) == 1
-    if alone:
-        shown.sort(key=lambda comparison: -comparison["rows"][-1]["last_round"]["mean"])
     keys = sorted(
         {tuple(row["durations"]) for c in shown for row in c["rows"]}, key=lambda k: (len(k), *k)
     )
@@ -85,7 +79,7 @@ def forest_figure(
         key: duration_colour(key[0], durations) if len(key) == 1 else "black" for key in keys
     }
     # For names of one line, and of two, beside one row.
-    gap = 0.8 if len(keys) > 1 else 0.3 if alone else 1.5
+    gap = 0.8 if len(keys) > 1 else 1.5
     lines = sum(len(comparison["rows"]) + gap for comparison in shown)
     figure = new_figure(5.4, 1.3 + 0.18 * lines)
     axes = figure.add_subplot()
@@ -103,10 +97,7 @@ def forest_figure(
             fill = "white" if low <= 0.0 <= high else colour
             axes.plot([low, high], [place + i] * 2, color=colour, lw=1.6 if single else 2.4)
             axes.plot(last["mean"], place + i, mark, ms=5, color=colour, mfc=fill)
-        first, second = comparison["first"], comparison["second"]
-        name = f"{labels[first]}\nless {labels[second]}"
-        if alone:
-            name = setting_label(first, second, labels)
+        name = f"{labels[comparison['first']]}\nless {labels[comparison['second']]}"
         ticks.append((place + (len(rows) - 1) / 2, name))
         place += len(rows) + gap
         axes.axhline(place - (1 + gap) / 2, color="0.9", lw=0.8)
@@ -115,16 +106,13 @@ def forest_figure(
     axes.set_yticks([tick for tick, _ in ticks], [name for _, name in ticks])
     axes.tick_params(axis="y", length=0)
     grid(axes, "x")
-    origin = f"\nfrom {labels[against[0]]}" if alone else ""
     intervals = [row["last_round"]["interval"] for c in shown for row in c["rows"]]
     notes = []
     if any(interval is not None for interval in intervals):
         notes.append("95% interval (hollow where it holds 0)")
     if None in intervals:
         notes.append(f"crosses: under {FEWEST} replicates, no interval")
-    axes.set_xlabel(
-        ",\n".join([f"paired difference of OBJ_FIT{origin}", *notes]), fontsize="medium"
-    )
+    axes.set_xlabel(",\n".join(["paired difference of OBJ_FIT", *notes]), fontsize="medium")
     signed_axis(axes)
     for key in keys:
         mark = "o" if len(key) == 1 else "D"
@@ -141,8 +129,7 @@ def spread_figure(summary: Mapping[str, Any]) -> Figure:
     found = summary["dimensions"]
     names = list(found["chance_error"])
     fins, sizes = fins_and_sizes(names)
-    shown = shown_in_full(list(summary["arms"]))
-    arms = {arm: found["arms"][arm] for arm in shown if arm in found["arms"]}
+    arms = {arm: found["arms"][arm] for arm in summary["arms"] if arm in found["arms"]}
     columns = 2 if len(arms) == 4 else min(3, len(arms))
     rows = -(-len(arms) // columns)
     figure = new_figure(max(4.8, 0.8 + 2.1 * columns), 1.3 + 2.0 * rows)
