@@ -1,0 +1,316 @@
+"""Hashes of what every public command and environment gives at smoke size.
+
+    python -m tests.golden               # which cases differ from tests/golden.json
+    python -m tests.golden --show NAME   # the numbers of one case, to compare two versions
+    python -m tests.golden --write       # accept the present results; say why in the commit
+
+Numbers are hashed to six significant digits, since the last digits of numpy's sines and transforms
+differ between CPUs. Times, versions and paths are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import csv
+import hashlib
+import io
+import json
+import sys
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+
+import aquafish_gym
+
+HASHES = Path(__file__).with_suffix(".json")
+ROOT = Path(__file__).parents[1]
+DAMAGE = "left_pectoral:length=0.5"
+# What may differ between two equal runs or versions and is no result.
+NOT_RESULTS = {
+    "checksum", "schema", "config", "settings", "seconds", "cpu_seconds", "versions", "code",
+    "evaluation_seconds",
+}  # fmt: skip
+DIGITS = 6
+
+
+def canonical(value: Any, digits: int = DIGITS) -> Any:
+    """Return nested lists and dictionaries with numbers as text of some significant digits."""
+    if isinstance(value, dict):
+        kept = {key: each for key, each in value.items() if key not in NOT_RESULTS}
+        return {str(key): canonical(kept[key], digits) for key in sorted(kept, key=str)}
+    if isinstance(value, np.ndarray):
+        return canonical(value.tolist(), digits)
+    if isinstance(value, list | tuple):
+        return [canonical(each, digits) for each in value]
+    if isinstance(value, float | np.floating):
+        return f"{float(value) + 0.0:.{digits}g}"
+    if isinstance(value, np.generic):
+        return canonical(value.item(), digits)
+    return value
+
+
+def text_of(value: Any, digits: int = DIGITS) -> str:
+    return json.dumps(canonical(value, digits), indent=1, sort_keys=True)
+
+
+# Environments and the simulator
+
+
+def environment(name: str, options: dict[str, Any], batched: bool = False) -> Any:
+    """Return all observations, rewards and infos of most of an episode under random actions."""
+    make = partial(gym.make_vec, num_envs=3) if batched else partial(gym.make)
+    env: Any = make(name, **options)
+    found, info = env.reset(seed=5)
+    rng = np.random.default_rng(1)
+    rows = [[found, info["fin_angles"]]]
+    for _ in range(150 if name == "AquaFishRecovery-v0" else 80):
+        action = rng.uniform(-1, 1, (3, 3) if batched else 3).astype(np.float32)
+        found, reward, terminated, truncated, info = env.step(action)
+        numbers = {key: each for key, each in info.items() if not key.startswith("_")}
+        rows.append([found, reward, terminated, truncated, numbers])
+    env.close()
+    return rows
+
+
+def trials(**options: Any) -> Any:
+    """Return the log of three robots simulated with some options."""
+    rng = np.random.default_rng(2)
+    bodies = rng.uniform(0.05, 0.5, (3, 9))
+    fins = rng.uniform(-3, 3, (3, 3))
+    commands = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (3, 3))
+    if options.pop("series", False):
+        commands = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (3, 4, 3))
+    log = aquafish_gym.simulate(bodies, commands, fins, steps=64, record="pose", **options)
+    return [log.rpy, log.gyro, log.position, log.quaternion, log.fin_angles]
+
+
+def swims(dtype: str) -> Any:
+    """Return how far two networks swim on two bodies, in the lanes and alone."""
+    from aquafish_gym import Morphology
+    from gait import Controller, swim, swim_all
+
+    rng, body = np.random.default_rng(3), Morphology.nominal()
+    networks = [
+        Controller(
+            np.pad(rng.normal(size=(3, 11)), ((0, 0), (0, 3))), rng.normal(size=3), np.ones(3), 0.7,
+            body, seed=0,
+        )
+        for _ in range(2)
+    ]  # fmt: skip
+    broken = [body, {"left_pectoral": (0.4, 0.8, 0.1)}]
+    far = swim_all(networks, broken, [(0.1, 0.2, 0.3), (1.0, -2.0, 0.5)], seconds=2, dtype=dtype)
+    paths = [swim(network, body, engine="numba", seconds=2).position for network in networks]
+    return [far, paths]
+
+
+# Commands
+
+
+def command(run: Callable[..., int], words: Sequence[str], out: Path) -> None:
+    """Run a command line; say what it printed if it fails."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        code = run([*words, "--out", str(out)])
+    if code:
+        raise RuntimeError(f"{' '.join(words)} ended with {code}:\n{said.getvalue()}")
+
+
+def eea(*words: str) -> Callable[[Path], None]:
+    def run(out: Path) -> None:
+        from eea.__main__ import main
+
+        command(main, words, out)
+
+    return run
+
+
+def gait(*words: str) -> Callable[[Path], None]:
+    def run(out: Path) -> None:
+        from gait.cli import main
+
+        command(main, words, out)
+
+    return run
+
+
+def aquafish(*words: str) -> Callable[[Path], None]:
+    def run(out: Path) -> None:
+        from aquafish.cli import main
+
+        command(main, words, out)
+
+    return run
+
+
+def transfer(out: Path) -> None:
+    gait(*CMA)(out / "gait")
+    gait(
+        "transfer", "--controller", str(out / "gait" / "controller.json"),
+        "--target-damage", DAMAGE, "--target-engine", "numba", "--poses", "2",
+    )(out)  # fmt: skip
+
+
+def document(name: str, *keys: str) -> Callable[[Path], Any]:
+    """Return what reads a JSON file, or some of its keys."""
+
+    def read(out: Path) -> Any:
+        found = json.loads((out / name).read_text())
+        return {key: found[key] for key in keys} if keys else found
+
+    return read
+
+
+def table(name: str) -> Callable[[Path], Any]:
+    """Return what reads a CSV file's rows without the columns of times, numbers to six digits."""
+
+    def read(out: Path) -> Any:
+        with (out / name).open(newline="") as lines:
+            rows = list(csv.DictReader(lines))
+        return [{k: _number(v) for k, v in row.items() if "seconds" not in k} for row in rows]
+
+    return read
+
+
+def _number(text: str) -> Any:
+    try:
+        return float(text)
+    except ValueError:
+        return text
+
+
+RUN = ("run", "--steps", "64", "--rounds", "2", "--seed", "3", "--target-damage", DAMAGE,
+       "--target-engine", "numba", "--gap.gyro-noise", "0.01")  # fmt: skip
+CMA = ("evolve", "--search", "cma", "--seed", "1", "--starts", "2", "--screened", "8",
+       "--generations", "3", "--poses", "2")  # fmt: skip
+NEAT = ("evolve", "--search", "neat", "--seed", "1", "--starts", "2", "--generations", "2",
+        "--polish", "2", "--population", "10", "--poses", "2")  # fmt: skip
+RECOVER = ("recover", "--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6",
+           "--angle-sets", "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
+           "--search-generations", "3", "--search-starts", "1", "--screened", "10",
+           "--search-population", "10", "--direct-generations", "2", "--poses", "2", "--seconds",
+           "2", "--target-engine", "numba", "--no-film", "--workers", "1")  # fmt: skip
+RESULT = document("result.json", "morphology", "truth", "rounds", "stopped")
+CONTROLLER = document("controller.json")
+
+#: Name -> what makes a folder, and what is read from it.
+COMMANDS: dict[str, tuple[Callable[[Path], None], Callable[[Path], Any]]] = {
+    **{
+        f"run {condition}": (eea(*RUN, "--condition", condition), RESULT)
+        for condition in ("none", "ideal", "in-band", "out-of-band", "joint")
+    },
+    "run recovery": (eea("recover", *RUN[1:]), RESULT),
+    "infer": (
+        eea("infer", "--log", str(ROOT / "examples" / "logs" / "swim.csv")),
+        document("result.json"),
+    ),
+    "study": (eea("study", "--preset", "smoke", "--workers", "1"), table("results.csv")),
+    "evolve cma": (gait(*CMA), CONTROLLER),
+    "evolve neat": (gait(*NEAT), CONTROLLER),
+    "evolve station": (gait(*CMA, "--task", "station"), CONTROLLER),
+    "transfer": (transfer, document("transfer.json")),
+    "recover": (aquafish(*RECOVER), document("report.json")),
+}
+
+ENVIRONMENTS: dict[str, Callable[[], Any]] = {
+    **{
+        f"{name} {engine}": partial(environment, name, {"engine": engine})
+        for name in (
+            "AquaFish-v0", "AquaFishStation-v0", "AquaFishWaypoint-v0", "AquaFishRecovery-v0"
+        )
+        for engine in ("numba", "pybullet")
+    },
+    **{
+        f"{name} batch {dtype}": partial(
+            environment, name, {"dtype": dtype, "damage": "random:severe@1-3+4"}, batched=True
+        )
+        for name in ("AquaFish-v0", "AquaFishStation-v0", "AquaFishWaypoint-v0")
+        for dtype in ("float32", "float64")
+    },
+    "AquaFish-v0 broken": partial(
+        environment,
+        "AquaFish-v0",
+        {
+            "engine": "numba",
+            "damage": f"{DAMAGE}; caudal:seized@2; gyro:noise=0.05; up_x:stuck@1+2",
+            "observe_fins": "reckoned",
+            "current": (0.1, 0.0, -0.1),
+            "reactive": True,
+            "frame_skip": 10,
+        },
+    ),
+    **{
+        f"simulate {engine} {dtype}": partial(trials, engine=engine, dtype=dtype)
+        for engine, dtype in (("numba", "float32"), ("numba", "float64"), ("pybullet", "float64"))
+    },
+    "simulate nuisances": partial(
+        trials, dtype="float64", drag=(0.8, 1.2), servo_gain=(1.0, 0.5, -1.0), lag=0.033,
+        current=(0.1, 0.2, 0.0), substeps=2,
+    ),
+    "simulate series": partial(
+        trials, dtype="float64", series=True, interval=7, begun=12, lag=0.02,
+        velocity=(0.1, 0.5, 0.0), spin=(0.0, 0.2, 0.1),
+    ),
+    "simulate reactive": partial(trials, dtype="float32", reactive=True),
+    "swims float32": partial(swims, "float32"),
+    "swims float64": partial(swims, "float64"),
+}  # fmt: skip
+
+NAMES = (*ENVIRONMENTS, *COMMANDS)
+
+
+def result(name: str) -> str:
+    """Return what a case gives, as canonical text."""
+    if name in ENVIRONMENTS:
+        return text_of(ENVIRONMENTS[name]())
+    make, read = COMMANDS[name]
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "out"
+        make(out)
+        return text_of(read(out))
+
+
+def digest(name: str) -> str:
+    return hashlib.sha256(result(name).encode()).hexdigest()[:16]
+
+
+def kept() -> dict[str, str]:
+    """Return the hashes on disk by case."""
+    hashes: dict[str, str] = json.loads(HASHES.read_text())
+    return hashes
+
+
+def _differing(names: Sequence[str]) -> Iterator[tuple[str, str]]:
+    before = kept() if HASHES.exists() else {}
+    for name in names:
+        now = digest(name)
+        if before.get(name) != now:
+            print(f"{name}: {before.get(name)} -> {now}", flush=True)
+            yield name, now
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="cases; all if not given")
+    parser.add_argument("--show", metavar="NAME", choices=NAMES)
+    parser.add_argument("--write", action="store_true")
+    arguments = parser.parse_args()
+    if arguments.show:
+        print(result(arguments.show))
+        return 0
+    changed = dict(_differing(arguments.names or NAMES))
+    if arguments.write:
+        hashes = {**(kept() if HASHES.exists() else {}), **changed}
+        ordered = {name: hashes[name] for name in NAMES if name in hashes}
+        HASHES.write_text(json.dumps(ordered, indent=1) + "\n")
+        return 0
+    return 1 if changed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,26 @@
+"""Every public command and environment gives what it gave: see golden.py."""
+
+from __future__ import annotations
+
+import importlib.util
+
+import pytest
+
+from tests.golden import COMMANDS, ENVIRONMENTS, NAMES, digest, kept
+
+
+def test_every_case_has_a_hash() -> None:
+    assert set(kept()) == set(NAMES)
+
+
+@pytest.mark.quick
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_environment_is_unchanged(name: str) -> None:
+    if "pybullet" in name and importlib.util.find_spec("pybullet") is None:
+        pytest.skip("PyBullet is not installed")
+    assert digest(name) == kept()[name], f"see python -m tests.golden --show '{name}'"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_command_is_unchanged(name: str) -> None:
+    assert digest(name) == kept()[name], f"see python -m tests.golden --show '{name}'"
