@@ -14,7 +14,6 @@ HEAVY = ("matplotlib", "mujoco", "pybullet", "stable_baselines3", "torch")
 MODULES = (
     "aquafish_gym",
     "aquafish_gym.engines.bullet.world",
-    "aquafish_gym.engines.mujoco.world",
     "aquafish_gym.envs.aquafish",
     "eea",
     "eea.__main__",

@@ -190,7 +190,7 @@ class Gap:
         jobs = self.jobs()
         folder = ensure_writable_directory(self.out)
         with held(folder):
-            settings, libraries = jobs[0].settings, (*LIBRARIES, "mujoco", *PACKAGES.values())
+            settings, libraries = jobs[0].settings, (*LIBRARIES, *PACKAGES.values())
             code = {"source": source_stamp(), **versions(libraries)}
             claim(
                 folder, KIND, settings.to_dict(), code, ("runs", REPORT), other_code=self.other_code

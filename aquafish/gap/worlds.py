@@ -83,7 +83,6 @@ WORLDS: dict[str, World] = {
     "reactive": World("the water resists acceleration, too", lambda _: {"reactive": True}),
     "substeps-8": World("8 physics steps for each of the models'", lambda _: {"substeps": 8}),
     "pybullet": World("PyBullet's mechanics", lambda _: {}, engine="pybullet"),
-    "mujoco": World("MuJoCo's mechanics and its own water", lambda _: {}, engine="mujoco"),
 }
 
 

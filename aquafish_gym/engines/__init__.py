@@ -1,5 +1,5 @@
-"""What moves the robots: two engines for one robot, and a third with another water.
+"""The engines that move the robots: one robot in one water, computed in two ways.
 
-``base`` asks any of them for whole trials, ``worlds`` for one robot step by step, ``packages``
-says which are here; ``compiled``, ``bullet`` and ``mujoco`` are the engines themselves.
+``base`` simulates whole trials on either, ``worlds`` one robot step by step, ``packages`` knows
+which are installed; ``compiled`` and ``bullet`` are the engines themselves.
 """

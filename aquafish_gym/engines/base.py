@@ -74,7 +74,6 @@ Engine = Callable[[Trials, Settings], ImuLog]
 ENGINES: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
     "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
-    "mujoco": "aquafish_gym.engines.mujoco.world:simulate_mujoco",
 }
 
 
@@ -167,10 +166,9 @@ def simulate(
         Samples of 0.01 s, at most 1,000,000.
     engine
         ``"numba"`` (all robots at once), ``"pybullet"`` (one after another) or ``"auto"``
-        (PyBullet where it is installed); or ``"mujoco"``, the same robot in MuJoCo's own water,
-        which knows neither ``reactive`` nor another ``drag``.
+        (PyBullet where it is installed).
     dtype
-        ``"float32"`` or ``"float64"``, for the compiled engine; the others always compute in
+        ``"float32"`` or ``"float64"``, for the compiled engine; PyBullet always computes in
         double precision.
     current
         (3,) or (B, 3) the water's own velocity in the world, units/s, up to 20 each way.

@@ -6,17 +6,14 @@ import functools
 import multiprocessing
 import os
 import sys
-from collections.abc import Callable
-from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
 from aquafish_gym.utils.validation import EngineUnavailableError, one_of
 
-# "numba" and "pybullet" are one robot in one water, to rounding. "mujoco" is that robot in a water
-# that nobody here wrote: for targets, and nothing that holds of the first two holds of it.
-NAMES = ("numba", "pybullet", "mujoco")
-# Whichever of the first two this machine has, PyBullet first; see ``resolve_engine``.
+# One robot in one water, to rounding.
+NAMES = ("numba", "pybullet")
+# Whichever of the two this machine has, PyBullet first; see ``resolve_engine``.
 AUTO = "auto"
 
 
@@ -52,8 +49,8 @@ def check_engine(engine: object) -> str:
     :class:`EngineUnavailableError`.
     """
     name = resolve_engine("engine", engine)
-    if name in _LOADERS:
-        _LOADERS[name]()
+    if name == "pybullet":
+        load_pybullet()
     elif find_spec(name) is None:
         raise EngineUnavailableError(
             f'the engine "{name}" needs the package {name}, which is not installed here: '
@@ -73,20 +70,6 @@ def load_pybullet() -> Any:
             f"({error}): pip install pybullet==3.2.7 on Linux with Python 3.9 to 3.11, or use "
             'engine="numba", the same robot compiled'
         ) from None
-
-
-def load_mujoco() -> Any:
-    """Return the module; :class:`EngineUnavailableError` if it is not installed."""
-    try:
-        return import_module("mujoco")
-    except ImportError as error:
-        raise EngineUnavailableError(
-            'the engine "mujoco" needs the package mujoco, which is not installed here '
-            f'({error}): pip install "aquafish-gym[mujoco]"'
-        ) from None
-
-
-_LOADERS: dict[str, Callable[[], Any]] = {"pybullet": load_pybullet, "mujoco": load_mujoco}
 
 
 def _import_quietly() -> Any:

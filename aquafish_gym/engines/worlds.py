@@ -71,7 +71,6 @@ class World(Protocol):
 WORLDS: dict[str, str] = {
     "numba": "aquafish_gym.engines.compiled.single:CompiledWorld",
     "pybullet": "aquafish_gym.engines.bullet.world:BulletWorld",
-    "mujoco": "aquafish_gym.engines.mujoco.world:MujocoWorld",
 }
 
 

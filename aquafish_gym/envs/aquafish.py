@@ -126,7 +126,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     |-----------|------|---------|-------------|
     | `morphology` | Morphology, dict, nine numbers | `None` | before damage; None: the prototype |
     | `damage` | Damage, text | `None` | e.g. `"caudal:missing@4"`, `"random:moderate@2-8"` |
-    | `engine` | str | `"auto"` | `"pybullet"` (if there), `"numba"`: the same; `"mujoco"`: not |
+    | `engine` | str | `"auto"` | `"pybullet"` or `"numba"`: the same robot to 1e-9 |
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
     | `fin_angles` | str or three numbers | `"random"` | see Starting State |
     | `observe_fins` | bool, str | `False` | the fins' angles: hidden, seen, or `"reckoned"` |

@@ -77,11 +77,8 @@ EpisodeDamage = Annotated[
     ),
 ]
 TargetEngine = Annotated[
-    Literal["auto", "pybullet", "numba", "mujoco"],
-    arg(
-        help="Where the target swims; auto is PyBullet where it is installed, else numba. "
-        "mujoco is another physics: its own fluid."
-    ),
+    Literal["auto", "pybullet", "numba"],
+    arg(help="Where the target swims; auto is PyBullet where it is installed, else numba."),
 ]
 ModelEngine = Annotated[
     Literal["numba", "auto", "pybullet"], arg(help="Where the candidate models swim.")

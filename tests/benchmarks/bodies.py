@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP
-from aquafish_gym.engines.mujoco.robot import mujoco_model
 from aquafish_gym.morphology import Morphology
 from tests.benchmarks.rows import (
     Group,
@@ -20,6 +19,7 @@ from tests.benchmarks.rows import (
     missing_pybullet,
     random_trials,
 )
+from tests.verification.mujoco_model import mujoco_model
 
 
 def new_bodies(settings: Settings, cleanup: ExitStack) -> Group:

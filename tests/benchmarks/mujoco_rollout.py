@@ -15,11 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
-from aquafish_gym.engines.mujoco.robot import hinge_angles, mujoco_model
-from aquafish_gym.engines.packages import load_mujoco
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU
 from tests.benchmarks.rows import Group, Row, Settings, missing_mujoco, random_trials
+from tests.verification.mujoco_model import hinge_angles, load_mujoco, mujoco_model
 
 BODIES = 256
 WATER = 1.0  # density, in the robot's units

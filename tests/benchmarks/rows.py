@@ -11,9 +11,10 @@ import numpy as np
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.base import Trials
-from aquafish_gym.engines.packages import load_mujoco, load_pybullet
+from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.utils.validation import EngineUnavailableError
+from tests.verification.mujoco_model import load_mujoco
 
 NO_MUJOCO = (
     "MuJoCo is not installed, so its rows are left out: "

@@ -64,7 +64,7 @@ def test_seized_stands_where_it_stood_and_dead_anywhere():
     assert len(set(phase)) == 3
 
 
-@pytest.mark.parametrize("engine", ["numba", "pybullet", "mujoco"])
+@pytest.mark.parametrize("engine", ["numba", "pybullet"])
 def test_what_breaks_in_mid_trial_does_so_in_every_trial(engine):
     if engine != "numba":
         pytest.importorskip(engine)

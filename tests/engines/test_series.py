@@ -40,9 +40,8 @@ def test_a_series_of_one_command_over_and_over_is_that_command(lag: float, dtype
         assert_allclose(one.gyro, other.gyro, rtol=0, atol=1e-3)
 
 
-@pytest.mark.parametrize("engine", ["numba", "pybullet", "mujoco"])
+@pytest.mark.parametrize("engine", ["numba", "pybullet"])
 def test_servos_go_where_the_series_sends_them(engine: str) -> None:
-    pytest.importorskip("mujoco" if engine == "mujoco" else "numpy")
     log = swim(engine=engine)
     speeds = np.repeat(SERIES, INTERVAL, axis=1)
     speeds = np.concatenate([speeds, np.repeat(speeds[:, -1:], STEPS - speeds.shape[1], axis=1)], 1)

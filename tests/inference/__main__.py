@@ -13,7 +13,6 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from aquafish_gym.engines.base import check_engine
 from aquafish_gym.runs.executors import workers
 from aquafish_gym.runs.folder import claim, described, held
 from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
@@ -27,6 +26,7 @@ from tests.inference.settings import SETTINGS
 from tests.inference.summary import summarise
 from tests.inference.swims import SWIMS, summarise_swims
 from tests.inference.tables import Pictures, make_tables
+from tests.verification.mujoco_model import load_mujoco
 from tests.verification.tables import fill_page
 
 SCHEMA = "aquafish.inference/1"
@@ -68,7 +68,7 @@ class Inference:
         sizes = {name: setting.robots for name, setting in SETTINGS.items()} | SWIMS
         names = [one_of("only", name, sizes) for name in self.only] or list(sizes)
         if "mujoco" in names:
-            check_engine("mujoco")
+            load_mujoco()
         if self.page is not None and self.only:
             raise InvalidArgumentError("page needs all settings; leave out only")
         counts = {name: round(self.bodies * sizes[name]) for name in names}

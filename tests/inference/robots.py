@@ -13,6 +13,7 @@ from eea.fish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
 from eea.fish.target import EngineTarget
 from eea.joint.least_squares import Observed
 from tests.inference.settings import Setting
+from tests.verification.mujoco_world import simulate_mujoco
 
 Floats = NDArray[np.float64]
 
@@ -61,8 +62,7 @@ class Robot(EngineTarget):
             gyro_bias=tuple(world[BIAS]),
             gyro_noise=setting.noise,
         )
-        engine = "mujoco" if setting.world == "mujoco" else "numba"
-        super().__init__(body, None, rng, setting.steps, engine, gap=gap)
+        super().__init__(body, None, rng, setting.steps, "numba", gap=gap)
         self.setting, self.body, self.world = setting, body, world
         self.commands: list[Floats] = []
         self.angles: list[Floats] = []
@@ -76,6 +76,11 @@ class Robot(EngineTarget):
         self.angles.append(self.start_angles)
         self.logs.append(log.gyro[0])
         return log
+
+    def _swim(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
+        if self.setting.world == "mujoco":
+            return simulate_mujoco(self.body, command, angles, self.setting.steps)
+        return super()._swim(command, angles, current)
 
     @property
     def observed(self) -> Observed:

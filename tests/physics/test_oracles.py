@@ -8,14 +8,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from aquafish_gym.engines.mujoco.robot import mujoco_model
-from aquafish_gym.engines.packages import load_mujoco
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.physics.robot import BODY_MASS
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 from tests.verification import mechanics
 from tests.verification.momentum import Momentum, inertia_and_swing
+from tests.verification.mujoco_model import load_mujoco, mujoco_model
 from tests.verification.mujoco_robot import DryRobot
 from tests.verification.rk4 import integrate, quaternion_rate, rotation_matrix
 from tests.verification.trials import random_trials
@@ -95,7 +94,7 @@ def test_a_timestep_must_be_positive(timestep: object) -> None:
 def test_without_mujoco_a_sentence_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "mujoco", None)
     for use in (load_mujoco, mujoco_model, lambda: DryRobot(None, np.zeros(3), np.zeros(3))):
-        with pytest.raises(EngineUnavailableError, match=r'pip install "aquafish-gym\[mujoco\]"'):
+        with pytest.raises(EngineUnavailableError, match=r'pip install "aquafish-gym\[bench\]"'):
             use()
 
 

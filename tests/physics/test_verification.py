@@ -131,7 +131,7 @@ def test_without_mujoco_the_rest_is_done(
     printed = capsys.readouterr().out
     assert "| what | step (s) |" in printed
     assert "MuJoCo is not installed" in printed
-    assert 'pip install "aquafish-gym[mujoco]"' in printed
+    assert 'pip install "aquafish-gym[bench]"' in printed
 
 
 def test_without_towing_a_steady_stroke_gives_no_mean_thrust() -> None:

@@ -189,7 +189,7 @@ DTYPE = names("dtype", ("float32", "float64"))
 ENVIRONMENT = {
     "morphology": BODY,
     "damage": Bad(DAMAGE.values | UNFIT, DAMAGE.sentence + r"|would make .*must lie in \[0, "),
-    "engine": names("engine", ("auto", "numba", "pybullet", "mujoco")),
+    "engine": names("engine", ("auto", "numba", "pybullet")),
     "current": CURRENT,
     "fin_angles": FIN_ANGLES,
     "observe_fins": Bad(no_flag(), '^observe_fins must be True, False or "reckoned"; got '),

@@ -66,7 +66,7 @@ class Verification:
         left_out = [name for name, part in report.items() if part is None]
         if left_out:
             print(f"MuJoCo is not installed, so these are left out: {', '.join(left_out)}; "
-                  'pip install "aquafish-gym[mujoco]"')  # fmt: skip
+                  'pip install "aquafish-gym[bench]"')  # fmt: skip
         if self.page is not None:
             filled = fill_page(self.page.read_text(encoding="utf-8"), tables)
             write_bytes(self.page, filled.encode())

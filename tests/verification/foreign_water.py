@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
-from aquafish_gym.engines.mujoco.world import STEPS, MujocoWorld
 from aquafish_gym.morphology import Morphology
 from tests.verification.convergence import attitude_gap
+from tests.verification.mujoco_world import STEPS, MujocoWorld
 from tests.verification.tables import Report, Table
 
 Array = NDArray[np.float64]

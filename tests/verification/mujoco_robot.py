@@ -1,4 +1,4 @@
-"""The engine "mujoco" without its water: an oracle for the multibody mechanics.
+"""MuJoCo's robot without water: an oracle for the multibody mechanics.
 
 It shares the robot's sizes and masses with the other engines and nothing else: MuJoCo states the
 kinematics, the inertia matrix and the Coriolis forces.
@@ -11,10 +11,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.mujoco.robot import BASE, hinge_angles, mujoco_model
-from aquafish_gym.engines.packages import load_mujoco
 from aquafish_gym.morphology import MorphologyLike
 from aquafish_gym.physics.kinematics import SWEEP
+from tests.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
 from tests.verification.rk4 import integrate, quaternion_rate
 
 Array = NDArray[np.float64]

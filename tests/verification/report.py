@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from rich.progress import Progress
 
 from aquafish_gym.engines.base import TIMESTEP, Trials
-from aquafish_gym.engines.packages import load_mujoco
 from aquafish_gym.utils.validation import EngineUnavailableError
 from tests.verification import (
     agreement,
@@ -24,6 +23,7 @@ from tests.verification import (
     strokes,
     tables,
 )
+from tests.verification.mujoco_model import load_mujoco
 from tests.verification.tables import Report
 from tests.verification.trials import random_trials
 

@@ -7,12 +7,12 @@ the ellipsoid whose semi-axes are half the box's sides, and a capsule likewise.
 from __future__ import annotations
 
 import math
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.packages import load_mujoco
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.kinematics import SWEEP
@@ -29,7 +29,7 @@ from aquafish_gym.physics.robot import (
     PECTORAL_Y,
     RADIUS,
 )
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 BASE = 6  # degrees of freedom of the free base, before those of the three hinges
 VISCOSITY = 4e-4  # of water at 20 C, 1.0e-3 Pa s, in our units: 0.125 kg, 5 cm and s
@@ -52,6 +52,16 @@ _HINGES: tuple[tuple[str, Triple, Triple], ...] = (
     ("right_pectoral", (PECTORAL_X, PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
     ("caudal", (0.0, CAUDAL_Y, 0.0), (0.0, 0.0, 1.0)),
 )
+
+
+def load_mujoco() -> Any:
+    """Return the module; :class:`EngineUnavailableError` if it is not installed."""
+    try:
+        return import_module("mujoco")
+    except ImportError as error:
+        raise EngineUnavailableError(
+            f'MuJoCo is not installed here ({error}): pip install "aquafish-gym[bench]"'
+        ) from None
 
 
 def hinge_angles(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:

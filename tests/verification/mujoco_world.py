@@ -1,4 +1,4 @@
-"""MuJoCo as an engine: one robot, its joints turned as ours are, in MuJoCo's water."""
+"""One robot in MuJoCo, its joints turned as ours are, in MuJoCo's own water."""
 
 from __future__ import annotations
 
@@ -8,14 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
-from aquafish_gym.engines.mujoco.robot import BASE, hinge_angles, mujoco_model
-from aquafish_gym.engines.packages import load_mujoco
-from aquafish_gym.engines.worlds import RUNAWAY, Triple, log_of_samples, sample, with_servos
+from aquafish_gym.engines.worlds import RUNAWAY, Triple, log_of_samples, sample
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State, at_rest
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.scenario import TIMESTEP
+from tests.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
 
 # MuJoCo's steps in one of 0.01 s. Its scheme is of first order, as ours is, and with these its gyro
 # is nearer to its limit than ours with one step: docs/physics.md has both.
@@ -31,8 +29,6 @@ class MujocoWorld:
 
     Parameters
     ----------
-    reactive, drag
-        Must be False and (1, 1): our water's terms and scales mean nothing in MuJoCo's.
     substeps
         Each of MuJoCo's ``STEPS`` in 0.01 s is divided into so many.
 
@@ -45,8 +41,6 @@ class MujocoWorld:
     ------
     EngineUnavailableError
         If mujoco is not installed.
-    InvalidArgumentError
-        If ``reactive`` or ``drag`` is set.
 
     Examples
     --------
@@ -57,17 +51,7 @@ class MujocoWorld:
     [1.571, 0.785, 0.0]
     """
 
-    def __init__(
-        self, reactive: bool = False, substeps: int = 1, drag: tuple[float, float] = (1.0, 1.0)
-    ) -> None:
-        if reactive:
-            raise InvalidArgumentError(
-                'reactive must be False for the engine "mujoco": its water has terms of its own'
-            )
-        if drag != (1.0, 1.0):
-            raise InvalidArgumentError(
-                f'drag must be (1, 1) for the engine "mujoco", whose water is its own; got {drag}'
-            )
+    def __init__(self, substeps: int = 1) -> None:
         load_mujoco()
         self._count = STEPS * substeps
         self.diverged = False
@@ -140,25 +124,20 @@ class MujocoWorld:
         """Do nothing: there is nothing to free."""
 
 
-def simulate_mujoco(trials: Trials, settings: Settings) -> ImuLog:
-    """Answer :func:`aquafish_gym.simulate` with MuJoCo, one robot after another.
-
-    It computes in double precision whatever ``settings.dtype`` is, and in one thread.
-    """
-    batch, steps = len(trials), settings.steps
-    found = np.empty((batch, steps, 13))
-    water, gains = (np.broadcast_to(a, (batch, 3)) for a in (trials.current, trials.servo_gain))
-    drags, lags = np.broadcast_to(trials.drag, (batch, 2)), np.broadcast_to(trials.lag, batch)
-    for i in range(batch):
-        fins, body = drags[i].tolist()
-        world = MujocoWorld(settings.reactive, settings.substeps, (fins, body))
-        told = with_servos(world, _triple(gains[i]), float(lags[i]))
-        told.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), _triple(water[i]))
-        series = [_triple(command) for command in trials.commands[i].reshape(-1, 3)]
-        for t in range(steps):
-            told.advance(series[min(t // settings.interval, len(series) - 1)])
-            found[i, t] = sample(world)
-    return log_of_samples(found, settings.record)
+def simulate_mujoco(
+    body: NDArray[np.float64],
+    command: NDArray[np.float64],
+    angles: NDArray[np.float64],
+    steps: int,
+    current: Triple = (0.0, 0.0, 0.0),
+) -> ImuLog:
+    """Return the log (1, T, 3) of one robot that holds a command (3,) in MuJoCo's water."""
+    world, found = MujocoWorld(), np.empty((1, steps, 13))
+    world.reset(body, _triple(angles), current)
+    for t in range(steps):
+        world.advance(_triple(command))
+        found[0, t] = sample(world)
+    return log_of_samples(found)
 
 
 def _triple(row: NDArray[np.float64]) -> Triple:

@@ -1,1 +1,0 @@
-"""MuJoCo as an engine: the same robot in water that nobody here wrote; see ``docs/physics.md``."""

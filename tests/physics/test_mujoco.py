@@ -1,0 +1,82 @@
+"""The robot in MuJoCo, which the verification compares with ours."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.physics.kinematics import SWEEP
+from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.scenario import TIMESTEP
+from tests.verification.convergence import attitude_gap
+from tests.verification.harness import POSITION, QUATERNION, march
+from tests.verification.mechanics import extrapolate
+from tests.verification.mujoco_world import MujocoWorld
+from tests.verification.trials import random_trials
+
+pytest.importorskip("mujoco")
+
+TRIALS = random_trials(3, seed=1)
+STILL = (0.0, 0.0, 0.0)
+
+
+def started(trial: int, current: tuple[float, float, float] = STILL, finer: int = 1) -> MujocoWorld:
+    world = MujocoWorld(substeps=finer)
+    world.reset(TRIALS.morphologies[trial], tuple(TRIALS.fin_angles[trial]), current)
+    return world
+
+
+def dry_end(trial: int, seconds: float, finer: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return where a trial's robot ends without water, and its orientation there."""
+    world = started(trial, finer=finer)
+    world.model.opt.density = world.model.opt.viscosity = 0.0
+    world.advance(tuple(TRIALS.commands[trial]), round(seconds / TIMESTEP))
+    return np.array(world.state().position), np.array(world.state().orientation)
+
+
+def test_joints_follow_their_commands() -> None:
+    """Fins without mass do, too, and all do in a strong current."""
+    command, angles = np.array((0.5, -0.5, 1.0)), np.array((3.0, -2.0, 1.0))
+    for body in (Morphology.nominal().to_array(), MAXIMA, np.zeros(9)):
+        world = MujocoWorld()
+        world.reset(body, tuple(angles), (0.0, -20.0, 0.0))
+        for step in range(1, 101):
+            world.advance(tuple(command))
+            left, right, phase = angles + 2 * math.pi * command * step * TIMESTEP
+            wanted = (left, right, SWEEP * math.sin(phase))
+            np.testing.assert_allclose(world.data.qpos[7:], wanted, atol=1e-5)
+
+
+@pytest.mark.parametrize("trial", range(3))
+def test_without_water_its_motion_tends_to_ours_with_order_one(trial: int) -> None:
+    """tests/physics/test_oracles.py compares our limit with an independent one."""
+    seconds, one = 1.0, slice(trial, trial + 1)
+    rows = start_rows(TRIALS.fin_angles[one])
+    ours = [
+        march("float64", TRIALS.morphologies[one], rows, TRIALS.commands[one], h,
+              round(seconds / h), wet=False)[:, 0]
+        for h in (0.002, 0.001, 0.0005)
+    ]  # fmt: skip
+    limit = extrapolate(*ours)
+    turned = limit[QUATERNION] / np.linalg.norm(limit[QUATERNION])
+    ends = [dry_end(trial, seconds, finer) for finer in (1, 2, 4)]
+    gaps = [float(attitude_gap(q, turned)) for _, q in ends]
+    assert gaps[0] < 0.01
+    assert all(1.8 < coarse / fine < 2.2 for coarse, fine in pairwise(gaps))
+    position, quaternion = (extrapolate(*(end[i] for end in ends)) for i in (0, 1))
+    np.testing.assert_allclose(position, limit[POSITION], atol=1e-5)
+    np.testing.assert_allclose(np.abs(quaternion @ turned), 1.0, atol=1e-8)
+
+
+def test_current_is_a_change_of_frame() -> None:
+    current = np.array((0.15, -0.1, 0.05))
+    world, still = started(0, tuple(current)), started(0)
+    world.data.qvel[:3] = current
+    for one in (world, still):
+        one.advance(tuple(TRIALS.commands[0]), 200)
+    drifted = np.array(world.state().position) - 2.0 * current
+    np.testing.assert_allclose(drifted, still.state().position, atol=1e-9)
