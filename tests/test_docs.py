@@ -61,6 +61,22 @@ def test_every_row_of_the_paper_map_names_a_symbol() -> None:
         assert SYMBOL.search(row), f"names no symbol: {row[:60]}"
 
 
+def measured(row: str) -> set[str]:
+    """Return the cells of a table's row that have an interval, and its shares."""
+    cells = {cell.strip() for cell in row.replace("*", "").split("|")}
+    shares = {cell.split(" [")[0] for cell in cells if "%" in cell}
+    return shares | {cell for cell in cells if "[" in cell}
+
+
+def test_the_results_in_the_readme_are_in_the_report() -> None:
+    readme = (ROOT / "README.md").read_text().split("## Does it recover?")[1].split("\n## ")[0]
+    report = (ROOT / "docs" / "recovery" / "report.md").read_text().splitlines()
+    rows = [row for row in map(measured, readme.splitlines()) if len(row) > 1]
+    assert len(rows) == 5
+    for row in rows:
+        assert any(row <= measured(line) for line in report), row
+
+
 @pytest.mark.parametrize("file", [*PAGES, *SOURCES], ids=lambda p: str(p.relative_to(ROOT)))
 def test_nothing_is_left_to_fill_in(file: pathlib.Path) -> None:
     left = set(PLACEHOLDERS) & set(re.findall(r"\w+", file.read_text()))
