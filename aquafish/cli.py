@@ -44,7 +44,6 @@ class _Commands:
     """The commands, the nearest of which is offered for an unknown one."""
 
     def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-        from aquafish.gait_utility import GaitUtility
         from aquafish_gym.utils.command_line import single_command
         from aquafish_gym.utils.validation import one_of
 
@@ -55,8 +54,6 @@ class _Commands:
         name = one_of("the command", words[0], COMMANDS)
         command = resolve_name(COMMANDS[name][0])
         made = single_command(command).cli(prog=f"{prog} {name}", args=words[1:])
-        if hasattr(made, "utility"):  # to swim, which eea cannot
-            return replace(made, utility=GaitUtility(made.seed, made.threads))
         # A study reads its settings again over those of each of its arms.
         return replace(made, words=tuple(words)) if hasattr(made, "words") else made
 

@@ -18,11 +18,11 @@ from eea.core.angles import Floats, wrap
 from eea.core.behavior import similarity, summarize
 from eea.core.checks import whole
 from eea.core.config import EEAConfig
-from eea.core.design import fast_command
 from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
 from eea.core.session import Answer, Conclusion, Session
+from eea.joint.commands import fast_command
 from eea.joint.least_squares import COARSE, FINE, Misfit, Observed
 from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem

@@ -39,7 +39,6 @@ from aquafish_gym.utils.command_line import (
 )
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
-from eea.core.exploration import Strategy
 from eea.fish.gap import MOST_SPIN
 from gait.controller import Controller
 from gait.evolve import EvolveConfig
@@ -77,8 +76,6 @@ class Recover:
     """Trials on the damaged robot, one a round."""
     joint_rounds: int = 2
     """Trials of joint inference, which needs fewer."""
-    joint_strategy: Literal["auto"] | Strategy = "auto"
-    """How joint inference chooses them; see --exploration.strategy of aquafish run."""
     steps: int = RECOVERY.steps
     """Length of a trial in steps of 0.01 s, a power of two."""
     models: int = RECOVERY.estimation.population
@@ -148,8 +145,7 @@ class Recover:
         )
         estimation = replace(eea.estimation, population=self.models)
         eea = replace(eea, estimation=estimation, out_of_band=out_of_band)
-        chosen = replace(eea.exploration, strategy=self.joint_strategy)
-        joint = replace(eea, rounds=self.joint_rounds, exploration=chosen)
+        joint = replace(eea, rounds=self.joint_rounds)
         finite_array("gyro_noise", self.gyro_noise, (), 0.0, MOST_SPIN, "rad/s")
         common: dict[str, Any] = {"seconds": self.seconds, "threads": 1}
         best = EvolveConfig(
@@ -262,8 +258,6 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
     joint, plain = (
         next(one.eea for one in jobs if one.treatment == name) for name in ("joint", "out-of-band")
     )
-    strategy = joint.exploration.strategy
-    how = {} if strategy == "auto" else {"joint_strategy": strategy}
     parts = {"eea": plain.to_dict(), "transfer": asdict(job.transfer)}
     parts |= {
         f"gait_{name}": {**gait.settings, "generations": gait.plan.generations}
@@ -279,7 +273,6 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
         "first_seed": job.seed,
         "gyro_noise": job.gyro_noise,
         "joint_rounds": joint.rounds,
-        **how,
         **parts,
     }
 

@@ -10,9 +10,8 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish import batch, gait_utility
+from aquafish import batch
 from aquafish.batch import check_source, in_small
-from aquafish.gait_utility import GaitUtility
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
@@ -230,7 +229,7 @@ def rehearse(jobs: Sequence[Treatment]) -> None:
 
 def source_stamp() -> str:
     """Return a hash of all code that the results come from."""
-    return batch.source_stamp(Path(__file__), Path(gait_utility.__file__))
+    return batch.source_stamp(Path(__file__))
 
 
 class Model(NamedTuple):
@@ -256,10 +255,7 @@ def _self_model(job: Treatment, say: Say) -> Model:
     hidden = streams(job.seed)["target"]
     engine, gap = job.transfer.target_engine, RealityGap(gyro_noise=job.gyro_noise)
     target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine, gap=gap)
-    utility = GaitUtility.quicker(job.gait) if config.asks_gaits else None
-    algorithm = fish_eea(
-        target, config, job.seed, target.morphology, utility, threads=job.gait.threads
-    )
+    algorithm = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
     rounds = []
     say("self-model: the first trial", 0.0)
     for record in algorithm:

@@ -18,12 +18,12 @@ from eea.core.genetic import GeneticConfig
 from eea.study.presets import FIGURE_ARMS, FIGURES
 
 _NONE = "no arm is of the condition"
-_NO_BREEDING = "every arm is of the condition joint, which breeds at most commands, by disagreement"
+_NO_BREEDING = "every arm is of the condition joint, which breeds nothing"
 WHY_UNHEARD = {
     "in_band": f"{_NONE} in-band",
     "out_of_band": f"{_NONE} out-of-band",
     "joint": f"{_NONE} joint",
-    "exploration": "no arm chooses its commands by disagreement",
+    "exploration": _NO_BREEDING,
     "estimation": _NO_BREEDING,
     "genetic": _NO_BREEDING,
 }
@@ -109,7 +109,7 @@ def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings)
     for part in ("in_band", "out_of_band", "joint", "exploration", "estimation", "genetic"):
         given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
         for name in given:
-            unheard = all(_unheard(part, name, config) for config in arms.values())
+            unheard = all(_unheard(part, config) for config in arms.values())
             if given[name] != usual[name] and unheard:
                 raise ConfigurationError(f"{part}.{name} has no say: {WHY_UNHEARD[part]}")
     behaviors = [config.behavior for config in arms.values()]
@@ -120,12 +120,8 @@ def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings)
         )
 
 
-def _unheard(part: str, name: str, config: EEAConfig) -> bool:
+def _unheard(part: str, config: EEAConfig) -> bool:
     """Return whether an arm looks at a setting under no circumstances."""
-    bred = config.strategy == "disagreement"  # the commands; joint inference breeds no models
-    if part == "exploration":
-        return not bred and name != "strategy"
-    if part in ("estimation", "genetic"):
-        asked = bred and (part == "genetic" or name == "population")
-        return config.condition == "joint" and not asked
+    if part in ("exploration", "estimation", "genetic"):
+        return config.condition == "joint"
     return config.condition != part.replace("_", "-")

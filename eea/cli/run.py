@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import tyro
 from rich.console import Console
@@ -38,7 +38,6 @@ from eea.cli.outcome import (
     size_table,
     write_outcome,
 )
-from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
 from eea.core.session import Session, streams
@@ -76,19 +75,12 @@ class Run:
     #: How the target's world differs from the candidates', which they do not know.
     gap: RealityGap = field(default_factory=RealityGap)
     threads: Threads = None
-    #: How far gaits swim on bodies; aquafish gives it, as this package knows no gait.
-    utility: tyro.conf.Suppress[Any] = None
 
     def execute(self) -> None:
         """Run to a stop rule, with a line a round.
 
         If an option is wrong nothing has been written.
         """
-        if self.config.asks_gaits and self.utility is None:
-            raise ConfigurationError(
-                f"{self.config.asks_gaits} needs gaits, of which this package knows none: use "
-                "aquafish run, which evolves some, with the same options"
-            )
         damage = Damage.parse(self.target_damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
         target = EngineTarget(
@@ -108,7 +100,7 @@ class Run:
             "substeps": self.substeps,
             "threads": self.threads,
         }
-        eea = fish_eea(target, self.config, self.seed, target.morphology, self.utility, **simulator)
+        eea = fish_eea(target, self.config, self.seed, target.morphology, **simulator)
         simulator.pop("threads")  # no result depends on them
         settings = {
             **self.config.to_dict(),
@@ -219,11 +211,6 @@ def _why(result: Result) -> str:
     joint, why = result.config.joint, result.stopped
     if why == "narrow" and joint.narrow is not None:
         return f"{why}, every {MASS:.0%} interval is at most {joint.narrow:.2g} of its range"
-    if why == "robust" and joint.robust is not None:
-        return (
-            f"{why}, one gait keeps at least {joint.robust:.0%} of what is possible on nine in ten "
-            "of the bodies that the trials allow"
-        )
     return why
 
 

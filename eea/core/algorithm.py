@@ -13,7 +13,6 @@ from eea.core.bits import BitLayout, pose_layout
 from eea.core.checks import ConfigurationError, TargetError, at_most
 from eea.core.conditions import Ideal, InBand, Inference, NoInference, OutOfBand
 from eea.core.config import EEAConfig
-from eea.core.design import Utility
 from eea.core.estimation import Estimation
 from eea.core.experiment import Context, Experiment, Simulator, Target, reveals
 from eea.core.exploration import Exploration
@@ -50,14 +49,11 @@ class EEA(Session):
         Settings, and the replicate's seed.
     truth
         The target's dimensions (n,) if known: only for OBJ_FIT in the records.
-    utility
-        How far gaits swim on bodies, for the strategy "gait", which needs it: a function from
-        bodies (N, n), in their units, to distances (K, N) of K >= 2 gaits, the same at each call.
 
     Raises
     ------
     ConfigurationError
-        If a setting is wrong or lacks the utility, or the truth has another shape.
+        If a setting is wrong, or the truth has another shape.
     TargetError
         If the simulator is none, or the target of the Ideal condition hides where it began.
 
@@ -99,9 +95,8 @@ class EEA(Session):
         config: EEAConfig,
         seed: int = 0,
         truth: Floats | None = None,
-        utility: Utility | None = None,
     ) -> None:
-        super().__init__(target, problem, config, seed, truth, utility)
+        super().__init__(target, problem, config, seed, truth)
         if config.condition == "joint":
             raise ConfigurationError(
                 "the joint condition is no EEA: it needs eea.joint.JointInference, or, for the "
@@ -147,17 +142,8 @@ class EEA(Session):
     def _round(self) -> tuple[Answer, Conclusion]:
         evaluator, trials = self._evaluator, self._evaluator.trials
         before, config = self._estimation.population, self.result.config
-        known = before.models, before.fitness
-        performed = np.array([experiment.command for experiment in self._experiments])
-        performed = performed.reshape(-1, len(self._problem.actions))
         command, action_fitness = self._exploration.choose(
-            config.strategy,
-            performed,
-            lambda: known,
-            lambda: self._exploration.forecast(
-                self._problem.models, *known, performed, config.condition == "ideal"
-            ),
-            self._utilities,
+            len(self._experiments), before.models, before.fitness
         )
         answer = self._perform(command)
         if not np.array_equal(answer.command, command):

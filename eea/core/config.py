@@ -9,7 +9,7 @@ from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, at_most, choice, instance, real, whole
 from eea.core.conditions import InBandConfig, OutOfBandConfig
 from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig, Strategy
+from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
 
 Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
@@ -41,10 +41,6 @@ class JointConfig:
     #: Stop once the 90% interval of every dimension is at most this share of its range, and the
     #: fit leaves nothing but noise; None for never.
     narrow: float | None = None
-    #: Stop once the gait that swims farthest on average keeps, on nine in ten of the bodies that
-    #: the trials allow, at least this share of what the best gait for each swims there, and the fit
-    #: leaves nothing but noise; None for never. It needs a utility (aquafish run has one).
-    robust: float | None = None
     bodies: int = 96  #: Random bodies in the scan that finds starting points.
     poses: int = 96  #: Random poses tried for each of them in each trial.
     descents: int = 24  #: How many of them go downhill.
@@ -60,8 +56,6 @@ class JointConfig:
         choice("joint.alternatives", self.alternatives, ("doubt", "always", "never"))
         if self.narrow is not None:
             real("joint.narrow", self.narrow, 0.0, 1.0)
-        if self.robust is not None:
-            real("joint.robust", self.robust, 0.0, 1.0)
         whole("joint.bodies", self.bodies, 2, 10**5)
         whole("joint.poses", self.poses, 1, 10**5)
         whole("joint.descents", self.descents, 1, self.bodies)
@@ -135,21 +129,6 @@ class EEAConfig:
         for name, population in populations.items():
             # With none but elites no generation would differ from the first.
             at_most("genetic.elites", self.genetic.elites, f"{name} - 1", population - 1)
-
-    @property
-    def strategy(self) -> Strategy:
-        """How commands are chosen: what "auto" is under the condition."""
-        if self.exploration.strategy != "auto":
-            return self.exploration.strategy
-        return "fast" if self.condition == "joint" else "disagreement"
-
-    @property
-    def asks_gaits(self) -> str | None:
-        """The setting that needs to know how far gaits swim on bodies, if any does."""
-        if self.strategy == "gait":
-            return "exploration.strategy = gait"
-        robust = self.condition == "joint" and self.joint.robust is not None
-        return "joint.robust" if robust else None
 
     def to_dict(self) -> dict[str, Any]:
         """Return every setting, nested, ready for JSON."""

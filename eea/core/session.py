@@ -12,9 +12,8 @@ import numpy as np
 
 from eea.core.angles import Floats, circular_distance
 from eea.core.behavior import Log, signal_samples
-from eea.core.checks import ConfigurationError, TargetError, brief, finite, instance, whole
+from eea.core.checks import ConfigurationError, TargetError, finite, instance, whole
 from eea.core.config import EEAConfig
-from eea.core.design import Forecast, Utility, checked_utilities
 from eea.core.experiment import Context, Performed, Target, reveals
 from eea.core.fitness import dimension_errors, objective_fitness
 from eea.core.problem import Problem
@@ -69,30 +68,15 @@ class Session(ABC):
         config: EEAConfig,
         seed: int,
         truth: Floats | None,
-        utility: Utility | None = None,
     ) -> None:
         instance("config", config, EEAConfig)
         instance("problem", problem, Problem)
         if truth is not None:
             truth = finite("truth", truth, (len(problem.models),))
-        if config.asks_gaits and not callable(utility):
-            raise ConfigurationError(
-                f"{config.asks_gaits} needs a utility: how far each of some gaits swims on each of "
-                f"some bodies, a function from (N, {len(problem.models)}) to (K, N); got "
-                f"{brief(utility)}"
-            )
         self.result: Result = Result(config, seed, problem.models, truth)
         self._target = target
         self._problem = problem
         self._rngs = streams(seed)
-        self._utility = utility
-
-    def _utilities(self, ahead: Forecast) -> Floats:
-        """Return how far gaits swim on the bodies of a forecast's samples, (K, N)."""
-        assert self._utility is not None
-        layout = self._problem.models
-        bodies = layout.low + layout.span * ahead.samples[:, : ahead.body]
-        return checked_utilities(self._utility, bodies)
 
     @abstractmethod
     def _round(self) -> tuple[Answer, Conclusion]:

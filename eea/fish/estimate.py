@@ -17,7 +17,6 @@ from eea.core.behavior import Log, signal_samples
 from eea.core.bits import BitLayout, Coding, action_layout, model_layout
 from eea.core.checks import at_most, instance
 from eea.core.config import RECOMMENDED, EEAConfig
-from eea.core.design import Utility
 from eea.core.experiment import Target
 from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
@@ -121,7 +120,6 @@ def fish_eea(
     config: EEAConfig,
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
-    utility: Utility | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> Session:
     """Return the method of ``config.condition``, ready to iterate, bound to a target and the fish.
@@ -135,9 +133,6 @@ def fish_eea(
     truth
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
         (x, y, z), or nine numbers.
-    utility
-        How far gaits swim on bodies, where the settings need it: ``GaitUtility`` of
-        ``aquafish.gait_utility``, or as ``EEA`` takes it.
     **simulator
         engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``,
         and it and ``EEA`` for the errors.
@@ -153,8 +148,8 @@ def fish_eea(
         from eea.fish.joint import fish_joint
         from eea.joint.inference import JointInference
 
-        return JointInference(target, fish_joint(problem, engine), config, seed, body, utility)
-    return EEA(target, engine, problem, config, seed, body, utility)
+        return JointInference(target, fish_joint(problem, engine), config, seed, body)
+    return EEA(target, engine, problem, config, seed, body)
 
 
 def estimate_morphology_of(
@@ -163,7 +158,6 @@ def estimate_morphology_of(
     seed: int = 0,
     progress: Progress | None = None,
     truth: Morphology | ArrayLike | None = None,
-    utility: Utility | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Model any target that performs commands, a physical robot for example.
@@ -183,11 +177,11 @@ def estimate_morphology_of(
         Called with each round's record.
     config
         Settings; None for those recommended, joint inference from three trials.
-    seed, truth, utility, **simulator
+    seed, truth, **simulator
         See ``fish_eea``.
     """
     settings = RECOMMENDED if config is None else config
-    eea = fish_eea(target, settings, seed, truth, utility, **simulator)
+    eea = fish_eea(target, settings, seed, truth, **simulator)
     result = eea.run(progress)
     return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
 
@@ -241,7 +235,6 @@ def estimate_morphology(
     target_engine: str = "auto",
     target_orientation: Orientation = "upright",
     gap: RealityGap = NO_GAP,
-    utility: Utility | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Let a damaged fish work out its own body, from blind trials only.
@@ -264,8 +257,6 @@ def estimate_morphology(
         How the target's body lies when a trial begins; see ``EngineTarget``.
     gap
         How the target's world differs from the candidates'.
-    utility
-        See ``fish_eea``.
     **simulator
         engine, dtype, current, substeps, threads; see ``EngineSimulator``. The current and the
         substeps hold for the target too.
@@ -284,6 +275,4 @@ def estimate_morphology(
         target_orientation,
         gap,
     )
-    return estimate_morphology_of(
-        target, settings, seed, progress, target.morphology, utility, **simulator
-    )
+    return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

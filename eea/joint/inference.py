@@ -16,17 +16,16 @@ from eea.core.angles import Floats
 from eea.core.behavior import similarity, summarize
 from eea.core.checks import ConfigurationError, choice, finite
 from eea.core.config import EEAConfig
-from eea.core.design import Utility
 from eea.core.experiment import Context, Target
 from eea.core.fitness import model_fitness
 from eea.core.replay import RecordedLog
 from eea.core.result import RoundRecord
 from eea.core.session import Answer, Conclusion, Session
+from eea.joint.commands import fast_command
 from eea.joint.goodness_of_fit import Goodness, effective_count, goodness_of_fit
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import JointPosterior, groups, weigh
 from eea.joint.least_squares import Observed
-from eea.joint.next_trial import enough, next_command
 from eea.joint.parameters import SURE, Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
@@ -50,15 +49,12 @@ class JointInference(Session):
         Settings, of which ``joint`` and ``exploration`` have a say, and the replicate's seed.
     truth
         The target's dimensions (n,) if known: only for OBJ_FIT in the records.
-    utility
-        How far gaits swim on bodies, as ``EEA`` takes it: for the strategy "gait", and to stop
-        once the gait is robust.
 
     Raises
     ------
     ConfigurationError
-        If a setting is wrong, lacks the utility or names a nuisance that the robot has not, or
-        the truth has another shape.
+        If a setting is wrong or names a nuisance that the robot has not, or the truth has another
+        shape.
 
     Examples
     --------
@@ -91,9 +87,8 @@ class JointInference(Session):
         config: EEAConfig,
         seed: int = 0,
         truth: Floats | None = None,
-        utility: Utility | None = None,
     ) -> None:
-        super().__init__(target, joint.problem, config, seed, truth, utility)
+        super().__init__(target, joint.problem, config, seed, truth)
         settings = config.joint
         if config.steps < FEWEST_STEPS:
             raise ConfigurationError(
@@ -147,11 +142,9 @@ class JointInference(Session):
             raise
 
     def _round(self) -> tuple[Answer, Conclusion]:
-        command, value = self._next_command()
-        answer = self._perform(command)
-        if not np.array_equal(answer.command, command):
-            value = None
-        return answer, self._concluded(answer.command[None], answer.samples[None], value)
+        performed, rng = self._observed.commands, self._rngs["exploration"]
+        answer = self._perform(fast_command(self._problem.actions, performed, rng))
+        return answer, self._concluded(answer.command[None], answer.samples[None])
 
     def observe(self, commands: NDArray[Any], signal: Floats, told: Floats) -> RoundRecord:
         """Conclude from what the robot did by itself, in one round, without asking it.
@@ -179,14 +172,14 @@ class JointInference(Session):
         signal = finite("signal", signal, wanted)
         began = time.monotonic()
         with self._undone_if_broken_off():
-            concluded = self._concluded(commands, signal, None)
+            concluded = self._concluded(commands, signal)
             answer = Answer(told, RecordedLog(gyro=signal[-1:]), signal[-1], None)
             record = self._record(answer, concluded, began)
             self.result.rounds.append(record)
         return record
 
-    def _concluded(self, commands: NDArray[Any], signal: Floats, value: float | None) -> Conclusion:
-        """Conclude from all trials so far and these, of which the command promised ``value``."""
+    def _concluded(self, commands: NDArray[Any], signal: Floats) -> Conclusion:
+        """Conclude from all trials so far and these."""
         simulated = self._simulated
         if len(self._observed):
             commands = np.concatenate([self._observed.commands, commands])
@@ -197,7 +190,7 @@ class JointInference(Session):
         ends = belief.angles(len(self._observed) - 1)
         context = Context(*ends, confidence=0.9)
         return Conclusion(
-            value,
+            None,
             belief.model,
             self._model_fitness(self._optima[belief.branches[0].hypothesis.name]),
             context,
@@ -302,17 +295,14 @@ class JointInference(Session):
         observed = summarize(RecordedLog(gyro=self._observed.signal), config.behavior)
         return float(model_fitness(similarity(simulated, observed, config.behavior)))
 
-    def _next_command(self) -> tuple[Floats, float | None]:
-        """Return the command to perform next, and what it promises."""
-        config, belief = self.result.config, self._belief
-        hypothesis = AS_COMMANDED if belief is None else belief.branches[0].hypothesis
-        one = Parameters.of(self._joint, 1, self._groups, hypothesis, config.joint.per_trial)
-        performed, rng = self._observed.commands, self._rngs["exploration"]
-        return next_command(one, belief, config, performed, self._utilities, rng)
-
     def _stopped(self) -> str | None:
-        settings = self.result.config.joint
-        return enough(self._belief, self._problem.models, settings, self._utility)
+        """Return ``"narrow"`` once every interval is, and the fit leaves nothing but noise."""
+        belief, narrow = self._belief, self.result.config.joint.narrow
+        if narrow is None or belief is None or not belief.good:
+            return None
+        low, high = belief.interval(0.9)
+        wide = ((high - low) / self._problem.models.span).max()
+        return "narrow" if wide <= narrow else None
 
 
 def posterior_of(optima: Optima, best: Optima) -> Posterior:

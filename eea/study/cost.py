@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from eea.core.config import EEAConfig
-from eea.core.design import CANDIDATES, EVALUATED_AT
 
 # Shares of the asked trials that were simulated with the default settings, 25 rounds of 256 steps
 # on the half-fin target: Ideal 0.75 and 0.72, Out-of-Band 0.76, 0.74 and 0.81 (seed 1000).
@@ -13,7 +12,6 @@ NEW_POSES = 0.81
 # Of joint inference, for each trial so far: 31,000 in each of three rounds of 256 steps with the
 # default settings on that target, less the scan, for each of 24 descents (seed 1).
 A_DESCENT = 900
-DERIVATIVES = 1 + 9 + 3  # robots for forward differences by sizes and angles
 
 
 def asked_trials(config: EEAConfig) -> tuple[int, int, int]:
@@ -39,21 +37,20 @@ def asked_trials(config: EEAConfig) -> tuple[int, int, int]:
 
 def _asked_for_commands(config: EEAConfig) -> int:
     """Return how many trials the choices of commands ask for; before the first there is none."""
-    exploration, choices = config.exploration, config.rounds - 1
-    if config.strategy in ("random", "fast"):
-        return 0
-    if config.strategy == "disagreement":
-        models = exploration.best_models or config.estimation.population
-        return choices * exploration.population * exploration.generations * models
-    performed = choices * (choices + 1) // 2  # what they told is worked out anew
-    return EVALUATED_AT * (DERIVATIVES * (choices * CANDIDATES + performed) + performed)
+    models = config.exploration.best_models or config.estimation.population
+    return (
+        (config.rounds - 1)
+        * config.exploration.population
+        * config.exploration.generations
+        * models
+    )
 
 
 def expected_trials(config: EEAConfig) -> float:
     """Return about how many trials a run of all its rounds simulates."""
     if config.condition == "joint":
         fit = config.joint.bodies * config.joint.poses + A_DESCENT * config.joint.descents
-        return _asked_for_commands(config) + fit * config.rounds * (config.rounds + 1) / 2
+        return fit * config.rounds * (config.rounds + 1) / 2
     actions, models, poses = asked_trials(config)
     # Under In-Band Inference models begin anew from anywhere in the ranges: nothing is known yet.
     known = config.estimation.remember and config.condition != "in-band"

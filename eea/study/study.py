@@ -66,11 +66,6 @@ class Study:
                     f"time_limit must be None in a study, whose results depend on no clock; "
                     f"the arm {name} has {config.time_limit}"
                 )
-            if config.asks_gaits:
-                raise ConfigurationError(
-                    f"{config.asks_gaits} needs gaits, of which a study has none; the arm {name} "
-                    "has it, and aquafish run or aquafish recover can do it"
-                )
         cells = len(list(self._cells()))
         whole("arms times steps times replicates", cells * self.replicates, 1, MOST_JOBS)
 

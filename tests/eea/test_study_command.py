@@ -206,14 +206,6 @@ def test_joint_inference_is_an_arm_like_the_others(tmp_path, monkeypatch):
     assert (tmp_path / "figures" / "conditions.png").exists()
 
 
-def test_what_breeds_commands_under_joint_inference_has_a_say():
-    words = ["study", "--conditions", "joint", "--exploration.strategy", "disagreement"]
-    words += [*SMALL[:-2], "--genetic.elites", "2", "--out", "x"]
-    (config,) = Commands().cli(args=words).study().arms.values()
-    assert (config.estimation.population, config.genetic.elites) == (4, 2)
-    assert config.strategy == "disagreement"
-
-
 REFUSED = [
     ([], "--figure or --conditions must say what to run"),
     (["--figure", "5", "--conditions", "none"], "--figure and --conditions exclude each other"),

@@ -15,7 +15,7 @@ import eea
 from aquafish_gym.runs.runner import Say
 from aquafish_gym.runs.stamps import code_stamp
 from eea import EEAConfig, JointConfig, fish_problem
-from eea.core.exploration import ExplorationConfig
+from eea.core.session import streams
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
 from eea.joint import JointInference, JointPosterior
@@ -59,7 +59,7 @@ def source_stamp() -> str:
     """Return a hash of all code that the results come from."""
     folders = [
         *(Path(str(aquafish_gym.__file__)).parent / name for name in ("physics", "engines")),
-        *(Path(str(eea.__file__)).parent / name for name in ("core", "joint", "aquafish")),
+        *(Path(str(eea.__file__)).parent / name for name in ("core", "joint", "fish")),
     ]
     here = Path(__file__).parent
     own = [here / f"{name}.py" for name in ("settings", "robots", "cases", "swims")]
@@ -85,19 +85,19 @@ def examine(
 ) -> dict[str, Any]:
     """Return what was found of a setting's robot, and how it compares with the truth."""
     body = draw_body(setting, number, rng)
-    robot = Robot(setting, body, draw_world(setting, rng), rng)
+    world, seed = draw_world(setting, rng), int(rng.integers(2**32))
+    robot = Robot(setting, body, world, rng, streams(seed)["exploration"])
     config = EEAConfig(
         "joint",
         steps=setting.steps,
         rounds=setting.trials,
-        exploration=ExplorationConfig(strategy="fast" if setting.fast else "random"),
         joint=effort or JointConfig(),
     )
     joint = fish_joint(fish_problem(), EngineSimulator(setting.steps, threads=1))
     if setting.world == "reactive":
         imagined = tuple(h for h in joint.hypotheses if "reactive water" not in h.fixed)
         joint = replace(joint, hypotheses=imagined)
-    method = JointInference(robot, joint, config, int(rng.integers(2**32)), body)
+    method = JointInference(robot, joint, config, seed, body)
     rounds = []
     began = time.process_time()
     for record in method:

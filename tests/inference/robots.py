@@ -8,6 +8,8 @@ from scipy.stats import truncnorm
 
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
+from eea.core.experiment import Performed
+from eea.fish.estimate import fish_actions
 from eea.fish.gap import RealityGap
 from eea.fish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
 from eea.fish.target import EngineTarget
@@ -48,10 +50,18 @@ def draw_world(setting: Setting, rng: np.random.Generator) -> Floats:
 
 
 class Robot(EngineTarget):
-    """A robot as the inference asks it; what it was told, hid and felt is kept."""
+    """A robot as the inference asks it; its commands, hidden angles and logs are kept.
+
+    Where the setting is not ``fast`` it performs random commands instead of those asked for.
+    """
 
     def __init__(
-        self, setting: Setting, body: Floats, world: Floats, rng: np.random.Generator
+        self,
+        setting: Setting,
+        body: Floats,
+        world: Floats,
+        rng: np.random.Generator,
+        commanding: np.random.Generator,
     ) -> None:
         gap = RealityGap(
             current=tuple(world[CURRENT]),
@@ -64,18 +74,22 @@ class Robot(EngineTarget):
         )
         super().__init__(body, None, rng, setting.steps, "numba", gap=gap)
         self.setting, self.body, self.world = setting, body, world
+        self._commanding = commanding
         self.commands: list[Floats] = []
         self.angles: list[Floats] = []
         self.logs: list[Floats] = []
 
-    def perform(self, command: Floats) -> ImuLog:
-        """Hold a command (3,) from fin angles drawn anew; return the log of that one trial."""
+    def perform(self, command: Floats) -> Performed:  # type: ignore[override]
+        """Hold a command (3,) from random fin angles; return the log of that one trial."""
+        if not self.setting.fast:
+            actions = fish_actions()
+            command = actions.decode(actions.random(1, self._commanding))[0]
         log = super().perform(command)
         assert log.gyro is not None
         self.commands.append(command)
         self.angles.append(self.start_angles)
         self.logs.append(log.gyro[0])
-        return log
+        return Performed(log, command)
 
     def _swim(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
         if self.setting.world == "mujoco":

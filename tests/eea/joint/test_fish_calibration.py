@@ -9,9 +9,9 @@ import pytest
 
 from aquafish_gym.morphology import FINS
 from eea import EEAConfig, JointConfig, RecordedLog, estimate_from_logs, fish_problem
-from eea.core.design import fast_command
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
+from eea.joint.commands import fast_command
 from eea.joint.inference import posterior_of
 from eea.joint.parameters import Parameters
 from eea.joint.search import search
