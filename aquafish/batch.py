@@ -20,13 +20,13 @@ import eea.core
 import eea.fish
 import eea.joint
 import gait
+from aquafish_gym.command_line import RESUMES
 from aquafish_gym.runs.executors import workers
 from aquafish_gym.runs.folder import claim, held
 from aquafish_gym.runs.processes import WorkerDiedError
 from aquafish_gym.runs.runner import Event, Job, JobLike, Say, finished, read_result, run_jobs
 from aquafish_gym.runs.stamps import code_stamp
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
-from aquafish_gym.utils.command_line import RESUMES
 from eea.core import ConfigurationError, EEAConfig
 from eea.core.config import JointConfig
 from eea.fish import EngineSimulator, fish_problem

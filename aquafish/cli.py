@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from pkgutil import resolve_name
 from typing import Any
 
 # Name -> where its class is, loaded only when it is asked for, and what it does.
@@ -40,38 +39,18 @@ COMMANDS = {
 }
 
 
-class _Commands:
-    """The commands, the nearest of which is offered for an unknown one."""
-
-    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-        from aquafish_gym.utils.command_line import single_command
-        from aquafish_gym.utils.validation import one_of
-
-        words = sys.argv[1:] if args is None else list(args)
-        if not words or words[0] in ("-h", "--help"):
-            print(usage())
-            raise SystemExit(0 if words else 2)
-        name = one_of("the command", words[0], COMMANDS)
-        command = resolve_name(COMMANDS[name][0])
-        made = single_command(command).cli(prog=f"{prog} {name}", args=words[1:])
-        # A study reads its settings again over those of each of its arms.
-        return replace(made, words=tuple(words)) if hasattr(made, "words") else made
-
-
-def usage() -> str:
-    """Return what there is, a line a command."""
-    width = max(map(len, COMMANDS))
-    use = "usage: aquafish COMMAND [OPTIONS]; aquafish COMMAND --help lists the options\n"
-    return "\n".join([use, *(f"  {name:{width}}  {says}" for name, (_, says) in COMMANDS.items())])
+def _with_words(command: Any, words: Sequence[str]) -> Any:
+    """Return a command with its words: a study reads its options again for each of its arms."""
+    return replace(command, words=tuple(words)) if hasattr(command, "words") else command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code, as ``run_command_line`` says."""
     try:  # imported here, so that Ctrl-C is answered from the start
-        from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line
+        from aquafish_gym.command_line import BAD_INPUT, run_command_line
         from eea.core.checks import ConfigurationError, TargetError
     except KeyboardInterrupt:
         print("aquafish: interrupted", file=sys.stderr)
         return 130
     refused = (*BAD_INPUT, ConfigurationError, TargetError)
-    return run_command_line("aquafish", _Commands(), arguments, refused)
+    return run_command_line("aquafish", COMMANDS, arguments, refused, _with_words)

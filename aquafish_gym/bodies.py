@@ -99,7 +99,7 @@ def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[M
 
     A ``bodies.json`` is an object with the schema ``aquafish.bodies/1`` whose ``morphologies`` is
     a list of objects from fin to [x, y, z]. One that people write may lack schema and checksum.
-    What one body's file may hold says ``utils.command_line.read_morphology``.
+    See ``command_line.read_morphology`` for what the file of one body may hold.
 
     Raises
     ------

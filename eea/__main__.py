@@ -7,39 +7,29 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from aquafish_gym.utils.command_line import BAD_INPUT, Command, run_command_line, subcommands
-from eea.cli.infer import Infer
-from eea.cli.run import Recover, Run
-from eea.cli.study import Merge, Plot, StudyCommand
-from eea.cli.watch import Watch
+from aquafish_gym.command_line import BAD_INPUT, Commands, run_command_line
 from eea.core.checks import ConfigurationError, TargetError
 
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
-COMMANDS: dict[str, type[Command]] = {
-    "run": Run,
-    "recover": Recover,
-    "infer": Infer,
-    "watch": Watch,
-    "study": StudyCommand,
-    "plot": Plot,
-    "merge": Merge,
+COMMANDS: Commands = {
+    "run": ("eea.cli.run:Run", "let a damaged robot infer its own body"),
+    "recover": ("eea.cli.run:Recover", "the same, with the settings of the recovery"),
+    "infer": ("eea.cli.infer:Infer", "infer the body from a recorded swim, with its uncertainty"),
+    "watch": ("eea.cli.watch:Watch", "detect a change of the body in a recorded swim"),
+    "study": ("eea.cli.study:StudyCommand", "replicates for the paper's figures and ablations"),
+    "plot": ("eea.cli.study:Plot", "write a study's tables and figures again"),
+    "merge": ("eea.cli.study:Merge", "add another folder of a study to this one"),
 }
 
 
-class Commands:
-    """The subcommands by their names."""
-
-    def cli(self, *, prog: str | None = None, args: Sequence[str] | None = None) -> Any:
-        """Return the command that the arguments ask for."""
-        command = subcommands(COMMANDS).cli(prog=prog, args=args)
-        # A study reads its settings again over those of each of its arms.
-        words = tuple(sys.argv[1:] if args is None else args)
-        return replace(command, words=words) if isinstance(command, StudyCommand) else command
+def with_words(command: Any, words: Sequence[str]) -> Any:
+    """Return a command with its words: a study reads its options again for each of its arms."""
+    return replace(command, words=tuple(words)) if hasattr(command, "words") else command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code, see ``run_command_line``."""
-    return run_command_line("eea", Commands(), arguments, REFUSED)
+    return run_command_line("eea", COMMANDS, arguments, REFUSED, with_words)
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ from rich.progress import track
 from rich.table import Table
 
 from aquafish_gym import Damage
-from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
+from aquafish_gym.command_line import BAD_INPUT, run_command_line
 from aquafish_gym.utils.validation import integer
 from eea import (
     CONDITIONS,
@@ -80,7 +80,7 @@ if __name__ == "__main__":
     sys.exit(
         run_command_line(
             "compare_conditions",
-            single_command(CompareConditions),
+            CompareConditions,
             refused=(*BAD_INPUT, ConfigurationError),
         )
     )

@@ -23,7 +23,7 @@ from rich.table import Table
 from aquafish.batch import do_table
 from aquafish.gap.worlds import DAMAGES
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.utils.command_line import Out, run_command_line, single_command
+from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import finite_array, integer
 from eea import EEAConfig
 from eea.core import streams
@@ -142,4 +142,4 @@ class CompareGaits:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command_line("compare_gaits", single_command(CompareGaits)))
+    sys.exit(run_command_line("compare_gaits", CompareGaits))

@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aquafish_gym import Morphology
-from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
+from aquafish_gym.command_line import BAD_INPUT, run_command_line
 from aquafish_gym.utils.validation import integer
 from eea import ConfigurationError
 from eea.core.behavior import BehaviorConfig, Signal, similarity, summarize
@@ -91,7 +91,7 @@ if __name__ == "__main__":
     sys.exit(
         run_command_line(
             "compare_signals",
-            single_command(CompareSignals),
+            CompareSignals,
             refused=(*BAD_INPUT, ConfigurationError),
         )
     )

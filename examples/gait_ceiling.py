@@ -23,7 +23,7 @@ from rich.table import Table
 from aquafish.batch import do_table
 from aquafish.gap.worlds import DAMAGES
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.utils.command_line import Out, run_command_line, single_command
+from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import integer
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 
@@ -165,4 +165,4 @@ def _cell(values: list[float]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command_line("gait_ceiling", single_command(Ceiling)))
+    sys.exit(run_command_line("gait_ceiling", Ceiling))

@@ -22,8 +22,8 @@ from rich.console import Console
 from rich.progress import track
 
 from aquafish_gym import IDS
+from aquafish_gym.command_line import BAD_INPUT, run_command_line
 from aquafish_gym.engines.base import TIMESTEP
-from aquafish_gym.utils.command_line import BAD_INPUT, run_command_line, single_command
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait.controller import Controller
 
@@ -98,4 +98,4 @@ class MinariDataset:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command_line("minari_dataset", single_command(MinariDataset), None, BAD_INPUT))
+    sys.exit(run_command_line("minari_dataset", MinariDataset, None, BAD_INPUT))

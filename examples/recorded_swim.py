@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from aquafish_gym import Damage, Morphology, simulate
+from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
-from aquafish_gym.utils.command_line import Out, run_command_line, single_command
 from eea import RecordedLog, SwimLog, write_log
 
 COMMANDS = [(0.5, -0.5, 1.0), (-0.5, -0.5, 0.5), (0.5, 0.5, 1.0)]  # rev/s, rev/s, Hz
@@ -53,4 +53,4 @@ class RecordedSwim:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command_line("recorded_swim", single_command(RecordedSwim)))
+    sys.exit(run_command_line("recorded_swim", RecordedSwim))

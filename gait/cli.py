@@ -15,24 +15,24 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish_gym.bodies import read_bodies
-from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import check_engine
-from aquafish_gym.engines.worlds import WorldConfig
-from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.folder import SETTINGS
-from aquafish_gym.runs.storage import ensure_writable_directory, write_document
-from aquafish_gym.utils.command_line import (
+from aquafish_gym.command_line import (
     RESUMES,
     BodiesFile,
     BodyDamage,
+    Commands,
     EpisodeDamage,
     Out,
     TargetDamage,
     TargetMorphology,
     read_morphology,
     run_command_line,
-    subcommands,
 )
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.base import check_engine
+from aquafish_gym.engines.worlds import WorldConfig
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.folder import SETTINGS
+from aquafish_gym.runs.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.validation import integer
 from gait.baselines import CHECKPOINT_FILE, CURVE_FILE, BaselineConfig, Leg, train_baseline
 from gait.controller import Controller
@@ -242,7 +242,11 @@ class BaselineCommand:
             plot_curve(self.out / "curve.png", curve)
 
 
-COMMANDS = {"evolve": Evolve, "transfer": TransferCommand, "baseline": BaselineCommand}
+COMMANDS: Commands = {
+    "evolve": (Evolve, "evolve a gait for a body, or for a sample of bodies"),
+    "transfer": (TransferCommand, "swim a gait on another body"),
+    "baseline": (BaselineCommand, "train a learner of stable-baselines3"),
+}
 
 
 def _bodies(command: Evolve | BaselineCommand, damage: Damage) -> list[Morphology]:
@@ -335,4 +339,4 @@ def _plot(out: Path, history: Sequence[Generation]) -> None:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code."""
-    return run_command_line("gait", subcommands(COMMANDS), arguments)
+    return run_command_line("gait", COMMANDS, arguments)

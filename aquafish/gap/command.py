@@ -19,11 +19,11 @@ from aquafish.gap.job import METHODS, ORACLE, GapJob, Settings, bridge, rehearse
 from aquafish.gap.rivals import PACKAGES
 from aquafish.gap.worlds import WORLDS
 from aquafish.recovery.report import LIBRARIES, versions
+from aquafish_gym.command_line import Out
 from aquafish_gym.engines.base import check_engine
 from aquafish_gym.runs.folder import claim, described, held
 from aquafish_gym.runs.runner import Event, read_result
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.command_line import Out
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,

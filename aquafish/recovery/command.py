@@ -26,17 +26,17 @@ from aquafish.recovery.treatment import (
 )
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.engines.base import check_engine
-from aquafish_gym.runs.folder import claim, described, held
-from aquafish_gym.runs.runner import Event, finished, read_result
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.command_line import (
+from aquafish_gym.command_line import (
     BodyDamage,
     BodyFile,
     Out,
     TargetEngine,
     read_morphology,
 )
+from aquafish_gym.engines.base import check_engine
+from aquafish_gym.runs.folder import claim, described, held
+from aquafish_gym.runs.runner import Event, finished, read_result
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
 from eea.fish.gap import MOST_SPIN

@@ -23,9 +23,9 @@ from aquafish.scores.oracle import LIKE, oracle
 from aquafish.scores.oracle import NAME as RECOVERY
 from aquafish.scores.play import COLUMNS, EPISODES, play
 from aquafish.scores.recurrent import RecurrentConfig
+from aquafish_gym.command_line import Out
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.rendering.pictures import save_figure
-from aquafish_gym.utils.command_line import Out
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from gait.baselines import BaselineConfig
 from gait.learner import load

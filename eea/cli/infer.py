@@ -11,11 +11,11 @@ from typing import Annotated, Literal
 from rich.console import Console
 from tyro.conf import arg
 
+from aquafish_gym.command_line import BodyFile, Threads, read_morphology
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import LOCK, claim, held
 from aquafish_gym.runs.stamps import versions
 from aquafish_gym.runs.storage import ensure_writable_directory
-from aquafish_gym.utils.command_line import BodyFile, Threads, read_morphology
 from aquafish_gym.utils.validation import one_of
 from eea.cli.outcome import belief_words, draw_posterior, outcome_words, size_table, write_outcome
 from eea.core.config import JointConfig

@@ -9,6 +9,15 @@ from typing import Annotated, Literal
 import tyro
 from rich.console import Console
 
+from aquafish_gym.command_line import (
+    AnyDamage,
+    ModelEngine,
+    Out,
+    TargetEngine,
+    TargetMorphology,
+    Threads,
+    read_morphology,
+)
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
@@ -18,15 +27,6 @@ from aquafish_gym.runs.storage import (
     DamagedFileError,
     ensure_writable_directory,
     read_document,
-)
-from aquafish_gym.utils.command_line import (
-    AnyDamage,
-    ModelEngine,
-    Out,
-    TargetEngine,
-    TargetMorphology,
-    Threads,
-    read_morphology,
 )
 from eea.cli.outcome import (
     MASS,

@@ -12,14 +12,7 @@ from typing import Annotated, Any, Literal, get_args
 import tyro
 from rich.console import Console
 
-from aquafish_gym.damage import Damage
-from aquafish_gym.engines.packages import resolve_engine
-from aquafish_gym.runs.executors import MOST_WORKERS, workers
-from aquafish_gym.runs.folder import held
-from aquafish_gym.runs.processes import WorkerDiedError
-from aquafish_gym.runs.runner import read_result, run_jobs
-from aquafish_gym.runs.storage import ensure_writable_directory
-from aquafish_gym.utils.command_line import (
+from aquafish_gym.command_line import (
     AnyDamage,
     ModelEngine,
     Out,
@@ -27,6 +20,13 @@ from aquafish_gym.utils.command_line import (
     TargetMorphology,
     read_morphology,
 )
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.packages import resolve_engine
+from aquafish_gym.runs.executors import MOST_WORKERS, workers
+from aquafish_gym.runs.folder import held
+from aquafish_gym.runs.processes import WorkerDiedError
+from aquafish_gym.runs.runner import read_result, run_jobs
+from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.cli.arms import (
     ArmSettings,

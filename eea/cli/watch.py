@@ -10,8 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from tyro.conf import arg
 
+from aquafish_gym.command_line import Threads
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
-from aquafish_gym.utils.command_line import Threads
 from eea.fish import load_posterior, read_log, watch_swim
 
 WATCHED, PICTURE, SCHEMA = "watched.json", "watched.png", "eea.watched/1"

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from pkgutil import resolve_name
 
 import pytest
 
 import eea.__main__
-import eea.cli.run
 import gait.cli
-from aquafish.cli import COMMANDS, _Commands, main, usage
+from aquafish.cli import COMMANDS, main
 
 
 def test_help_lists_every_command_and_loads_nothing_heavy() -> None:
@@ -22,30 +20,20 @@ def test_help_lists_every_command_and_loads_nothing_heavy() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr.split() == []
-    assert done.stdout == usage() + "\n"
     assert all(f"\n  {name} " in done.stdout for name in COMMANDS)
     assert max(map(len, done.stdout.splitlines())) <= 100
 
 
 def test_its_commands_are_those_of_the_packages() -> None:
-    ours = {name: resolve_name(where) for name, (where, _) in COMMANDS.items()}
-    for case_study, room in (("recover", "recovery"), ("gap", "gap"), ("scores", "scores")):
-        assert ours.pop(case_study).__module__ == f"aquafish.{room}.command"
-    theirs: dict[str, object] = {**eea.__main__.COMMANDS, **gait.cli.COMMANDS}
+    theirs = {name: place for name, (place, _) in eea.__main__.COMMANDS.items()}
+    theirs |= {name: f"gait.cli:{place.__name__}" for name, (place, _) in gait.cli.COMMANDS.items()}
     # As eea run, with the case study's settings: under aquafish, recover is all of that study.
-    assert theirs.pop("recover") is eea.cli.run.Recover
-    assert ours == theirs
-
-
-def test_a_study_is_read_as_by_its_own_command() -> None:
-    words = ["study", "--conditions", "none", "ideal", "--estimation.population", "6", "--out", "x"]
-    ours, theirs = _Commands().cli(prog="", args=words), eea.__main__.Commands().cli(args=words)
-    assert ours == theirs
-    assert ours.study() == theirs.study()
+    del theirs["recover"]
+    assert theirs.items() <= {name: place for name, (place, _) in COMMANDS.items()}.items()
 
 
 @pytest.mark.parametrize(("wrong", "right"), [("evolv", "evolve"), ("recovr", "recover")])
-def test_an_unknown_command_is_told_the_nearest(
+def test_an_unknown_command_names_the_nearest(
     wrong: str, right: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main([wrong]) == 2
@@ -54,9 +42,9 @@ def test_an_unknown_command_is_told_the_nearest(
     assert len(said.splitlines()) == 1
 
 
-def test_without_a_command_its_use_is_said(capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_command_prints_the_usage(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 2
-    assert capsys.readouterr().out.startswith("usage: aquafish COMMAND")
+    assert " COMMAND [OPTIONS]" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", COMMANDS)

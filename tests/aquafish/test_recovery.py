@@ -19,10 +19,10 @@ import pytest
 
 from aquafish.recovery.treatment import BODIES, WAYS
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
+from aquafish_gym.command_line import read_morphology
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.folder import held
 from aquafish_gym.runs.storage import read_document, write_document
-from aquafish_gym.utils.command_line import read_morphology
 from gait.controller import Controller
 from recovering import COMMAND, SMALL, recover, results
 

@@ -14,9 +14,9 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.base import MAXIMUM_STEPS
 from aquafish_gym.runs.storage import ensure_writable_directory, write_json
-from aquafish_gym.utils.command_line import run_command_line, single_command
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.benchmarks.measure import LEAST_SECONDS, measure
 from tests.benchmarks.report import machine_facts, make_records, make_table
@@ -105,7 +105,7 @@ def time_groups(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    return run_command_line("tests.benchmarks", single_command(Bench), arguments)
+    return run_command_line("tests.benchmarks", Bench, arguments)
 
 
 if __name__ == "__main__":

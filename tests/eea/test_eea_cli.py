@@ -12,10 +12,10 @@ import pytest
 
 import eea.cli.run
 from aquafish_gym.bodies import body_array, read_bodies
+from aquafish_gym.command_line import read_morphology
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document
-from aquafish_gym.utils.command_line import read_morphology
 from eea.__main__ import main
 from eea.cli.run import damage_words
 from eea.core.config import EEAConfig

@@ -47,9 +47,12 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, mess
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ([], "Missing from python -m eea run: --out DIR"),
-        (["--ouut", "x"], "Unrecognized options: --ouut x"),
-        ([*QUICK[1:], "--out", "OUT", "--step", "64"], "--steps INT"),
+        ([], "the command needs --out"),
+        (["--ouut", "x"], "unknown option --ouut; did you mean --out?"),
+        (
+            [*QUICK[1:], "--out", "OUT", "--step", "64"],
+            "did you mean --steps?",
+        ),
         (["--out", "OUT", "--steps", "many"], "--steps"),
         (["--out", "OUT", "--condition", "outofband"], "out-of-band"),
         (
@@ -73,16 +76,15 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, mess
         (["--out", "OUT", "--behavior.maximum", "0"], "behavior.maximum"),
     ],
 )
-def test_a_mistyped_option_is_explained_in_a_box(tmp_path, capsys, monkeypatch, arguments, message):
+def test_a_mistyped_option_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):
     monkeypatch.setattr(sys, "argv", ["__main__.py"])
-    monkeypatch.setenv("COLUMNS", "200")
     out = tmp_path / "out"
     assert main(["run", *(str(out) if word == "OUT" else word for word in arguments)]) == 2
     said = capsys.readouterr()
     assert said.out == ""
     assert "Traceback" not in said.err
-    rows = [row.strip("│╭╮╰╯─ ") for row in said.err.splitlines()]
-    assert message in " ".join(" ".join(rows).split())
+    assert said.err.count("\n") == 1
+    assert message in said.err
     assert not out.exists()
 
 

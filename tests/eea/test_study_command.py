@@ -5,16 +5,18 @@ from __future__ import annotations
 import json
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+from aquafish_gym.command_line import parse
 from aquafish_gym.runs.folder import claim as claim_folder
 from aquafish_gym.runs.folder import held
 from aquafish_gym.runs.runner import SCHEMA as RESULT
 from aquafish_gym.runs.stamps import versions
 from aquafish_gym.runs.storage import read_document
-from eea.__main__ import Commands, main
+from eea.__main__ import main
 from eea.cli.study import StudyCommand
 from eea.study.folder import read_description
 from eea.study.presets import figure_config
@@ -273,7 +275,6 @@ def test_bad_options_are_refused_in_a_sentence(tmp_path, capsys, arguments, mess
     assert not out.exists() or not list(out.iterdir())
 
 
-# What tyro itself refuses, in its own box.
 MISTYPED = [
     (["--figure", "4"], "4"),
     (["--figure", "5", "--step", "64"], "--steps"),
@@ -300,7 +301,8 @@ def test_mistyped_options_are_refused(tmp_path, capsys, arguments, named):
 
 def asked(*arguments):
     """Return the study of a command line."""
-    return Commands().cli(args=["study", *arguments, "--out", "x"]).study()
+    words = [*arguments, "--out", "x"]
+    return replace(parse(StudyCommand, "study", words), words=tuple(words)).study()
 
 
 def test_the_figures_arms_are_the_papers():

@@ -13,11 +13,11 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from aquafish_gym.command_line import run_command_line
 from aquafish_gym.runs.executors import workers
 from aquafish_gym.runs.folder import claim, described, held
 from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.command_line import run_command_line, single_command
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.inference.cases import Case, measure, source_stamp
 from tests.inference.plots import save_pictures
@@ -151,4 +151,4 @@ def _progress(cases: Sequence[Case]) -> Iterator[Any]:
 
 
 if __name__ == "__main__":
-    sys.exit(run_command_line("tests.inference", single_command(Inference)))
+    sys.exit(run_command_line("tests.inference", Inference))

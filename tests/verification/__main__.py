@@ -12,9 +12,9 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.base import check_engine
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_json
-from aquafish_gym.utils.command_line import run_command_line, single_command
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.verification.report import QUICK, STUDIES, Effort, make_report, tables_of
 from tests.verification.tables import fill_page
@@ -79,7 +79,7 @@ class Verification:
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command and return its exit code."""
-    return run_command_line("tests.verification", single_command(Verification), arguments)
+    return run_command_line("tests.verification", Verification, arguments)
 
 
 if __name__ == "__main__":

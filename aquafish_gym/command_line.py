@@ -1,0 +1,269 @@
+"""How a frozen dataclass becomes a command: options, errors in one line, exit codes.
+
+tyro reads the options. A command has a method ``execute``. A program is one command or a table of
+them, by name. Errors go to stderr in one line, with the nearest name for a mistyped one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import io
+import os
+import re
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import version
+from itertools import pairwise
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Annotated, Any, Literal, Protocol
+
+import tyro
+from tyro.conf import arg
+
+from aquafish_gym.bodies import morphology_of
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.executors import interrupts
+from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    MissingExtraError,
+    one_of,
+)
+
+BAD_INPUT: tuple[type[Exception], ...] = (
+    InvalidArgumentError,
+    EngineUnavailableError,
+    MissingExtraError,
+)
+FAILED, REFUSED, INTERRUPTED = 1, 2, 130
+UNREAD = 141  # as of a program that SIGPIPE ends
+RESUMES = "the same command resumes"  # in the message of an interrupted command
+
+# Options that several commands have: one name, one meaning, one wording.
+_FIN_DAMAGE = (
+    'FIN:SIZE=FACTOR, FIN:missing or FIN:entangled=SHARE, joined by ";", or none. FIN is '
+    "left_pectoral, right_pectoral or caudal; SIZE is length, width or thickness."
+)
+_ANY_DAMAGE = (
+    f"{_FIN_DAMAGE} Or FIN:weak=GAIN, reversed, seized, seized=ANGLE, dead, of its servo; "
+    "gyro:noise=SD; CHANNEL:bias=BY, stuck, dropped, CHANNEL being up_x to gyro_z. Each may end in "
+    "@ONSET+DURATION, in s of every trial."
+)
+_BODY = (
+    'an object from fin to [x, y, z], or one with a "morphology", as a result.json; '
+    "without it, the nominal body."
+)
+Out = Annotated[Path, arg(metavar="DIR", help="Directory for the results; created if missing.")]
+BodyFile = Annotated[Path | None, arg(metavar="FILE", help=f"JSON file of the body: {_BODY}")]
+BodiesFile = Annotated[
+    Path | None,
+    arg(metavar="FILE", help=f"bodies.json of a sample of bodies, or JSON file of one: {_BODY}"),
+]
+BodyDamage = Annotated[str, arg(metavar="DAMAGE", help=f"Damage of the body: {_FIN_DAMAGE}")]
+TargetMorphology = Annotated[
+    Path | None, arg(metavar="FILE", help=f"JSON file of the target before its damage: {_BODY}")
+]
+TargetDamage = Annotated[
+    str,
+    arg(
+        name="damage",
+        aliases=("--target-damage",),
+        metavar="DAMAGE",
+        help=f"Damage of the target: {_FIN_DAMAGE}",
+    ),
+]
+AnyDamage = Annotated[
+    str,
+    arg(
+        name="damage",
+        aliases=("--target-damage",),
+        metavar="DAMAGE",
+        help=f"Damage of the target: {_ANY_DAMAGE}",
+    ),
+]
+EpisodeDamage = Annotated[
+    str,
+    arg(
+        metavar="DAMAGE",
+        help=f"Damage during training: {_ANY_DAMAGE} Or random:mild, random:moderate, "
+        "random:severe: a new draw in each episode.",
+    ),
+]
+TargetEngine = Annotated[
+    Literal["auto", "pybullet", "numba"],
+    arg(help="Engine of the target; auto is PyBullet where it is installed, else numba."),
+]
+ModelEngine = Annotated[
+    Literal["numba", "auto", "pybullet"], arg(help="Engine of the candidate models.")
+]
+Threads = Annotated[int | None, arg(help="Cores to use; None for all. No result depends on it.")]
+
+
+class Command(Protocol):
+    """A command, with its options as fields."""
+
+    def execute(self) -> None:
+        """Run it."""
+
+
+#: A command's class, or where it is ("module:Class"), loaded when asked for; and a summary.
+Commands = Mapping[str, tuple[type[Command] | str, str]]
+
+
+def run_command_line(
+    program: str,
+    commands: type[Command] | Commands,
+    arguments: Sequence[str] | None = None,
+    refused: tuple[type[Exception], ...] = BAD_INPUT,
+    prepare: Callable[[Any, Sequence[str]], Any] = lambda command, _words: command,
+) -> int:
+    """Run a command of a program, by default with the process's arguments; return the exit code.
+
+    It is 0; 1 if the machine fails (a full disk, no more memory); 2 for a wrong command, option or
+    setting, which errors in ``refused`` report; 130 after Ctrl-C or SIGTERM; 141 if the reader of
+    the output has left. Other errors pass. ``prepare`` may change a command before it runs, given
+    the command and its words.
+    """
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    prog = f"python -m {program}" if Path(sys.argv[0]).name == "__main__.py" else program
+    try:
+        with interrupts():
+            if words == ["--version"]:
+                print(f"{program} {version('aquafish-gym')}")
+            else:
+                command, prog, words = _chosen(prog, commands, words)
+                _refuse_empty_values(words)
+                prepare(parse(command, prog, words, refused), words).execute()
+            sys.stdout.flush()
+    except SystemExit as leaving:
+        return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
+    except KeyboardInterrupt as stop:  # its text may say what is left to do
+        return _fail(program, str(stop) or "interrupted", INTERRUPTED)
+    except BrokenPipeError:
+        # The reader has left, as head does; nor can the rest be written at the exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNREAD
+    except refused as error:
+        return _fail(program, str(error), REFUSED)
+    except OSError as error:
+        place = f"{error.filename}: " if error.filename else ""
+        return _fail(program, f"{place}{error.strerror or error}", FAILED)
+    except MemoryError:
+        return _fail(program, "there is not enough memory", FAILED)
+    return 0
+
+
+def _chosen(
+    prog: str, commands: type[Command] | Commands, words: list[str]
+) -> tuple[type[Command], str, list[str]]:
+    """Return the command's class, its name with the program's, and the words of its options."""
+    if not isinstance(commands, Mapping):
+        return commands, prog, words
+    if not words or words[0] in ("-h", "--help"):
+        print(_usage(prog, commands), file=sys.stdout if words else sys.stderr)
+        raise SystemExit(0 if words else REFUSED)
+    name = one_of("the command", words[0], commands)
+    place = commands[name][0]
+    command = resolve_name(place) if isinstance(place, str) else place
+    return command, f"{prog} {name}", words[1:]
+
+
+def _usage(prog: str, commands: Commands) -> str:
+    """Return a line for each command."""
+    width = max(map(len, commands))
+    first = f"usage: {prog} COMMAND [OPTIONS]; {prog} COMMAND --help lists the options\n"
+    return "\n".join([first, *(f"  {n:{width}}  {text}" for n, (_, text) in commands.items())])
+
+
+def parse(
+    command: type[Command],
+    prog: str,
+    words: Sequence[str],
+    refused: tuple[type[Exception], ...] = BAD_INPUT,
+) -> Command:
+    """Return the command with the options of ``words``; --help prints and exits.
+
+    Raises
+    ------
+    InvalidArgumentError
+        For an unknown or missing option or a value that cannot be read.
+    Exception
+        One of ``refused``, if the command's own checks raise it.
+    """
+    box = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(box):
+            # The short help has a line for each option; --help-verbose explains them.
+            made: Command = tyro.cli(command, prog=prog, args=words, compact_help=True)
+    except SystemExit as leaving:
+        cause: BaseException | None = leaving
+        while cause is not None and not isinstance(cause, refused):
+            cause = cause.__context__
+        if cause is not None:  # tyro has put our own message into a box
+            raise cause from None
+        if leaving.code:
+            raise InvalidArgumentError(_one_line(box.getvalue(), command)) from None
+        raise
+    return made
+
+
+def _one_line(box: str, command: type[Command]) -> str:
+    """Return the message in tyro's box as one line, with the nearest option or choice."""
+    rows = [row.strip("│╭╮╰╯ ") for row in box.splitlines()[1:]]  # without its title
+    text = " ".join(filter(None, rows))
+    message = next(filter(None, re.split(r" *[─-]{9,} *", text)), text)
+    if found := re.search(r"Unrecognized options: (\S+?)(,|\s|$)", text):
+        nearest = difflib.get_close_matches(found[1], _options(command), n=1)
+        return f"unknown option {found[1]}" + (f"; did you mean {nearest[0]}?" if nearest else "")
+    if message.startswith("Missing from"):
+        missing = re.findall(r"--[\w.-]+", message)
+        return f"the command needs {' and '.join(missing)}; --help lists the options"
+    if found := re.match(
+        r"invalid choice '(.*)' for argument '(.*)'. Expected .*? \((.*)\)", message
+    ):
+        one_of(found[2], found[1], re.findall(r"'(.*?)'", found[3]))
+    return message
+
+
+def _options(command: type[Command]) -> list[str]:
+    """Return the names of a command's options, as its help lists them."""
+    text = io.StringIO()
+    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
+        tyro.cli(command, args=["--help"], compact_help=True)
+    return re.findall(r"--[\w.-]+", text.getvalue())
+
+
+def _fail(program: str, sentence: str, code: int) -> int:
+    print(f"{program}: {' '.join(sentence.split())}", file=sys.stderr)
+    return code
+
+
+def _refuse_empty_values(words: Sequence[str]) -> None:
+    """Refuse ``--out ""``: an empty path is the current directory, which nobody means."""
+    for before, word in pairwise(["", *words]):
+        if not word or (word.startswith("--") and word.endswith("=")):
+            name = (word or before).removesuffix("=") or "a word of the command"
+            raise InvalidArgumentError(f"{name} must not be empty")
+
+
+def read_morphology(path: Path | None, argument: str) -> Morphology:
+    """Return the body in a JSON file, or the nominal body for None.
+
+    The file holds what ``Morphology.to_dict`` gives, or an object whose ``morphology`` is that or
+    nine numbers in the order of ``DIMENSIONS``, as the results of estimations and studies do.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If it holds no body; the message names the file and the argument.
+    """
+    if path is None:
+        return Morphology.nominal()
+    document = read_document(path, argument=argument, checksum="optional")
+    try:
+        return morphology_of(document)
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
