@@ -178,7 +178,7 @@ def do_table(
     with held(folder):
         claim(folder, kind, settings, {"source": source_stamp()}, ("table.md", *pictures))
         failures = do_missing(
-            jobs, work, folder, _nothing, _bar, processes=processes, scheduler=None
+            jobs, work, folder, _nothing, progress_bar, processes=processes, scheduler=None
         )
         if failures:
             say("\n".join(failures))
@@ -195,7 +195,8 @@ def _nothing(_jobs: Sequence[Any]) -> None:
 
 
 @contextmanager
-def _bar(jobs: Sequence[Any]) -> Iterator[Callable[[Event[Any]], None]]:
+def progress_bar(jobs: Sequence[Any]) -> Iterator[Callable[[Event[Any]], None]]:
+    """Show one bar of finished jobs on stderr."""
     with Progress(console=Console(stderr=True)) as bar:
         task = bar.add_task(f"{len(jobs)} jobs", total=len(jobs))
         yield lambda event: bar.update(

@@ -13,14 +13,6 @@ COMMANDS = {
         "aquafish.recovery.command:Recover",
         "the case study: break a fish, let it model itself, evolve a gait, and score it",
     ),
-    "gap": (
-        "aquafish.gap.command:Gap",
-        "the reality-gap suite: every method in worlds that its models do not know",
-    ),
-    "scores": (
-        "aquafish.scores.command:Scores",
-        "reference scores of simple, evolved and learned controllers at every task",
-    ),
     "run": ("eea.cli.run:Run", "let a damaged fish work out its own body, as the paper"),
     "infer": (
         "eea.cli.infer:Infer",

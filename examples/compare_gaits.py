@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.table import Table
 
 from aquafish.batch import do_table
-from aquafish.gap.worlds import DAMAGES
+from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import finite_array, integer

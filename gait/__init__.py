@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from gait.controller import Controller
+    from gait.evaluation import Evaluation, evaluate
     from gait.evolve import EvolveConfig, Evolved, damaged_at_random, evolve_gait
     from gait.fitness import distances
     from gait.policy import ControllerLike, HasPolicy, Policy
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 __all__ = [
     "Controller",
     "ControllerLike",
+    "Evaluation",
     "EvolveConfig",
     "Evolved",
     "HasPolicy",
@@ -24,6 +26,7 @@ __all__ = [
     "Swim",
     "damaged_at_random",
     "distances",
+    "evaluate",
     "evolve_gait",
     "random_poses",
     "swim",
@@ -33,7 +36,8 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a name when it is first used, so that a command answers Ctrl-C from the start."""
-    for room in ("controller", "evolve", "fitness", "policy", "rollout") if name in __all__ else ():
+    rooms = ("controller", "evaluation", "evolve", "fitness", "policy", "rollout")
+    for room in rooms if name in __all__ else ():
         module = import_module(f"gait.{room}")
         if hasattr(module, name):
             return getattr(module, name)

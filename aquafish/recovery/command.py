@@ -14,7 +14,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish.batch import do_missing, say
-from aquafish.gap.worlds import damage_of
+from aquafish.recovery.held_out import damage_of
 from aquafish.recovery.report import HELD_OUT, Outcomes, build_report, show, to_markdown, versions
 from aquafish.recovery.treatment import (
     TREATMENTS,

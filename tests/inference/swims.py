@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.gap.worlds import DAMAGES
+from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.base import TIMESTEP

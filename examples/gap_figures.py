@@ -12,18 +12,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 
-from aquafish.gap.job import METHODS, ORACLE
-from aquafish.gap.report import LEVELS, sure_to_swim
-from aquafish.gap.worlds import WORLDS
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.report.figures.drawing import GREY, MARKERS, SMALL, arm_style, grid, legend_below
 from eea.report.statistics import Floats, curve_interval
+from gap_job import METHODS, ORACLE
+from gap_report import LEVELS, sure_to_swim
+from gap_worlds import WORLDS
 
-# Conditions have the colours that they have in every study.
-_RIVALS = {"cma-es": "#009E73", "ga": "#8C6D31"}
-COLOURS = {name: _RIVALS.get(name) or arm_style(0, name)[0] for name in METHODS}
-MARKS = dict(zip(METHODS, MARKERS, strict=True))
-LEAST = 1e-4  # an error of OBJ_FIT that is drawn at the edge
+COLOURS: dict[str, str] = {name: arm_style(0, name)[0] for name in METHODS}
+MARKS: dict[str, str] = dict(zip(METHODS, MARKERS, strict=False))
+LEAST = 1e-4  # smaller errors of OBJ_FIT are drawn at the edge
 FITNESSES = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.999, 0.9999)
 CURVED = ("plain", "noise-0.01")  # worlds whose rounds are drawn
 # The paper's best: the end of Out-of-Band Inference in its Fig. 9, and what a replicate was given.

@@ -1,4 +1,4 @@
-"""What the suite's jobs come to: a row a job, and by world and method the means with intervals."""
+"""Per-job results of the reality-gap suite, and means with intervals by world and method."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from aquafish.gap.job import MASSES, METHODS, ORACLE, Settings
-from aquafish.gap.worlds import WORLDS
 from eea.report.statistics import FEWEST, Floats, interval, ratio_interval
+from gap_job import MASSES, METHODS, ORACLE, Settings
+from gap_worlds import WORLDS
 
 LEVELS = [f"{mass:.0%}" for mass in MASSES]
 # What the summary has means of, columns of results.csv.
@@ -23,7 +23,7 @@ Row = dict[str, Any]
 
 
 def result_row(outcome: Mapping[str, Any]) -> Row:
-    """Return one job's row of results.csv."""
+    """Return the row of one job in results.csv."""
     row: Row = {name: outcome[name] for name in ("world", "method", "seed", "damage", "gap")}
     if "trials" in outcome:
         for name, column in (("obj_fit", "objective_fitness"), ("cpu_seconds", "cpu_seconds")):
@@ -45,18 +45,17 @@ def result_row(outcome: Mapping[str, Any]) -> Row:
 
 
 def results(outcomes: Iterable[Mapping[str, Any]]) -> pd.DataFrame:
-    """Return results.csv's table, by world, method and seed."""
+    """Return the table of results.csv, a row for each job."""
     return pd.DataFrame([result_row(outcome) for outcome in outcomes])
 
 
 def build_report(table: pd.DataFrame, settings: Mapping[str, Any], code: Any) -> dict[str, Any]:
-    """Return all numbers of the report, ready for JSON, of a table as of ``results``.
+    """Return all numbers of the report, ready for JSON, from the table of ``results``.
 
-    ``summary`` has a row a world and method, ``worlds`` what each differs in. A number that was
-    measured in each replicate is {"mean", "interval"}, the interval None for under five of them. A
-    share of the oracle's distance is the ratio of the two mean distances over the seeds that both
-    have, not a mean of ratios, which one slow oracle would rule; None where the oracle does not
-    surely swim (``LEAST_DISTANCE``).
+    ``summary`` has a row for each world and method. A mean is {"mean", "interval"}; the interval is
+    None with fewer than five replicates. A share of the oracle's distance is the ratio of the two
+    mean distances over the seeds that both have; there is none where the oracle does not surely
+    swim ``LEAST_DISTANCE``.
     """
     cells = {key: cell.set_index("seed") for key, cell in table.groupby(["world", "method"])}
     rows = []
@@ -88,7 +87,7 @@ def build_report(table: pd.DataFrame, settings: Mapping[str, Any], code: Any) ->
 
 
 def sure_to_swim(distance: Mapping[str, Any]) -> bool:
-    """Return whether anything is to be a share of such a mean distance."""
+    """Return whether an oracle's mean distance is surely large enough to divide by."""
     low: float = (distance["interval"] or [distance["mean"]])[0]
     return low >= LEAST_DISTANCE
 
@@ -118,8 +117,7 @@ def to_markdown(report: Mapping[str, Any], settings: Settings, pictures: Sequenc
         f"method was developed on; {seeds} replicate{'s' if seeds != 1 else ''}"
         f"{', means with 95% bootstrap intervals' if seeds >= FEWEST else ''}. Every method "
         f"performs {eea.rounds} trials of {eea.steps / 100:g} s of its own; what the target hides "
-        f"is the same for all of them. After each trial, CMA-ES and the GA may try "
-        f"{settings.budget:,} bodies (with nuisances and angles) on all trials so far.",
+        "is the same for all of them.",
         "*Covered* is the share of dimensions that the 90% intervals hold, which only joint "
         "inference gives. *Swims* is how far the gait for the body that was found gets in the "
         f"target's world in {gait.seconds:g} s, in units of 5 cm, on average over "

@@ -1,4 +1,4 @@
-"""One job of the suite: a method models a damaged fish in a world, and its gait swims there."""
+"""One job of the reality-gap suite: a method models a damaged fish, and its gait swims."""
 
 from __future__ import annotations
 
@@ -13,37 +13,34 @@ import numpy as np
 
 from aquafish import batch
 from aquafish.batch import check_source, in_small
-from aquafish.gap.rivals import RIVALS, Rival
-from aquafish.gap.worlds import WORLDS, damage_of, gap_of
+from aquafish.recovery.held_out import damage_of
 from aquafish_gym import Morphology
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core import EEAConfig, Result, streams
 from eea.core.angles import Floats
 from eea.core.config import Condition
 from eea.core.session import Session
-from eea.fish import EngineSimulator, EngineTarget, RealityGap, fish_eea, fish_problem
-from eea.fish.joint import HYPOTHESES, fish_joint
+from eea.fish import EngineTarget, RealityGap, fish_eea
+from eea.fish.joint import HYPOTHESES
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.problem import AS_COMMANDED
 from gait import Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.rollout import random_poses
 from gait.transfer import score
+from gap_worlds import WORLDS, gap_of
 
-EEAS: dict[str, Condition] = {name: name for name in ("none", "in-band", "out-of-band", "joint")}
-METHODS: tuple[str, ...] = (*EEAS, *RIVALS)
-# Knows the body, as no robot does: how far its gait swims is what the others' are a share of.
-ORACLE = "oracle"
+METHODS: tuple[Condition, ...] = ("none", "in-band", "out-of-band", "joint")
+ORACLE = "oracle"  # knows the true body; other distances are a share of its gait's
 MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is counted
 MODEL_SHARE = 0.6  # of a job's time, about; gait and swims take the rest
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What all jobs of a suite have in common."""
+    """The settings of all jobs of a suite."""
 
     eea: EEAConfig  #: Of all methods, but for the condition.
-    budget: int  #: Of the rivals; see ``Rival``.
     gait: EvolveConfig  #: How gaits are evolved, but for the seed.
     bodies: int  #: Of the posterior, that a gait is evolved on.
     poses: int  #: Random ones that a finished gait swims from.
@@ -54,18 +51,18 @@ class Settings:
         for part in parts.values():
             for name in ("condition", "seed", "threads"):  # each job's own
                 part.pop(name, None)
-        return {**parts, "budget": self.budget, "bodies": self.bodies, "poses": self.poses}
+        return {**parts, "bodies": self.bodies, "poses": self.poses}
 
 
 @dataclass(frozen=True)
 class GapJob:
-    """One method in one world for one seed, complete enough to be sent to another computer."""
+    """One method in one world for one seed, complete enough for another process."""
 
     world: str  #: Of ``WORLDS``.
     method: str  #: Of ``METHODS``, or ``ORACLE``.
-    seed: int  #: Of everything random: what is hidden is the same for all methods and worlds.
+    seed: int  #: Of all random streams; the hidden state is the same for all methods and worlds.
     settings: Settings
-    source: str = ""  #: The code that must do it (see ``source_stamp``); "" for any.
+    source: str = ""  #: See ``source_stamp``; "" for any code.
 
     @property
     def name(self) -> str:
@@ -88,22 +85,17 @@ class GapJob:
         return gap_of(self.world, self.seed)
 
     def begin(self) -> Session:
-        """Return the method before its first round; raises as ``EngineTarget`` and ``EEA``."""
+        """Return the method before its first round."""
         settings, engine = self.settings.eea, WORLDS[self.world].engine
         hidden, truth = streams(self.seed)["target"], self.body.to_array()
         target = EngineTarget(self.body, None, hidden, settings.steps, engine, gap=self.gap)
-        config = replace(settings, condition=EEAS.get(self.method, "joint"))
-        if self.method in EEAS:
-            return fish_eea(target, config, self.seed, truth, threads=1)
-        joint = fish_joint(fish_problem(), EngineSimulator(config.steps, threads=1))
-        search, budget = RIVALS[self.method], self.settings.budget
-        return Rival(target, joint, config, self.seed, truth, search=search, budget=budget)
+        condition = next(name for name in METHODS if name == self.method)
+        config = replace(settings, condition=condition)
+        return fish_eea(target, config, self.seed, truth, threads=1)
 
 
-def bridge(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
-    """Do one job and return its outcome, ready for JSON.
-
-    A robot that diverges has made no progress: its distance counts as 0.
+def run_job(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
+    """Run one job and return its outcome, ready for JSON. A diverged swim counts as 0 units.
 
     Returns
     -------
@@ -134,7 +126,7 @@ def bridge(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
     }
     bodies: dict[str, Floats] = {"body": truth[None]}
     if job.method != ORACLE:
-        rehearse((job,))
+        warm_up((job,))
         result, seconds = _model(job, say)
         bodies["body"] = result.model[None]
         outcome |= {
@@ -209,25 +201,25 @@ def _swim(job: GapJob, controller: Controller) -> list[float]:
     return [float(far) for far in np.where(np.isfinite(distances), distances, 0.0)]
 
 
-def rehearse(jobs: Sequence[GapJob]) -> None:
-    """Do jobs in small, so that all that they need is compiled and loaded; each kind once."""
+def warm_up(jobs: Sequence[GapJob]) -> None:
+    """Compile and load all that jobs need, each kind once."""
     for job in jobs:
         if job.method == ORACLE:
             continue
         engine = WORLDS[job.world].engine
         like = next(name for name, world in WORLDS.items() if world.engine == engine)
-        _rehearse(job.world, "none", job.settings)  # its target and its gaits' swims
-        _rehearse(like, job.method, job.settings)
+        _warm_up(job.world, "none", job.settings)  # its target and its gaits' swims
+        _warm_up(like, job.method, job.settings)
 
 
 @cache
-def _rehearse(world: str, method: str, settings: Settings) -> None:
+def _warm_up(world: str, method: str, settings: Settings) -> None:
     brief = replace(settings.gait, generations=1, population=10, poses=1, seconds=0.1)
     small = GapJob(
         world,
         method,
         0,
-        replace(settings, eea=in_small(settings.eea), gait=brief, budget=200, poses=1),
+        replace(settings, eea=in_small(settings.eea), gait=brief, poses=1),
     )
     result, _ = _model(small, lambda _text, _share: None)
     _swim(small, evolve_gait(result.model, replace(brief, threads=1)).controller)
@@ -236,4 +228,4 @@ def _rehearse(world: str, method: str, settings: Settings) -> None:
 def source_stamp() -> str:
     """Return a hash of all code that the results come from."""
     here = Path(__file__).parent
-    return batch.source_stamp(*(here / f"{name}.py" for name in ("job", "rivals", "worlds")))
+    return batch.source_stamp(here / "gap_job.py", here / "gap_worlds.py")

@@ -1,4 +1,4 @@
-"""The suite's worlds and damages: a line each. To add one is to add its line."""
+"""The worlds of the reality-gap suite, one line each."""
 
 from __future__ import annotations
 
@@ -8,31 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from aquafish_gym import Damage
 from aquafish_gym.morphology import FINS
 from eea.fish import RealityGap
-
-# Damages that no method was developed on: all of that was done on left_pectoral:length=0.5.
-# Replicate r has damage r modulo their number.
-DAMAGES: tuple[str, ...] = (
-    "right_pectoral:length=0.35",
-    "caudal:width=0.55",
-    "left_pectoral:missing",
-    "right_pectoral:width=0.4",
-    "caudal:length=0.6",
-    "left_pectoral:width=0.5;caudal:length=0.75",
-    "right_pectoral:missing",
-    "left_pectoral:length=0.7;right_pectoral:length=0.4",
-    "left_pectoral:thickness=4;right_pectoral:length=0.7",
-    "caudal:length=0.45;caudal:width=0.7",
-)
 
 USUAL_NOISE = 0.01  # rad/s in each sample: what a cheap gyroscope has
 _GAP = 0x676170  # "gap" in ASCII: the suite's own random streams
 
 
 class Drawn(NamedTuple):
-    """What differs in a replicate's worlds: the same numbers in every world that has them."""
+    """A replicate's random parameters, the same in every world that uses them."""
 
     drag: tuple[float, float]  #: Of fins and body, 0.8 to 1.2 each.
     servo_gain: float  #: Of all three, 0.9 to 1.1.
@@ -44,10 +28,10 @@ class Drawn(NamedTuple):
 
 @dataclass(frozen=True)
 class World:
-    """A world that targets swim in, as it differs from the one that their models swim in."""
+    """How the target's world differs from the models'."""
 
-    says: str  #: What differs, as a clause for people.
-    gap: Callable[[Drawn], dict[str, Any]]  #: What of ``RealityGap`` differs.
+    says: str  #: The difference, in words.
+    gap: Callable[[Drawn], dict[str, Any]]  #: Fields of ``RealityGap``.
     engine: str = "numba"
 
 
@@ -87,7 +71,7 @@ WORLDS: dict[str, World] = {
 
 
 def draw(seed: int) -> Drawn:
-    """Return what is drawn for a replicate, whichever worlds have it."""
+    """Draw a replicate's parameters."""
     rng = np.random.default_rng([_GAP, seed])
     drag, gain = rng.uniform(0.8, 1.2, 2), rng.uniform(0.9, 1.1)
     direction, speed = rng.standard_normal(3), rng.uniform(0.0, 0.2)
@@ -104,9 +88,7 @@ def draw(seed: int) -> Drawn:
 
 
 def gap_of(world: str, seed: int) -> RealityGap:
-    """Return how a world differs from the models' in a replicate.
-
-    Every world has the usual gyro noise, unless it says another.
+    """Return the reality gap of a world in a replicate; the gyro noise is 0.01 if not given.
 
     Examples
     --------
@@ -114,8 +96,3 @@ def gap_of(world: str, seed: int) -> RealityGap:
     lag 0.05, gyro_noise 0.01
     """
     return RealityGap(**{"gyro_noise": USUAL_NOISE, **WORLDS[world].gap(draw(seed))})
-
-
-def damage_of(seed: int) -> Damage:
-    """Return what is broken in a replicate."""
-    return Damage.parse(DAMAGES[seed % len(DAMAGES)])

@@ -8,9 +8,9 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from aquafish.scores.play import COLUMNS
 from aquafish_gym.rendering.pictures import new_figure
 from eea.report.figures.drawing import GREY, SMALL, grid, legend_below
+from score_episodes import COLUMNS
 
 COLOURS = dict(zip(COLUMNS, ("#0072B2", "#009E73", "#E69F00", "#D55E00"), strict=True))
 MARKS = dict(zip(COLUMNS, "osD^", strict=True))

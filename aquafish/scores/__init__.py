@@ -1,1 +1,0 @@
-"""Reference scores: what simple, evolved and learned controllers are worth at every task."""

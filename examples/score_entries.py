@@ -1,0 +1,185 @@
+"""The entries of the reference scores: fixed, evolved and learned controllers, and an oracle."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.bodies import MorphologiesLike
+from aquafish_gym.engines.worlds import WorldConfig
+from aquafish_gym.envs.tasks import TASKS
+from gait.baselines import BaselineConfig, Leg, train_baseline
+from gait.config import EvolveConfig, Sense, TaskName
+from gait.controller import Controller
+from gait.evaluation import Agent
+from gait.evolve import Evolved, Generation, evolve_gait
+from score_episodes import play_one, robot_after_onset
+
+Progress = Callable[[str, float], None]
+# Of an entry's making: after so many actions of all robots, their mean reward times the time step;
+# or after so many generations, the best gait's score.
+Curve = Sequence[tuple[int, float]]
+INTERVAL = 20  # steps of 0.01 s that an action is held for: the environments' frame_skip
+SECONDS = 0.01 * INTERVAL
+RECOVERY = "AquaFishRecovery-v0"
+
+
+@dataclass
+class Script:
+    """An agent that depends on the time alone: ``shape`` times a square wave of ``hertz``."""
+
+    shape: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    hertz: float = 0.0
+    steps: int = 0
+
+    def reset(self, info: dict[str, Any]) -> None:  # noqa: ARG002
+        """Begin with the first step."""
+        self.steps = 0
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """See ``Agent``."""
+        time, self.steps = self.steps * SECONDS, self.steps + 1
+        sign = 1.0 if (time * self.hertz) % 1.0 < 0.5 else -1.0
+        return np.tile(sign * np.asarray(self.shape, np.float32), (len(observations), 1))
+
+
+class Uniform:
+    """An agent whose actions are uniformly random."""
+
+    def reset(self, info: dict[str, Any]) -> None:  # noqa: ARG002
+        """Draw the same actions in every batch of episodes."""
+        self._rng = np.random.default_rng(0)
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """See ``Agent``."""
+        return self._rng.uniform(-1.0, 1.0, (len(observations), 3)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One row of the table.
+
+    Attributes
+    ----------
+    observes
+        What it observes, in words.
+    config
+        How it is evolved or learned; None of a fixed one.
+    damage
+        What breaks while it learns.
+    fixed
+        Makes the agent, where nothing is evolved or learned.
+    """
+
+    observes: str
+    config: EvolveConfig | BaselineConfig | None = None
+    damage: str = "none"
+    fixed: Callable[[], Agent] = Script
+
+    def make(
+        self, task: TaskName, seed: int, divisor: int, tell: Progress
+    ) -> tuple[Controller | None, Curve]:
+        """Return a controller for a task and its learning curve, at 1/``divisor`` of the cost."""
+        match self.config:
+            case BaselineConfig() as config:
+                few = max(1, config.steps // divisor)
+                config = replace(config, task=task, seed=seed, steps=few)
+                whole = config.legs * config.leg
+
+                def learning(steps: int, legs: Sequence[Leg]) -> None:
+                    tell(f"score {legs[-1].score:.1f}" if legs else "learning", steps / whole)
+
+                found = train_baseline(None, config, damage=self.damage, on_step=learning)
+                return found.controller, [(leg.steps, leg.training) for leg in found.curve]
+            case EvolveConfig() as config:
+                # As many simulated seconds for a task whose episodes are longer.
+                divisor *= round(TASKS[task].seconds / TASKS["forward"].seconds)
+                evolved = evolve(replace(config, task=task, seed=seed), divisor, tell)
+                return evolved.controller, [(r.generation + 1, r.final) for r in evolved.history]
+        return None, ()
+
+
+def shortened(config: EvolveConfig, divisor: int) -> EvolveConfig:
+    """Return a search with 1/``divisor`` of the generations, on one thread."""
+    plan = config.plan
+    fewer: dict[str, Any] = {"generations": max(1, plan.generations // divisor)}
+    if plan.polish:
+        fewer["polish"] = max(1, plan.polish // divisor)
+    if plan.screened:
+        fewer["screened"] = max(plan.starts, plan.screened // divisor)
+    return replace(config, threads=1, **fewer)
+
+
+def evolve(
+    config: EvolveConfig,
+    divisor: int,
+    tell: Progress,
+    body: MorphologiesLike = None,
+    world: WorldConfig | None = None,
+) -> Evolved:
+    """Evolve a controller at 1/``divisor`` of the cost."""
+    config = shortened(config, divisor)
+
+    def evolving(row: Generation) -> None:
+        tell(f"final {row.final:.1f}", (row.generation + 1) / config.plan.rows)
+
+    return evolve_gait(body, config, world=world, on_generation=evolving)
+
+
+_FINS: Any = ("imu", "clock", "fins")
+_FEW: Any = {"interval": INTERVAL, "starts": 3, "generations": 400}
+ORACLE_CONFIG = EvolveConfig(search="cma", senses=_FINS, **_FEW)
+ENTRIES: dict[str, Entry] = {
+    "zero": Entry("nothing"),
+    "still": Entry("nothing", fixed=partial(Script, (0.0, 0.0, -1.0))),
+    "random": Entry("nothing", fixed=Uniform),
+    "bang-bang": Entry("the time", fixed=partial(Script, (1.0, 1.0, 1.0), 0.5)),
+    "tail only": Entry("nothing", fixed=partial(Script, (0.0, 0.0, 1.0))),
+    "CPG": Entry(
+        "the time", EvolveConfig(search="cma", controller="fourier", senses=("clock",), **_FEW)
+    ),
+    "NEAT": Entry("IMU, clock", EvolveConfig(interval=INTERVAL, starts=2)),
+    "CMA-ES": Entry("IMU, clock", EvolveConfig(search="cma", **_FEW)),
+    "CMA-ES, fins": Entry("IMU, clock, fins", ORACLE_CONFIG),
+    "PPO": Entry("IMU, clock", BaselineConfig(senses=("imu", "clock"))),
+    "PPO, fins": Entry("IMU, clock, fins", BaselineConfig(senses=_FINS)),
+    "PPO, damaged": Entry("IMU, clock, fins", BaselineConfig(senses=_FINS), "random:moderate"),
+    "PPO, damaged, 8 frames": Entry(
+        "IMU, clock, fins", BaselineConfig(senses=_FINS, frames=8), "random:moderate"
+    ),
+    "SAC, fins": Entry(
+        "IMU, clock, fins", BaselineConfig(algorithm="SAC", senses=_FINS, steps=400_000)
+    ),
+}
+
+
+def oracle(tier: str, episode: int, divisor: int, tell: Progress) -> float:
+    """Return how far the best gait for the broken robot swims after the onset, in units.
+
+    Gaits are evolved for the body and the servos after the onset; where a sensor is broken, also
+    one that observes the clock and the fins alone. Until the onset the robot swims with a gait for
+    the whole robot. Then the gait that swims farthest, that one included, takes over.
+    """
+    left = robot_after_onset(RECOVERY, tier, episode)
+    senses: list[tuple[Sense, ...]] = [("imu", "clock", "fins")]
+    if any(left[f"sensor_{what}"].any() for what in ("noise", "bias", "lost")):
+        senses.append(("clock", "fins"))
+    left_gain, right_gain, caudal_gain = left["servo_gain"].tolist()
+    world = WorldConfig(servo_gain=(left_gain, right_gain, caudal_gain))
+    whole, body = _whole(divisor), left["morphology"]
+    gaits = [whole]
+    for sense in senses:
+        config = replace(ORACLE_CONFIG, seed=episode, senses=sense)
+        gaits.append(evolve(config, divisor, tell, body, world).controller)
+    return max(play_one(RECOVERY, tier, whole, gait, episode) for gait in gaits)
+
+
+@cache
+def _whole(divisor: int) -> Controller:
+    """Return the gait for the whole robot."""
+    return evolve(ORACLE_CONFIG, divisor, lambda *_: None).controller

@@ -1,0 +1,198 @@
+"""Score an agent on an environment: the return of each episode, and their mean with an interval."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import count
+from typing import Any, Protocol, TypeAlias, runtime_checkable
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import VectorEnv
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer
+from gait.controller import Controller
+from gait.task import Crew
+
+Floats = NDArray[np.float64]
+Interval = tuple[float, float, float]  # a mean, and the lower and upper end of its interval
+
+FIRST_SEED = 10**9  # of the reference scores' episodes
+EPISODES = 100
+RESAMPLES = 1000  # of the bootstrap
+
+
+@runtime_checkable
+class Agent(Protocol):
+    """An agent that acts in E episodes at once; it may also have ``reset(info)``.
+
+    ``reset`` is called when the episodes begin, with the ``info`` of the vector environment.
+    """
+
+    def act(self, observations: NDArray[np.float32]) -> ArrayLike:
+        """Return actions (E, 3) in [-1, 1] for observations (E, k)."""
+
+
+AgentLike: TypeAlias = Agent | Controller | Callable[[NDArray[np.float32]], ArrayLike]
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The results of E episodes of at most T steps.
+
+    Attributes
+    ----------
+    returns
+        (E,) sums of the rewards.
+    y_position
+        (T + 1, E) where each robot was along +y at first and after each step, in units of 5 cm;
+        the last value is repeated when an episode is over. NaN if the environment does not tell.
+    broken
+        (T, E) whether any fault was active after each step.
+    """
+
+    returns: Floats
+    y_position: Floats
+    broken: NDArray[np.bool_]
+
+    @property
+    def mean(self) -> float:
+        """The mean return."""
+        return float(self.returns.mean())
+
+    @property
+    def iqm(self) -> Interval:
+        """The interquartile mean of the returns with its 95% bootstrap interval."""
+        return interquartile_mean([self.returns])
+
+    @property
+    def onset(self) -> NDArray[np.intp]:
+        """The step (E,) in which something first broke; 0 if nothing did."""
+        return np.asarray(self.broken.argmax(axis=0))
+
+    def way_since(self, steps: NDArray[np.intp]) -> Floats:
+        """Return the distance (E,) along +y from before step ``steps[i]`` to the end, in units."""
+        way: Floats = self.y_position[-1] - self.y_position[steps, np.arange(len(steps))]
+        return way
+
+    def __str__(self) -> str:
+        middle, low, high = self.iqm
+        return f"{middle:.1f} [{low:.1f}, {high:.1f}] in {len(self.returns)} episodes"
+
+
+def evaluate(
+    agent: AgentLike,
+    env: str | VectorEnv[Any, Any, Any] = "AquaFish-v0",
+    *,
+    episodes: int = EPISODES,
+    seed: int = FIRST_SEED,
+    **options: Any,
+) -> Evaluation:
+    """Return the returns of an agent in E episodes, with statistics.
+
+    With the default seed and number, these are the episodes of the reference scores.
+
+    Parameters
+    ----------
+    agent
+        A function of observations (E, k) that returns actions (E, 3); an :class:`Agent`; or a
+        ``Controller``, which is given the true initial fin angles.
+    env
+        An environment id, or a vector environment of E robots.
+    episodes
+        E, with an id.
+    seed
+        Episode i has the seed ``seed + i``.
+    options
+        Of the environment with an id, such as ``damage="random:severe"`` or ``observe_fins``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the agent is none of these, or an argument is wrong.
+
+    Examples
+    --------
+    >>> found = evaluate(lambda observations: np.zeros((len(observations), 3)), episodes=4)
+    >>> found.returns.shape, found.y_position.shape
+    ((4,), (101, 4))
+    """
+    if isinstance(env, str):
+        number = integer("episodes", episodes, 1)
+        made = gym.make_vec(env, number, vectorization_mode="vector_entry_point", **options)
+        try:
+            return _play(agent, made, seed)
+        finally:
+            made.close()
+    if options:
+        raise InvalidArgumentError(
+            f"options must come with an id, as the environment is made already; got {set(options)}"
+        )
+    return _play(agent, env, seed)
+
+
+def _play(agent: AgentLike, envs: VectorEnv[Any, Any, Any], seed: int) -> Evaluation:
+    """Play one episode of each robot to its end."""
+    observations, info = envs.reset(seed=integer("seed", seed, 0))
+    number = envs.num_envs
+    act = _acting(agent, info, getattr(envs.unwrapped, "frame_skip", None))
+    returns, over = np.zeros(number), np.zeros(number, np.bool_)
+    y, broken = [np.asarray(info.get("y_position", np.full(number, np.nan)))], []
+    while not over.all():
+        actions = np.asarray(act(observations), np.float32)
+        observations, rewards, terminated, truncated, info = envs.step(actions)
+        returns += np.where(over, 0.0, rewards)
+        y.append(np.where(over, y[-1], info.get("y_position", y[-1])))
+        broken.append(info.get("faults", np.zeros(number, int)) > 0)
+        over |= terminated | truncated
+    return Evaluation(returns, np.array(y), np.array(broken))
+
+
+def _acting(
+    agent: AgentLike, info: dict[str, Any], frame_skip: int | None
+) -> Callable[[NDArray[np.float32]], ArrayLike]:
+    """Return what acts for all robots in the episodes that begin with ``info``."""
+    if isinstance(agent, Controller):
+        if frame_skip != agent.interval:
+            raise InvalidArgumentError(
+                f"frame_skip must be {agent.interval}, the controller's interval; got {frame_skip}"
+            )
+        crew, steps, dt = Crew([agent], info["fin_angles"]), count(), TIMESTEP * agent.interval
+        return lambda seen: crew.act(seen, np.full(len(seen), next(steps) * dt))
+    reset = getattr(agent, "reset", None)
+    if callable(reset):
+        reset(info)
+    if isinstance(agent, Agent):
+        return agent.act
+    if not callable(agent):
+        raise InvalidArgumentError(
+            "agent must be a function of observations (E, k), an object with act(observations), "
+            f"or a Controller; got {brief(agent)}"
+        )
+    return agent
+
+
+def interquartile_mean(runs: ArrayLike, seed: int = 0) -> Interval:
+    """Return the interquartile mean of all episodes of runs (R, E) and its 95% interval.
+
+    The bootstrap draws runs, and episodes of each (Agarwal et al., "Deep reinforcement learning at
+    the edge of the statistical precipice", 2021).
+
+    Examples
+    --------
+    >>> interquartile_mean([[1.0, 2.0, 3.0, 1000.0]])[0]
+    2.5
+    """
+    from scipy.stats import trim_mean
+
+    table = np.asarray(runs, float)
+    number, episodes = table.shape
+    rng = np.random.default_rng(seed)
+    drawn = rng.integers(number, size=(RESAMPLES, number, 1))
+    resampled = table[drawn, rng.integers(episodes, size=(RESAMPLES, number, episodes))]
+    means = trim_mean(resampled.reshape(RESAMPLES, -1), 0.25, axis=1)
+    low, high = np.quantile(means, (0.025, 0.975)).tolist()
+    return float(trim_mean(table, 0.25, axis=None)), low, high

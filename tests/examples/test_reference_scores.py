@@ -1,0 +1,99 @@
+"""Reference scores: the same episodes for all, a table of any rows, nothing done twice."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aquafish_gym import IDS
+from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
+from gait import Controller
+from reference_scores import FIRST_SEED, Scores, share
+from score_entries import ENTRIES
+from score_episodes import COLUMNS, damage_of, play, play_one, robot_after_onset
+
+COMMITTED = Path(__file__).parents[2] / "docs" / "results" / "scores" / "runs"
+
+
+def small(out: Path, *entries: str, episodes: int = 3) -> Scores:
+    return Scores(
+        out, entries=entries, tasks=("forward",), replicates=2, episodes=episodes,
+        budget_divisor=10_000, workers=1,
+    )  # fmt: skip
+
+
+def test_a_committed_controller_has_its_committed_scores() -> None:
+    kept = json.loads((COMMITTED / "forward" / "CMA-ES--fins" / "100.json").read_text())
+    found = play("AquaFishRecovery-v0", Controller.from_dict(kept["controller"]))
+    for column, scores in kept["scores"]["AquaFishRecovery-v0"].items():
+        for name, values in scores.items():
+            np.testing.assert_allclose(found[column][name], values, rtol=1e-6, atol=1e-6)
+
+
+def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
+    command = small(tmp_path, "zero", "CPG")
+    command.execute()
+    _, _, *lines = (tmp_path / "table.md").read_text().splitlines()
+    assert [line.split(" | ")[:2] for line in lines] == [
+        [f"| {name}", entry]
+        for name in ("AquaFish-v0", "AquaFishRecovery-v0", "AquaFishRecovery-v0, after the onset")
+        for entry in ("zero", "CPG")
+    ]
+    for picture in ("scores.png", "curves.png"):
+        assert (tmp_path / picture).stat().st_size > 10_000
+    made = tmp_path / "runs" / "forward" / "CPG" / f"{FIRST_SEED}.json"
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")}
+    command.execute()
+    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")} == before
+    result = read_document(made, "aquafish.result/1", "out")
+    assert set(result["scores"]["AquaFish-v0"]) == set(COLUMNS)
+
+
+def test_damage_strikes_at_the_onset_of_the_id() -> None:
+    assert damage_of("AquaFish-v0", "severe") == "random:severe"
+    assert damage_of("AquaFish-v0", "whole") == "none"
+    onset = IDS["AquaFishRecovery-v0"]["damage"].partition("@")[2]
+    assert damage_of("AquaFishRecovery-v0", "mild") == f"random:mild@{onset}"
+
+
+def test_a_share_is_of_the_mean_distance() -> None:
+    assert share([[1.0, 2.0], [3.0, 6.0]], [4.0, 4.0]) == "75%"
+    assert share([[1.0]], [0.5]) == "-"
+
+
+def test_a_learned_controller_can_be_made() -> None:
+    pytest.importorskip("stable_baselines3")
+    entry = ENTRIES["PPO, damaged, 8 frames"]
+    controller, curve = entry.make("forward", 0, 10**6, lambda _text, _share: None)
+    assert controller is not None
+    assert controller.memory
+    assert np.isfinite(curve[-1][1])
+
+
+def test_the_oracle_plays_the_same_episodes(tmp_path: Path) -> None:
+    name, tier = "AquaFishRecovery-v0", "severe"
+    left = robot_after_onset(name, tier, 0)
+    assert any(np.any(left[key] != robot_after_onset(name, tier, 1)[key]) for key in left)
+    gait, _ = ENTRIES["CPG"].make("forward", 0, 10_000, lambda _text, _share: None)
+    assert gait is not None
+    after = play(name, gait, 1)[tier]["after"]
+    assert np.isfinite([play_one(name, tier, gait, gait, 0), *after]).all()
+    small(tmp_path, "tail only", "oracle", episodes=1).execute()
+    *_, last = (tmp_path / "table.md").read_text().splitlines()
+    assert last.startswith("| AquaFishRecovery-v0, after the onset | oracle |")
+
+
+def test_unknown_rows_and_missing_packages_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InvalidArgumentError, match="did you mean 'PPO, fins'"):
+        small(tmp_path, "PPO, fin").execute()
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    with pytest.raises(MissingExtraError):
+        small(tmp_path, "zero", "PPO").execute()
+    assert not list(tmp_path.iterdir())
