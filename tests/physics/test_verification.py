@@ -10,11 +10,9 @@ import sys
 import numpy as np
 import pytest
 
-from aquafish_gym.utils.validation import InvalidArgumentError
-from tests.verification.__main__ import Verification, main
 from tests.verification.report import tables_of
 from tests.verification.strokes import flipper_stroke, tail_stroke
-from tests.verification.tables import TABLES, Table, fill_page, make_tables
+from tests.verification.tables import TABLES, fill_page, make_tables
 
 ROOT = pathlib.Path(__file__).parents[2]
 REPORT = ROOT / "docs" / "physics" / "report.json"
@@ -77,61 +75,6 @@ def test_the_documentation_holds_the_tables_of_its_report() -> None:
     for name in ("strokes", "convergence", "quadrature", "single_precision"):
         assert (REPORT.parent / f"{name}.png").exists()
         assert f"physics/{name}.png" in text
-
-
-def test_filling_leaves_what_stands_between_blocks() -> None:
-    block = "<!-- table: one -->\n<!-- end of table -->\n"
-    table = Table("t", ("a",), [("1",)])
-    filled = fill_page(f"{block}between\n{block}", {"one": table})
-    assert filled.count(table.markdown()) == 2
-    assert filled.count("between") == 1
-    unclosed = "<!-- table: one -->\ntext\n" + block
-    assert "text" in fill_page(unclosed, {"one": table})
-
-
-def test_an_unknown_table_is_refused() -> None:
-    page = "<!-- table: speed -->\n<!-- end of table -->"
-    with pytest.raises(InvalidArgumentError, match="must be among one; got 'speed'"):
-        fill_page(page + "\n", {"one": Table("t", ("a",), [("1",)])})
-
-
-def test_a_table_in_markdown() -> None:
-    table = Table("t", ("what", "much"), [("a", "1"), ("b", "2")])
-    assert table.markdown() == "| what | much |\n| --- | ---: |\n| a | 1 |\n| b | 2 |"
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("--seed", "-1"), "seed must be a whole number of at least 0; got -1"),
-        (("--page", "no/such.md"), "page must be a file that exists; got no/such.md"),
-        (("--out", "README.md"), "out must be a directory that can be written; 'README.md' cannot"),
-    ],
-)
-def test_a_mistake_is_one_line(
-    arguments: tuple[str, ...],
-    sentence: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    monkeypatch.chdir(ROOT)
-    assert main(["--quick", *arguments]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert said.err.startswith(f"tests.verification: {sentence}")
-    assert len(said.err.splitlines()) == 1
-
-
-def test_without_mujoco_the_rest_is_done(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("pybullet")
-    monkeypatch.setitem(sys.modules, "mujoco", None)
-    Verification(quick=True, markdown=True, only=("convergence", "mechanics")).execute()
-    printed = capsys.readouterr().out
-    assert "| what | step (s) |" in printed
-    assert "MuJoCo is not installed" in printed
-    assert 'pip install "aquafish-gym[bench]"' in printed
 
 
 def test_without_towing_a_steady_stroke_gives_no_mean_thrust() -> None:
