@@ -31,9 +31,9 @@ BODIES = ("none", "left_pectoral:length=0.5", "caudal:missing", *DAMAGES)
 POSES = 32
 FINS: dict[str, Any] = {"senses": ("imu", "clock", "fins")}
 SEARCHES = {
-    "NEAT, as the paper has it": EvolveConfig(starts=1, polish=0, generations=60),
-    "NEAT": EvolveConfig(),
-    "NEAT, recurrent": EvolveConfig(controller="recurrent"),
+    "NEAT, as the paper has it": EvolveConfig(paper=True),
+    "NEAT": EvolveConfig(search="neat"),
+    "NEAT, recurrent": EvolveConfig(search="neat", controller="recurrent"),
     "fourier": EvolveConfig(search="cma", controller="fourier", senses=("clock",)),
     "linear": EvolveConfig(search="cma", controller="linear"),
     "mlp": EvolveConfig(search="cma", controller="mlp"),
@@ -121,10 +121,10 @@ class Ceiling:
     def _config(self, config: EvolveConfig, seed: int) -> EvolveConfig:
         plan, brief = config.plan, self.shorter
         fewer: dict[str, Any] = {"generations": max(1, plan.generations // brief)}
-        if plan.polish:
-            fewer["polish"] = plan.polish // brief
-        if plan.screened:
-            fewer["screened"] = max(plan.starts, plan.screened // brief)
+        if plan.cma_generations:
+            fewer["cma_generations"] = plan.cma_generations // brief
+        if plan.random_candidates:
+            fewer["random_candidates"] = max(plan.restarts, plan.random_candidates // brief)
         return replace(config, seed=seed, threads=1, **fewer)
 
     def execute(self) -> None:

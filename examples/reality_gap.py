@@ -120,8 +120,7 @@ class Gap:
         return Settings(
             eea=eea,
             gait=EvolveConfig(
-                starts=1,
-                polish=0,
+                paper=True,
                 generations=self.generations,
                 population=self.population,
                 poses=integer("gait_poses", self.gait_poses, 1),  # a sample needs one

@@ -34,9 +34,8 @@ from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
-from gait.baselines import BaselineConfig
 from gait.evaluation import EPISODES, Interval, interquartile_mean
-from gait.learner import load
+from gait.learning import LearningConfig, load_extra
 from score_entries import ENTRIES, ORACLE_CONFIG, RECOVERY, oracle
 from score_episodes import COLUMNS, play
 from score_figures import curves_figure, scores_figure
@@ -68,7 +67,7 @@ class Job:
     @property
     def learns(self) -> bool:
         """Whether it needs the extra ``rl``."""
-        return isinstance(ENTRIES[self.entry].config, BaselineConfig)
+        return isinstance(ENTRIES[self.entry].config, LearningConfig)
 
     @property
     def name(self) -> str:
@@ -177,7 +176,7 @@ class Scores:
         """Do the missing jobs, print a table, and write it to table.md."""
         jobs = self.jobs()
         if any(job.learns and not (self.out / job.file).exists() for job in jobs):
-            load("stable_baselines3")  # a missing package is refused before the first job
+            load_extra("stable_baselines3")  # a missing package is refused before the first job
         entries = {
             name: {**asdict(entry.config), "damage": entry.damage}
             for name, entry in ENTRIES.items()

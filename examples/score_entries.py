@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from aquafish_gym.bodies import MorphologiesLike
 from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.envs.tasks import TASKS
-from gait.baselines import BaselineConfig, Leg, train_baseline
 from gait.config import EvolveConfig, Sense, TaskName
 from gait.controller import Controller
 from gait.evaluation import Agent
 from gait.evolve import Evolved, Generation, evolve_gait
+from gait.learning import CurvePoint, LearningConfig, train
 from score_episodes import play_one, robot_after_onset
 
 Progress = Callable[[str, float], None]
@@ -77,7 +77,7 @@ class Entry:
     """
 
     observes: str
-    config: EvolveConfig | BaselineConfig | None = None
+    config: EvolveConfig | LearningConfig | None = None
     damage: str = "none"
     fixed: Callable[[], Agent] = Script
 
@@ -86,16 +86,16 @@ class Entry:
     ) -> tuple[Controller | None, Curve]:
         """Return a controller for a task and its learning curve, at 1/``divisor`` of the cost."""
         match self.config:
-            case BaselineConfig() as config:
+            case LearningConfig() as config:
                 few = max(1, config.steps // divisor)
                 config = replace(config, task=task, seed=seed, steps=few)
-                whole = config.legs * config.leg
+                whole = config.epochs * config.epoch_steps
 
-                def learning(steps: int, legs: Sequence[Leg]) -> None:
-                    tell(f"score {legs[-1].score:.1f}" if legs else "learning", steps / whole)
+                def learning(steps: int, curve: Sequence[CurvePoint]) -> None:
+                    tell(f"score {curve[-1].score:.1f}" if curve else "learning", steps / whole)
 
-                found = train_baseline(None, config, damage=self.damage, on_step=learning)
-                return found.controller, [(leg.steps, leg.training) for leg in found.curve]
+                found = train(None, config, damage=self.damage, on_step=learning)
+                return found.controller, [(point.steps, point.training) for point in found.curve]
             case EvolveConfig() as config:
                 # As many simulated seconds for a task whose episodes are longer.
                 divisor *= round(TASKS[task].seconds / TASKS["forward"].seconds)
@@ -108,10 +108,10 @@ def shortened(config: EvolveConfig, divisor: int) -> EvolveConfig:
     """Return a search with 1/``divisor`` of the generations, on one thread."""
     plan = config.plan
     fewer: dict[str, Any] = {"generations": max(1, plan.generations // divisor)}
-    if plan.polish:
-        fewer["polish"] = max(1, plan.polish // divisor)
-    if plan.screened:
-        fewer["screened"] = max(plan.starts, plan.screened // divisor)
+    if plan.cma_generations:
+        fewer["cma_generations"] = max(1, plan.cma_generations // divisor)
+    if plan.random_candidates:
+        fewer["random_candidates"] = max(plan.restarts, plan.random_candidates // divisor)
     return replace(config, threads=1, **fewer)
 
 
@@ -132,7 +132,7 @@ def evolve(
 
 
 _FINS: Any = ("imu", "clock", "fins")
-_FEW: Any = {"interval": INTERVAL, "starts": 3, "generations": 400}
+_FEW: Any = {"interval": INTERVAL, "restarts": 3, "generations": 400}
 ORACLE_CONFIG = EvolveConfig(search="cma", senses=_FINS, **_FEW)
 ENTRIES: dict[str, Entry] = {
     "zero": Entry("nothing"),
@@ -143,17 +143,14 @@ ENTRIES: dict[str, Entry] = {
     "CPG": Entry(
         "the time", EvolveConfig(search="cma", controller="fourier", senses=("clock",), **_FEW)
     ),
-    "NEAT": Entry("IMU, clock", EvolveConfig(interval=INTERVAL, starts=2)),
+    "NEAT": Entry("IMU, clock", EvolveConfig(search="neat", interval=INTERVAL, restarts=2)),
     "CMA-ES": Entry("IMU, clock", EvolveConfig(search="cma", **_FEW)),
     "CMA-ES, fins": Entry("IMU, clock, fins", ORACLE_CONFIG),
-    "PPO": Entry("IMU, clock", BaselineConfig(senses=("imu", "clock"))),
-    "PPO, fins": Entry("IMU, clock, fins", BaselineConfig(senses=_FINS)),
-    "PPO, damaged": Entry("IMU, clock, fins", BaselineConfig(senses=_FINS), "random:moderate"),
+    "PPO": Entry("IMU, clock", LearningConfig(senses=("imu", "clock"))),
+    "PPO, fins": Entry("IMU, clock, fins", LearningConfig(senses=_FINS)),
+    "PPO, damaged": Entry("IMU, clock, fins", LearningConfig(senses=_FINS), "random:moderate"),
     "PPO, damaged, 8 frames": Entry(
-        "IMU, clock, fins", BaselineConfig(senses=_FINS, frames=8), "random:moderate"
-    ),
-    "SAC, fins": Entry(
-        "IMU, clock, fins", BaselineConfig(algorithm="SAC", senses=_FINS, steps=400_000)
+        "IMU, clock, fins", LearningConfig(senses=_FINS, frames=8), "random:moderate"
     ),
 }
 

@@ -1,6 +1,6 @@
 """Gaits: controllers evolved for a body, and how they do on another.
 
-``gait.transfer.transfer`` compares two bodies, ``gait.baselines`` trains stable-baselines3
+``gait.transfer.transfer`` compares two bodies, ``gait.learning`` trains stable-baselines3
 for comparison, and ``gait.plots`` draws.
 """
 

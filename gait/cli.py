@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -31,61 +31,59 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.base import check_engine
 from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.folder import SETTINGS
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.validation import integer
-from gait.baselines import CHECKPOINT_FILE, CURVE_FILE, BaselineConfig, Leg, train_baseline
 from gait.controller import Controller
 from gait.evolve import (
     FINAL_POSES,
     MAXIMUM_BODIES,
     EvolveConfig,
     Evolved,
+    Generation,
     damaged_at_random,
     evolve_gait,
 )
-from gait.records import CONTROLLER_FILE, HISTORY_FILE, Generation, finished_generations
+from gait.files import CONTROLLER_FILE
+from gait.history import HISTORY_FILE
+from gait.learning import CURVE_FILE, CurvePoint, LearningConfig, train
 from gait.transfer import TransferConfig, transfer
 
 RandomDamages = Annotated[
     int,
     tyro.conf.arg(
-        help="Learn to swim the body and so many more, each damaged at random in one fin or two: a "
-        "gait for who does not know what happened. See Damage.random."
+        help="Number of randomly damaged copies of the body, in one fin or two, added to the "
+        "sample: domain randomisation. See Damage.random."
     ),
 ]
 
 
 @dataclass(frozen=True)
 class Evolve:
-    """Evolve a controller that swims a body forward, or does another task, or a sample of bodies.
+    """Evolve a gait for a body, or for a sample of bodies.
 
-    NEAT has some starts, whose best networks have their weights polished by CMA-ES, and the best of
-    these goes on; with --starts 1 --polish 0 --generations 60 it is the paper's. --search cma finds
-    better gaits: of many random networks the best are starts, of these the best go on. With
-    --senses imu clock fins the controller knows where its fins are, from where they stood at first
-    and what they were told since: a self-model tells where that was.
+    CMA-ES starts from the best of many random networks; by successive halving the best start goes
+    on. --search neat evolves networks by NEAT from several starts, and CMA-ES tunes the best ones;
+    --paper is the paper's plain NEAT. With --senses imu clock fins the controller also senses its
+    fins, whose initial angles a self-model estimates.
 
-    Into --out go controller.json (the best so far), history.csv (a row a generation),
-    checkpoint.json, settings.json and history.png. The same command resumes a run that was
-    interrupted, and more --generations (more --polish, of NEAT) prolong it.
+    Into --out go controller.json (the best so far), history.csv (a row a generation), history.png,
+    checkpoint.json and settings.json. The same command resumes an interrupted run; more
+    --generations (--cma-generations, of NEAT) prolong it.
 
-    A file with a sample of bodies, which estimations write as bodies.json, gives a gait that does
-    well on all of them, for no more time: each swim is on another body. It goes into --out, too.
+    A bodies.json with a sample of bodies, as estimations write it, gives a gait that does well on
+    all of them at no extra time: each swim is on another body.
 
     Columns of history.csv, with distances in units of 5 cm:
-    - generation: from 0, of one start after the other.
+    - generation: from 0, over all starts.
     - best, mean: over the generation's controllers, each one's mean distance over its poses.
-    - species: how many; of CMA-ES, how many starts are still in the race.
-    - final: the winner's mean distance over the zero pose and 32 random ones, always the same; of
-    a sample so many that each body swims equally often.
-    The 8 best of NEAT's generation swim from these, and the one with the highest mean is the
-    winner; of CMA-ES it is the controller that the generation is scattered about, in each fourth
-    generation: in between, the last one's is repeated.
+    - species: number of species; of CMA-ES, of starts still alive.
+    - final: the winner's mean distance over the zero pose and 32 fixed random ones; for a sample,
+    as many that each body swims equally often. The winner is the best there of the 8 leaders of
+    NEAT's generation; of CMA-ES it is the mean of the distribution, in every fourth generation,
+    and the rows in between repeat it.
     - distance: the winner's from the zero pose, on the first body.
     - nodes, connections: of the winner's network.
-    With --aggregate quantile, read that quantile where it says mean, but for the column mean: that
-    is the mean over the controllers of what each one's swims come to.
+    --aggregate quantile replaces each controller's mean distance by that quantile.
     """
 
     out: Out
@@ -97,30 +95,31 @@ class Evolve:
 
     def execute(self) -> None:
         """Evolve to the last generation, with progress."""
-        before = len(finished_generations(self.out))
+        from gait.plots import plot_history
+
         bodies = _bodies(self, Damage.parse(self.damage))
-        try:
-            with (
-                _no_folder_for_nothing(self.out),
-                _counting("evolving", self.config.plan.rows, before) as show,
-            ):
+        rows: list[Generation] = []
+        with _progress("evolving", self.config.plan.rows) as show:
+
+            def report(row: Generation) -> None:
+                rows.append(row)
+                show(len(rows), _row_text(row))
+
+            try:
                 evolved = evolve_gait(
-                    bodies,
-                    self.config,
-                    out=self.out,
-                    world=self.world,
-                    on_generation=lambda row: show(row.generation + 1, _line(row)),
+                    bodies, self.config, out=self.out, world=self.world, on_generation=report
                 )
-        except KeyboardInterrupt:
-            done = finished_generations(self.out)
-            _plot(self.out, done)
-            rest = f"{RESUMES} from generation {len(done)}" if done else "nothing is kept yet"
-            raise KeyboardInterrupt(f"interrupted; {rest}") from None
-        _plot(self.out, evolved.history)
+            except KeyboardInterrupt:
+                rest = f"{RESUMES} from generation {len(rows)}" if rows else "nothing is kept yet"
+                raise KeyboardInterrupt(f"interrupted; {rest}") from None
+            finally:
+                if rows:
+                    plot_history(self.out / "history.png", rows)
         network = evolved.controller
         print(
-            f"swims {_said(evolved, self.config)} ({network.nodes} nodes, {network.connections} "
-            f"connections); {CONTROLLER_FILE} and {HISTORY_FILE} are in {self.out}"
+            f"swims {_result_text(evolved, self.config)} ({network.nodes} nodes, "
+            f"{network.connections} connections); {CONTROLLER_FILE} and {HISTORY_FILE} are in "
+            f"{self.out}"
         )
 
 
@@ -133,12 +132,12 @@ class TransferCommand:
     controller
         A controller.json, as evolve writes it; it holds the body it was evolved on.
     out
-        Directory for transfer.json and trajectories.png, if they are wanted.
+        Folder for transfer.json and trajectories.png; none are written without it.
     """
 
     controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     target_morphology: TargetMorphology = None
-    target_damage: TargetDamage = "none"
+    damage: Annotated[TargetDamage, tyro.conf.arg(aliases=("--target-damage",))] = "none"
     target_world: WorldConfig = field(default_factory=WorldConfig)
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
@@ -147,13 +146,13 @@ class TransferCommand:
 
     def execute(self) -> None:
         """Swim both and print a table."""
-        controller = Controller.load(self.controller)
+        controller, config = Controller.load(self.controller), self.config
         body = read_morphology(self.target_morphology, "target_morphology")
-        target = Damage.parse(self.target_damage).apply(body)
+        target = Damage.parse(self.damage).apply(body)
         out = self.out and ensure_writable_directory(self.out)
-        swims = 2 * (self.config.poses + 1)
-        with Console(stderr=True).status(f"{swims} swims of {self.config.seconds:g} s"):
-            result = transfer(controller, target, self.config, world=self.target_world)
+        swims = 2 * (config.poses + 1)
+        with Console(stderr=True).status(f"{swims} swims of {config.seconds:g} s"):
+            result = transfer(controller, target, config, world=self.target_world)
         print(result)
         if out:
             from gait.plots import plot_trajectories
@@ -161,11 +160,11 @@ class TransferCommand:
             document = {
                 "native_morphology": controller.morphology.to_dict(),
                 "target_morphology": target.to_dict(),
-                "native_engine": check_engine(self.config.native_engine),
-                "target_engine": check_engine(self.config.target_engine),
+                "native_engine": check_engine(config.native_engine),
+                "target_engine": check_engine(config.target_engine),
                 "target_world": asdict(self.target_world),
-                "seconds": self.config.seconds,
-                "seed": self.config.seed,
+                "seconds": config.seconds,
+                "seed": config.seed,
                 **result.to_dict(),
             }
             write_document(out / "transfer.json", document, "gait.transfer/2")
@@ -175,82 +174,72 @@ class TransferCommand:
 
 @dataclass(frozen=True)
 class BaselineCommand:
-    """Learn to swim, or another task, with stable-baselines3, for comparison.
+    """Learn a task with PPO of stable-baselines3, for comparison. Needs the extra rl.
 
-    What PPO, SAC or TD3 learns is a controller as any other. It knows where its fins are, without
-    which little is learned, unless --senses imu clock. The extra rl is needed.
+    The learned policy is a controller like any other. It senses its fins, without which little is
+    learned, unless --senses imu clock. --damage random:moderate breaks something else in each
+    episode. Robots have the bodies of a sample in turn: domain randomisation.
 
-    With --damage random:moderate something else breaks in each episode.
-
-    Into --out go controller.json (the best so far), curve.csv (a row a leg, an episode of each
-    robot), settings.json, curve.png and, of PPO, checkpoint.npz. The same command resumes a
-    run of PPO that was interrupted, and more --steps prolong it; SAC and TD3 start again.
-
-    A file with a sample of bodies, or --random-damages, gives the robots that learn side by side
-    other bodies in turn: domain randomisation. The sample goes into --out, too.
+    Into --out go controller.json (the best so far), curve.csv (a row an epoch: an episode of each
+    robot), curve.png and settings.json. Ctrl-C keeps the best so far; the same command starts
+    again.
 
     Columns of curve.csv, with distances in units of 5 cm:
     - steps: actions so far, of all robots together.
-    - training: mean distance of the leg's episodes, in which it tries this and that.
-    - score: its mean distance in 20 s, without trying, from 32 random poses, always the same; of a
-    sample so many that each body swims equally often.
-    Of another task, read the sum of the rewards times the seconds that each is for.
+    - training: mean distance of the epoch's episodes, with exploration.
+    - score: mean distance in 20 s without exploration, from 32 fixed random poses; for a sample, as
+    many that each body swims equally often.
+    For another task, these are sums of rewards times the length of a step in s.
     """
 
     out: Out
     morphology: BodiesFile = None
     damage: EpisodeDamage = "none"
     random_damages: RandomDamages = 0
-    config: Annotated[BaselineConfig, tyro.conf.arg(name="")] = field(
-        default_factory=BaselineConfig
+    config: Annotated[LearningConfig, tyro.conf.arg(name="")] = field(
+        default_factory=LearningConfig
     )
 
     def execute(self) -> None:
-        """Learn to the last leg, with progress."""
-        config, curve = self.config, list[Leg]()
-        own, strikes = Damage.parse(self.damage).split()
-        bodies = _bodies(self, own)
-        with _counting(config.algorithm, config.legs * config.leg) as show:
-
-            def tell(steps: int, legs: Sequence[Leg]) -> None:
-                curve[:] = legs
-                show(steps, _learned(legs[-1]) if legs else config.algorithm)
-
-            try:
-                with _no_folder_for_nothing(self.out):
-                    learned = train_baseline(
-                        bodies, config, damage=strikes, out=self.out, on_step=tell
-                    )
-            except KeyboardInterrupt:
-                self._plot(curve)
-                kept = (self.out / CHECKPOINT_FILE).exists()
-                rest = RESUMES if kept else "the same command starts again"
-                raise KeyboardInterrupt(f"interrupted; {rest}") from None
-        self._plot(curve)
-        over = f"{len(bodies)} bodies" if len(bodies) > 1 else f"{FINAL_POSES} random poses"
-        what = f"swims {learned.score:.2f} units in 20 s"
-        if config.task != "forward" or strikes:
-            what = f"earns {learned.score:.2f} in {config.seconds:g} s"
-        print(
-            f"{what} on the mean over {over}; {CONTROLLER_FILE} and {CURVE_FILE} are in {self.out}"
-        )
-
-    def _plot(self, curve: Sequence[Leg]) -> None:
+        """Learn to the last epoch, with progress."""
         from gait.plots import plot_curve
 
-        if curve:
-            plot_curve(self.out / "curve.png", curve)
+        config, points = self.config, list[CurvePoint]()
+        own, schedule = Damage.parse(self.damage).split()
+        bodies = _bodies(self, own)
+        with _progress("PPO", config.epochs * config.epoch_steps) as show:
+
+            def report(steps: int, curve: Sequence[CurvePoint]) -> None:
+                points[:] = curve
+                show(steps, _point_text(curve[-1]) if curve else "PPO")
+
+            try:
+                learned = train(bodies, config, damage=schedule, out=self.out, on_step=report)
+            except KeyboardInterrupt:
+                rest = f"the best controller so far is in {self.out}" if points else "nothing kept"
+                raise KeyboardInterrupt(f"interrupted; {rest}") from None
+            finally:
+                if points:
+                    plot_curve(self.out / "curve.png", points)
+        over = f"{len(bodies)} bodies" if len(bodies) > 1 else f"{FINAL_POSES} random poses"
+        result = f"swims {learned.score:.2f} units in 20 s"
+        if config.task != "forward" or schedule:
+            result = f"earns {learned.score:.2f} in {config.seconds:g} s"
+        print(
+            f"{result} on the mean over {over}; {CONTROLLER_FILE} and {CURVE_FILE} are in "
+            f"{self.out}"
+        )
 
 
 COMMANDS: Commands = {
     "evolve": (Evolve, "evolve a gait for a body, or for a sample of bodies"),
     "transfer": (TransferCommand, "swim a gait on another body"),
-    "baseline": (BaselineCommand, "train a learner of stable-baselines3"),
+    "baseline": (BaselineCommand, "learn a task with PPO of stable-baselines3"),
 }
 
 
 def _bodies(command: Evolve | BaselineCommand, damage: Damage) -> list[Morphology]:
-    """Return the bodies that a command is to swim, so damaged."""
+    """Return the bodies of a command, with its damage."""
     file = command.morphology
     bodies = [None] if file is None else read_bodies(file, "morphology")
     several = [damage.apply(Morphology.coerce(body)) for body in bodies]
@@ -260,54 +249,31 @@ def _bodies(command: Evolve | BaselineCommand, damage: Damage) -> list[Morpholog
 
 
 @contextmanager
-def _no_folder_for_nothing(out: Path) -> Iterator[None]:
-    """Remove a folder that a command made if the command fails before anything is in it."""
-    new = not out.exists()
-    try:
-        yield
-    except BaseException:
-        with suppress(OSError):
-            if new and {path.name for path in out.iterdir()} <= {SETTINGS}:
-                (out / SETTINGS).unlink(missing_ok=True)
-                out.rmdir()
-        raise
+def _progress(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
+    """Show a progress bar, or ten lines on stderr without a terminal.
 
-
-@contextmanager
-def _counting(label: str, total: int, before: int = 0) -> Iterator[Callable[[int, str], None]]:
-    """Give a progress bar, or ten lines on stderr where there is no terminal to show one on.
-
-    It is told how much is done, and a line about it.
+    The function that it yields takes how much is done, and a line about it.
     """
-    said = before * 10 // total
-    with _bar() as bar:
+    console, tenths = Console(stderr=True), 0
+    columns = TextColumn("{task.description}"), BarColumn(bar_width=10), MofNCompleteColumn()
+    live = console.is_terminal
+    with Progress(
+        *columns, TimeElapsedColumn(), console=console, transient=True, disable=not live
+    ) as bar:
         task = bar.add_task(label, total=total)
 
         def show(done: int, text: str) -> None:
-            nonlocal said
+            nonlocal tenths
             bar.update(task, completed=done, description=text)
-            if bar.disable and done * 10 // total > said:
-                said = done * 10 // total
+            if not live and done * 10 // total > tenths:
+                tenths = done * 10 // total
                 print(f"{done}/{total}  {text}", file=sys.stderr, flush=True)
 
         yield show
 
 
-def _bar() -> Progress:
-    console = Console(stderr=True)
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(bar_width=10),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        console=console,
-        transient=True,
-        disable=not console.is_terminal,
-    )
-
-
-def _said(evolved: Evolved, config: EvolveConfig) -> str:
-    """Say how far an evolved controller swims."""
+def _result_text(evolved: Evolved, config: EvolveConfig) -> str:
+    """Return how far an evolved controller swims, in words."""
     far, bodies = f"{evolved.fitness:.2f} units in {config.seconds:g} s", len(evolved.distances)
     if not config.poses:
         return f"{far} from the zero pose"
@@ -322,19 +288,12 @@ def _said(evolved: Evolved, config: EvolveConfig) -> str:
     )
 
 
-def _line(row: Generation) -> str:
+def _row_text(row: Generation) -> str:
     return f"final {row.final:6.2f}  mean {row.mean:6.2f}  species {row.species}  nodes {row.nodes}"
 
 
-def _learned(leg: Leg) -> str:
-    return f"training {leg.training:6.2f}  score {leg.score:6.2f}"
-
-
-def _plot(out: Path, history: Sequence[Generation]) -> None:
-    from gait.plots import plot_history
-
-    if history:
-        plot_history(out / "history.png", history)
+def _point_text(point: CurvePoint) -> str:
+    return f"training {point.training:6.2f}  score {point.score:6.2f}"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -1,4 +1,4 @@
-"""How a gait is evolved."""
+"""Settings of a gait's evolution."""
 
 from __future__ import annotations
 
@@ -17,45 +17,54 @@ from aquafish_gym.utils.validation import (
 from gait.controller import INTERVAL, MAXIMUM_HARMONICS, MAXIMUM_SEED
 from gait.network import Senses
 from gait.rollout import MAXIMUM_THREADS, SECONDS, step_count
-from gait.search import schedules
+from gait.search import cma, neat
+from gait.search.ask_tell import generation_count, halving_stages
 
 DEFAULT_QUANTILE = 0.2
+FOURIER_HARMONICS = 3
 Sense = Literal["imu", "clock", "fins"]
 TaskName = Literal["forward", "station", "waypoint", "recovery"]
 Class = Literal["feed-forward", "recurrent", "linear", "mlp", "fourier"]
-# Of each search, the first being its own choice.
+# Of each search; the first is its default.
 CLASSES: dict[str, tuple[Class, ...]] = {
     "neat": ("feed-forward", "recurrent"),
     "cma": ("recurrent", "mlp", "linear", "fourier"),
 }
-FOURIER = 3  # harmonics of a gait that feels nothing
+CMA_POPULATION = 24  # in NEAT's tuning, too
+# Where they are not given: population, restarts, random_candidates, generations, cma_generations.
+DEFAULTS = {
+    "neat": (150, 6, 0, 12, 350),
+    "cma": (CMA_POPULATION, 6, 1200, 750, 0),
+    "paper": (150, 1, 0, 60, 0),
+}
 
 
-# Population, starts, how many are screened, generations and polish, where they are not given.
-CMA_POPULATION = 24  # in polishing, too
-NEAT, CMA = (150, 6, 0, 12, 350), (CMA_POPULATION, 6, 1200, 750, 0)
+def make_senses(names: tuple[Sense, ...], task: TaskName, harmonics: int = 1) -> Senses:
+    """Return the inputs of a controller with these senses for a task."""
+    clock = harmonics if "clock" in names else 0
+    return Senses("imu" in names, clock, "fins" in names, TASKS[task].has_goal)
 
 
 def check_interval(value: object, seconds: float) -> int:
-    """Return for how many steps an action is held: some that ``gait.swim`` asks after, too."""
+    """Return ``value`` if it divides an episode of ``seconds``; the error names the nearest."""
     steps = round(seconds / TIMESTEP)
-    held_for = integer("interval", value, 1)
-    some = [n for n in range(INTERVAL, steps // 2 + 1, INTERVAL) if not steps % n]
-    if held_for not in some:
-        nearest = min(some, key=lambda n: abs(n - held_for))
+    interval = integer("interval", value, 1)
+    choices = [n for n in range(INTERVAL, steps // 2 + 1, INTERVAL) if not steps % n]
+    if interval not in choices:
+        nearest = min(choices, key=lambda n: abs(n - interval))
         raise InvalidArgumentError(
             f"interval must be a multiple of {INTERVAL} that divides {steps}, an "
-            f"episode's steps; got {held_for}; the nearest is {nearest}"
+            f"episode's steps; got {interval}; the nearest is {nearest}"
         )
-    return held_for
+    return interval
 
 
 def check_senses(senses: object) -> tuple[Sense, ...]:
-    """Return what a controller feels as a tuple: one of the senses or more."""
+    """Return senses as a tuple: one or more of the known ones."""
     names = get_args(Sense)
     if not isinstance(senses, list | tuple) or not senses:
         raise InvalidArgumentError(
-            f"senses must be some of {', '.join(names)}; got {brief(senses) if senses else 'none'}"
+            f"senses must be a list of some of {', '.join(names)}; got {brief(senses)}"
         )
     for sense in senses:
         one_of("senses", sense, names)
@@ -63,81 +72,83 @@ def check_senses(senses: object) -> tuple[Sense, ...]:
 
 
 class Plan(NamedTuple):
-    """What a configuration comes to where it leaves a choice to the search."""
+    """The choices of a configuration, with the defaults of its search filled in."""
 
     controller: Class
     senses: Senses
     population: int
-    starts: int
-    screened: int
-    generations: int  #: Of the start that goes on to the end.
-    polish: int
-    rows: int  #: Generations of all starts, polishing and screening together.
+    restarts: int
+    random_candidates: int
+    generations: int
+    cma_generations: int
+    rows: int  #: Generations of all starts together, tuning and random candidates included.
 
 
 @dataclass(frozen=True, kw_only=True)
 class EvolveConfig:
-    """How to evolve a gait.
+    """Settings of a gait's evolution. None stands for the default of the search.
 
     Examples
     --------
     >>> EvolveConfig(generations=200, seed=3).plan.population
-    150
+    24
     """
 
     seed: int = 0
-    """The run follows from it alone."""
-    search: Literal["neat", "cma"] = "neat"
-    """What searches: NEAT, as the paper has it, or CMA-ES, which finds better gaits."""
+    """Seed of everything random in the run."""
+    search: Literal["cma", "neat"] = "cma"
+    """The search: CMA-ES, which finds better gaits, or NEAT."""
+    paper: bool = False
+    """Search as the paper does: NEAT with one start and 60 generations, without CMA-ES."""
     controller: Class | None = None
-    """What a controller is. For NEAT a feed-forward network or a recurrent one; for CMA-ES a
-    recurrent network, an mlp, a linear one, or fourier, which swims by the clock alone. The first
-    if not given."""
+    """Class of controllers: for CMA-ES a recurrent network (default), an mlp, a linear one, or
+    fourier, which has the clock alone; for NEAT a feed-forward (default) or recurrent network."""
     senses: tuple[Sense, ...] = ("imu", "clock")
-    """What it feels, besides the way to a goal where the task has one. The fins are not measured,
-    but known from where they stood at first and what they were told since."""
+    """What the controller observes, besides the direction to a goal if the task has one. Fin angles
+    are not measured: they are integrated from the initial angles and the commands."""
     task: TaskName = "forward"
-    """What to do: swim forward, or another task of the environments, which takes longer."""
+    """Swim forward, or another task of the environments, which takes longer."""
     interval: int = INTERVAL
-    """For how many steps of 0.01 s an action is held."""
+    """Steps of 0.01 s that an action is held."""
     hidden: int = 6
-    """Nodes between inputs and outputs, of an mlp or CMA-ES's recurrent network."""
+    """Hidden nodes of an mlp or of CMA-ES's recurrent network."""
     harmonics: int | None = None
-    """Of the clock, at multiples of its frequency: 1, or 3 of a fourier gait, if not given."""
-    starts: int | None = None
-    """How many searches begin, of which the best goes on: 6 if not given. Of NEAT's each third one,
-    the first among them, adds nodes and connections seldom, the others often."""
+    """Harmonics of the clock; default 1, or 3 for fourier."""
+    restarts: int | None = None
+    """Number of searches that start, of which the best goes on; default 6."""
     generations: int | None = None
-    """How many each start of NEAT has, 12 if not given; how many the start of CMA-ES that goes on
-    has in all, 750."""
-    screened: int | None = None
-    """Random networks that CMA-ES chooses its starts from: 1200 if not given."""
-    polish: int | None = None
-    """Generations of CMA-ES on the weights and the clock of the networks that NEAT found, of the
-    one that goes on in all; 350 if not given."""
+    """Generations of each start of NEAT, default 12; or, over all its stages, of the start of
+    CMA-ES that goes on to the end, default 750."""
+    random_candidates: int | None = None
+    """Random networks from which CMA-ES chooses its starts; default 1200."""
+    cma_generations: int | None = None
+    """Generations of CMA-ES that tune the weights and the clock of NEAT's best network; default
+    350."""
     population: int | None = None
-    """Controllers in a generation: 150 of NEAT, 24 of CMA-ES, if not given."""
+    """Controllers in a generation; default 24 for CMA-ES, 150 for NEAT."""
     poses: int = 6
-    """Random fin poses to swim from besides the zero pose, others in every generation. In a sample
-    of bodies, each pose is another body's, and each generation draws others."""
+    """Random initial fin poses besides the zero pose, sampled in each generation. In a sample of
+    bodies, each pose has its own body."""
     clock: float = 0.7
     """Frequency of the controllers' clock, in Hz; CMA-ES tunes it."""
     seconds: float = SECONDS
-    """How long a swim lasts, in s."""
+    """Length of a swim, in s."""
     aggregate: Literal["mean", "quantile"] = "mean"
-    """What a controller's swims come to: their mean distance, or a low quantile of it, for a gait
-    that holds for nearly all bodies and poses rather than for most."""
+    """A controller's fitness: the mean distance of its swims, or a low quantile, for a gait that
+    holds on nearly all bodies and poses."""
     quantile: float = DEFAULT_QUANTILE
-    """The share of swims that may fall short of the fitness, if aggregate is quantile."""
+    """The quantile, if aggregate is quantile."""
     threads: int | None = None
-    """How many threads swim; every core if not given. No result depends on it."""
+    """Threads; default all cores. No result depends on it."""
 
     def __post_init__(self) -> None:
+        if self.paper:
+            object.__setattr__(self, "search", "neat")
         integer("seed", self.seed, 0, MAXIMUM_SEED)
         for name, low, high in (
-            ("generations", 1, 100_000), ("population", 10, 10_000), ("starts", 1, 100),
-            ("screened", 1, 100_000), ("polish", 0, 100_000), ("harmonics", 1, MAXIMUM_HARMONICS),
-            ("hidden", 1, 100),
+            ("generations", 1, 100_000), ("population", 10, 10_000), ("restarts", 1, 100),
+            ("random_candidates", 1, 100_000), ("cma_generations", 0, 100_000),
+            ("harmonics", 1, MAXIMUM_HARMONICS), ("hidden", 1, 100),
         ):  # fmt: skip
             if getattr(self, name) is not None:
                 integer(name, getattr(self, name), low, high)
@@ -150,85 +161,79 @@ class EvolveConfig:
                 "senses must be clock alone for a fourier gait, which feels nothing; got "
                 f"{', '.join(self.senses)}"
             )
-        if self.screened is not None and self.search != "cma":
-            raise InvalidArgumentError(
-                f'screened has a say only with search="cma"; got {self.screened} with '
-                f'"{self.search}"'
-            )
         one_of("task", self.task, get_args(TaskName))
-        starts = self.plan.starts
-        if self.screened is not None and self.screened < starts:
-            raise InvalidArgumentError(
-                f"screened must be at least the {starts} starts; got {self.screened}"
-            )
-        if self.polish and self.search != "neat":
-            raise InvalidArgumentError(
-                f'polish has a say only with search="neat"; got {self.polish} with "{self.search}"'
-            )
+        one_of("aggregate", self.aggregate, ("mean", "quantile"))
         integer("poses", self.poses, 0, 1000)
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
-        step_count(self.seconds)
-        if self.task != "forward" and self.seconds != SECONDS:
-            raise InvalidArgumentError(
-                f'seconds has a say only with task="forward", for a task says itself how long it '
-                f'lasts; got {self.seconds:g} with "{self.task}"'
-            )
-        if self.interval != INTERVAL:
-            check_interval(self.interval, self.lasts)
-        one_of("aggregate", self.aggregate, ("mean", "quantile"))
         finite_array("quantile", self.quantile, (), 0.0, 1.0)
-        if self.aggregate == "mean" and self.quantile != DEFAULT_QUANTILE:
+        step_count(self.seconds)
+        if self.interval != INTERVAL:
+            check_interval(self.interval, self.episode_seconds)
+        if self.threads is not None:
+            integer("threads", self.threads, 1, MAXIMUM_THREADS)
+        for name, given, needed in (
+            ("random_candidates", self.random_candidates is not None, ("search", "cma")),
+            ("cma_generations", bool(self.cma_generations), ("search", "neat")),
+            ("seconds", self.seconds != SECONDS, ("task", "forward")),
+            ("quantile", self.quantile != DEFAULT_QUANTILE, ("aggregate", "quantile")),
+        ):
+            if given and getattr(self, needed[0]) != needed[1]:
+                raise InvalidArgumentError(
+                    f'{name} has an effect only with {needed[0]}="{needed[1]}"; got '
+                    f'{getattr(self, name)} with "{getattr(self, needed[0])}"'
+                )
+        if 0 < self.plan.random_candidates < self.plan.restarts:
             raise InvalidArgumentError(
-                f'quantile has a say only with aggregate="quantile"; got {self.quantile:g} with '
-                'aggregate="mean"'
+                f"random_candidates must be at least the {self.plan.restarts} restarts; "
+                f"got {self.plan.random_candidates}"
             )
         if self.aggregate == "quantile" and not self.poses:
             raise InvalidArgumentError(
                 'poses must be at least 1 with aggregate="quantile": one swim has no quantiles'
             )
-        if self.threads is not None:
-            integer("threads", self.threads, 1, MAXIMUM_THREADS)
 
     @property
-    def lasts(self) -> float:
-        """How long an episode is, in s."""
+    def episode_seconds(self) -> float:
+        """Length of an episode, in s."""
         return self.seconds if self.task == "forward" else TASKS[self.task].seconds
 
     @property
     def plan(self) -> Plan:
-        """What all choices come to.
+        """The choices, with defaults filled in.
 
         Examples
         --------
-        >>> EvolveConfig(search="cma").plan.controller
+        >>> EvolveConfig().plan.controller
         'recurrent'
         """
-        neat = self.search == "neat"
         controller = self.controller or CLASSES[self.search][0]
-        usual = FOURIER if controller == "fourier" else 1
-        harmonics = (usual if self.harmonics is None else self.harmonics) * ("clock" in self.senses)
-        goal = TASKS[self.task].has_goal
-        senses = Senses("imu" in self.senses, harmonics, "fins" in self.senses, goal)
-        given = self.population, self.starts, self.screened, self.generations, self.polish
-        population, starts, screened, generations, polish = (
-            usual if value is None else value
-            for value, usual in zip(given, NEAT if neat else CMA, strict=True)
+        default = FOURIER_HARMONICS if controller == "fourier" else 1
+        senses = make_senses(self.senses, self.task, self.harmonics or default)
+        given = (
+            self.population, self.restarts, self.random_candidates, self.generations,
+            self.cma_generations,
+        )  # fmt: skip
+        defaults = DEFAULTS["paper" if self.paper else self.search]
+        population, restarts, candidates, generations, tuning = (
+            default if value is None else value
+            for value, default in zip(given, defaults, strict=True)
         )
-        if neat:
-            rows = schedules.neat(starts, generations, polish)
+        if self.search == "neat":
+            rows = restarts * generations
+            rows += generation_count(halving_stages(restarts, tuning, neat.STAGES))
         else:
-            rows = schedules.cma(starts, generations)
-        return Plan(controller, senses, population, starts, screened, generations, polish, rows)
+            rows = 1 + generation_count(halving_stages(restarts, generations, cma.STAGES))
+        return Plan(controller, senses, population, restarts, candidates, generations, tuning, rows)
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All that a run follows from, ready for JSON, but for how long its last part is."""
+        """All that a run depends on, ready for JSON, except the length of its last stage."""
         plan, given = self.plan, asdict(self)
-        for name in ("threads", "harmonics"):
+        for name in ("threads", "harmonics", "paper"):
             del given[name]
         given |= {name: value for name, value in plan._asdict().items() if name != "rows"}
         given["senses"] = asdict(plan.senses)
-        del given["polish" if plan.polish else "generations"]
+        del given["cma_generations" if plan.cma_generations else "generations"]
         if self.task == "forward":
             del given["task"]
         if self.interval == INTERVAL:

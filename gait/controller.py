@@ -1,8 +1,7 @@
-"""A controller: a small network as arrays, what it senses, and the clock it listens to."""
+"""A controller: a small network as arrays, with its senses and its clock."""
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Collection
 from dataclasses import asdict, dataclass, replace
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.base import TIMESTEP
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.validation import (
@@ -22,42 +21,41 @@ from aquafish_gym.utils.validation import (
     brief,
     finite_array,
     flag,
+    instance,
     integer,
     one_of,
 )
 from gait.network import OUTPUTS, Senses, respond
 from gait.policy import Policy
 
-SCHEMA = "gait.controller/2"  # 1 had no checksum
-# Nobody's network is this large; a file that says so is broken or meant to hurt.
+SCHEMA = "gait.controller/2"
 MAXIMUM_NODES = 1000
 MAXIMUM_HARMONICS = 32
-MOST_BYTES = 64 * 2**20  # of such a network's file
+MAXIMUM_BYTES = 64 * 2**20  # of the largest network's file
 MAXIMUM_SEED = 2**64 - 1
 INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
 IMU_AND_CLOCK = Senses()
-# What a file leaves out: as most controllers have it.
-USUAL: dict[str, Any] = {
+# Fields that a file omits where they have these values.
+DEFAULTS: dict[str, Any] = {
     "senses": asdict(IMU_AND_CLOCK),
     "layers": None,
     "output": "tanh",
     "interval": INTERVAL,
     "sample": None,
 }
-FELT = tuple(Senses.__dataclass_fields__)
-_HEARD = 9  # entries of an observation
-_NO_GAIN = (1.0, 1.0, 1.0)
+_IMU_ENTRIES = 9  # of an observation: up, north and gyro
+_UNIT_GAIN = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Controller:
     """A network from senses to three servo speeds.
 
-    Node n computes tanh(2.5 (bias_n + response_n sum_k weights_nk v_k)), where v holds the inputs
-    (``senses.names``) and then the nodes' values: of nodes in layers before its own those of now,
-    of all others those of the time before, 0 at first. The last three nodes are the outputs, in
-    [-1, 1], in the order of the servos. So one kind of table holds every class of controller:
-    NEAT's feed-forward networks have a layer a node, its recurrent ones a single layer.
+    Node n computes tanh(2.5 (bias_n + response_n sum_k weights_nk v_k)). The vector v holds the
+    inputs (``senses.names``) and then the nodes' values: present ones of earlier layers, previous
+    ones (0 at first) of all others. The last three nodes are the outputs in [-1, 1], in the order
+    of the servos. One table holds every class of controller: NEAT's feed-forward networks have one
+    layer for each node, its recurrent ones a single layer.
 
     Parameters
     ----------
@@ -70,21 +68,22 @@ class Controller:
     morphology, seed
         The body it was evolved on, and the seed of that run.
     sample
-        Of a sample of bodies, of which ``morphology`` is then the median, how many they were and a
-        hash of them, as ``aquafish_gym.bodies.sample_stamp`` says it; None of one body.
+        Size and hash of the sample of bodies it was evolved on (``aquafish_gym.bodies
+        .sample_stamp``), whose median is ``morphology``; None for one body.
     senses
-        What it feels.
+        Its inputs.
     layers
-        How many nodes are in each layer, N in all; None for a layer a node and no memory.
+        Number of nodes in each layer, N in all; None for one layer for each node, without memory.
     output
-        What squashes the outputs: "tanh", or "clip", which cuts 2.5 (...) off at 1.
+        Squashing function of the outputs: "tanh", or "clip" of 2.5 (...) to [-1, 1].
     interval
-        For how many steps of 0.01 s an action is held.
+        Steps of 0.01 s that an action is held.
 
     Raises
     ------
     InvalidArgumentError
-        If a shape does not fit, a number is not finite, or a node hears a later one without layers.
+        If a shape does not fit, a number is not finite, or a node without ``layers`` has an input
+        from itself or a later node.
 
     Examples
     --------
@@ -109,13 +108,9 @@ class Controller:
     interval: int = INTERVAL
 
     def __post_init__(self) -> None:
-        if not isinstance(self.senses, Senses):
-            raise InvalidArgumentError(
-                f"controller.senses must be Senses; got {brief(self.senses)}"
-            )
-        flag("controller.senses.imu", self.senses.imu)
-        flag("controller.senses.fins", self.senses.fins)
-        flag("controller.senses.goal", self.senses.goal)
+        instance("controller.senses", self.senses, Senses)
+        for sense in ("imu", "fins", "goal"):
+            flag(f"controller.senses.{sense}", getattr(self.senses, sense))
         integer("controller.senses.clock", self.senses.clock, 0, MAXIMUM_HARMONICS)
         inputs = len(self.senses.names)
         bias = finite_array("controller.bias", self.bias, (None,))
@@ -126,21 +121,20 @@ class Controller:
             )
         response = finite_array("controller.response", self.response, (nodes,))
         weights = finite_array("controller.weights", self.weights, (nodes, inputs + nodes))
-        if self.layers is None:
-            if np.triu(weights[:, inputs:]).any():
-                raise InvalidArgumentError(
-                    "controller.weights must be zero where a node would hear itself or a later "
-                    "node, unless controller.layers says what it remembers"
-                )
-        else:
+        if self.layers is None and np.triu(weights[:, inputs:]).any():
+            raise InvalidArgumentError(
+                "controller.weights must be zero from a node to itself or an earlier one, unless "
+                "controller.layers gives the layers of a network with memory"
+            )
+        if self.layers is not None:
             if not isinstance(self.layers, list | tuple) or not self.layers:
                 raise InvalidArgumentError(
-                    f"controller.layers must be numbers of nodes; got {brief(self.layers)}"
+                    f"controller.layers must be a list of node counts; got {brief(self.layers)}"
                 )
             layers = tuple(integer("controller.layers", n, 1, nodes) for n in self.layers)
             if sum(layers) != nodes or layers[-1] < len(OUTPUTS):
                 raise InvalidArgumentError(
-                    f"controller.layers must come to {nodes} nodes, {len(OUTPUTS)} or more in the "
+                    f"controller.layers must sum to {nodes} nodes, {len(OUTPUTS)} or more in the "
                     f"last; got {layers}"
                 )
             object.__setattr__(self, "layers", layers)
@@ -150,26 +144,24 @@ class Controller:
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
         object.__setattr__(self, "clock", clock)
         object.__setattr__(self, "seed", integer("controller.seed", self.seed, 0, MAXIMUM_SEED))
-        if not isinstance(self.sample, str | None):
-            raise InvalidArgumentError(
-                f"controller.sample must be text or None; got {brief(self.sample)}"
-            )
+        if self.sample is not None:
+            instance("controller.sample", self.sample, str)
         one_of("controller.output", self.output, ("tanh", "clip"))
         integer("controller.interval", self.interval, 1, 1000)
 
     @property
     def nodes(self) -> int:
-        """How many nodes there are, the three outputs among them."""
+        """Number of nodes, including the three outputs."""
         return len(self.bias)
 
     @property
     def connections(self) -> int:
-        """How many weights are not zero."""
+        """Number of weights that are not zero."""
         return int(np.count_nonzero(self.weights))
 
     @property
     def memory(self) -> bool:
-        """Whether a node hears one of its own layer or of a later one, as it was before."""
+        """Whether a node has an input from its own layer or a later one."""
         inputs = len(self.senses.names)
         return any(
             self.weights[begin:end, inputs + begin :].any()
@@ -178,7 +170,7 @@ class Controller:
 
     @property
     def kind(self) -> tuple[Any, ...]:
-        """What controllers must share to swim side by side."""
+        """The properties that controllers of one batch must share."""
         shape = None if self.layers is None else self.layers if len(self.layers) > 1 else ()
         return self.senses, shape, self.output, self.interval
 
@@ -188,7 +180,7 @@ class Controller:
         return tuple(accumulate(layers))
 
     def layout(self, nodes: int | None = None, memory: bool | None = None) -> NDArray[np.int64]:
-        """Return the whole numbers that ``network.respond`` reads, padded as :meth:`genes` is."""
+        """Return the integers that ``network.respond`` reads, padded as :meth:`genes`."""
         padded = self._padded(self.nodes if nodes is None else nodes)
         remembers = self.memory if memory is None else memory
         senses, ends = self.senses, padded._ends
@@ -205,23 +197,23 @@ class Controller:
         nodes: int | None = None,
         memory: bool | None = None,
         fin_angles: ArrayLike = (0.0, 0.0, 0.0),
-        servo_gain: ArrayLike = _NO_GAIN,
+        servo_gain: ArrayLike = _UNIT_GAIN,
     ) -> NDArray[np.float64]:
         """Return the rows that ``network.respond`` reads, for one robot.
 
-        Controllers of one :attr:`kind` swim side by side: with silent hidden nodes up to ``nodes``,
-        and room for memories if one of them has any. ``fin_angles``, rad, and ``servo_gain`` are
-        what they are told of the fins.
+        For a batch of controllers of one :attr:`kind`, silent hidden nodes pad each to ``nodes``,
+        and ``memory`` adds room for memory. ``fin_angles``, rad, and ``servo_gain`` are the assumed
+        state of the fins.
         """
         padded = self._padded(self.nodes if nodes is None else nodes)
         remembers = self.memory if memory is None else memory
         inputs = len(self.senses.names)
         rows = [np.array([self.clock]), np.asarray(fin_angles) / TAU, np.asarray(servo_gain)]
         for begin, end in pairwise((0, *padded._ends)):
-            heard = inputs + (padded.nodes if remembers else begin)
+            sources = inputs + (padded.nodes if remembers else begin)
             for n in range(begin, end):
                 rows += [padded.bias[n : n + 1], padded.response[n : n + 1]]
-                rows.append(padded.weights[n, :heard])
+                rows.append(padded.weights[n, :sources])
         return np.concatenate(rows, dtype=np.float64)
 
     def _padded(self, nodes: int) -> Controller:
@@ -245,54 +237,51 @@ class Controller:
         )
 
     def policy(
-        self, fin_angles: ArrayLike = (0.0, 0.0, 0.0), servo_gain: ArrayLike = _NO_GAIN
+        self, fin_angles: ArrayLike = (0.0, 0.0, 0.0), servo_gain: ArrayLike = _UNIT_GAIN
     ) -> Policy:
-        """Return this controller ready to steer one robot through one swim.
+        """Return a policy that steers one robot through one swim.
 
-        It hears the first nine entries of an observation, and the last three of one with a goal if
-        it feels that. It raises InvalidArgumentError if there are fewer, or one of them or the time
-        is not finite.
+        It reads the first nine entries of an observation, and the last three if it senses a goal.
+        It raises InvalidArgumentError if these or the time are missing or not finite.
 
         Parameters
         ----------
         fin_angles, servo_gain
-            Where the fins stand at first, (3,) in rad, and how much faster each servo (3,) is than
-            told, as far as is known: all that a controller with this sense ever learns of its fins.
+            Assumed initial fin angles (3,) in rad, and servo gains (3,); used by controllers that
+            sense their fins.
         """
         angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
         gains = finite_array("servo_gain", servo_gain, (3,))
         genes: list[float] = self.genes(fin_angles=angles, servo_gain=gains).tolist()
         layout: list[int] = self.layout().tolist()
         scratch = [0.0] * scratch_size(self)
-        held, heard = self.interval * TIMESTEP, _HEARD + 3 * self.senses.goal
+        hold, needed = self.interval * TIMESTEP, _IMU_ENTRIES + 3 * self.senses.goal
         action, due = np.zeros(3), 0.0
 
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
             nonlocal action, due
-            senses = np.asarray(observation)
-            if senses.ndim != 1 or len(senses) < heard:
+            values = np.asarray(observation)
+            if values.ndim != 1 or len(values) < needed:
                 raise InvalidArgumentError(
-                    f"observation must be {heard} numbers or more in a row; "
-                    f"got shape {senses.shape}"
+                    f"observation must be a row of at least {needed} numbers; "
+                    f"got shape {values.shape}"
                 )
-            felt = np.concatenate([senses[:_HEARD], senses[-3:]])
-            o = finite_array("observation", felt, (_HEARD + 3,)).tolist()
+            entries = np.concatenate([values[:_IMU_ENTRIES], values[-3:]])
+            o = finite_array("observation", entries, (_IMU_ENTRIES + 3,)).tolist()
             if not math.isfinite(time):
                 raise InvalidArgumentError(f"time must be finite; got {time}")
-            if due and time < due - TIMESTEP / 2:
-                return action
-            due = time + held
-            way = o[9:]
-            action = np.array(
-                respond(genes, layout, scratch, 0, 1, time, o[0:3], o[3:6], o[6:9], way)
-            )
+            if not due or time >= due - TIMESTEP / 2:
+                due = time + hold
+                action = np.array(
+                    respond(genes, layout, scratch, 0, 1, time, o[:3], o[3:6], o[6:9], o[9:])
+                )
             return action
 
         return act
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""
-        usual = {
+        optional = {
             "senses": asdict(self.senses),
             "layers": None if self.layers is None else list(self.layers),
             "output": self.output,
@@ -305,7 +294,7 @@ class Controller:
             "clock": self.clock,
             "seed": self.seed,
             "morphology": self.morphology.to_dict(),
-            **{name: value for name, value in usual.items() if value != USUAL[name]},
+            **{name: value for name, value in optional.items() if value != DEFAULTS[name]},
             "bias": self.bias.tolist(),
             "response": self.response.tolist(),
             "weights": self.weights.tolist(),
@@ -313,22 +302,24 @@ class Controller:
 
     @classmethod
     def from_dict(cls, data: object) -> Controller:
-        """Read what :meth:`to_dict` returned; InvalidArgumentError if a field is not that."""
-        if isinstance(data, dict):
-            data = {**USUAL, **data}
-        fields = dict(
-            check_fields("controller", data, ("inputs", "outputs", *cls.__dataclass_fields__))
-        )
-        felt = fields["senses"]
-        if isinstance(felt, dict):
-            felt = {"goal": False, **felt}  # which older files do not say
-        senses = Senses(**check_fields("controller.senses", felt, FELT))
-        fields["senses"] = senses
-        for name, names in (("inputs", senses.names), ("outputs", OUTPUTS)):
-            if fields.pop(name) != list(names):
-                raise InvalidArgumentError(f"controller.{name} must be {', '.join(names)}")
-        fields["morphology"] = Morphology.from_json(json.dumps(fields["morphology"]))
-        return cls(**fields)
+        """Return the controller of a :meth:`to_dict`, whose lists may also be arrays.
+
+        InvalidArgumentError names a field that does not fit.
+        """
+        given = _without_arrays(data)
+        if isinstance(given, dict):
+            given = {**DEFAULTS, **given}
+            if isinstance(given["senses"], dict):
+                given["senses"] = {"goal": False, **given["senses"]}  # which older files omit
+        names = ("inputs", "outputs", *cls.__dataclass_fields__)
+        fields = dict(check_fields("controller", given, names))
+        senses = check_fields("controller.senses", fields["senses"], Senses.__dataclass_fields__)
+        fields["senses"] = Senses(**senses)
+        for name, expected in (("inputs", fields["senses"].names), ("outputs", OUTPUTS)):
+            if fields.pop(name) != list(expected):
+                raise InvalidArgumentError(f"controller.{name} must be {', '.join(expected)}")
+        body = check_fields("controller.morphology", fields["morphology"], FINS)
+        return cls(**{**fields, "morphology": Morphology.coerce(body)})
 
     def save(self, path: Path | str) -> None:
         """Write a ``controller.json``, whole or not at all."""
@@ -336,8 +327,8 @@ class Controller:
 
     @classmethod
     def load(cls, path: Path | str) -> Controller:
-        """Read a ``controller.json``; InvalidArgumentError if it is none, or damaged."""
-        data = read_document(path, SCHEMA, "controller", MOST_BYTES)
+        """Read a ``controller.json``; InvalidArgumentError if it is damaged or not a controller."""
+        data = read_document(path, SCHEMA, "controller", MAXIMUM_BYTES)
         try:
             return cls.from_dict(data)
         except InvalidArgumentError as error:
@@ -345,15 +336,21 @@ class Controller:
 
 
 def scratch_size(controller: Controller, nodes: int | None = None) -> int:
-    """Return how many numbers ``network.respond`` keeps in a swim."""
+    """Return the size of the scratch memory that ``network.respond`` needs in a swim."""
     return len(controller.senses.names) + 2 * (nodes or controller.nodes) + 3
 
 
 def check_fields(argument: str, data: object, names: Collection[str]) -> dict[str, Any]:
-    """Return ``data`` if it is an object of just these fields; the error names the odd ones."""
+    """Return ``data`` if it is an object with exactly these fields; the error names the others."""
     if not isinstance(data, dict):
         raise InvalidArgumentError(f"{argument} must be a JSON object; got {brief(data)}")
     odd = ", ".join(sorted(map(str, data.keys() ^ set(names))))
     if odd:
         raise InvalidArgumentError(f"{argument} has missing or unknown fields: {odd}")
     return data
+
+
+def _without_arrays(value: object) -> Any:
+    if isinstance(value, dict):
+        return {name: _without_arrays(entry) for name, entry in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value

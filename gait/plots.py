@@ -1,4 +1,4 @@
-"""Pictures of gaits: paths on native and target body (Fig. 12), and how a search went."""
+"""Figures of gaits: paths on native and target body (Fig. 12), and the progress of a search."""
 
 from __future__ import annotations
 
@@ -9,31 +9,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from gait.history import Generation
+from gait.rollout import Swim
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from gait.baselines import Leg
-    from gait.records import Generation
-    from gait.rollout import Swim
+    from gait.learning import CurvePoint
 
 DPI = 150
-# Told apart in grey and by the colour-blind too. Paths leave the colours of the case study's
-# treatments alone.
+# Distinct in grey and for the colour-blind, and none of the case study's colours of treatments.
 _PATHS = (("#000000", "-"), ("#cc79a7", "--"), ("#56b4e9", "-."), ("#b09500", ":"))
 _FINAL, _MEAN = "#0072b2", "#d55e00"
 
 
-def draw_trajectories(swims: Mapping[str, Swim], axes: Axes | None = None) -> Axes:
-    """Draw paths from above, x to the right and y (forward) upwards, in units of 5 cm.
-
-    Parameters
-    ----------
-    swims
-        Label to swim, for example ``{"native": ..., "target": ...}``.
-    axes
-        Where; None is matplotlib's present figure.
-    """
-    axes = axes or _present_axes()
+def draw_trajectories(swims: Mapping[str, Swim], axes: Axes) -> None:
+    """Draw labelled paths from above, x to the right and y (forward) upwards, units of 5 cm."""
     for (label, one), (colour, line) in zip(swims.items(), cycle(_PATHS), strict=False):
         x, y, text = one.position[:, 0], one.position[:, 1], f"{label}: {one.distance:.1f}"
         axes.plot(x, y, line, color=colour, label=text, linewidth=1.8)
@@ -44,37 +35,6 @@ def draw_trajectories(swims: Mapping[str, Swim], axes: Axes | None = None) -> Ax
     axes.set_xlabel("x (units of 5 cm)")
     axes.set_ylabel("forward, y (units of 5 cm)")
     axes.legend(loc="best", frameon=False)
-    return axes
-
-
-def draw_history(history: Sequence[Generation], axes: Axes | None = None) -> Axes:
-    """Draw a history's columns ``final`` and ``mean``, and the best ``final`` so far."""
-    from matplotlib.ticker import MaxNLocator
-
-    x, final = [row.generation for row in history], [row.final for row in history]
-    axes = _draw_progress(axes or _present_axes(), x, final, "final", "the winner")
-    axes.plot(x, [row.mean for row in history], "--", color=_MEAN, label="mean (everyone)")
-    axes.set_xlabel("generation")
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.legend(loc="best", frameon=False)
-    return axes
-
-
-def draw_curve(curve: Sequence[Leg], axes: Axes | None = None) -> Axes:
-    """Draw a learning curve's columns ``score`` and ``training``, and the best score so far."""
-    x, score = [leg.steps for leg in curve], [leg.score for leg in curve]
-    axes = _draw_progress(axes or _present_axes(), x, score, "score", "held-out poses")
-    axes.plot(x, [leg.training for leg in curve], "--", color=_MEAN, label="while learning")
-    axes.set_xlabel("actions, of all robots together")
-    axes.legend(loc="best", frameon=False)
-    return axes
-
-
-def _draw_progress(axes: Axes, x: Sequence[int], y: Sequence[float], name: str, what: str) -> Axes:
-    axes.plot(x, np.maximum.accumulate(y), color=_FINAL, label=f"{name}, best so far")
-    axes.plot(x, y, ".", color=_FINAL, alpha=0.6, label=f"{name} ({what})")
-    axes.set_ylabel("distance (units of 5 cm)")
-    return axes
 
 
 def plot_trajectories(path: Path, swims: Mapping[str, Swim]) -> None:
@@ -83,24 +43,41 @@ def plot_trajectories(path: Path, swims: Mapping[str, Swim]) -> None:
 
 
 def plot_history(path: Path, history: Sequence[Generation]) -> None:
-    """Write :func:`draw_history` to a PNG, PDF or SVG file."""
-    _write(path, (6.0, 4.0), lambda axes: draw_history(history, axes))
+    """Write a search's columns ``final`` and ``mean``, and the best ``final`` so far, to a file."""
+    x, final, mean = zip(*((row.generation, row.final, row.mean) for row in history), strict=True)
+    names = ("final", "final (the winner)", "mean (all)", "generation")
+    _write(path, (6.0, 4.0), lambda axes: _draw_progress(axes, x, final, mean, names))
 
 
-def plot_curve(path: Path, curve: Sequence[Leg]) -> None:
-    """Write :func:`draw_curve` to a PNG, PDF or SVG file."""
-    _write(path, (6.0, 4.0), lambda axes: draw_curve(curve, axes))
+def plot_curve(path: Path, curve: Sequence[CurvePoint]) -> None:
+    """Write a learning curve's ``score`` and ``training``, and the best score so far, to a file."""
+    x, score, training = zip(*((p.steps, p.score, p.training) for p in curve), strict=True)
+    names = ("score", "score (fixed poses)", "training", "actions of all robots")
+    _write(path, (6.0, 4.0), lambda axes: _draw_progress(axes, x, score, training, names))
 
 
-def _write(path: Path, size: tuple[float, float], draw: Callable[[Axes], object]) -> None:
+def _draw_progress(
+    axes: Axes,
+    x: Sequence[int],
+    final: Sequence[float],
+    mean: Sequence[float],
+    names: tuple[str, str, str, str],
+) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    name, final_label, mean_label, x_label = names
+    axes.plot(x, np.maximum.accumulate(final), color=_FINAL, label=f"{name}, best so far")
+    axes.plot(x, final, ".", color=_FINAL, alpha=0.6, label=final_label)
+    axes.plot(x, mean, "--", color=_MEAN, label=mean_label)
+    axes.set_xlabel(x_label)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylabel("distance (units of 5 cm)")
+    axes.legend(loc="best", frameon=False)
+
+
+def _write(path: Path, size: tuple[float, float], draw: Callable[[Axes], None]) -> None:
     from aquafish_gym.rendering.pictures import new_figure, save_figure
 
     figure = new_figure(*size, DPI)
     draw(figure.add_subplot())
     save_figure(figure, path)
-
-
-def _present_axes() -> Axes:
-    from matplotlib import pyplot
-
-    return pyplot.gca()

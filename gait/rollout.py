@@ -6,7 +6,7 @@ import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,9 +22,6 @@ from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, in
 from gait import network
 from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, scratch_size
 from gait.policy import ControllerLike, new_policy
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
 MAXIMUM_POSES = 10_000
@@ -85,12 +82,6 @@ class Swim:
 
     def __repr__(self) -> str:
         return f"Swim(distance {self.distance:.2f} units in {self.time[-1]:g} s)"
-
-    def plot(self, axes: Axes | None = None, label: str = "swim") -> Axes:
-        """Draw the path from above, on matplotlib's present figure or the axes given."""
-        from gait.plots import draw_trajectories
-
-        return draw_trajectories({label: self}, axes)
 
 
 def stream(seed: int, *key: int) -> np.random.SeedSequence:

@@ -1,9 +1,9 @@
-"""How a gait does on another body than the one it was evolved on (Sec. 5, Fig. 12)."""
+"""Comparison of a gait on its own body and on another (Sec. 5, Fig. 12)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,34 +12,36 @@ from aquafish_gym.engines.base import ENGINES, check_engine, resolve_engine
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    finite_array,
+    instance,
+    integer,
+    one_of,
+)
 from gait.controller import MAXIMUM_SEED, Controller
 from gait.policy import ControllerLike
 from gait.rollout import MAXIMUM_POSES, SECONDS, Swim, random_poses, step_count, swim, swim_all
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 
 @dataclass(frozen=True, kw_only=True)
 class TransferConfig:
-    """How to compare two bodies under one controller."""
+    """Settings of a comparison of two bodies under one controller."""
 
     poses: int = 16
-    """Random fin poses to swim from besides the zero pose."""
+    """Random initial fin poses besides the zero pose."""
     seed: int = 0
-    """The poses follow from it alone."""
+    """Seed of the poses."""
     seconds: float = SECONDS
-    """How long a swim lasts, in s."""
+    """Length of a swim, in s."""
     native_engine: str = "numba"
-    """Where the controller's own body swims: numba, pybullet or auto."""
+    """Engine of the controller's own body: numba, pybullet or auto."""
     target_engine: str = "auto"
-    """Where the target swims: auto (PyBullet where it is installed, else numba), pybullet or
-    numba."""
+    """Engine of the target: auto (PyBullet if installed, else numba), pybullet or numba."""
     angle_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """How wrong on the target a controller that feels its fins is told where they stand, in rad."""
+    """Error of the initial fin angles that the controller assumes on the target, in rad."""
     believed_gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """What it is told there of the servos' gains."""
+    """Servo gains that the controller assumes on the target."""
 
     def __post_init__(self) -> None:
         integer("poses", self.poses, 1, MAXIMUM_POSES)
@@ -53,7 +55,7 @@ class TransferConfig:
 
 @dataclass(frozen=True)
 class Scored:
-    """What one body does under a controller. Distances are in units of 5 cm.
+    """A controller's swims on one body. Distances are in units of 5 cm.
 
     Attributes
     ----------
@@ -68,7 +70,7 @@ class Scored:
 
     @property
     def distance(self) -> float:
-        """From the zero pose."""
+        """The distance from the zero pose."""
         return self.swim.distance
 
     @property
@@ -84,11 +86,9 @@ class Scored:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the distances, ready for JSON; None where the robot diverged."""
-        return {
-            "distance": _finite(self.distance),
-            "random_distance": _finite(self.random_distance),
-            "random_distances": [_finite(d) for d in self.random_distances.tolist()],
-        }
+        distances = [self.distance, self.random_distance, *self.random_distances.tolist()]
+        first, mean, *several = (d if np.isfinite(d) else None for d in distances)
+        return {"distance": first, "random_distance": mean, "random_distances": several}
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class Transfer:
     Attributes
     ----------
     poses
-        (poses, 3) the random fin angles, the same for both bodies, in rad.
+        (poses, 3) random fin angles, the same for both bodies, in rad.
 
     Examples
     --------
@@ -113,32 +113,20 @@ class Transfer:
     target: Scored
     poses: NDArray[np.float64] = field(repr=False)
 
-    def rows(self) -> list[list[str]]:
-        """Return a table: what was measured, on the native body, on the target."""
-        both = (self.native, self.target)
-        return [
-            ["units of 5 cm", "native", "target"],
-            ["zero pose", *(f"{one.distance:.2f}" for one in both)],
-            [f"{len(self.poses)} random poses", *(f"{one.random_distance:.2f}" for one in both)],
-        ]
-
     def __str__(self) -> str:
-        return "\n".join(f"{name:20s}{one:>9s}{other:>9s}" for name, one, other in self.rows())
-
-    def _repr_html_(self) -> str:
-        head, *body = self.rows()
-        lines = [f"<tr><th>{'</th><th>'.join(head)}</th></tr>"]
-        lines += [f"<tr><td>{'</td><td>'.join(row)}</td></tr>" for row in body]
-        return f"<table>{''.join(lines)}</table>"
-
-    def plot(self, axes: Axes | None = None) -> Axes:
-        """Draw both paths from the zero pose, on matplotlib's present figure or the axes given."""
-        from gait.plots import draw_trajectories
-
-        return draw_trajectories({"native": self.native.swim, "target": self.target.swim}, axes)
+        rows = [
+            ("units of 5 cm", "native", "target"),
+            ("zero pose", f"{self.native.distance:.2f}", f"{self.target.distance:.2f}"),
+            (
+                f"{len(self.poses)} random poses",
+                f"{self.native.random_distance:.2f}",
+                f"{self.target.random_distance:.2f}",
+            ),
+        ]
+        return "\n".join(f"{name:20s}{native:>9s}{target:>9s}" for name, native, target in rows)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the numbers, without the paths, ready for JSON; None where a robot diverged."""
+        """Return the distances and poses, ready for JSON; None where a robot diverged."""
         return {
             "poses": self.poses.tolist(),
             "native": self.native.to_dict(),
@@ -153,34 +141,32 @@ def transfer(
     native: MorphologyLike = None,
     world: WorldConfig | None = None,
 ) -> Transfer:
-    """Swim a controller on the body it was made for, and on the target.
+    """Return how a controller swims on its native body and on the target.
 
     Parameters
     ----------
     controller, target
         As controller and morphology of :func:`gait.swim`.
     config
-        How; None is ``TransferConfig()``.
+        None is ``TransferConfig()``.
     native
-        The body it was made for; None is the controller's own ``morphology``, if it has one: of a
-        controller that was evolved on a sample, the median body.
+        The native body; None is the controller's ``morphology``.
     world
-        The target's water and servos; None is ``WorldConfig()``, as the native body has it.
+        The target's water and servos; None is ``WorldConfig()``, which the native body has.
 
     Raises
     ------
     InvalidArgumentError
-        If a body is none, or the native one is not known.
+        If an argument does not fit, or the native body is not known.
     EngineUnavailableError
         If an engine's package is missing.
     """
-    c = config or TransferConfig()
+    c = TransferConfig() if config is None else instance("config", config, TransferConfig)
     away = Morphology.coerce(target)
     home = getattr(controller, "morphology", None) if native is None else Morphology.coerce(native)
     if not isinstance(home, Morphology):
         raise InvalidArgumentError(
-            "native, the body that the controller was made for, must be given: "
-            "the controller has no morphology"
+            "native must be given: the controller has no morphology; got None"
         )
     engines = [check_engine(name) for name in (c.native_engine, c.target_engine)]
     poses = random_poses(c.poses, c.seed)
@@ -203,33 +189,29 @@ def score(
     angle_error: ArrayLike = (0.0, 0.0, 0.0),
     believed_gain: ArrayLike = (1.0, 1.0, 1.0),
 ) -> Scored:
-    """Swim a controller on one body, from the zero pose and from each of ``poses`` (Q, 3).
+    """Return a controller's swims on one body from the zero pose and from ``poses`` (Q, 3).
 
-    Evolved networks swim side by side in the compiled engine; any other controller, any in
-    PyBullet, and any in a ``world`` with a lag, one pose after the other. ``angle_error`` and
+    The compiled engine swims all poses of a :class:`Controller` as one batch; other controllers,
+    PyBullet and a ``world`` with a lag take one pose after the other. ``angle_error`` and
     ``believed_gain`` are as in :class:`TransferConfig`. Raises as :func:`gait.swim`.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
-    world, gain = world or WorldConfig(), believed_gain
-    off = finite_array("angle_error", angle_error, (3,), unit="rad")
-    at_once = resolve_engine("engine", engine) == "numba" and not world.lag
-    if isinstance(controller, Controller) and at_once:
+    world = WorldConfig() if world is None else instance("world", world, WorldConfig)
+    error, gain = finite_array("angle_error", angle_error, (3,), unit="rad"), believed_gain
+    batch = resolve_engine("engine", engine) == "numba" and not world.lag
+    if isinstance(controller, Controller) and batch:
         distances = swim_all(
             [controller], morphology, angles, seconds, "float64",
-            world=world, believed=angles + off, believed_gain=gain,
+            world=world, believed=angles + error, believed_gain=gain,
         )[0]  # fmt: skip
     else:
         swims = (
-            swim(controller, morphology, pose, engine, seconds, world, pose + off, gain)
+            swim(controller, morphology, pose, engine, seconds, world, pose + error, gain)
             for pose in angles
         )
         distances = np.array([one.distance for one in swims])
     zero = swim(
-        controller, morphology, engine=engine, seconds=seconds, world=world, believed=off,
+        controller, morphology, engine=engine, seconds=seconds, world=world, believed=error,
         believed_gain=gain,
     )  # fmt: skip
     return Scored(zero, distances)
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None

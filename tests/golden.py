@@ -186,10 +186,10 @@ def _number(text: str) -> Any:
 
 RUN = ("run", "--steps", "64", "--rounds", "2", "--seed", "3", "--target-damage", DAMAGE,
        "--target-engine", "numba", "--gap.gyro-noise", "0.01")  # fmt: skip
-CMA = ("evolve", "--search", "cma", "--seed", "1", "--starts", "2", "--screened", "8",
+CMA = ("evolve", "--search", "cma", "--seed", "1", "--restarts", "2", "--random-candidates", "8",
        "--generations", "3", "--poses", "2")  # fmt: skip
-NEAT = ("evolve", "--search", "neat", "--seed", "1", "--starts", "2", "--generations", "2",
-        "--polish", "2", "--population", "10", "--poses", "2")  # fmt: skip
+NEAT = ("evolve", "--search", "neat", "--seed", "1", "--restarts", "2", "--generations", "2",
+        "--cma-generations", "2", "--population", "10", "--poses", "2")  # fmt: skip
 RECOVER = ("recover", "--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6",
            "--angle-sets", "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
            "--search-generations", "3", "--search-starts", "1", "--screened", "10",

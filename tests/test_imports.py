@@ -19,7 +19,7 @@ MODULES = (
     "eea.__main__",
     "gait",
     "gait.__main__",
-    "gait.baselines",
+    "gait.learning",
     "gait.plots",
 )
 

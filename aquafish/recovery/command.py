@@ -152,15 +152,14 @@ class Recover:
             search="cma",
             generations=self.search_generations,
             population=self.search_population,
-            starts=self.search_starts,
-            screened=self.screened,
+            restarts=self.search_starts,
+            random_candidates=self.screened,
             poses=self.gait_poses,
             **common,
         )
         # As the paper has it.
         neat = EvolveConfig(
-            starts=1,
-            polish=0,
+            paper=True,
             generations=self.generations,
             population=self.population,
             poses=self.gait_poses,
@@ -168,7 +167,12 @@ class Recover:
         )
         # Thriftily: on the robot, each swim takes its time.
         direct = replace(
-            best, generations=self.direct_generations, starts=1, screened=24, population=24, poses=1
+            best,
+            generations=self.direct_generations,
+            restarts=1,
+            random_candidates=24,
+            population=24,
+            poses=1,
         )
         fins = replace(best, senses=("imu", "clock", "fins"))
         gaits = {"neat": neat, "best": best, "fins": fins, "direct": direct}

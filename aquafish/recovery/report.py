@@ -109,7 +109,7 @@ def _swims(config: Mapping[str, Any], rows: int) -> int:
     """Return how many swims so many rows of the direct search's history take, the first screens."""
     gait = config["gait_direct"]
     each: int = 1 + gait["poses"]
-    swims: int = each * (gait["screened"] + (rows - 1) * gait["population"])
+    swims: int = each * (gait["random_candidates"] + (rows - 1) * gait["population"])
     return swims
 
 

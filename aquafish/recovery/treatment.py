@@ -213,10 +213,10 @@ def rehearse(jobs: Sequence[Treatment]) -> None:
     job = jobs[0]
     for name in ("out-of-band", "joint-fins"):
         few: dict[str, Any] = {"generations": 1, "population": 10, "poses": 1, "seconds": 0.1}
-        gait = EvolveConfig(starts=1, polish=0, threads=1, **few)
+        gait = EvolveConfig(paper=True, threads=1, **few)
         if name == "joint-fins":
             few["senses"] = ("imu", "clock", "fins")
-            gait = EvolveConfig(search="cma", starts=1, screened=10, threads=1, **few)
+            gait = EvolveConfig(search="cma", restarts=1, random_candidates=10, threads=1, **few)
         small = replace(
             job,
             treatment=name,

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Mapping
 from decimal import Decimal
 from numbers import Real
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 _DEEPEST = 64  # lists and objects within each other, of JSON
 Shape = tuple[int | None, ...]  # None is any length
 _NOTHING: Mapping[str, str] = {}
+T = TypeVar("T")
 
 
 class InvalidArgumentError(ValueError):
@@ -126,6 +127,15 @@ def flag(argument: str, value: object) -> bool:
     if not isinstance(value, bool | np.bool_):
         raise InvalidArgumentError(f"{argument} must be True or False; got {brief(value)}")
     return bool(value)
+
+
+def instance(argument: str, value: object, kind: type[T]) -> T:
+    """Return ``value`` if it is an instance of ``kind``; the error names both."""
+    if not isinstance(value, kind):
+        raise InvalidArgumentError(
+            f"{argument} must be of type {kind.__name__}; got {brief(value)}"
+        )
+    return value
 
 
 def parse_json(argument: str, text: object) -> Any:

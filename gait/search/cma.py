@@ -1,36 +1,45 @@
-"""CMA-ES over the numbers of a class of controllers, by pycma; of many starts the best go on.
+"""CMA-ES (pycma) over the free numbers of a class of controllers, with several starts.
 
-With some 20,000 controllers to spend on a hundred or two of free numbers there is no time to learn
-how these depend on each other: the covariance matrix stays diagonal (Ros and Hansen, A simple
-modification in CMA-ES achieving linear time and space complexity, 2008).
+A run has some 20,000 controllers for one or two hundred numbers, too few to learn a full
+covariance matrix: it stays diagonal (Ros and Hansen, A simple modification in CMA-ES achieving
+linear time and space complexity, 2008).
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gait.controller import Controller
-from gait.search.asking import Ask, Search
-from gait.search.schedules import CMA_LEGS, Table, legs
+from gait.search.ask_tell import (
+    Phases,
+    Proposal,
+    Search,
+    Stages,
+    SuccessiveHalving,
+    halving_stages,
+)
 
-# Random controllers that are looked at, from few poses; of the best of them CMA-ES starts. Starting
-# anywhere it sticks, one time in three, where no step is worth anything.
-SCREEN_POSES = 2
-SIGMA = 0.15  # of the first step
-# A mean swims over the run's fixed swims once in so many generations: they are as many as a
-# generation's own, and in between it moves little.
+# CMA-ES starts from the best of many random controllers, each tried from a few poses. From a random
+# one, it sticks one time in three where no step improves anything.
+CANDIDATE_POSES = 2
+SIGMA = 0.15  # initial step size
+# The controller at the mean swims the run's fixed swims once in this many generations: they take
+# as long as a generation, and the mean moves little in between.
 FINALS_EVERY = 4
+STAGES: Stages = ((6, 50), (3, 100))
 
 Build = Callable[[NDArray[np.float64]], Controller]
 
 
 class Strategy:
-    """One CMA-ES, with a diagonal covariance matrix, that maximises."""
+    """One CMA-ES with a diagonal covariance matrix, as a :class:`~gait.search.ask_tell.Search`.
+
+    The winner of a generation is the controller at the mean of the distribution.
+    """
 
     def __init__(
         self,
@@ -39,83 +48,87 @@ class Strategy:
         population: int,
         rng: np.random.Generator,
     ) -> None:
-        import cma  # slowly, and only where it is needed
+        import cma  # slow to import
 
-        never: dict[str, Any] = dict.fromkeys(("tolx", "tolfun", "tolfunhist", "tolfunrel"), 0.0)
+        unlimited = ("maxiter", "tolstagnation", "tolflatfitness", "tolconditioncov", "tolfacupx")
         options = {
             "popsize": population,
             "CMA_diagonal": True,
-            "seed": np.nan,  # numpy's global generator is not touched
+            "seed": np.nan,  # leaves numpy's global generator alone
             "randn": lambda *shape: rng.standard_normal(shape),
             "verbose": -9,
-            "maxiter": np.inf,
-            "tolstagnation": np.inf,
-            "tolflatfitness": np.inf,
-            "tolconditioncov": np.inf,
-            "tolfacupx": np.inf,
-            "tolupsigma": np.inf,
-            **never,
+            **dict.fromkeys((*unlimited, "tolupsigma"), np.inf),
+            **dict.fromkeys(("tolx", "tolfun", "tolfunhist", "tolfunrel"), 0.0),
         }
         self._strategy = cma.CMAEvolutionStrategy(first, SIGMA, options)
         self._build = build
-        self._asked: list[NDArray[np.float64]] = []
-        self._turns = 0
-        self.final = -np.inf  #: The best that a generation's mean has come to.
+        self._generation = 0
+        self.final = -np.inf
 
-    @property
-    def mean(self) -> NDArray[np.float64]:
-        """Where the next generation is drawn about."""
-        return np.array(self._strategy.mean)
+    def ask(self) -> Proposal:
+        """Return a generation drawn from the distribution, and at times its mean."""
+        self._vectors: list[NDArray[np.float64]] = self._strategy.ask()
+        finalists = []
+        if self._generation % FINALS_EVERY == 0:
+            finalists = [self._build(np.array(self._strategy.mean))]
+        return Proposal([self._build(x) for x in self._vectors], finalists)
 
-    def turn(self, species: int) -> Search:
-        """Ask for one generation, whose winner, if it has one, is the controller at its mean."""
-        self._asked = self._strategy.ask()
-        finalists = [] if self._turns % FINALS_EVERY else [self._build(self.mean)]
-        self._turns += 1
-        answer = yield Ask([self._build(x) for x in self._asked], finalists, species)
-        self._strategy.tell(self._asked, [-value for value in answer.fitness])
-        if finalists:
-            self.final = max(self.final, answer.final)
+    def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:  # noqa: ARG002
+        """Update the distribution."""
+        self._strategy.tell(self._vectors, [-value for value in fitness])
+        if self._generation % FINALS_EVERY == 0:
+            self.final = max(self.final, final)
+        self._generation += 1
 
 
-def race(
-    screened: NDArray[np.float64],
+class RandomCandidates:
+    """One generation of random controllers, whose best are starts of CMA-ES."""
+
+    def __init__(self, vectors: NDArray[np.float64], build: Build, restarts: int) -> None:
+        self._vectors, self._build, self._restarts = vectors, build, restarts
+
+    def ask(self) -> Proposal:
+        """Return all candidates."""
+        controllers = [self._build(x) for x in self._vectors]
+        return Proposal(controllers, None, self._restarts, CANDIDATE_POSES)
+
+    def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:  # noqa: ARG002
+        """Keep the best."""
+        best = np.argsort(fitness, kind="stable")[::-1][: self._restarts]
+        self.best = self._vectors[best]
+
+
+def multistart(
+    candidates: NDArray[np.float64],
     build: Build,
     population: int,
-    starts: int,
+    restarts: int,
     rng: np.random.Generator,
 ) -> Search:
-    """Search among random vectors (S, D) first, then from the best of them.
+    """Return a search from the best of random candidates, by successive halving.
 
     Parameters
     ----------
-    screened
-        Vectors to choose the starts from.
+    candidates
+        (S, D) random vectors.
     build
-        Makes a controller of a vector.
+        Makes a controller of a vector (D,).
     population
-        Controllers a generation.
-    starts
-        How many CMA-ES begin.
+        Controllers in a generation of CMA-ES.
+    restarts
+        Number of CMA-ES searches that start.
     rng
-        Everything random.
+        Source of all random numbers.
     """
-    answer = yield Ask([build(x) for x in screened], None, starts, SCREEN_POSES)
-    best = np.argsort(answer.fitness, kind="stable")[::-1][:starts]
-    going = [
-        Strategy(screened[i], build, population, child)
-        for i, child in zip(best, rng.spawn(starts), strict=True)
-    ]
-    yield from knockout(going, CMA_LEGS)
+    first = RandomCandidates(candidates, build, restarts)
+
+    def search() -> Search:
+        starts = zip(first.best, rng.spawn(restarts), strict=True)
+        return halving([Strategy(x, build, population, child) for x, child in starts], STAGES)
+
+    return Phases(first, 1, search)
 
 
-def knockout(going: list[Strategy], table: Table) -> Search:
-    """Let all go on for a while, the best of them for another, and the best of all for ever."""
-    for many, generations in legs(len(going), sys.maxsize, table)[:-1]:
-        going = sorted(going, key=lambda one: -one.final)[:many]
-        for one in going:
-            for _ in range(generations):
-                yield from one.turn(len(going))
-    last = max(going, key=lambda one: one.final)
-    while True:
-        yield from last.turn(1)
+def halving(strategies: Sequence[Strategy], table: Stages) -> SuccessiveHalving:
+    """Return successive halving of strategies, whose last survivor has no end."""
+    return SuccessiveHalving(strategies, halving_stages(len(strategies), sys.maxsize, table)[:-1])

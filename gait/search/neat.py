@@ -1,7 +1,7 @@
-"""NEAT, by neat-python: several starts, of which the best goes on and has its weights polished.
+"""NEAT (neat-python) with several starts, whose best networks CMA-ES then tunes.
 
-neat-python 2.0 draws from Python's global ``random``. Here that generator is set before each of its
-steps and put back after, so that a run follows from its seed.
+neat-python 2.0 draws from Python's global ``random``. That generator is set before each of its
+steps and restored afterwards, so that a run follows from its seed.
 """
 
 from __future__ import annotations
@@ -19,34 +19,34 @@ from aquafish_gym.morphology import Morphology
 from gait.controller import INTERVAL, Controller
 from gait.network import OUTPUTS, Senses
 from gait.search import cma
-from gait.search.asking import Ask, Search
-from gait.search.schedules import POLISHING_LEGS
+from gait.search.ask_tell import Phases, Proposal, Search, Stages, SuccessiveHalving
 from gait.search.templates import Template
 
-USUAL = len(Senses().names)  # inputs
+DEFAULT_INPUTS = len(Senses().names)
+STAGES: Stages = ((6, 50), (2, 60))  # of CMA-ES on the networks that the starts have found
 
 Build = Callable[[Any], Controller]
 
 
 class Evolution:
-    """One NEAT run: :meth:`ask` for ``size`` genomes, :meth:`tell` their fitness, and again."""
+    """One run of neat-python: :meth:`ask` returns ``size`` genomes, :meth:`tell` takes fitness."""
 
     def __init__(
         self,
         size: int,
         seed: int,
-        inputs: int = USUAL,
+        inputs: int = DEFAULT_INPUTS,
         recurrent: bool = False,
-        lively: bool = False,
+        growing: bool = False,
     ) -> None:
-        self._config = load_config(size, inputs, recurrent, lively)
+        self._config = load_config(size, inputs, recurrent, growing)
         self._random = random.Random(seed).getstate()
         with self._global_random():
             self._run = neat.Population(self._config)
 
     @property
     def species(self) -> int:
-        """How many species the present generation falls into."""
+        """Number of species in the present generation."""
         return len(self._run.species.species)
 
     def ask(self) -> list[Any]:
@@ -54,7 +54,7 @@ class Evolution:
         return list(self._run.population.values())
 
     def tell(self, fitness: Sequence[float]) -> None:
-        """Say how good the genomes of the last :meth:`ask` are, and breed the next generation."""
+        """Receive the fitness of the last genomes, and breed the next generation."""
 
         def assign(genomes: list[tuple[int, Any]], _config: Any) -> None:
             for (_, genome), value in zip(genomes, fitness, strict=True):
@@ -74,24 +74,27 @@ class Evolution:
             random.setstate(others)
 
 
-class _Start:
-    """An evolution, and its best network."""
+class Start:
+    """One NEAT run as a :class:`~gait.search.ask_tell.Search`; it keeps its best network."""
 
     def __init__(self, evolution: Evolution, build: Build) -> None:
-        self.evolution, self.build = evolution, build
+        self._evolution, self._build = evolution, build
         self.best: Controller | None = None
         self.final = -np.inf
 
-    def turn(self) -> Search:
-        """Ask for one generation."""
-        networks = [self.build(genome) for genome in self.evolution.ask()]
-        answer = yield Ask(networks, None, self.evolution.species)
-        self.evolution.tell(answer.fitness)
-        if answer.final > self.final:
-            self.best, self.final = answer.winner, answer.final
+    def ask(self) -> Proposal:
+        """Return the networks of a generation."""
+        networks = [self._build(genome) for genome in self._evolution.ask()]
+        return Proposal(networks, species=self._evolution.species)
 
-    def polisher(self, population: int, rng: np.random.Generator) -> cma.Strategy:
-        """Return a search about the best network."""
+    def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:
+        """Breed the next generation."""
+        self._evolution.tell(fitness)
+        if final > self.final:
+            self.best, self.final = winner, final
+
+    def tuner(self, population: int, rng: np.random.Generator) -> cma.Strategy:
+        """Return CMA-ES over the weights, the biases and the clock of the best network."""
         best = self.best
         assert best is not None
         template = Template.like(best)
@@ -103,42 +106,37 @@ class _Start:
         )
 
 
-def race(
+def multistart(
     evolutions: Sequence[Evolution],
     build: Build,
     generations: int,
-    polishing: tuple[int, np.random.Generator] | None,
+    tuning: tuple[int, np.random.Generator] | None,
 ) -> Search:
-    """Evolve each for some generations, and polish what they come to; the best goes on.
+    """Return a search by several NEAT runs, each for some generations; then the best goes on.
 
     Parameters
     ----------
     evolutions
-        The starts. One alone is NEAT as it is.
+        The runs. A single one is plain NEAT.
     build
         Makes a controller of a genome.
     generations
-        Of each.
-    polishing
-        How many controllers a generation CMA-ES then has, on the weights, the biases and the clock
-        of each one's best network, and its random numbers; None to evolve the best for ever.
+        Generations of each run.
+    tuning
+        Population and random numbers of CMA-ES, which then tunes the best network of each run by
+        successive halving; None to continue the best NEAT run.
     """
-    starts = [_Start(evolution, build) for evolution in evolutions]
-    for start in starts:
-        for _ in range(generations):
-            yield from start.turn()
-    if polishing is None:
-        best = max(starts, key=lambda one: one.final)
-        while True:
-            yield from best.turn()
-    population, rng = polishing
-    yield from cma.knockout(
-        [
-            start.polisher(population, child)
-            for start, child in zip(starts, rng.spawn(len(starts)), strict=True)
-        ],
-        POLISHING_LEGS,
-    )
+    starts = [Start(evolution, build) for evolution in evolutions]
+    search = SuccessiveHalving(starts, [(len(starts), generations)])
+    if tuning is None:
+        return search
+    population, rng = tuning
+
+    def tune() -> Search:
+        children = zip(starts, rng.spawn(len(starts)), strict=True)
+        return cma.halving([start.tuner(population, child) for start, child in children], STAGES)
+
+    return Phases(search, len(starts) * generations, tune)
 
 
 def genome_to_controller(
@@ -150,15 +148,15 @@ def genome_to_controller(
     recurrent: bool = False,
     interval: int = INTERVAL,
 ) -> Controller:
-    """Return a neat-python genome's network, without hidden nodes that no output hears."""
+    """Return a neat-python genome as a controller, without hidden nodes that reach no output."""
     senses = senses or Senses()
     inputs, outputs = [-i - 1 for i in range(len(senses.names))], list(range(len(OUTPUTS)))
     enabled = [key for key, c in genome.connections.items() if c.enabled]
-    told = {sink for _, sink in enabled}
+    connected = {sink for _, sink in enabled}
     if recurrent:
-        # A node that hears nothing says 0 in neat-python's recurrent networks, not its bias.
+        # In neat-python's recurrent networks a node without inputs is 0, not its bias.
         needed = neat.graphs.required_for_output(inputs, outputs, enabled)
-        hidden = sorted((needed & told) - set(outputs))
+        hidden = sorted((needed & connected) - set(outputs))
     else:
         layers, _ = neat.graphs.feed_forward_layers(inputs, outputs, enabled)
         hidden = [key for layer in layers for key in sorted(layer) if key not in outputs]
@@ -173,7 +171,7 @@ def genome_to_controller(
     return Controller(
         weights=weights,
         bias=np.array(
-            [genome.nodes[key].bias if key in told or not recurrent else 0.0 for key in order]
+            [genome.nodes[key].bias if key in connected or not recurrent else 0.0 for key in order]
         ),
         response=np.array([genome.nodes[key].response for key in order]),
         clock=clock,
@@ -186,13 +184,13 @@ def genome_to_controller(
 
 
 def load_config(
-    size: int, inputs: int = USUAL, recurrent: bool = False, lively: bool = False
+    size: int, inputs: int = DEFAULT_INPUTS, recurrent: bool = False, growing: bool = False
 ) -> Any:
-    """Return neat-python's configuration for so many genomes of so many inputs.
+    """Return neat-python's configuration for ``size`` genomes.
 
-    Lively ones add a node, and a connection, in every other child, and are one species although
-    they differ in more. On some bodies the good gaits need hidden nodes, and are not found without;
-    on others they do not, and are found sooner without.
+    ``growing`` ones add a node, and a connection, in every other child, and tolerate larger
+    differences within a species. On some bodies good gaits need hidden nodes; on others they are
+    found sooner without.
     """
     with as_file(files("gait.search") / "neat.ini") as path:
         config = neat.Config(
@@ -206,7 +204,7 @@ def load_config(
     genome = config.genome_config
     genome.num_inputs, genome.input_keys = inputs, [-i - 1 for i in range(inputs)]
     genome.feed_forward = not recurrent
-    if lively:
+    if growing:
         genome.node_add_prob = genome.conn_add_prob = 0.5
         config.species_set_config.compatibility_threshold *= 2.0
     return config

@@ -42,7 +42,7 @@ NO_LEARNING = (
 
 def populations(settings: Settings, cleanup: ExitStack) -> Group:
     """Return a population as NEAT begins with, as chance breeds it, and as evolution does."""
-    usual = EvolveConfig().plan
+    usual = EvolveConfig(search="neat").plan
     count = max(LEAST_POPULATION, min(usual.population, settings.robots))
     generations = 2 if settings.quick else GENERATIONS
     seconds = 0.1 if settings.quick else SECONDS

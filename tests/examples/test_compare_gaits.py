@@ -11,7 +11,7 @@ from gait import EvolveConfig
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 QUICK = EvolveConfig(
-    search="cma", generations=1, population=10, screened=12, seconds=2.0, threads=1
+    search="cma", generations=1, population=10, random_candidates=12, seconds=2.0, threads=1
 )
 
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
 from gait.controller import Controller
+from gait.history import Generation
 from gait.network import Senses
-from gait.records import Generation
 from gait.search.neat import genome_to_controller, load_config
 
 INPUT_COUNT = len(Senses().names)

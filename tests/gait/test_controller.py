@@ -30,7 +30,7 @@ def test_json_gives_back_the_same_controller(seed: int, mutations: int) -> None:
 
 
 @given(st.integers(0, 1000), st.integers(0, 40), st.integers(0, 5))
-def test_padding_changes_no_answer(seed: int, mutations: int, padding: int) -> None:
+def test_padding_changes_no_output(seed: int, mutations: int, padding: int) -> None:
     controller = make_controller(seed, mutations)
     inputs = np.random.default_rng(seed).uniform(-1, 1, INPUT_COUNT).tolist()
     outputs = []
@@ -43,7 +43,7 @@ def test_padding_changes_no_answer(seed: int, mutations: int, padding: int) -> N
     assert outputs[0] == outputs[1]
 
 
-def test_a_policy_answers_with_a_legal_action() -> None:
+def test_policy_returns_a_legal_action() -> None:
     policy = make_controller().policy()
     rng = np.random.default_rng(0)
     for t in range(20):
@@ -55,24 +55,24 @@ def test_a_policy_answers_with_a_legal_action() -> None:
 @pytest.mark.parametrize(
     ("observation", "time", "message"),
     [
-        ([0.0] * 8, 0.0, r"observation must be 9 numbers or more in a row; got shape \(8,\)"),
-        (np.zeros((1, 9)), 0.0, "observation must be 9 numbers"),
+        ([0.0] * 8, 0.0, r"observation must be a row of at least 9 numbers; got shape \(8,\)"),
+        (np.zeros((1, 9)), 0.0, "observation must be a row"),
         ([*[0.0] * 8, np.nan], 0.0, "observation must be finite"),
         (["0"] * 9, 0.0, "observation must be numbers"),
         ([0.0] * 9, np.inf, "time must be finite"),
     ],
 )
-def test_a_policy_refuses_what_it_cannot_hear(observation: Any, time: float, message: str) -> None:
+def test_policy_refuses_a_bad_observation(observation: Any, time: float, message: str) -> None:
     with pytest.raises(InvalidArgumentError, match=message):
         make_controller().policy()(observation, time)
 
 
-def test_a_policy_hears_the_first_nine_entries() -> None:
+def test_policy_reads_the_first_nine_entries() -> None:
     policy, senses = make_controller().policy(), np.linspace(-1, 1, 15)
     np.testing.assert_array_equal(policy(senses, 0.3), policy(senses[:9], 0.3))
 
 
-def test_arrays_cannot_be_changed_behind_its_back() -> None:
+def test_arrays_are_read_only() -> None:
     controller = make_controller()
     with pytest.raises(ValueError, match="read-only"):
         controller.weights[0, 0] = 1.0
@@ -93,31 +93,33 @@ def without(name: str) -> dict[str, Any]:
         (without("bias"), "missing or unknown fields: bias"),
         (change(extra=1), "missing or unknown fields: extra"),
         (change(inputs=["roll"]), r"controller\.inputs must be up_x, up_y"),
-        (
-            change(seed="1"),
-            r"controller\.seed must be a whole number of at least 0 and .*; got '1'",
-        ),
         (change(seed=True), r"controller\.seed must be a whole number"),
-        (change(seed=-5), r"controller\.seed must be a whole number of at least 0 and .*; got -5"),
-        (change(seed=10**400), r"controller\.seed must be a whole number"),
         (change(clock=-1.0), r"controller\.clock must lie in \[0, 50\] Hz"),
         (change(clock=None), r"controller\.clock must be (numbers|finite)"),
         (change(bias=[0.0, 1.0]), r"controller\.bias must have 3 to 1000 entries; got 2"),
-        (change(bias=[0.0, 1.0, "x"]), r"controller\.bias must be numbers"),
         (change(bias=[0.0] * 3), r"controller\.response must have shape \(3,\)"),
-        (change(morphology={}), "morphology's JSON"),
-        (change(sample=5), r"controller\.sample must be text or None; got 5"),
+        (change(morphology={}), r"controller\.morphology has missing"),
+        (change(sample=5), r"controller\.sample must be of type str; got 5"),
     ],
 )
-def test_a_broken_file_is_refused_by_name(data: object, message: str) -> None:
+def test_bad_field_is_refused_by_name(data: object, message: str) -> None:
     with pytest.raises(InvalidArgumentError, match=message):
         Controller.from_dict(data)
 
 
-def test_a_node_that_hears_a_later_one_is_refused() -> None:
+def test_dict_may_hold_arrays() -> None:
+    controller = make_controller()
+    arrays = {name: np.array(v) if isinstance(v, list) else v for name, v in change().items()}
+    assert Controller.from_dict(arrays).to_dict() == controller.to_dict()
+    for name in ("inputs", "layers", "morphology", "senses", "bias"):
+        with pytest.raises(InvalidArgumentError, match=f"controller.{name}"):
+            Controller.from_dict(change(**{name: np.zeros((2, 2))}))
+
+
+def test_feed_forward_order_is_checked() -> None:
     weights = np.zeros((3, INPUT_COUNT + 3))
     weights[1, INPUT_COUNT + 1] = 0.5
-    with pytest.raises(InvalidArgumentError, match="hear itself or a later node"):
+    with pytest.raises(InvalidArgumentError, match="zero from a node to itself"):
         Controller(weights, np.zeros(3), np.ones(3), 1.0, Morphology.nominal(), 0)
 
 
@@ -128,36 +130,17 @@ def test_nan_is_refused() -> None:
         replace(controller, bias=bias)
 
 
-def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
+def test_file_round_trip(tmp_path: Path) -> None:
     controller, path = make_controller(), tmp_path / "controller.json"
     controller.save(path)
     assert Controller.load(path).to_dict() == controller.to_dict()
 
 
-def test_the_sample_it_was_evolved_on_is_kept(tmp_path: Path) -> None:
+def test_sample_is_kept(tmp_path: Path) -> None:
     controller, path = replace(make_controller(), sample="3 bodies, abc"), tmp_path / "c.json"
     assert "sample" not in make_controller().to_dict()
     controller.save(path)
     assert Controller.load(path).sample == "3 bodies, abc"
-
-
-def test_every_flipped_bit_in_a_file_is_found(tmp_path: Path) -> None:
-    path = tmp_path / "controller.json"
-    make_controller().save(path)
-    sound = path.read_bytes()
-    meaning = json.loads(sound)
-    rng = np.random.default_rng(0)
-    for at, bit in zip(rng.integers(len(sound), size=300), rng.integers(8, size=300), strict=True):
-        damaged = bytearray(sound)
-        damaged[at] ^= 1 << bit
-        path.write_bytes(damaged)
-        try:
-            same = json.loads(damaged) == meaning  # a space that became another
-        except ValueError:
-            same = False
-        if not same:
-            with pytest.raises(InvalidArgumentError, match=r"controller: .*controller\.json"):
-                Controller.load(path)
 
 
 def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
@@ -178,8 +161,3 @@ def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
         Controller.load(path)
     with pytest.raises(InvalidArgumentError, match=r"controller must be a file .*none\.json"):
         Controller.load(tmp_path / "none.json")
-
-
-def test_it_is_spelled_in_a_line() -> None:
-    assert repr(make_controller()).startswith("Controller(")
-    assert len(repr(make_controller(5, 40))) < 80

@@ -1,9 +1,9 @@
-"""A run of evolution: its files, its interruptions, its refusals."""
+"""Evolution of a gait: its swims, its files, its resumption, and what it refuses."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,288 +11,260 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.folder import SETTINGS
+from aquafish_gym.bodies import median_body, read_bodies, sample_stamp
+from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controller import Controller
-from gait.evolve import EvolveConfig, evolve_gait
-from gait.fitness import DIVERGED_SPEED
-from gait.records import (
-    CHECKPOINT_FILE,
-    CHECKPOINT_SCHEMA,
-    CONTROLLER_FILE,
-    FILES,
-    HISTORY_FILE,
-    Generation,
-)
-from gait.rollout import SECONDS, random_poses, stream
+from gait.evolve import EvolveConfig, Generation, damaged_at_random, evolve_gait
+from gait.files import BODIES_FILE, CONTROLLER_FILE
+from gait.fitness import DIVERGED_SPEED, distances
+from gait.history import CHECKPOINT_FILE, CHECKPOINT_SCHEMA, HISTORY_FILE
+from gait.rollout import SECONDS, ZERO_POSE, random_poses, stream
 from gait_fakes import WeightScorer, contents, read_history
 
-PLAIN: dict[str, Any] = {"starts": 1, "polish": 0}  # NEAT alone, so that rows are generations
-CONFIG = EvolveConfig(seed=1000, generations=6, population=20, poses=2, **PLAIN)
+CONFIG = EvolveConfig(paper=True, seed=1000, generations=6, population=20, poses=2)
+CMA = EvolveConfig(
+    seed=7, controller="linear", generations=125, population=10, random_candidates=30, poses=1
+)
+TUNED = EvolveConfig(
+    seed=7, search="neat", restarts=2, generations=16, cma_generations=6, population=20, poses=1
+)
+BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (20, 9)) * MAXIMA
 
 
-def test_files_say_what_the_result_says(tmp_path: Path) -> None:
+class Recorder(WeightScorer):
+    """Keeps the swims that it was asked for and their distances."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.bodies: list[NDArray[np.float64]] = []
+        self.poses: list[NDArray[np.float64]] = []
+        self.distances: list[NDArray[np.float64]] = []
+
+    def __call__(
+        self,
+        controllers: Sequence[Controller],
+        bodies: NDArray[np.float64],
+        fin_angles: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        self.bodies.append(bodies)
+        self.poses.append(fin_angles)
+        self.distances.append(super().__call__(controllers, bodies, fin_angles))
+        return self.distances[-1]
+
+
+def test_files_hold_the_result(tmp_path: Path) -> None:
     seen: list[Generation] = []
     result = evolve_gait(
         None, CONFIG, out=tmp_path, scorer=WeightScorer(), on_generation=seen.append
     )
-    assert set(contents(tmp_path)) == {*FILES, SETTINGS}
     assert read_history(tmp_path / HISTORY_FILE) == result.history == tuple(seen)
     assert Controller.load(tmp_path / CONTROLLER_FILE).to_dict() == result.controller.to_dict()
-    assert result.controller.morphology == Morphology.nominal()
-    assert result.controller.seed == 1000
-    assert [row.generation for row in seen] == list(range(6))
     assert result.fitness == max(row.final for row in seen)
+    assert len(repr(result)) < 130
 
 
-def test_poses_are_other_ones_every_generation_and_the_finals_are_always_the_same() -> None:
-    class Noting(WeightScorer):
-        seen: list[NDArray[np.float64]] = []  # noqa: RUF012
+@pytest.mark.parametrize(
+    ("bodies", "config"),
+    [(None, CMA), (None, TUNED), (BODIES, replace(CONFIG, aggregate="quantile"))],
+    ids=["cma", "neat", "sample"],
+)
+def test_interrupted_run_ends_in_the_same_files(
+    bodies: Any, config: EvolveConfig, tmp_path: Path
+) -> None:
+    straight = evolve_gait(bodies, config, out=tmp_path / "straight", scorer=WeightScorer())
+    assert len(straight.history) == config.plan.rows
+    for stop in (2, config.plan.rows // 2, config.plan.rows - 2):  # in scorings
+        out = tmp_path / str(stop)
+        with pytest.raises(KeyboardInterrupt):
+            evolve_gait(bodies, config, out=out, scorer=WeightScorer(stop + 1))
+        done = read_history(out / HISTORY_FILE)
+        Controller.load(out / CONTROLLER_FILE)
 
-        def __call__(
-            self,
-            controllers: Sequence[Controller],
-            bodies: NDArray[np.float64],
-            fin_angles: NDArray[np.float64],
-        ) -> NDArray[np.float64]:
-            self.seen.append(fin_angles)
-            return super().__call__(controllers, bodies, fin_angles)
+        def interrupt(row: Generation, last: int = len(done) - 1) -> None:
+            if row.generation == last:
+                raise KeyboardInterrupt
 
-    evolve_gait(None, CONFIG, scorer=Noting())
-    trials, finals = Noting.seen[:-1:2], Noting.seen[1::2]
-    assert Noting.seen[-1].tobytes() == finals[0].tobytes()  # the result's distances
-    assert all((poses[0] == 0.0).all() for poses in Noting.seen)
-    assert {len(poses) for poses in trials} == {3}
-    assert len({poses.tobytes() for poses in trials}) == len(trials) == 6
-    assert len({poses.tobytes() for poses in finals}) == 1
-
-
-def test_without_random_poses_the_finals_change_nothing() -> None:
-    config = EvolveConfig(seed=1000, generations=4, population=20, poses=0, **PLAIN)
-    for row in evolve_gait(None, config, scorer=WeightScorer()).history:
-        assert row.final == row.distance == row.best
-
-
-def test_same_seed_same_files_and_another_seed_another_run(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        evolve_gait(None, CONFIG, out=tmp_path / name, scorer=WeightScorer())
-    assert contents(tmp_path / "a") == contents(tmp_path / "b")
-    other = evolve_gait(
-        None, EvolveConfig(seed=1001, generations=6, population=20, **PLAIN), scorer=WeightScorer()
-    )
-    assert other.history != read_history(tmp_path / "a" / HISTORY_FILE)
+        with pytest.raises(KeyboardInterrupt):  # once more, while it is being restored
+            evolve_gait(bodies, config, out=out, scorer=WeightScorer(), on_generation=interrupt)
+        assert read_history(out / HISTORY_FILE) == done
+        resumed = evolve_gait(bodies, config, out=out, scorer=WeightScorer())
+        assert contents(out) == contents(tmp_path / "straight")
+        np.testing.assert_array_equal(resumed.distances, straight.distances)
 
 
-@pytest.mark.parametrize("at", [2, 4, 6])
-def test_an_interrupted_run_ends_in_the_same_files(tmp_path: Path, at: int) -> None:
-    evolve_gait(None, CONFIG, out=tmp_path / "straight", scorer=WeightScorer())
-    with pytest.raises(KeyboardInterrupt):
-        evolve_gait(None, CONFIG, out=tmp_path / "stopped", scorer=WeightScorer(2 * at - 1))
-    # What is there reads well, and holds every generation that was finished.
-    assert len(read_history(tmp_path / "stopped" / HISTORY_FILE)) == at - 1
-    Controller.load(tmp_path / "stopped" / CONTROLLER_FILE)
-    seen: list[Generation] = []
-    scorer = WeightScorer()
-    evolve_gait(None, CONFIG, out=tmp_path / "stopped", scorer=scorer, on_generation=seen.append)
-    assert scorer.calls == 2 * (6 - (at - 1)) + 1
-    assert len(seen) == 6
-    assert contents(tmp_path / "stopped") == contents(tmp_path / "straight")
+@pytest.mark.parametrize(
+    ("config", "last"), [(CMA, "generations"), (TUNED, "cma_generations"), (CONFIG, "generations")]
+)
+def test_last_stage_may_be_prolonged(config: EvolveConfig, last: str, tmp_path: Path) -> None:
+    longer = replace(config, **{last: getattr(config, last) + 5})  # type: ignore[arg-type]
+    evolve_gait(None, config, out=tmp_path, scorer=WeightScorer())
+    grown = evolve_gait(None, longer, out=tmp_path, scorer=WeightScorer())
+    assert grown.history == evolve_gait(None, longer, scorer=WeightScorer()).history
+    with pytest.raises(InvalidArgumentError, match=f"{last} must be at least the"):
+        evolve_gait(None, config, out=tmp_path, scorer=WeightScorer())
 
 
-def test_a_run_may_be_prolonged(tmp_path: Path) -> None:
-    short = EvolveConfig(seed=1000, generations=3, population=20, poses=2, threads=1, **PLAIN)
-    evolve_gait(None, short, out=tmp_path / "grown", scorer=WeightScorer())
-    grown = evolve_gait(None, CONFIG, out=tmp_path / "grown", scorer=WeightScorer())
-    assert grown.history == evolve_gait(None, CONFIG, scorer=WeightScorer()).history
+def test_random_swims_change_and_final_swims_do_not() -> None:
+    several, one = Recorder(), Recorder()
+    evolve_gait(BODIES, CONFIG, scorer=several)
+    evolve_gait(None, CONFIG, scorer=one)
+    trials, finals = several.bodies[:-1:2], several.bodies[1:-1:2]
+    assert len({bodies.tobytes() for bodies in trials}) == 6
+    assert len({bodies.tobytes() for bodies in finals}) == 1
+    assert len({poses.tobytes() for poses in several.poses[1:-1:2]}) == 1
+    # 33 swims at least, and each of the 20 bodies equally often.
+    _, times = np.unique(finals[0], axis=0, return_counts=True)
+    assert times.tolist() == [2] * 20
+    assert len(several.bodies[-1]) == 20 * 33
+    for ours, theirs in zip(several.poses[:-1:2], one.poses[:-1:2], strict=True):
+        np.testing.assert_array_equal(ours, theirs)
 
 
-def test_files_behind_the_checkpoint_are_brought_up_to_date(tmp_path: Path) -> None:
-    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
-    before = contents(tmp_path)
-    (tmp_path / HISTORY_FILE).write_text("torn")
-    (tmp_path / CONTROLLER_FILE).unlink()
-    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
-    assert contents(tmp_path) == before
+def test_copies_of_one_body_are_that_body() -> None:
+    body = Morphology.coerce({"left_pectoral": (0.4, 0.8, 0.1)})
+    config = EvolveConfig(paper=True, seed=3, generations=3, population=12, poses=4, seconds=1.0)
+    one, three = evolve_gait(body, config), evolve_gait([body] * 3, config)
+    assert one.history == three.history
+    stamp = sample_stamp(np.tile(body.to_array(), (3, 1)))
+    assert three.controller.to_dict() == {**one.controller.to_dict(), "sample": stamp}
+    assert one.distances == pytest.approx([one.fitness], abs=1e-12)
 
 
-def test_a_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
+def test_result_has_the_distance_on_each_body(tmp_path: Path) -> None:
+    config = EvolveConfig(paper=True, seed=3, generations=2, population=12, poses=2, seconds=1.0)
+    evolved = evolve_gait(BODIES[:4], config, out=tmp_path)
+    poses = np.vstack([ZERO_POSE, random_poses(32, stream(3, 1))])
+    again = distances([evolved.controller], BODIES[:4], poses, seconds=1.0)
+    np.testing.assert_array_equal(evolved.distances, again[0])
+    kept = np.array([body.to_array() for body in read_bodies(tmp_path / BODIES_FILE)])
+    np.testing.assert_array_equal(kept, BODIES[:4])
+    assert evolved.controller.morphology == median_body(BODIES[:4])
+
+
+def test_fitness_is_the_quantile() -> None:
+    scorer = Recorder()
+    config = replace(CONFIG, aggregate="quantile", quantile=0.1)
+    evolved = evolve_gait(BODIES, config, scorer=scorer)
+    trials, finals = scorer.distances[:-1:2], scorer.distances[1:-1:2]
+    for row, trial, final in zip(evolved.history, trials, finals, strict=True):
+        assert row.best == np.quantile(trial, 0.1, axis=1).max()
+        assert row.final == np.quantile(final, 0.1, axis=1).max()
+
+
+def test_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
     class Diverging(WeightScorer):
-        def __call__(
-            self,
-            controllers: Sequence[Controller],
-            bodies: NDArray[np.float64],
-            fin_angles: NDArray[np.float64],
-        ) -> NDArray[np.float64]:
-            distances = super().__call__(controllers, bodies, fin_angles)
-            distances[::3, 0] = np.nan
-            distances[1::3, 0] = np.inf
-            return distances
+        def __call__(self, *swims: Any) -> NDArray[np.float64]:
+            found = super().__call__(*swims)
+            found[::3, 0], found[1::3, 0] = np.nan, np.inf
+            return found
 
-    result = evolve_gait(
-        None, EvolveConfig(generations=3, population=20, **PLAIN), scorer=Diverging()
-    )
+    config = EvolveConfig(paper=True, generations=3, population=20)
+    result = evolve_gait(None, config, scorer=Diverging())
     assert np.isfinite([row.mean for row in result.history]).all()
     assert result.fitness > DIVERGED_SPEED * SECONDS / 2
 
 
-def test_another_run_in_the_directory_is_refused(tmp_path: Path) -> None:
-    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+def test_paper_is_plain_neat_and_cma_the_default() -> None:
+    assert EvolveConfig().plan.rows == 1 + 6 * 50 + 3 * 100 + 600
+    assert EvolveConfig(search="neat").plan.rows == 6 * 12 + 6 * 50 + 2 * 60 + 240
+    plain = EvolveConfig(search="neat", restarts=1, cma_generations=0, generations=60)
+    assert EvolveConfig(paper=True).settings == plain.settings
+    assert EvolveConfig(paper=True).plan.rows == 60
+
+
+def test_another_run_in_the_folder_is_refused(tmp_path: Path) -> None:
+    evolve_gait(BODIES, CONFIG, out=tmp_path, scorer=WeightScorer())
     before = contents(tmp_path)
-    half = Morphology.coerce({"left_pectoral": (0.4, 0.8, 0.1)})
-    for body, config, message in (
-        (
-            None,
-            EvolveConfig(seed=1001, generations=6, population=20, poses=2, **PLAIN),
-            "with seed 1000",
-        ),
-        (
-            None,
-            EvolveConfig(seed=1000, generations=6, population=21, poses=2, **PLAIN),
-            "population 20",
-        ),
-        (half, CONFIG, "with morphology.left_pectoral"),
-        (
-            None,
-            EvolveConfig(seed=1000, generations=5, population=20, poses=2, **PLAIN),
-            "at least the 6",
-        ),
+    for bodies, config, message in (
+        (BODIES, replace(CONFIG, seed=1001), "with seed 1000"),
+        (BODIES[::-1], CONFIG, "with sample '20 bodies"),  # the same median
+        (None, CONFIG, r"with morphology\."),
     ):
         with pytest.raises(InvalidArgumentError, match=message):
-            evolve_gait(body, config, out=tmp_path, scorer=WeightScorer())
+            evolve_gait(bodies, config, out=tmp_path, scorer=WeightScorer())
     assert contents(tmp_path) == before
 
 
-def test_a_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
+def test_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
     evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
     path = tmp_path / CHECKPOINT_FILE
-    sound = json.loads(path.read_text())
-    for text, message in (
-        ("{", "is not JSON"),
-        ("[" * 10**6, "nested too deep"),
-        ("[]", "must hold a JSON object"),
-        (json.dumps({**sound, "schema": 9}), "is damaged"),
-        (json.dumps({**sound, "fitness": 99.0}), "is damaged"),
-        (json.dumps({k: v for k, v in sound.items() if k != "checksum"}), "has no checksum"),
-    ):
-        path.write_text(text)
-        with pytest.raises(DamagedFileError, match=f"{message}.*delete it to start again"):
+    sound = read_document(path)
+    for document in ({**sound, "generations": [1]}, {**sound, "settings": {}}, {}):
+        write_document(path, document, CHECKPOINT_SCHEMA)
+        with pytest.raises(DamagedFileError, match="delete it to start again"):
             evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
-
-
-@pytest.mark.parametrize("lost", ["settings", "history", "best", "answers"])
-def test_a_checkpoint_that_lacks_something_is_refused(tmp_path: Path, lost: str) -> None:
-    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
-    path = tmp_path / CHECKPOINT_FILE
-    data = read_document(path)
-    del data[lost]
-    write_document(path, data, CHECKPOINT_SCHEMA)
-    with pytest.raises(InvalidArgumentError, match=r"out: .* lacks something"):
+    path.write_text("{")
+    with pytest.raises(DamagedFileError, match="delete it to start again"):
         evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
 
 
-def test_a_checkpoint_from_elsewhere_is_refused(tmp_path: Path) -> None:
-    for name, seed in (("a", 1), ("b", 2)):
-        config = EvolveConfig(seed=seed, generations=2, population=20, **PLAIN)
-        evolve_gait(None, config, out=tmp_path / name, scorer=WeightScorer())
-    (tmp_path / "a" / CHECKPOINT_FILE).replace(tmp_path / "b" / CHECKPOINT_FILE)
-    with pytest.raises(InvalidArgumentError, match="another run's checkpoint"):
-        evolve_gait(None, config, out=tmp_path / "b", scorer=WeightScorer())
+def test_folder_is_locked_during_a_run(tmp_path: Path) -> None:
+    def meanwhile(_row: Generation) -> None:
+        with pytest.raises(InvalidArgumentError, match="in use by another command"):
+            evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+
+    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer(), on_generation=meanwhile)
 
 
-def test_a_directory_is_held_while_a_run_fills_it(tmp_path: Path) -> None:
-    class Meanwhile(WeightScorer):
-        """Begins the run again while it is running."""
-
-        def __call__(
-            self,
-            controllers: Sequence[Controller],
-            bodies: NDArray[np.float64],
-            fin_angles: NDArray[np.float64],
-        ) -> NDArray[np.float64]:
-            with pytest.raises(InvalidArgumentError, match="in use by another command"):
-                evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
-            return super().__call__(controllers, bodies, fin_angles)
-
-    evolve_gait(None, CONFIG, out=tmp_path, scorer=Meanwhile())
-    assert set(contents(tmp_path)) == {*FILES, SETTINGS}
+def test_random_damages_are_a_sample_that_grows() -> None:
+    body = Morphology.nominal()
+    few, many = damaged_at_random(body, 3, 5), damaged_at_random(body, 8, 5)
+    assert many[:3] == few
+    assert len({str(one.to_array()) for one in many}) == 8
+    assert damaged_at_random(body, 3, 6) != few
 
 
-def test_what_came_of_it_is_spelled_in_a_line_and_drawn() -> None:
-    from matplotlib.figure import Figure
-
-    evolved = evolve_gait(None, CONFIG, scorer=WeightScorer())
-    assert repr(evolved).startswith(f"Evolved(fitness {evolved.fitness:.2f} after 6 generations")
-    assert len(repr(evolved)) < 130
-    axes = Figure().add_subplot()
-    assert evolved.plot(axes) is axes
-    assert len(axes.lines) == 3
-
-
-def test_random_streams_are_no_other_packages() -> None:
-    """One seed often serves the estimation, which spawns its streams of it, and the gait."""
-    found = [
-        np.random.default_rng(source).random(100).tobytes()
-        for seed in (0, 1)
-        for source in (
-            *(stream(seed, k) for k in range(4)),
-            stream(seed),
-            np.random.SeedSequence(seed),
-            *np.random.SeedSequence(seed).spawn(4),
-        )
-    ]
-    assert len(set(found)) == len(found)
-    assert random_poses(2, 5).tobytes() == random_poses(2, stream(5)).tobytes()
-
-
-def test_a_body_is_whatever_makes_one() -> None:
-    config = EvolveConfig(seed=1000, generations=1, population=10, poses=0, **PLAIN)
-    whole = Morphology.coerce({"caudal": (0.0, 0.0, 0.0)})
-    for body in (whole, {"caudal": (0, 0, 0)}, whole.to_array()):
-        evolved = evolve_gait(body, config, scorer=WeightScorer())
-        assert evolved.controller.morphology == whole
-    with pytest.raises(InvalidArgumentError, match="morphologies must have shape"):
-        evolve_gait(np.zeros(8), config)
-
-
-def test_an_unwritable_directory_is_refused_before_anything_swims(tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("")
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"config": 5}, "config must be of type EvolveConfig; got 5"),
+        ({"config": 0}, "config must be of type EvolveConfig; got 0"),
+        ({"world": 5}, "world must be of type WorldConfig; got 5"),
+        ({"morphologies": np.zeros(8)}, "morphologies must have shape"),
+        ({"morphologies": np.zeros((0, 9))}, "must be 1 to 1000 bodies; got 0"),
+        (
+            {"morphologies": BODIES, "config": replace(CONFIG, poses=0)},
+            "poses must be at least 1 for a sample of 20",
+        ),
+    ],
+)
+def test_bad_argument_is_refused_before_anything_swims(
+    arguments: dict[str, Any], message: str
+) -> None:
     scorer = WeightScorer()
-    with pytest.raises(InvalidArgumentError, match="out must be a directory"):
-        evolve_gait(None, CONFIG, out=tmp_path / "file", scorer=scorer)
+    with pytest.raises(InvalidArgumentError, match=message):
+        evolve_gait(**{"config": CONFIG, **arguments}, scorer=scorer)
     assert scorer.calls == 0
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
+    "setting",
     [
-        ("seed", -1),
-        ("generations", 0),
-        ("population", 9),
-        ("poses", -1),
-        ("clock", float("nan")),
-        ("clock", 51.0),
-        ("seconds", 0.0),
-        ("threads", 0),
-        ("threads", 10**8),
-        ("generations", 10**8),
-        ("population", 10**12),
-        ("poses", 10**400),
-        ("seed", 10**400),
-        ("seed", np.arange(3)),
-        ("seed", 1.5),
-        ("starts", 0),
-        ("polish", -1),
-        ("harmonics", 0),
-        ("hidden", 0),
-        ("search", "random"),
-        ("senses", ()),
-        ("senses", "imu"),
-        ("senses", ("imu", "sonar")),
-        ("controller", "mlp"),
+        {"seed": -1},
+        {"generations": 0},
+        {"population": 9},
+        {"poses": -1},
+        {"poses": 0, "aggregate": "quantile"},
+        {"clock": float("nan")},
+        {"seconds": 0.0},
+        {"threads": 0},
+        {"restarts": 0},
+        {"search": "random"},
+        {"senses": "imu"},
+        {"senses": np.array(["imu", "clock"])},
+        {"senses": ("imu", "sonar")},
+        {"controller": "mlp", "search": "neat"},
+        {"senses": ("imu",), "controller": "fourier"},
+        {"random_candidates": 3},
+        {"cma_generations": 3},
+        {"random_candidates": 10, "search": "neat"},
+        {"quantile": 0.1},
+        {"seconds": 5.0, "task": "station"},
     ],
+    ids=str,
 )
-def test_a_bad_setting_is_refused_by_name(name: str, value: Any) -> None:
-    with pytest.raises(InvalidArgumentError, match=f"^{name} must"):
-        EvolveConfig(**{name: value})
+def test_bad_setting_is_refused_by_name(setting: dict[str, Any]) -> None:
+    with pytest.raises(InvalidArgumentError, match=f"^{next(iter(setting))} (must|has an effect)"):
+        EvolveConfig(**setting)

@@ -86,7 +86,7 @@ def test_a_policy_steers_the_gymnasium_environment_too() -> None:
 
 
 def test_a_short_evolution_finds_something_that_swims() -> None:
-    config = EvolveConfig(seed=1000, generations=8, population=40, poses=0, starts=1, polish=0)
+    config = EvolveConfig(seed=1000, generations=8, population=40, poses=0, paper=True)
     evolved = evolve_gait(None, config)
     far = swim(evolved.controller, Morphology.nominal(), engine="numba").distance
     assert far > 3.0

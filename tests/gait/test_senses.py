@@ -10,7 +10,7 @@ import pytest
 
 from aquafish_gym import Morphology, simulate
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.config import CLASSES, EvolveConfig
+from gait.config import CLASSES
 from gait.controller import Controller
 from gait.network import Senses
 from gait.rollout import random_poses, swim, swim_all
@@ -124,10 +124,10 @@ def test_a_bad_belief_is_refused(wrong: dict[str, Any], says: str) -> None:
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"layers": [5]}, r"controller\.layers must come to 8 nodes"),
-        ({"layers": [6, 2]}, r"controller\.layers must come to 8 nodes, 3 or more in the last"),
-        ({"layers": []}, r"controller\.layers must be numbers of nodes"),
-        ({"layers": None}, "zero where a node would hear itself or a later node"),
+        ({"layers": [5]}, r"controller\.layers must sum to 8 nodes"),
+        ({"layers": [6, 2]}, r"controller\.layers must sum to 8 nodes, 3 or more in the last"),
+        ({"layers": []}, r"controller\.layers must be a list of node counts"),
+        ({"layers": None}, "zero from a node to itself"),
         ({"output": "sign"}, r"controller\.output must be"),
         ({"interval": 0}, r"controller\.interval must be"),
         ({"senses": {"imu": True}}, r"controller\.senses has missing or unknown fields"),
@@ -137,15 +137,3 @@ def test_a_bad_belief_is_refused(wrong: dict[str, Any], says: str) -> None:
 def test_a_broken_network_is_refused(changes: dict[str, Any], says: str) -> None:
     with pytest.raises(InvalidArgumentError, match=says):
         make("recurrent", 0, **changes)
-
-
-def test_plans_say_what_is_left_to_the_search() -> None:
-    assert EvolveConfig().plan.rows == 6 * 12 + 6 * 50 + 2 * 60 + 240
-    assert EvolveConfig(search="cma").plan.rows == 1 + 6 * 50 + 3 * 100 + 600
-    assert EvolveConfig(search="cma", starts=1, generations=7).plan.rows == 8
-    fourier = EvolveConfig(search="cma", controller="fourier", senses=("clock",)).plan
-    assert fourier.senses == Senses(imu=False, clock=3)
-    with pytest.raises(InvalidArgumentError, match="senses must be clock alone"):
-        EvolveConfig(search="cma", controller="fourier")
-    with pytest.raises(InvalidArgumentError, match="polish has a say only"):
-        EvolveConfig(search="cma", polish=3)

@@ -73,8 +73,8 @@ def test_what_is_left_to_chance_follows_from_the_seed_and_is_shared() -> None:
 
 def test_a_task_is_evolved_and_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
     config = EvolveConfig(
-        search="cma", controller="linear", task="station", interval=500, starts=1, screened=2,
-        generations=3, population=10, poses=1,
+        search="cma", controller="linear", task="station", interval=500, restarts=1,
+        random_candidates=2, generations=3, population=10, poses=1,
     )  # fmt: skip
     found = evolve_gait(None, config, out=tmp_path / "whole")
     assert found.controller.senses.goal
@@ -96,7 +96,7 @@ def test_a_task_is_evolved_and_goes_on_to_the_same_bytes(tmp_path: Path) -> None
 def test_bad_tasks_are_refused_by_name() -> None:
     with pytest.raises(UnknownNameError, match="did you mean 'station'"):
         EvolveConfig(task="staton")  # type: ignore[arg-type]
-    with pytest.raises(InvalidArgumentError, match="seconds has a say only"):
+    with pytest.raises(InvalidArgumentError, match="seconds has an effect only"):
         EvolveConfig(task="station", seconds=5.0)
     with pytest.raises(InvalidArgumentError, match="interval must be a multiple of 5"):
         EvolveConfig(task="station", interval=7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from numpy.typing import NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.history import Generation
 from gait.policy import Policy
 from gait.rollout import swim, swim_all
 from gait.transfer import TransferConfig, score, transfer
@@ -20,7 +22,7 @@ from gait_fakes import make_controller
 QUICK = TransferConfig(poses=3, seconds=2.0)
 
 
-def test_on_its_own_body_nothing_is_lost_between_the_engines() -> None:
+def test_engines_agree_on_the_native_body() -> None:
     result = transfer(make_controller(), Morphology.nominal(), QUICK)
     assert result.native.distance == pytest.approx(result.target.distance, abs=1e-9)
     np.testing.assert_allclose(
@@ -28,7 +30,7 @@ def test_on_its_own_body_nothing_is_lost_between_the_engines() -> None:
     )
 
 
-def test_scores_are_the_swims_they_say() -> None:
+def test_distances_are_those_of_single_swims() -> None:
     controller = make_controller()
     half = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
     result = transfer(controller, half, QUICK)
@@ -55,19 +57,6 @@ def test_a_target_is_whatever_makes_a_body() -> None:
         transfer(make_controller(), [1.0], config)
 
 
-def test_poses_follow_from_the_seed_alone() -> None:
-    first, second, other = (
-        transfer(
-            make_controller(),
-            Morphology.nominal(),
-            TransferConfig(poses=2, seed=seed, seconds=0.1, target_engine="numba"),
-        ).poses
-        for seed in (1, 1, 2)
-    )
-    np.testing.assert_array_equal(first, second)
-    assert not np.array_equal(first, other)
-
-
 def constant(*action: float) -> Policy:
     """Return a policy that hears nothing."""
     return lambda _observation, _time: action
@@ -90,7 +79,7 @@ class Wakeful:
         return act
 
 
-def test_a_users_controller_swims_and_is_transferred() -> None:
+def test_custom_controller_is_transferred() -> None:
     config = TransferConfig(poses=2, seconds=1.0, target_engine="numba")
     controller, half = (
         Wakeful(),
@@ -121,32 +110,31 @@ def test_a_network_and_its_policy_alone_swim_alike() -> None:
         (lambda _observation, _time: "left", "action must be numbers"),
     ],
 )
-def test_what_does_not_steer_is_refused(controller: Any, message: str) -> None:
+def test_bad_policy_is_refused(controller: Any, message: str) -> None:
     with pytest.raises(InvalidArgumentError, match=message):
         swim(controller, None, engine="numba", seconds=0.1)
 
 
 def test_a_controller_without_a_body_needs_one() -> None:
-    with pytest.raises(InvalidArgumentError, match=r"native, the body .* must be given"):
+    with pytest.raises(InvalidArgumentError, match="native must be given"):
         transfer(constant(0.0, 0.0, 1.0), None, QUICK)
 
 
-def test_a_transfer_is_spelled_briefly_and_drawn() -> None:
+def test_paths_are_drawn_from_above(tmp_path: Path) -> None:
     from matplotlib.figure import Figure
+
+    from gait.plots import draw_trajectories, plot_history
 
     config = TransferConfig(poses=2, seconds=0.5, target_engine="numba")
     both = transfer(make_controller(), {"caudal": (0, 0, 0)}, config)
-    for one in (both, both.native, both.native.swim):
-        assert len(repr(one)) < 250
-        assert "\n" not in repr(one)
-    assert f"{both.target.distance:.2f}" in repr(both)
-    assert max(map(len, str(both).splitlines())) <= 60
-    assert "<td>2 random poses</td>" in both._repr_html_()
+    assert f"{both.target.distance:.2f}" in str(both)
     axes = Figure().add_subplot()
-    assert both.plot(axes) is axes
-    labels = [text.get_text().split(":")[0] for text in axes.get_legend().get_texts()]
-    assert labels == ["native", "target"]
-    assert both.native.swim.plot(Figure().add_subplot()).lines
+    draw_trajectories({"native": both.native.swim, "target": both.target.swim}, axes)
+    path = both.native.swim.position[:, :2]
+    np.testing.assert_array_equal(axes.lines[0].get_xydata(), path)
+    rows = [Generation(i, 1.0, 0.0, 2, float(i), 0.0, 3, 30) for i in range(3)]
+    plot_history(tmp_path / "history.png", rows)
+    assert (tmp_path / "history.png").stat().st_size > 1000
 
 
 def test_a_robot_that_diverged_is_null_in_json() -> None:
@@ -164,11 +152,6 @@ def test_a_robot_that_diverged_is_null_in_json() -> None:
 
 
 def test_bad_settings_are_refused_by_name() -> None:
-    with pytest.raises(InvalidArgumentError, match="poses must"):
-        TransferConfig(poses=0)
-    with pytest.raises(InvalidArgumentError, match="seed must"):
-        TransferConfig(seed=-1)
-    with pytest.raises(InvalidArgumentError, match="seconds must"):
-        TransferConfig(seconds=0.0)
-    with pytest.raises(UnknownNameError, match=r"target_engine must be .* 'pybullet'"):
-        TransferConfig(target_engine="pybulet")
+    for setting in ({"poses": 0}, {"seed": -1}, {"seconds": 0.0}, {"target_engine": "pybulet"}):
+        with pytest.raises(InvalidArgumentError, match=f"{next(iter(setting))} must"):
+            TransferConfig(**setting)  # type: ignore[arg-type]

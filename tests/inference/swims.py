@@ -71,7 +71,7 @@ def _window(number: int, rng: np.random.Generator) -> dict[str, Any]:
     body = Morphology.from_array(shares * Morphology.nominal().to_array())
     gait = evolve_gait(
         body,
-        EvolveConfig(seed=number, generations=15, population=60, threads=1, starts=1, polish=0),
+        EvolveConfig(seed=number, generations=15, population=60, threads=1, paper=True),
     )
     swim = _swim(gait.controller, body, 2 * SECONDS, rng)
     first = len(swim.time) - round(SECONDS / TIMESTEP) - BEFORE - 1
@@ -115,7 +115,7 @@ def _known(number: int) -> tuple[Controller, JointPosterior]:
 
     belief = estimate_morphology_of(Fish(), seed=number, threads=1).belief
     assert isinstance(belief, JointPosterior)
-    config = EvolveConfig(seed=number, generations=30, population=60, threads=1, starts=1, polish=0)
+    config = EvolveConfig(seed=number, generations=30, population=60, threads=1, paper=True)
     return evolve_gait(body, config).controller, belief
 
 

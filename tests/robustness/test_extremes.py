@@ -479,9 +479,7 @@ def test_a_controller_that_diverges_is_the_worst_of_its_generation(
 
     monkeypatch.setattr(neat.Evolution, "tell", listen)
     sicken(monkeypatch, robot=7)
-    config = evolve.EvolveConfig(
-        generations=2, population=12, poses=0, seconds=2.0, starts=1, polish=0
-    )
+    config = evolve.EvolveConfig(generations=2, population=12, poses=0, seconds=2.0, paper=True)
     result = evolve.evolve_gait(None, config)
     for fitness in told:
         assert int(np.argmin(fitness)) == 7

@@ -25,8 +25,8 @@ SMALL_MODEL = ("--rounds", "1", "--steps", "16", "--estimation.population", "6",
                "--estimation.generations", "2", "--exploration.population", "6",
                "--exploration.generations", "2")  # fmt: skip
 
-SMALL_SEARCH = ("--generations", "1", "--population", "10", "--poses", "0", "--starts", "1",
-                "--polish", "0", "--seconds", "0.2")  # fmt: skip
+SMALL_SEARCH = ("--generations", "1", "--population", "10", "--poses", "0", "--paper",
+                "--seconds", "0.2")  # fmt: skip
 
 
 def check_content() -> None:

@@ -1,0 +1,51 @@
+"""The files of a search or a training run: their names, a history as CSV, and the run's folder."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.bodies import write_bodies
+from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+
+CONTROLLER_FILE = "controller.json"
+BODIES_FILE = "bodies.json"
+
+
+@contextmanager
+def run_folder(
+    out: Path | str | None,
+    kind: str,
+    settings: Mapping[str, Any],
+    outputs: Iterable[str],
+    bodies: NDArray[np.float64],
+) -> Iterator[Path | None]:
+    """Yield the folder ``out``, locked and claimed for a run; None if ``out`` is None.
+
+    A sample of bodies (M, 9) is written to ``bodies.json``. InvalidArgumentError if the folder
+    cannot be written, is in use, or holds another run.
+    """
+    if out is None:
+        yield None
+        return
+    folder = ensure_writable_directory(out)
+    with held(folder):
+        claim(folder, kind, settings, outputs=outputs)
+        if len(bodies) > 1:
+            write_bodies(folder / BODIES_FILE, bodies)
+        yield folder
+
+
+def write_rows(path: Path, rows: Sequence[Any]) -> None:
+    """Write dataclasses of one type as CSV, whole or not at all; numbers read back exactly."""
+    lines = [",".join(field.name for field in fields(rows[0]))]
+    lines += [",".join(map(json.dumps, asdict(row).values())) for row in rows]
+    write_bytes(path, ("\n".join(lines) + "\n").encode())

@@ -1,0 +1,368 @@
+"""Reinforcement learning for comparison: PPO of stable-baselines3 on the tasks (extra ``rl``).
+
+The learned policy is exported as a ``Controller``. The library's own model files hold pickles,
+so none is written or read.
+"""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from importlib import import_module
+from math import inf
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.bodies import MorphologiesLike, body_array, median_body, sample_stamp
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    MissingExtraError,
+    brief,
+    finite_array,
+    instance,
+    integer,
+    one_of,
+)
+from gait.config import Sense, TaskName, check_interval, check_senses, make_senses
+from gait.controller import MAXIMUM_NODES, MAXIMUM_SEED, Controller
+from gait.evolve import FINAL_POSES
+from gait.files import CONTROLLER_FILE, run_folder, write_rows
+from gait.fitness import worth
+from gait.mlp_export import dense_network, with_memory
+from gait.network import OUTPUTS, Senses
+from gait.rollout import random_poses, stream, swim_all
+
+CURVE_FILE = "curve.csv"
+FILES = (CURVE_FILE, CONTROLLER_FILE)  # and a sample's bodies.json
+MAXIMUM_HIDDEN = MAXIMUM_NODES - len(OUTPUTS)
+GAMMA = 0.99
+MAXIMUM_BATCH = 1600
+HORIZON = 1000  # physics steps in a rollout of PPO, at least
+
+
+@dataclass(frozen=True, kw_only=True)
+class LearningConfig:
+    """How PPO learns a task.
+
+    Examples
+    --------
+    >>> LearningConfig(environments=8).epoch_steps
+    800
+    """
+
+    steps: int = 1_500_000
+    """Actions of all robots together, rounded up to whole episodes of each robot."""
+    environments: int = 256
+    """Number of robots that learn side by side."""
+    interval: int = 20
+    """Steps of 0.01 s that an action is held. Little is learned with short ones."""
+    senses: tuple[Sense, ...] = ("imu", "clock", "fins")
+    """What the controller observes, besides the direction to a goal if the task has one. Fin angles
+    are not measured: they are integrated from the initial angles and the commands."""
+    task: TaskName = "forward"
+    """Swim forward, or another task of the environments."""
+    frames: int = 1
+    """Number of last observations that the controller receives together; 1 has no memory."""
+    clock: float = 0.7
+    """Frequency of the clock, in Hz."""
+    hidden: tuple[int, ...] = (64, 64)
+    """Widths of the hidden layers."""
+    seed: int = 0
+    """Seed of everything random in the run."""
+
+    def __post_init__(self) -> None:
+        integer("steps", self.steps, 1, 10**10)
+        integer("environments", self.environments, 1, 1024)
+        one_of("task", self.task, get_args(TaskName))
+        check_interval(self.interval, TASKS[self.task].seconds)
+        object.__setattr__(self, "senses", check_senses(self.senses))
+        finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
+        if not isinstance(self.hidden, list | tuple):
+            raise InvalidArgumentError(
+                f"hidden must be a sequence of widths; got {brief(self.hidden)}"
+            )
+        widths = tuple(integer("hidden", width, 1, MAXIMUM_HIDDEN) for width in self.hidden)
+        if sum(widths) > MAXIMUM_HIDDEN:
+            raise InvalidArgumentError(
+                f"hidden must be at most {MAXIMUM_HIDDEN} nodes together; got {sum(widths)}"
+            )
+        object.__setattr__(self, "hidden", widths)
+        most = 1 + (MAXIMUM_HIDDEN - sum(widths)) // len(self.inputs.names)
+        integer("frames", self.frames, 1, most)
+        integer("seed", self.seed, 0, MAXIMUM_SEED)
+
+    @property
+    def inputs(self) -> Senses:
+        """The inputs of the controller."""
+        return make_senses(self.senses, self.task)
+
+    @property
+    def seconds(self) -> float:
+        """Length of an episode, in s."""
+        return TASKS[self.task].seconds
+
+    @property
+    def episode_actions(self) -> int:
+        """Actions of one robot in an episode."""
+        return round(self.seconds / TIMESTEP) // self.interval
+
+    @property
+    def epoch_steps(self) -> int:
+        """Actions of all robots in an epoch: one episode of each."""
+        return self.environments * self.episode_actions
+
+    @property
+    def epochs(self) -> int:
+        """Number of epochs."""
+        return -(-self.steps // self.epoch_steps)
+
+
+@dataclass(frozen=True)
+class CurvePoint:
+    """One row of ``curve.csv``; ``gait baseline --help`` explains the columns."""
+
+    steps: int
+    training: float
+    score: float
+
+
+@dataclass(frozen=True)
+class Learned:
+    """The result of :func:`train`.
+
+    Attributes
+    ----------
+    controller
+        The one with the highest score over all epochs.
+    score
+        Its mean distance in 20 s from 32 fixed random poses, in units of 5 cm; for a sample, from
+        enough poses that each body swims equally often. For another task than "forward", or with
+        damage that does not last throughout, the return; see :func:`gait.task.perform`.
+    curve
+        One point an epoch.
+    """
+
+    controller: Controller
+    score: float
+    curve: tuple[CurvePoint, ...]
+
+    def __repr__(self) -> str:
+        return f"Learned(score {self.score:.2f}, {self.controller!r})"
+
+
+def train(
+    morphologies: MorphologiesLike = None,
+    config: LearningConfig | None = None,
+    *,
+    damage: object = None,
+    out: Path | str | None = None,
+    on_step: Callable[[int, Sequence[CurvePoint]], None] | None = None,
+) -> Learned:
+    """Learn a task on a body, or on a sample of bodies: domain randomisation.
+
+    The robots have a sample's bodies in turn, and start from random fin poses. Observations and
+    rewards are normalised online; the controller's weights include the observations' scale.
+
+    Parameters
+    ----------
+    morphologies
+        As of :func:`gait.evolve_gait`, at most ``config.environments`` of them.
+    config
+        None is ``LearningConfig()``.
+    damage
+        What breaks while it learns, as the environment takes it: ``"random:moderate"`` samples
+        other damage in each episode.
+    out
+        A folder for ``controller.json`` (the best so far) and ``curve.csv``, both rewritten after
+        each epoch, and a sample's ``bodies.json``. A run does not resume: it starts again.
+    on_step
+        Called with the number of actions so far, and the curve.
+
+    Raises
+    ------
+    MissingExtraError
+        If stable-baselines3 or torch is not installed.
+    InvalidArgumentError
+        If an argument does not fit, or ``out`` cannot be written, is in use, or holds another run.
+    """
+    config = LearningConfig() if config is None else instance("config", config, LearningConfig)
+    bodies = body_array(morphologies)
+    if not 1 <= len(bodies) <= config.environments:
+        raise InvalidArgumentError(
+            f"morphologies must be 1 to {config.environments} bodies, at most one for each of the "
+            f"environments; got {len(bodies)}"
+        )
+    broken = Damage.coerce(damage)
+    learner = _Learner(bodies, config, broken)
+    settings = {"morphology": median_body(bodies).to_dict(), **asdict(config)}
+    settings |= {"damage": str(broken)} if broken else {}
+    settings |= {"sample": sample_stamp(bodies)} if len(bodies) > 1 else {}
+    best, curve = Learned(learner.controller(), -inf, ()), list[CurvePoint]()
+    with run_folder(out, "a baseline", settings, FILES, bodies) as folder:
+        for epoch in range(1, config.epochs + 1):
+
+            def report(steps: int) -> None:
+                if on_step:
+                    on_step(steps, curve)
+
+            training = learner.learn(_seed(config, epoch - 1), report)
+            controller = learner.controller()
+            score = float(_score(controller, bodies, config, broken).mean())
+            curve.append(CurvePoint(epoch * config.epoch_steps, training, score))
+            if score > best.score:
+                best = Learned(controller, score, ())
+            if folder:
+                best.controller.save(folder / CONTROLLER_FILE)
+                write_rows(folder / CURVE_FILE, curve)
+            if on_step:
+                on_step(curve[-1].steps, curve)
+    return Learned(best.controller, best.score, tuple(curve))
+
+
+def _score(
+    controller: Controller, bodies: NDArray[np.float64], config: LearningConfig, damage: Damage
+) -> NDArray[np.float64]:
+    """Return the score from each of the run's fixed poses, without exploration."""
+    count = -(-FINAL_POSES // len(bodies)) * len(bodies)
+    poses = random_poses(count, stream(config.seed, 1))  # as of a gait evolved with this seed
+    sizes = np.resize(bodies, (count, 9))
+    if config.task == "forward" and not damage:
+        found = swim_all([controller], sizes, poses)
+    else:
+        from gait.task import perform  # imports gymnasium
+
+        found = perform([controller], sizes, poses, task=config.task, damage=damage, seed=0)
+    return worth(found, config.seconds)
+
+
+def _seed(config: LearningConfig, *key: int) -> int:
+    return int(stream(config.seed, 8, *key).generate_state(1)[0])
+
+
+class _Learner:
+    """PPO on bodies (M, 9), an epoch at a time; each epoch has a seed and new robots."""
+
+    def __init__(self, bodies: NDArray[np.float64], config: LearningConfig, damage: Damage) -> None:
+        sb3, torch = load_extra("stable_baselines3"), load_extra("torch")
+        vec_env = load_extra("stable_baselines3.common.vec_env")
+        logger = load_extra("stable_baselines3.common.logger")
+        self.bodies, self.config = bodies, config
+        self.robots = load_extra("gait.sb3_env").LaneVecEnv(
+            config.environments, bodies, config.inputs, config.clock, config.interval, config.task,
+            damage,
+        )  # fmt: skip
+        frames = config.frames
+        observed = vec_env.VecFrameStack(self.robots, frames) if frames > 1 else self.robots
+        # Without a clip, which the exported weights could not express.
+        self.normal = vec_env.VecNormalize(observed, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
+        # More is learned from rollouts of ten seconds than from whole episodes.
+        actions = config.episode_actions
+        horizons = [
+            n for n in range(1, actions) if not actions % n and n * config.interval >= HORIZON
+        ]
+        horizon = min(horizons, default=actions)
+        size = config.environments * horizon
+        with isolated_rng():
+            self.model = sb3.PPO(
+                "MlpPolicy",
+                self.normal,
+                gamma=GAMMA,
+                n_steps=horizon,
+                batch_size=max(n for n in range(1, MAXIMUM_BATCH + 1) if not size % n),
+                n_epochs=6,
+                learning_rate=1e-3,
+                policy_kwargs={"net_arch": list(config.hidden), "activation_fn": torch.nn.Tanh},
+                device="cpu",
+                seed=_seed(config),
+            )
+        self.model.set_logger(logger.Logger(None, []))
+
+    def learn(self, seed: int, report: Callable[[int], None]) -> float:
+        """Learn for an epoch, and return the mean return of the last episodes."""
+        model, size = self.model, self.config.epoch_steps
+        before = model.num_timesteps
+
+        def callback(_locals: dict[str, Any], _globals: dict[str, Any]) -> bool:
+            if model.num_timesteps - before < size:
+                report(model.num_timesteps)
+            return True
+
+        with isolated_rng():
+            model.set_random_seed(seed)
+            model.set_env(self.normal)  # resets the robots
+            model.learn(size, callback, reset_num_timesteps=False)
+        return float(self.robots.earned.mean())
+
+    def controller(self) -> Controller:
+        """Return the policy's mean action as a controller."""
+        policy, config = self.model.policy, self.config
+        dense = [
+            module
+            for part in (policy.mlp_extractor.policy_net, policy.action_net)
+            for module in part.modules()
+            if isinstance(module, load_extra("torch").nn.Linear)
+        ]
+        layers = [(to_array(module.weight), to_array(module.bias)) for module in dense]
+        moments = self.normal.obs_rms
+        scale = np.sqrt(moments.var + self.normal.epsilon)
+        network = dense_network(layers, moments.mean, scale)
+        memory: tuple[int, ...] = ()
+        if config.frames > 1:
+            network = with_memory(network, config.frames)
+            memory = ((config.frames - 1) * len(config.inputs.names),)
+        return Controller(
+            *network,
+            response=np.ones(len(network.bias)),
+            clock=config.clock,
+            morphology=median_body(self.bodies),
+            seed=config.seed,
+            sample=sample_stamp(self.bodies) if len(self.bodies) > 1 else None,
+            senses=config.inputs,
+            layers=(*config.hidden, *memory, len(OUTPUTS)),
+            output="clip",  # the environment clips PPO's actions
+            interval=config.interval,
+        )
+
+
+def load_extra(module: str) -> Any:
+    """Return a module of the extra ``rl``, or raise MissingExtraError."""
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise MissingExtraError(
+            "learning needs stable-baselines3, sb3-contrib and torch, which are not all installed "
+            f"here ({error}): "
+            'pip install ".[rl]" in a clone of the repository'
+        ) from None
+
+
+def to_array(tensor: Any) -> NDArray[np.floating]:
+    """Return a torch tensor as an array of its own."""
+    return np.array(tensor.detach().numpy())
+
+
+@contextmanager
+def isolated_rng() -> Iterator[None]:
+    """Restore the global random generators afterwards, and run torch on one thread.
+
+    Networks this small lose more to a second thread than they gain.
+    """
+    torch = load_extra("torch")
+    python, legacy = random.getstate(), np.random.get_state()  # noqa: NPY002
+    own, threads = torch.get_rng_state(), torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        random.setstate(python)
+        np.random.set_state(legacy)  # noqa: NPY002
+        torch.set_rng_state(own)
+        torch.set_num_threads(threads)
