@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
 # Name -> where its class is, loaded only when it is asked for, and what it does.
 COMMANDS = {
@@ -23,17 +21,11 @@ COMMANDS = {
         "is a recorded swim still that of the body that was inferred?",
     ),
     "study": ("eea.cli.study:StudyCommand", "replicates of the paper's figures"),
-    "plot": ("eea.cli.study:Plot", "write a study's tables and figures anew"),
-    "merge": ("eea.cli.study:Merge", "add another folder of a study to this one"),
+    "plot": ("eea.cli.study:Plot", "write a study's tables and figures again"),
     "evolve": ("gait.cli:Evolve", "evolve a gait for a body"),
     "transfer": ("gait.cli:TransferCommand", "swim a gait on another body"),
     "baseline": ("gait.cli:BaselineCommand", "train a learner of stable-baselines3"),
 }
-
-
-def _with_words(command: Any, words: Sequence[str]) -> Any:
-    """Return a command with its words: a study reads its options again for each of its arms."""
-    return replace(command, words=tuple(words)) if hasattr(command, "words") else command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -45,4 +37,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("aquafish: interrupted", file=sys.stderr)
         return 130
     refused = (*BAD_INPUT, ConfigurationError, TargetError)
-    return run_command_line("aquafish", COMMANDS, arguments, refused, _with_words)
+    return run_command_line("aquafish", COMMANDS, arguments, refused)

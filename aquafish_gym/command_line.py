@@ -12,12 +12,12 @@ import io
 import os
 import re
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 import tyro
 from tyro.conf import arg
@@ -118,14 +118,12 @@ def run_command_line(
     commands: type[Command] | Commands,
     arguments: Sequence[str] | None = None,
     refused: tuple[type[Exception], ...] = BAD_INPUT,
-    prepare: Callable[[Any, Sequence[str]], Any] = lambda command, _words: command,
 ) -> int:
     """Run a command of a program, by default with the process's arguments; return the exit code.
 
     It is 0; 1 if the machine fails (a full disk, no more memory); 2 for a wrong command, option or
     setting, which errors in ``refused`` report; 130 after Ctrl-C or SIGTERM; 141 if the reader of
-    the output has left. Other errors pass. ``prepare`` may change a command before it runs, given
-    the command and its words.
+    the output has left. Other errors pass.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     prog = f"python -m {program}" if Path(sys.argv[0]).name == "__main__.py" else program
@@ -136,7 +134,7 @@ def run_command_line(
             else:
                 command, prog, words = _chosen(prog, commands, words)
                 _refuse_empty_values(words)
-                prepare(parse(command, prog, words, refused), words).execute()
+                parse(command, prog, words, refused).execute()
             sys.stdout.flush()
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)

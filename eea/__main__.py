@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import Any
 
 from aquafish_gym.command_line import BAD_INPUT, Commands, run_command_line
 from eea.core.checks import ConfigurationError, TargetError
@@ -16,20 +14,14 @@ COMMANDS: Commands = {
     "recover": ("eea.cli.run:Recover", "the same, with the settings of the recovery"),
     "infer": ("eea.cli.infer:Infer", "infer the body from a recorded swim, with its uncertainty"),
     "watch": ("eea.cli.watch:Watch", "detect a change of the body in a recorded swim"),
-    "study": ("eea.cli.study:StudyCommand", "replicates for the paper's figures and ablations"),
+    "study": ("eea.cli.study:StudyCommand", "replicates for the paper's figures"),
     "plot": ("eea.cli.study:Plot", "write a study's tables and figures again"),
-    "merge": ("eea.cli.study:Merge", "add another folder of a study to this one"),
 }
-
-
-def with_words(command: Any, words: Sequence[str]) -> Any:
-    """Return a command with its words: a study reads its options again for each of its arms."""
-    return replace(command, words=tuple(words)) if hasattr(command, "words") else command
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code, see ``run_command_line``."""
-    return run_command_line("eea", COMMANDS, arguments, REFUSED, with_words)
+    return run_command_line("eea", COMMANDS, arguments, REFUSED)
 
 
 if __name__ == "__main__":

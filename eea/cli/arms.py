@@ -1,12 +1,10 @@
-"""Which arms a command line asks for, and the settings that it gives them."""
+"""Which arms a study's command line asks for, and their settings."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Literal, get_args
-
-import tyro
+from dataclasses import dataclass, field, fields, replace
+from typing import Any, Literal, get_args
 
 from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError
@@ -17,22 +15,13 @@ from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.study.presets import FIGURE_ARMS, FIGURES
 
-_NONE = "no arm is of the condition"
-_NO_BREEDING = "every arm is of the condition joint, which breeds nothing"
-WHY_UNHEARD = {
-    "in_band": f"{_NONE} in-band",
-    "out_of_band": f"{_NONE} out-of-band",
-    "joint": f"{_NONE} joint",
-    "exploration": _NO_BREEDING,
-    "estimation": _NO_BREEDING,
-    "genetic": _NO_BREEDING,
-}
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
+_OF_A_CONDITION = {"in_band": "in-band", "out_of_band": "out-of-band", "joint": "joint"}
 
 
 @dataclass(frozen=True)
 class ArmSettings:
-    """The settings that an arm has besides its condition and the lengths of trials.
+    """Settings of the algorithm for all arms; those at their default stay each arm's own.
 
     Attributes
     ----------
@@ -49,79 +38,67 @@ class ArmSettings:
     out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
     joint: JointConfig = field(default_factory=JointConfig)
 
-    @classmethod
-    def of(cls, config: EEAConfig) -> ArmSettings:
-        """Return a configuration's."""
-        return cls(**{name: getattr(config, name) for name in cls.__dataclass_fields__})
+    def over(self, arms: Mapping[str, EEAConfig]) -> dict[str, EEAConfig]:
+        """Return the arms with every setting that is not at its default.
 
-    def on(self, config: EEAConfig) -> EEAConfig:
-        """Return a configuration with these settings."""
-        return replace(config, **{name: getattr(self, name) for name in self.__dataclass_fields__})
+        Raises
+        ------
+        ConfigurationError
+            If a setting belongs to a condition that no arm has, or contradicts an arm's.
+        """
+        usual = ArmSettings()
+        conditions = {config.condition for config in arms.values()}
+        for part, condition in _OF_A_CONDITION.items():
+            if getattr(self, part) != getattr(usual, part) and condition not in conditions:
+                name = next(iter(_changes(getattr(self, part), getattr(usual, part))))
+                raise ConfigurationError(
+                    f"{part}.{name} is for the condition {condition}; no arm has it"
+                )
+        return {name: self._on(config, usual) for name, config in arms.items()}
+
+    def _on(self, config: EEAConfig, usual: ArmSettings) -> EEAConfig:
+        changed: dict[str, Any] = {}
+        for name, value in _changes(self, usual).items():
+            if name == "accurate":
+                changed[name] = value
+            else:
+                given = _changes(value, getattr(usual, name))
+                changed[name] = replace(getattr(config, name), **given)
+        return replace(config, **changed)
 
 
 def asked_arms(
     figure: Sequence[Figure] | None, conditions: Sequence[Condition] | None
 ) -> dict[str, EEAConfig]:
-    """Return the arms that one of the options asks for; else raise a ConfigurationError."""
-    asked = {"--figure": figure, "--conditions": conditions}
-    given = [name for name, what in asked.items() if what is not None]
-    if len(given) > 1:
-        raise ConfigurationError(
-            f"{' and '.join(given)} exclude each other; run them one after the other, into "
-            "one folder if you like"
-        )
+    """Return the arms of some of the paper's figures or of some conditions, by name.
+
+    Raises
+    ------
+    ConfigurationError
+        If neither or both are given, or none is named.
+    """
+    if (figure is None) == (conditions is None):
+        raise ConfigurationError("either --figure or --conditions must be given")
     if figure is not None:
         refuse_empty("--figure", figure, "of " + ", ".join(get_args(Figure)))
         names = FIGURE_ARMS if "all" in figure else figure
         return {FIGURE_ARMS[name]: FIGURES[f"fig{name}"] for name in names}
-    if conditions is not None:
-        refuse_empty("--conditions", conditions, "of " + ", ".join(get_args(Condition)))
-        return {condition: EEAConfig(condition=condition) for condition in conditions}
-    raise ConfigurationError(f"{' or '.join(asked)} must say what to run")
+    assert conditions is not None
+    refuse_empty("--conditions", conditions, "of " + ", ".join(get_args(Condition)))
+    return {condition: EEAConfig(condition=condition) for condition in conditions}
 
 
 def refuse_empty(option: str, values: Sequence[object], wanted: str) -> None:
-    """Refuse an option that says none of the values it is for, with a ConfigurationError."""
+    """Raise a ConfigurationError for an option without values."""
     if not values:
         raise ConfigurationError(f"{option} must be one or more {wanted}; got none")
 
 
-def given_settings(base: EEAConfig, settings: ArmSettings, words: Sequence[str]) -> EEAConfig:
-    """Return an arm's settings with those that a command line gives.
-
-    ``settings`` is what it was read as, over the defaults. Its ``words`` are read again over the
-    arm's own settings, for what they give may equal a default and not the arm's; without them,
-    ``settings`` are all given if any is.
-    """
-    options = [word.partition("=")[0] for word in words if word.startswith("--")]
-    given = any("." in option or option == "--accurate" for option in options)
-    if settings == ArmSettings() and not given:
-        return base
-    if words:
-        settings, _ = tyro.cli(
-            ArmSettings, default=ArmSettings.of(base), args=words, return_unknown_args=True
-        )
-    return settings.on(base)
-
-
-def refuse_what_has_no_say(arms: Mapping[str, EEAConfig], settings: ArmSettings) -> None:
-    """Refuse a setting that no arm looks at, with a ConfigurationError that names it."""
-    for part in ("in_band", "out_of_band", "joint", "exploration", "estimation", "genetic"):
-        given, usual = asdict(getattr(settings, part)), asdict(getattr(ArmSettings(), part))
-        for name in given:
-            unheard = all(_unheard(part, config) for config in arms.values())
-            if given[name] != usual[name] and unheard:
-                raise ConfigurationError(f"{part}.{name} has no say: {WHY_UNHEARD[part]}")
-    behaviors = [config.behavior for config in arms.values()]
-    used = any(b.signal == "attitude" and b.summary != "dft" for b in behaviors)
-    if settings.behavior.timestep != BehaviorConfig().timestep and not used:
-        raise ConfigurationError(
-            "behavior.timestep has no say: no arm takes the mean or rms rate of the attitude"
-        )
-
-
-def _unheard(part: str, config: EEAConfig) -> bool:
-    """Return whether an arm looks at a setting under no circumstances."""
-    if part in ("exploration", "estimation", "genetic"):
-        return config.condition == "joint"
-    return config.condition != part.replace("_", "-")
+def _changes(settings: Any, usual: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass that differ from another's, by name."""
+    names = (field.name for field in fields(settings))
+    return {
+        name: getattr(settings, name)
+        for name in names
+        if getattr(settings, name) != getattr(usual, name)
+    }

@@ -236,5 +236,4 @@ def _run(
         **({"gap": header["gap"]} if header.get("gap") else {}),
         "steps": {arm: sorted(plan[arm]) for arm in arms},
         "signals": {arm: _setting(header["arms"][arm], "behavior", "signal", str) for arm in arms},
-        "source": [str(stamp) for stamp in header["source"]],
     }

@@ -70,14 +70,11 @@ def _run(run: Mapping[str, Any], rounds: int, labels: Mapping[str, str]) -> str:
         arm: "an unknown signal" if signal is None else f"the {_SIGNALS.get(signal, signal)}"
         for arm, signal in run["signals"].items()
     }
-    text = (
+    return (
         f"The target's body is {body} and {harm}{start}. Each replicate has {rounds} "
         f"round{'' if rounds == 1 else 's'}; trials are of {_of_arms(steps, labels)}, and "
-        f"behaviours of {_of_arms(signals, labels)}. All settings are in `study.json`"
+        f"behaviours of {_of_arms(signals, labels)}. All settings are in `study.json`."
     )
-    stamps = [f"`{stamp}`" for stamp in run["source"]]
-    several = "s are" if len(stamps) > 1 else " is"
-    return f"{text}; the code's stamp{several} {_listed(stamps)}."
 
 
 def _of_arms(values: Mapping[str, str], labels: Mapping[str, str]) -> str:

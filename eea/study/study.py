@@ -11,7 +11,7 @@ from aquafish_gym.runs.stamps import versions
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import EEAConfig
 from eea.study.plan import Plan, written_plan
-from eea.study.replicate import Replicate, World, source_stamp
+from eea.study.replicate import Replicate, World
 
 # An arm's name is a folder's name, a cell of a table, and part of options and pictures' names.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
@@ -81,9 +81,8 @@ class Study:
 
     def jobs(self) -> list[Replicate]:
         """Return every replicate, by arm, steps and seed."""
-        source = source_stamp()
         return [
-            Replicate(name, config, seed, self.world, source)
+            Replicate(name, config, seed, self.world)
             for name, config in self._cells()
             for seed in self.seeds
         ]
@@ -110,5 +109,4 @@ class Study:
                 for name, config in self.arms.items()
             },
             "versions": [versions()],
-            "source": [source_stamp()],
         }

@@ -68,4 +68,4 @@ def test_a_page_names_commands_and_options_that_exist(
 
 def test_commands_are_found_on_the_pages() -> None:
     names = {name for commands in WRITTEN.values() for _, name, _ in commands}
-    assert {"recover", "study", "evolve", "transfer", "infer", "merge", "plot"} <= names
+    assert {"recover", "study", "evolve", "transfer", "infer"} <= names

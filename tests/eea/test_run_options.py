@@ -92,7 +92,7 @@ def test_the_nearest_subcommand_is_offered(capsys):
     assert main(["rum"]) == 2
     said = capsys.readouterr().err
     assert said == (
-        "eea: the command must be one of run, recover, infer, watch, study, plot, merge; "
+        "eea: the command must be one of run, recover, infer, watch, study, plot; "
         "got 'rum'; "
         "did you mean 'run'?\n"
     )

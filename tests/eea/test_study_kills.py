@@ -23,7 +23,6 @@ LONG = [
     *("--conditions", "in-band", "out-of-band", "--steps", "16", "--rounds", "12"),
     *("--replicates", str(REPLICATES)),
     *SMALL,
-    "--no-draw",
 ]
 
 

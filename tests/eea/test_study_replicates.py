@@ -18,7 +18,7 @@ from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.study.plan import Place, joined, places, read_plan, written_plan
-from eea.study.replicate import Replicate, World, rehearse, replicate, source_stamp
+from eea.study.replicate import Replicate, World, rehearse, replicate
 
 CONFIG = EEAConfig(
     condition="none",
@@ -32,7 +32,7 @@ WORLD = World(Morphology.nominal(), Damage.parse("left_pectoral:length=0.5"))
 
 
 def make(seed=0, **changes):
-    return Replicate("arm", replace(CONFIG, **changes), seed, WORLD, source_stamp())
+    return Replicate("arm", replace(CONFIG, **changes), seed, WORLD)
 
 
 def run(job):
@@ -83,13 +83,6 @@ def test_a_replicate_may_end_at_an_accurate_model(documents):
     assert document["rounds"] == json.loads(documents["none"])["rounds"][:1]
 
 
-def test_a_machine_with_other_code_refuses():
-    other = replace(make(), source="0123456789abcdef")
-    with pytest.raises(ConfigurationError, match="this worker has other code") as refusal:
-        replicate(other, print)
-    assert f"source {source_stamp()}, not 0123456789abcdef" in str(refusal.value)
-
-
 def test_a_rehearsal_refuses_what_no_replicate_could_run():
     assert rehearse([make(), make(condition="in-band")]) is None
     with pytest.raises(ConfigurationError, match=r"genetic\.mutations must be at most"):
@@ -97,13 +90,6 @@ def test_a_rehearsal_refuses_what_no_replicate_could_run():
     nowhere = replace(make(), world=replace(WORLD, current=(0.0, 0.0, float("nan"))))
     with pytest.raises(InvalidArgumentError, match="current must be finite"):
         rehearse([nowhere])
-
-
-def test_a_replicate_has_a_place_and_a_name():
-    job = make(seed=7)
-    assert job.place == Place("arm", 16, 7)
-    assert job.file == "runs/arm/16/7.json"
-    assert job.name == "arm, 16 steps, seed 7"
 
 
 PLAN = {"a": {16: range(2, 4), 32: range(1)}, "b": {16: range(1)}}
