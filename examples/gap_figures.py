@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 
 from aquafish_gym.rendering.pictures import new_figure, save_figure
-from eea.report.figures.drawing import GREY, MARKERS, SMALL, arm_style, grid, legend_below
-from eea.report.statistics import Floats, curve_interval
+from eea.study.drawing import GREY, MARKERS, SMALL, arm_style, grid, legend_below
+from eea.study.statistics import Floats, curve_interval
 from gap_job import METHODS, ORACLE
 from gap_report import LEVELS, sure_to_swim
 from gap_worlds import WORLDS

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eea.report.statistics import FEWEST, Floats, interval, ratio_interval
+from eea.study.statistics import FEWEST, Floats, interval, ratio_interval
 from gap_job import MASSES, METHODS, ORACLE, Settings
 from gap_worlds import WORLDS
 

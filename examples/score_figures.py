@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from aquafish_gym.rendering.pictures import new_figure
-from eea.report.figures.drawing import GREY, SMALL, grid, legend_below
+from eea.study.drawing import GREY, SMALL, grid, legend_below
 from score_episodes import COLUMNS
 
 COLOURS = dict(zip(COLUMNS, ("#0072B2", "#009E73", "#E69F00", "#D55E00"), strict=True))

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, WAYS
 from aquafish_gym import Damage, Morphology
-from eea.report.statistics import FEWEST, paired_difference, ratio_interval, summarize
+from eea.study.statistics import FEWEST, paired_difference, ratio_interval, summarize
 
 UNIT_IN_M = 0.05
 LIBRARIES = ("aquafish-gym", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy")

@@ -56,12 +56,3 @@ def shown(tally: Tally, console: Console) -> Iterator[Callable[[Event[Replicate]
                     console.print(f"{event.job.name}: OBJ_FIT {fitness} ({tally})")
 
         yield note
-
-
-def duration(seconds: float) -> str:
-    """Return a time with its unit: seconds, minutes or hours."""
-    if seconds < 90:
-        return f"{seconds:.0f} s"
-    if seconds < 90 * 60:
-        return f"{seconds / 60:.0f} min"
-    return f"{seconds / 3600:.1f} h"

@@ -179,7 +179,7 @@ class Plot:
     format: tuple[Format, ...] = ("png",)  #: File formats of the figures.
 
     def execute(self) -> None:
-        """Write the report; raises as ``eea.report.report``."""
+        """Write the report; raises as ``eea.study.report.report``."""
         _report(self.folder, self.format, _console())
 
 
@@ -204,7 +204,7 @@ def _finished(
 
 
 def _report(folder: Path, formats: tuple[Format, ...], console: Console) -> None:
-    from eea.report import report
+    from eea.study.report import report
 
     report(folder, formats)
     console.print(f"results.csv, summary.md and figures are in {folder}")

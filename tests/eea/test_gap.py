@@ -182,7 +182,7 @@ def test_run_takes_a_gap_and_notes_it(tmp_path):
 
 
 def test_a_study_takes_a_gap_and_notes_it_only_if_there_is_one(tmp_path, monkeypatch):
-    monkeypatch.setattr("eea.report.figures.save_study_figures", lambda *_: [])  # others draw them
+    monkeypatch.setattr("eea.study.figures.save_study_figures", lambda *_: [])  # others draw them
     options = ["--preset", "smoke", "--conditions", "none", "--replicates", "1", "--workers", "1"]
     out = tmp_path / "study"
     assert main(["study", "--out", str(out), *options, "--gap.lag", "0.05"]) == 0

@@ -1,4 +1,4 @@
-"""A study's arms for readers: their names, their order, and which are compared with which."""
+"""The arms of a study for readers: their names, their order, and which pairs are compared."""
 
 from __future__ import annotations
 
@@ -6,15 +6,13 @@ from collections.abc import Sequence
 
 from eea.study.presets import FIGURE_ARMS
 
-# The paper's arms in its order, and their figures' names; other arms follow, by name.
+# The paper's arms in its order, and the names of their figures; other arms follow, by name.
 FIGURES = {arm: f"fig{number}" for number, arm in FIGURE_ARMS.items()}
 LABELS = {
     "ideal": "Ideal",
     "none": "None",
     "in-band": "In-Band",
     "in-band-200": "In-Band, {models} models",
-    "in-band-split": "In-Band, dynamic split",
-    "in-band-extended": "In-Band, wider range",
     "out-of-band": "Out-of-Band",
     "out-of-band-100": "Out-of-Band, {models} models",
     "joint": "Joint",
@@ -27,17 +25,13 @@ COMPARISONS = (
     ("in-band", "none"),
     ("out-of-band-100", "out-of-band"),
     ("in-band-200", "in-band"),
-    ("in-band-split", "in-band"),
-    ("in-band-extended", "in-band"),
 )
 
 
 def arm_label(arm: str, models: int | None = None) -> str:
-    """Return an arm's name as a reader knows it; ``models`` is how many it has, if known."""
+    """Return an arm's name for readers; ``models`` is its population, if known."""
     label = LABELS.get(arm, arm)
-    if "{models}" in label and models is None:
-        return arm
-    return label.replace("{models}", str(models))
+    return arm if "{models}" in label and models is None else label.format(models=models)
 
 
 def angle_label(label: str, condition: str) -> str:
@@ -54,7 +48,7 @@ def arm_order(arm: str) -> tuple[int, str]:
 def comparisons(arms: Sequence[str]) -> list[tuple[str, str]]:
     """Return which arms are compared, first less second.
 
-    Besides the conditions these are variants: an arm whose name goes on after another's.
+    A variant, whose name continues another arm's, is compared with that arm.
     """
     pairs = [(first, second) for first, second in COMPARISONS if {first, second} <= set(arms)]
     for arm in arms:

@@ -1,8 +1,6 @@
-"""A study's finished replicates: one table with a row a round, and what ``study.json`` says.
+"""The finished replicates of a study as one table, which ``results.csv`` holds to the digit.
 
-The table is what ``results.csv`` holds, to the digit. It is read from ``runs/`` where a folder
-has them, and else from ``results.csv`` itself, so that all that a report says is a function of
-``study.json`` and ``results.csv`` alone.
+The table is read from ``runs/`` where a folder has them, otherwise from ``results.csv``.
 """
 
 from __future__ import annotations
@@ -27,7 +25,7 @@ from aquafish_gym.runs.storage import DamagedFileError, read_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.bits import BitLayout, model_layout
 from eea.core.checks import ConfigurationError
-from eea.report.arms import arm_label, arm_order
+from eea.study.arms import arm_label, arm_order
 from eea.study.folder import STUDY, read_description
 from eea.study.plan import RUNS, Place, Plan, places, read_plan
 
@@ -51,24 +49,23 @@ COLUMNS = [
 
 
 @dataclass(frozen=True)
-class Findings:
+class StudyResults:
     """The finished replicates of a study, and what was run.
 
     Attributes
     ----------
     table
-        A row a round of each finished replicate, with ``COLUMNS``; the arms in the paper's order,
-        steps, seeds and rounds ascending, numbers to 5 significant digits. ``act_fit`` is NaN in
-        the first round, whose action is random.
+        A row for each round of each finished replicate, with ``COLUMNS``; arms in the paper's
+        order, then steps, seeds and rounds ascending; numbers to 5 significant digits. ``act_fit``
+        is NaN in the first round, whose action is random.
     truth
         The target's dimensions, shape (n,).
     labels
         Arm to its name for readers.
     conditions
-        Arm to what is done about the angles: "ideal", "none", "in-band",
-        "out-of-band" or "joint".
+        Arm to its condition, as "out-of-band".
     run
-        What was run, as study.json says it, ready for JSON.
+        The target and its settings, ready for JSON.
     """
 
     table: pd.DataFrame
@@ -81,27 +78,24 @@ class Findings:
 
     @cached_property
     def replicates(self) -> pd.DataFrame:
-        """A row a finished replicate, (arm, steps, seed): its last round, ``trials`` of all."""
-        last = self.table.groupby(KEYS, sort=False).tail(1).set_index(KEYS)
-        trials: pd.Series = self.table.groupby(KEYS, sort=False)["trials"].sum()
-        return last.assign(trials=trials)
+        """A row for each finished replicate, (arm, steps, seed): its last round."""
+        return self.table.groupby(KEYS, sort=False).tail(1).set_index(KEYS)
 
     @property
     def arms(self) -> list[str]:
-        """Those that have a finished replicate."""
+        """The arms that have a finished replicate."""
         return list(self.table["arm"].unique())
 
     def durations(self, *arms: str) -> list[int]:
-        """Return the lengths of trial that some arms have finished replicates of; of all: ()."""
+        """Return the lengths of trial with finished replicates, of some arms or (none) of all."""
         rows = self.table[self.table["arm"].isin(arms)] if arms else self.table
         return sorted(int(steps) for steps in rows["steps"].unique())
 
     def curves(self, arm: str, column: str, durations: Sequence[int] | None = None) -> pd.DataFrame:
-        """Return one column against the rounds 1, 2, ..., a row a seed.
+        """Return one column against the rounds 1, 2, ..., a row for each seed.
 
-        A replicate that stopped early, at an accurate model, keeps its last round's value. Of
-        several durations (``None``: all that the arm has) these are means, of the seeds that are
-        finished in all of them.
+        A replicate that stopped early keeps its last round's value. Of several durations (``None``:
+        all that the arm has) the values are means, over seeds finished in all of them.
         """
         rows = self._rows_of[arm].pivot(index=KEYS[1:], columns="round", values=column)
         every = rows.reindex(columns=range(1, self.rounds + 1)).ffill(axis=1)
@@ -126,7 +120,7 @@ def _mean_over(rows: pd.DataFrame, durations: Sequence[int]) -> pd.DataFrame:
     return seeds.mean()[seeds.size() == len(durations)]
 
 
-def read_study(folder: str | os.PathLike[str]) -> Findings:
+def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     """Return a study's finished replicates, from ``study.json`` and ``runs/`` or ``results.csv``.
 
     Raises
@@ -144,23 +138,29 @@ def read_study(folder: str | os.PathLike[str]) -> Findings:
         morphology = Morphology.coerce(header["target_morphology"])
         truth = damage.effect(morphology).body.to_array()
     except (InvalidArgumentError, KeyError) as error:
-        raise DamagedFileError(f"{path / STUDY} does not say what the target is: {error}") from None
-    return Findings(
-        _read_replicates(path, plan, header),
+        raise DamagedFileError(f"{path / STUDY} does not state the target: {error}") from None
+    sizes = zip(DIMENSIONS, morphology.to_array().tolist(), strict=True)
+    run = {
+        "target_changes": {d.name: size for d, size in sizes if size != d.nominal},
+        "target_damage": str(damage),
+        "target_orientation": header.get("target_orientation", "upright"),
+        **({"gap": header["gap"]} if header.get("gap") else {}),
+    }
+    return StudyResults(
+        _table(path, plan, header),
         header["rounds"],
         truth,
         plan,
-        {arm: arm_label(arm, _setting(arms[arm], "estimation", "population", int)) for arm in plan},
+        {arm: arm_label(arm, arms[arm].get("estimation", {}).get("population")) for arm in plan},
         {arm: str(arms[arm].get("condition")) for arm in plan},
-        _run(header, plan, morphology, damage),
+        run,
     )
 
 
-def _read_replicates(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
-    """Return the table of ``Findings``; raises as ``read_study``."""
+def _table(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
+    """Return the table of ``StudyResults``; raises as ``read_study``."""
     source = folder / CSV
-    read = source.exists() and not (folder / RUNS).exists()
-    if read:
+    if source.exists() and not (folder / RUNS).exists():
         content = read_bytes(source, "results", MOST_BYTES).decode(errors="replace")
     else:
         ordered = sorted(places(plan), key=lambda p: (arm_order(p.arm), p.steps, p.seed))
@@ -168,9 +168,9 @@ def _read_replicates(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.Dat
         if not rows:
             raise ConfigurationError(
                 f"the study in {folder} has no finished replicate yet; the command that began it "
-                "goes on with it"
+                "resumes it"
             )
-        # What a report says is a function of results.csv: its digits are all that there is.
+        # The digits of results.csv are all that a report uses.
         content = pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, float_format="%.5g")
     try:
         table = pd.read_csv(io.StringIO(content), dtype={"arm": str})
@@ -182,22 +182,20 @@ def _read_replicates(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.Dat
         raise DamagedFileError(f"{source} is damaged: it is no table of rounds")
     most = header["rounds"]
     for (arm, steps, seed), rounds in table.groupby(KEYS, sort=False)["round"]:
-        least, place = most, Place(arm, steps, seed)
-        if seed not in plan.get(arm, {}).get(steps, ()):
-            least = most + 1  # it can have none
-        elif header["arms"][arm].get("accurate") is not None:
-            least = 1  # an accurate model ends it
-        if not least <= len(rounds) <= most or list(rounds) != list(range(1, len(rounds) + 1)):
-            name = source if read else folder / place.file
+        place = Place(arm, steps, seed)
+        planned = seed in plan.get(arm, {}).get(steps, ())
+        early = planned and header["arms"][arm].get("accurate") is not None
+        complete = len(rounds) <= most if early else len(rounds) == most
+        if not planned or not complete or list(rounds) != list(range(1, len(rounds) + 1)):
             raise DamagedFileError(
-                f"{name} is damaged: of {place.name} it must hold the rounds that {STUDY} plans, "
-                f"1 to {most}; it holds {len(rounds)}"
+                f"{folder} is damaged: {place.name} must have the rounds that {STUDY} plans, 1 to "
+                f"{most}; it has {len(rounds)}"
             )
     return table
 
 
 def _rows(folder: Path, place: Place) -> Iterator[list[Any]]:
-    """Yield a row of the table for each round of a replicate, none of one that is not finished."""
+    """Yield a row of the table for each round of a replicate, none if it is not finished."""
     try:
         for record in (read_result(folder, place) or {"rounds": []})["rounds"]:
             numbers = [record[name] for name in ("round", *_NUMBERS, "trials")]
@@ -207,33 +205,7 @@ def _rows(folder: Path, place: Place) -> Iterator[list[Any]]:
             yield [*place, *numbers]
     except DamagedFileError as error:
         raise DamagedFileError(
-            f"{error}; delete this file, and the study's command computes it anew"
+            f"{error}; delete this file, and the study's command computes it again"
         ) from None
     except (KeyError, TypeError, ValueError):
         raise DamagedFileError(f"{folder / place.file} is damaged: it holds no rounds") from None
-
-
-def _setting(arm: dict[str, Any], part: str, name: str, kind: type) -> Any:
-    """Return one of an arm's settings, None if it does not say."""
-    settings = arm.get(part)
-    value = settings.get(name) if isinstance(settings, dict) else None
-    return value if isinstance(value, kind) else None
-
-
-def _run(
-    header: dict[str, Any], plan: Plan, morphology: Morphology, damage: Damage
-) -> dict[str, Any]:
-    """Return what a reader must know of a study's settings; None where it does not say."""
-    arms = sorted(plan, key=arm_order)
-    return {
-        "target_changes": {
-            d.name: size
-            for d, size in zip(DIMENSIONS, morphology.to_array().tolist(), strict=True)
-            if size != d.nominal
-        },
-        "target_damage": str(damage),
-        "target_orientation": header.get("target_orientation", "upright"),
-        **({"gap": header["gap"]} if header.get("gap") else {}),
-        "steps": {arm: sorted(plan[arm]) for arm in arms},
-        "signals": {arm: _setting(header["arms"][arm], "behavior", "signal", str) for arm in arms},
-    }

@@ -1,7 +1,7 @@
-"""What replicates say together: means, one kind of bootstrap interval, and differences in pairs.
+"""Means with bootstrap intervals, and paired differences.
 
-Every interval here is the same bootstrap, of a mean, of each point of a curve, or of a ratio of
-paired means; it is seeded, so that the same numbers give the same interval.
+Every interval is the same bootstrap: of a mean, of each point of a curve, or of a ratio of paired
+means. It is seeded, so that the same numbers give the same interval.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ Floats = NDArray[np.float64]
 Interval = list[float]  # its two ends
 
 RESAMPLES = 10_000
-FEWEST = 5  # numbers that an interval is given for
+FEWEST = 5  # numbers, for an interval
 
 
 def interval(values: ArrayLike) -> Interval | None:
@@ -27,9 +27,8 @@ def interval(values: ArrayLike) -> Interval | None:
 
     Bias-corrected and accelerated (Efron and Tibshirani 1993, 14.3), at the level that makes its
     normal quantiles Student's, as a small sample's spread is too small (Hesterberg 2015, 3.3). It
-    never leaves the range of the numbers, which a studentised interval does where one replicate
-    failed and the others agree. It holds the mean of 5, 10 and 25 normal numbers in 92, 94 and 94%
-    of samples, and of numbers as skewed as a final OBJ_FIT in 88, 92 and 93%.
+    stays within the range of the numbers. Its coverage of the mean of 5, 10 and 25 normal numbers
+    is 92, 94 and 94%, and of numbers as skewed as a final OBJ_FIT 88, 92 and 93%.
     """
     data = np.asarray(values, dtype=np.float64)
     return None if len(data) < FEWEST else [float(end) for end in _bootstrap(np.mean, data)]
@@ -49,10 +48,7 @@ def ratio_interval(above: ArrayLike, below: ArrayLike) -> Interval | None:
 
 
 def curve_interval(curves: Floats) -> tuple[Floats, Floats]:
-    """Return the interval's low and high ends at each point of curves (n, points), for pictures.
-
-    Both are the mean for under five curves.
-    """
+    """Return the interval's ends at each point of curves (n, points); the mean for under five."""
     if len(curves) < FEWEST:
         return curves.mean(axis=0), curves.mean(axis=0)
     return _bootstrap(np.mean, curves, resamples=2000)
@@ -65,7 +61,7 @@ def _bootstrap(
     count = len(samples[0])
     reach = math.sqrt(count / (count - 1)) * stats.t.ppf(0.975, count - 1)
     with warnings.catch_warnings():
-        # Said of numbers that are all alike, whose interval is a point.
+        # Equal numbers have a point as their interval.
         warnings.simplefilter("ignore", stats.DegenerateDataWarning)
         warnings.simplefilter("ignore", RuntimeWarning)
         ends = stats.bootstrap(
@@ -78,7 +74,7 @@ def _bootstrap(
 
 
 def summarize(values: ArrayLike) -> dict[str, Any]:
-    """Return how many, mean, SD (None for one number) and 95% interval (None under five).
+    """Return the count, mean, SD (None for one number) and 95% interval (None under five).
 
     Raises
     ------
@@ -97,10 +93,9 @@ def summarize(values: ArrayLike) -> dict[str, Any]:
 
 
 def paired_difference(first: Mapping[int, float], second: Mapping[int, float]) -> dict[str, Any]:
-    """Return first less second, each seed to outcome, within the seeds that both have.
+    """Return a summary of first less second over the seeds that both have.
 
-    It is as ``summarize``, of the differences, with ``wins`` and ``losses`` of the first, and
-    ``sign_test_p``, the chance of as lopsided a count.
+    Each maps a seed to its outcome. ``wins``, ``losses`` and ``sign_test_p`` are the first's.
 
     Raises
     ------
@@ -119,7 +114,7 @@ def paired_difference(first: Mapping[int, float], second: Mapping[int, float]) -
 
 
 def sign_test(gains: Sequence[float]) -> float:
-    """Return the exact two-sided p of so many gains and losses by chance; ties do not count."""
+    """Return the exact two-sided p of the signs of the gains; ties do not count."""
     wins, losses = sum(g > 0 for g in gains), sum(g < 0 for g in gains)
     return float(stats.binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
 

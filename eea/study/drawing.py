@@ -1,4 +1,4 @@
-"""What a study's pictures share: colours, axes, the levels beside OBJ_FIT, and legends."""
+"""Parts of a study's figures: colours, axes, the levels beside OBJ_FIT, and legends."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
-from eea.report.tables import MINUS
+from eea.study.tables import MINUS
 
 Floats = NDArray[np.float64]
 
-# Okabe and Ito's palette, told apart by all eyes, and a wine red.
+# Okabe and Ito's palette, which colour-blind readers can tell apart, and a wine red.
 _COLOURS = {
     "ideal": "#009E73",
     "none": "#D55E00",
@@ -35,7 +35,7 @@ _NAME = 0.08  # of the height of axes, for a name of two small lines
 
 
 def arm_style(index: int, arm: str) -> tuple[str, Any]:
-    """Return a colour and a dash, for the conditions the same in every study."""
+    """Return a colour and a dash, the same for a condition in every study."""
     if arm in _COLOURS:
         return _COLOURS[arm], _LINES[list(_COLOURS).index(arm)]
     return _OTHERS[index % len(_OTHERS)], _LINES[index % len(_OTHERS)]
@@ -48,7 +48,7 @@ def duration_colour(steps: int, durations: Sequence[int]) -> Any:
 
 
 def draw_levels(axes: Axes, summary: Mapping[str, Any]) -> None:
-    """Draw the two levels of guessing, and the most that a genome allows, named at the edge."""
+    """Draw the two levels of guessing and the quantisation limit, named at the edge."""
     levels = [
         ("random\nbodies", summary["chance"], "--", 1.2),
         ("mid-range\nbody", summary["mid_range"], ":", 1.2),
@@ -58,7 +58,7 @@ def draw_levels(axes: Axes, summary: Mapping[str, Any]) -> None:
     for _, value, line, width in levels:
         axes.axhline(value, color=GREY, ls=line, lw=width, zorder=1.5)
     axes.set_ylim(top=1.01)
-    # Only now does the scale stand, and so which names would cover one another.
+    # The scale is final now, so names that would overlap can be moved apart.
     bottom, top = axes.get_ylim()
     places = _spaced(np.array([(level[1] - bottom) / (top - bottom) for level in levels]), _NAME)
     for (name, *_), place in zip(levels, places, strict=True):
@@ -69,8 +69,8 @@ def draw_levels(axes: Axes, summary: Mapping[str, Any]) -> None:
 
 
 def _spaced(places: Floats, gap: float) -> Floats:
-    """Return ascending places in [0, 1], moved the least that keeps them apart and inside."""
-    # Less a gap for each place below, they must only not fall, which isotonic regression gives.
+    """Return ascending places in [0, 1], moved as little as keeps them apart and inside."""
+    # Less a gap for each place below, they must only not fall: isotonic regression.
     shift = gap * np.arange(len(places))
     rising = isotonic_regression(places - shift).x
     spaced: Floats = np.clip(rising, gap / 2, 1.0 - gap / 2 - shift[-1]) + shift
