@@ -7,11 +7,11 @@ are loaded when they are first used.
 import gymnasium as _gymnasium
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import simulate
-from aquafish_gym.engines.worlds import WorldConfig
+from aquafish_gym.engines.api import simulate
 from aquafish_gym.envs import tasks
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
+from aquafish_gym.world_config import WorldConfig
 
 __all__ = [
     "DIMENSIONS",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -95,6 +96,19 @@ class ImuLog:
             ax.legend(loc="upper left", fontsize="small")
         axes[-1].set_xlabel("s")
         return figure
+
+
+def join_logs(logs: Sequence[ImuLog]) -> ImuLog:
+    """Return the logs of consecutive stretches of the same robots' swims as one."""
+    if len(logs) == 1:
+        return logs[0]
+    parts = {name: [vars(log)[name] for log in logs] for name in vars(logs[0])}
+    diverged = parts.pop("diverged")[-1]
+    joined = {
+        name: None if those[0] is None else np.concatenate(those, axis=1)
+        for name, those in parts.items()
+    }
+    return ImuLog(**joined, diverged=diverged)
 
 
 def unwrap_rpy(rpy: NDArray[np.floating]) -> NDArray[np.float64]:

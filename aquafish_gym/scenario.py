@@ -208,6 +208,12 @@ def check_field(name: str, value: object, argument: str = "") -> NDArray[Any]:
     return finite_array(argument, value, (None, *row), low, high, unit, flat=True)  # type: ignore[arg-type]
 
 
+def check_row(name: str, value: object, argument: str = "") -> Floats:
+    """Return one robot's row of a field other than the body; see :func:`check_field`."""
+    row, low, high, unit, _ = _FIELDS[name]
+    return finite_array(argument or name, value, row, low, high, unit)  # type: ignore[arg-type]
+
+
 def broadcast(tables: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     """Return tables (n, ...) as (B, ...), all of one length; those of one row are repeated.
 

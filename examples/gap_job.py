@@ -196,7 +196,7 @@ def _swim(job: GapJob, controller: Controller) -> list[float]:
     """Return how far a gait swims in the target's world from each random pose, units of 5 cm."""
     engine, settings = WORLDS[job.world].engine, job.settings
     poses = job.gap.placed(random_poses(settings.poses, job.seed))
-    scored = score(controller, job.body, poses, engine, settings.gait.seconds, job.gap.world())
+    scored = score(controller, job.body, poses, engine, settings.gait.seconds, job.gap)
     distances = scored.random_distances
     return [float(far) for far in np.where(np.isfinite(distances), distances, 0.0)]
 

@@ -20,7 +20,7 @@ import tyro
 from aquafish.batch import do_missing, progress_bar, say
 from aquafish.recovery.report import LIBRARIES, versions
 from aquafish_gym.command_line import BAD_INPUT, Out, run_command_line
-from aquafish_gym.engines.base import check_engine
+from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.folder import claim, described, held
 from aquafish_gym.runs.runner import read_result
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import MorphologiesLike
-from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.world_config import WorldConfig
 from gait.config import EvolveConfig, Sense, TaskName
 from gait.controller import Controller
 from gait.evaluation import Agent

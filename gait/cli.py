@@ -28,11 +28,11 @@ from aquafish_gym.command_line import (
     run_command_line,
 )
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import check_engine
-from aquafish_gym.engines.worlds import WorldConfig
+from aquafish_gym.engines.api import check_engine
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.validation import integer
+from aquafish_gym.world_config import WorldConfig
 from gait.controller import Controller
 from gait.evolve import (
     FINAL_POSES,

@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.storage import read_document, write_document

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array, median_body, sample_stamp
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, instance
+from aquafish_gym.world_config import WorldConfig
 from gait.config import CMA_POPULATION
 from gait.config import EvolveConfig as EvolveConfig
 from gait.controller import Controller

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
-from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
+from aquafish_gym.world_config import WorldConfig
 from gait.controller import Controller
 from gait.rollout import SECONDS, ZERO_POSE, swim_all
 

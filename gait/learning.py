@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array, median_body, sample_stamp
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import (
     TAU,
     Number,

@@ -13,12 +13,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.command import scale_action
-from aquafish_gym.engines.base import TIMESTEP, check_engine
-from aquafish_gym.engines.worlds import Triple, WorldConfig, make_world
+from aquafish_gym.engines.api import TIMESTEP, check_engine
+from aquafish_gym.engines.worlds import Triple, make_world
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.physics.kinematics import State, rotation
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
+from aquafish_gym.world_config import WorldConfig
 from gait import network
 from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, scratch_size
 from gait.policy import ControllerLike, new_policy
@@ -170,6 +172,11 @@ def swim_all(
     if not controllers or not swims:
         return np.zeros((len(controllers), swims))
     told, gains = _told(poses, swims, believed, believed_gain)
+    fields = {
+        "body": np.broadcast_to(bodies, (swims, 9)),
+        "fin_angles": np.broadcast_to(poses, (swims, 3)),
+    }
+    scenario = world.edit(Scenario.fill(fields))
     distances = np.empty((len(controllers), swims))
     kinds: dict[tuple[Any, ...], list[int]] = {}
     for i, controller in enumerate(controllers):
@@ -184,15 +191,7 @@ def swim_all(
         nodes, memory = max(c.nodes for c in some), any(c.memory for c in some)
         genes = gene_rows(some, nodes, memory, told, gains)
         lanes = LaneBatch(
-            np.tile(np.broadcast_to(bodies, (swims, 9)), (len(some), 1)),
-            np.tile(np.broadcast_to(poses, (swims, 3)), (len(some), 1)),
-            current=world.current,
-            dtype=kind,
-            substeps=world.substeps,
-            threads=threads,
-            reactive=world.reactive,
-            drag=world.drag,
-            servo_gain=world.servo_gain,
+            scenario.take(np.tile(np.arange(swims), len(some))), kind, world.substeps, threads
         )
         log = lanes.run(
             network.steer,
@@ -292,20 +291,12 @@ def swim(
     else:
         policy = new_policy(controller)
     config = world or WorldConfig()
-    place = make_world(
-        check_engine(engine),
-        config.reactive,
-        drag=config.drag,
-        servo_gain=config.servo_gain,
-        lag=config.lag,
-        substeps=config.substeps,
-    )
+    scenario = config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]}))
+    place = make_world(check_engine(engine), scenario, config.substeps)
     samples: list[tuple[float, ...]] = []
     gyro: list[Vector] = []
     commands: list[Vector] = []
     try:
-        left, right, phase = angles.tolist()
-        place.reset(body, (left, right, phase), config.current)
         for t in range(0, steps, INTERVAL):
             state = place.state()
             samples.append(_sample(t, state))

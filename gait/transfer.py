@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.base import ENGINES, check_engine, resolve_engine
+from aquafish_gym.engines.api import ENGINES, check_engine, resolve_engine
 from aquafish_gym.engines.packages import AUTO
-from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -19,6 +18,7 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
+from aquafish_gym.world_config import WorldConfig
 from gait.controller import MAXIMUM_SEED, Controller
 from gait.policy import ControllerLike
 from gait.rollout import MAXIMUM_POSES, SECONDS, Swim, random_poses, step_count, swim, swim_all

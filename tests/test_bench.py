@@ -92,7 +92,7 @@ def test_mujoco_baseline_turns_the_same_fins() -> None:
     pytest.importorskip("mujoco")
     from aquafish_gym.physics.kinematics import SWEEP
     from tests.benchmarks.mujoco_rollout import Rollout
-    from tests.benchmarks.rows import random_trials
+    from tests.verification.trials import random_trials
 
     trials = random_trials(40, seed=1)
     log = simulate(trials.morphologies, trials.commands, trials.fin_angles, steps=200,

@@ -16,8 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines import packages
-from aquafish_gym.engines.base import Settings, Trials, check_engine, find_engine, simulate
+from aquafish_gym.engines.api import Settings, simulate
 from aquafish_gym.engines.bullet.push import push
 from aquafish_gym.engines.bullet.world import BulletWorld, simulate_bullet
 from aquafish_gym.engines.packages import load_pybullet
@@ -26,7 +25,9 @@ from aquafish_gym.physics.attitude import attitude, continue_attitude
 from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import State, at_rest, caudal_angle, drive, rotation
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
-from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
+from tests.verification.trials import Trials
 
 pytest.importorskip("pybullet")
 
@@ -43,7 +44,7 @@ def world() -> Iterator[BulletWorld]:
     one.close()
 
 
-def random_trials(batch: int, seed: int, without: float = 0.0, current: Vector = STILL) -> Trials:
+def random_trials(batch: int, seed: int, without: float = 0.0) -> Trials:
     """Draw trials; each dimension is zero with the probability ``without``."""
     rng = np.random.default_rng(seed)
     bodies = rng.uniform(0, MAXIMA, (batch, 9))
@@ -52,15 +53,31 @@ def random_trials(batch: int, seed: int, without: float = 0.0, current: Vector =
         bodies,
         rng.uniform(COMMAND_LOW, COMMAND_HIGH, (batch, 3)),
         rng.uniform(-math.pi, math.pi, (batch, 3)),
-        current,
     )
+
+
+def start(body: Floats, angles: Vector) -> Scenario:
+    """Return one robot in still water, unchecked."""
+    return Scenario.fill({"body": np.asarray(body)[None], "fin_angles": np.array([angles])})
 
 
 def settings(steps: int, substeps: int = 1) -> Settings:
     return Settings(steps, substeps, np.float64, None, "pose")
 
 
-def by_hand(trials: Trials, how: Settings) -> tuple[Floats, Floats, Floats]:
+def scenario_of(trials: Trials, current: Vector = STILL) -> Scenario:
+    """Return the robots of trials, unchecked."""
+    batch = len(trials.commands)
+    return Scenario.fill(
+        {
+            "body": trials.morphologies,
+            "fin_angles": trials.fin_angles,
+            "current": np.tile(current, (batch, 1)),
+        }
+    )
+
+
+def by_hand(trials: Trials, current: Vector, how: Settings) -> tuple[Floats, Floats, Floats]:
     """Run ``dynamics.step`` on plain floats: rpy, gyro and position, (B, T, 3) each."""
     h = 0.01 / how.substeps
     rows: list[list[tuple[object, object, object]]] = []
@@ -73,7 +90,7 @@ def by_hand(trials: Trials, how: Settings) -> tuple[Floats, Floats, Floats]:
         rpy, rows_here = (0.0, 0.0, 0.0), []
         for _ in range(how.steps):
             for _ in range(how.substeps):
-                state = step(robot, state, by, trials.current, h)
+                state = step(robot, state, by, current, h)
             rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
             rows_here.append((rpy, state.spin, state.position))
         rows.append(rows_here)
@@ -82,17 +99,19 @@ def by_hand(trials: Trials, how: Settings) -> tuple[Floats, Floats, Floats]:
 
 
 @pytest.mark.parametrize(
-    ("trials", "how"),
+    ("trials", "current", "how"),
     [
-        (random_trials(8, 0), settings(512)),
-        (random_trials(6, 1, without=0.5), settings(256)),
-        (random_trials(4, 2, current=(0.3, -0.5, 0.2)), settings(128, substeps=4)),
+        (random_trials(8, 0), STILL, settings(512)),
+        (random_trials(6, 1, without=0.5), STILL, settings(256)),
+        (random_trials(4, 2), (0.3, -0.5, 0.2), settings(128, substeps=4)),
     ],
     ids=["8 random bodies, 5.12 s", "fins of no size", "current and substeps"],
 )
-def test_pybullet_is_the_equations_to_rounding(trials: Trials, how: Settings) -> None:
-    log = simulate_bullet(trials, how)
-    rpy, gyro, position = by_hand(trials, how)
+def test_pybullet_is_the_equations_to_rounding(
+    trials: Trials, current: Vector, how: Settings
+) -> None:
+    log = simulate_bullet(scenario_of(trials, current), trials.commands, how)
+    rpy, gyro, position = by_hand(trials, current, how)
     assert log.gyro is not None
     assert log.position is not None
     # 1e-13, 2e-13 and 2e-14 seen; the promise is 1e-9.
@@ -118,7 +137,7 @@ def test_records_and_shapes() -> None:
 def test_bodies_were_given_their_masses_and_inertias(world: BulletWorld) -> None:
     """Trap: an inertia set beside damping lands on the base; without a shape it is zero."""
     body = random_trials(1, 3).morphologies[0]
-    world.reset(body, STILL, STILL)
+    world.reset(start(body, STILL))
     p, column = load_pybullet(), robot_parameters(body[None])[:, 0][:-1].reshape(3, 8)
     for link in range(3):
         info = p.getDynamicsInfo(world._robot, link, physicsClientId=world._client)
@@ -130,7 +149,7 @@ def test_bodies_were_given_their_masses_and_inertias(world: BulletWorld) -> None
 
 def test_joints_follow_their_servos_without_lag(world: BulletWorld) -> None:
     command, angles = (0.5, -0.5, 1.0), (0.3, -2.0, 1.0)
-    world.reset(MAXIMA, angles, STILL)
+    world.reset(start(MAXIMA, angles))
     world.advance(command, 200)
     (left, left_rate, *_), (right, *_), (tail, tail_rate, *_) = world._bullet.getJointStates(
         world._robot, [0, 1, 2], physicsClientId=world._client
@@ -144,22 +163,22 @@ def test_joints_follow_their_servos_without_lag(world: BulletWorld) -> None:
 
 
 def test_nothing_moves_by_itself(world: BulletWorld) -> None:
-    world.reset(NOMINAL, (0.5, 1.0, 2.0), STILL)
+    world.reset(start(NOMINAL, (0.5, 1.0, 2.0)))
     world.advance(STILL, 100)
     assert world.position == STILL
-    world.reset(np.zeros(9), STILL, STILL)
+    world.reset(start(np.zeros(9), STILL))
     world.advance((0.5, 0.5, 1.0), 100)
     assert np.abs(world.position).max() < 1e-6
 
 
 def test_a_reset_forgets_everything(world: BulletWorld) -> None:
     def swim() -> tuple[object, ...]:
-        world.reset(NOMINAL, (0.1, 0.2, 0.3), STILL)
+        world.reset(start(NOMINAL, (0.1, 0.2, 0.3)))
         world.advance((0.4, 0.3, 0.6), 50)
         return (world.position, world.orientation, world.velocity, world.world_spin)
 
     first = swim()
-    world.reset(MAXIMA, (1.0, 2.0, 3.0), (1.0, 2.0, 3.0))
+    world.reset(start(MAXIMA, (1.0, 2.0, 3.0)))
     world.advance((-0.5, 0.2, 1.0), 50)
     assert swim() == first
 
@@ -169,8 +188,8 @@ def test_the_compiled_wrench_is_the_plain_one_to_the_last_bit(world: BulletWorld
     ends = []
     assert world._push is not push
     for either in (world._push, push):
+        world.reset(start(NOMINAL, (0.1, 0.2, 0.3)))
         world._push = either
-        world.reset(NOMINAL, (0.1, 0.2, 0.3), (0.5, 0.0, 0.0))
         world.advance((0.4, -0.3, 0.6), 100)
         ends.append((world.position, world.orientation, world.velocity, world.world_spin))
     assert ends[0] == ends[1]
@@ -180,8 +199,8 @@ def test_two_worlds_do_not_touch(world: BulletWorld) -> None:
     other = BulletWorld()
     alone = []
     for together in (False, True):
-        world.reset(NOMINAL, STILL, STILL)
-        other.reset(MAXIMA, STILL, STILL)
+        world.reset(start(NOMINAL, STILL))
+        other.reset(start(MAXIMA, STILL))
         for _ in range(20):
             world.advance((0.4, 0.3, 0.6))
             if together:
@@ -195,7 +214,7 @@ def test_a_second_command_takes_over(world: BulletWorld) -> None:
     """Commands may change between steps; so they do in an environment."""
     robot = robot_from_column(robot_parameters(NOMINAL[None])[:, 0])
     state = at_rest(STILL)
-    world.reset(NOMINAL, STILL, STILL)
+    world.reset(start(NOMINAL, STILL))
     for command in ((0.5, 0.2, 0.3), (-0.1, 0.5, 1.0), (0.0, 0.0, 0.0)):
         world.advance(command, 30)
         for _ in range(30):
@@ -206,8 +225,8 @@ def test_a_second_command_takes_over(world: BulletWorld) -> None:
 
 def test_divergence_is_caught_and_fills_with_nan() -> None:
     """A current of 1 km/s makes explicit drag explode; such a robot must not hide."""
-    trials = Trials(np.stack([MAXIMA, NOMINAL]), np.full((2, 3), 0.5), np.zeros((2, 3)), (2e4,) * 3)
-    log = simulate_bullet(trials, settings(200))
+    trials = Trials(np.stack([MAXIMA, NOMINAL]), np.full((2, 3), 0.5), np.zeros((2, 3)))
+    log = simulate_bullet(scenario_of(trials, (2e4,) * 3), trials.commands, settings(200))
     assert log.diverged[0]
     finite = np.isfinite(log.rpy[0]).all(axis=1)
     assert not finite[-1]
@@ -222,13 +241,13 @@ def test_bullet_is_never_given_bad_numbers(
     world: BulletWorld, body: Floats, angles: tuple[float, float, float]
 ) -> None:
     with pytest.raises(InvalidArgumentError, match="finite"):
-        world.reset(body, angles, STILL)
+        world.reset(start(body, angles))
 
 
 def test_misuse_is_refused(world: BulletWorld) -> None:
     with pytest.raises(RuntimeError, match="reset the PyBullet world"):
         world.advance(STILL)
-    world.reset(NOMINAL, STILL, STILL)
+    world.reset(start(NOMINAL, STILL))
     with pytest.raises(InvalidArgumentError, match="command must be finite"):
         world.advance((math.nan, 0.0, 0.0))
     for attempt in (pickle.dumps, copy.deepcopy):
@@ -250,7 +269,7 @@ def test_resets_and_worlds_do_not_leak() -> None:
     def work(times: int) -> None:
         for _ in range(times):
             world = BulletWorld()
-            world.reset(NOMINAL, STILL, STILL)
+            world.reset(start(NOMINAL, STILL))
             world.advance((0.1, 0.2, 0.3), 2)
             world.close()
 
@@ -263,19 +282,19 @@ def test_resets_and_worlds_do_not_leak() -> None:
 FORK = """
 import os, sys
 from aquafish_gym.engines.bullet.world import BulletWorld
-from aquafish_gym.morphology import Morphology
-body, zero = Morphology.nominal().to_array(), (0.0, 0.0, 0.0)
+from aquafish_gym.scenario import Scenario
+zero = (0.0, 0.0, 0.0)
 world = BulletWorld()
 idle = BulletWorld()
 idle.close()
-world.reset(body, zero, zero)
+world.reset(Scenario.create())
 if os.fork() == 0:
     try:
         world.advance(zero)
     except RuntimeError as error:
         print(error, flush=True)
     own = BulletWorld()
-    own.reset(body, zero, zero)
+    own.reset(Scenario.create())
     own.advance((0.5, 0.5, 0.5), 10)
     print("child", own.position, flush=True)
     os._exit(0)
@@ -301,7 +320,7 @@ def test_a_world_is_refused_across_a_fork() -> None:
 def test_without_pybullet_the_sentence_says_what_to_do() -> None:
     code = (
         "import sys; sys.modules['pybullet'] = None\n"
-        "import aquafish_gym.engines.base as base\n"
+        "import aquafish_gym.engines.api as base\n"
         "try: base.simulate(None, (0, 0, 0), steps=1, engine='pybullet')\n"
         "except ImportError as error: print(type(error).__name__, error)"
     )
@@ -311,19 +330,6 @@ def test_without_pybullet_the_sentence_says_what_to_do() -> None:
     assert done.stdout.startswith("EngineUnavailableError")
     assert "pip install pybullet" in done.stdout
     assert 'engine="numba"' in done.stdout
-
-
-def test_without_an_engines_package_it_is_not_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    def missing() -> None:
-        raise EngineUnavailableError("no pybullet")
-
-    assert callable(find_engine("pybullet"))
-    monkeypatch.setitem(packages._LOADERS, "pybullet", missing)
-    monkeypatch.setitem(sys.modules, "numba", None)
-    for name, sentence in (("pybullet", "no pybullet"), ("numba", "pip install numba")):
-        for use in (check_engine, find_engine):
-            with pytest.raises(EngineUnavailableError, match=sentence):
-                use(name)
 
 
 def test_the_verification_needs_pybullet_at_the_door() -> None:

@@ -33,7 +33,7 @@ from aquafish_gym.command_line import (
     TargetEngine,
     read_morphology,
 )
-from aquafish_gym.engines.base import check_engine
+from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.folder import claim, described, held
 from aquafish_gym.runs.runner import Event, finished, read_result
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document

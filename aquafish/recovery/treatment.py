@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from aquafish import batch
 from aquafish.batch import check_source, in_small
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.runner import Say
 from eea.core import EEAConfig, streams

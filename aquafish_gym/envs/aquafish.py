@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -10,7 +11,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Effect
-from aquafish_gym.engines.base import TIMESTEP, check_engine
+from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import conditions
 from aquafish_gym.envs.course import Sensors
@@ -24,6 +25,7 @@ from aquafish_gym.rendering import (
     render_pose,
     usable_modes,
 )
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
@@ -211,13 +213,21 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         number = None if seed is None else integer("seed", seed, 0)
         episode = self._conditions.with_options(options)  # may refuse
         super().reset(seed=number)
-        if self._world is None:
-            self._world = make_world(self._engine, self._reactive)
         drawn = episode.draw(self.np_random, self.dt, self.task.begin)
         self._course, angles, self._memory = drawn
-        left, right, phase = angles.tolist()
-        body = self._course.effects[0].body.to_array()
-        self._world.reset(body, (left, right, phase), episode.current)
+        start = Scenario.fill(
+            {
+                "body": self._course.effects[0].body.to_array()[None],
+                "fin_angles": angles[None],
+                "current": np.array([episode.current]),
+            },
+            self._reactive,
+        )
+        self._start = start
+        if self._world is None:
+            self._world = make_world(self._engine, start)
+        else:
+            self._world.reset(start)
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
         self._reckoned = self._fin_angles
         self._steps, self._last = 0, round(self.task.seconds / self.dt)
@@ -252,7 +262,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         water = task.current(self._memory, self._steps * self.dt)
         if water is not None:
             x, y, z = map(float, water)
-            world.flow((x, y, z))
+            world.set_current((x, y, z))
         world.advance(conditions.servo_speeds(checked, self._effect.gains), self.frame_skip)
         self._steps += 1
         before = self._state.position
@@ -270,7 +280,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
             effect = self._course.at(self._steps)
             if effect is not self._effect:
                 if effect.body != self._effect.body:
-                    world.become(effect.body.to_array())
+                    world.update(replace(self._start, body=effect.body.to_array()[None]))
                 self._enter(effect)
         info = self._info(before, here)
         info.update(terms)

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.envs.course import Course, course_of
 from aquafish_gym.envs.tasks import Memory
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Number, Vector
+from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
 Floats = NDArray[np.float64]

@@ -14,8 +14,8 @@ from typing import ClassVar, NamedTuple
 
 import numpy as np
 
-from aquafish_gym.engines.base import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU, Number, Vector, subtract
+from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, flag, one_of
 
 MOST = 1e6  # of a weight: a reward must stay finite

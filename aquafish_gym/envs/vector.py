@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage, Effect
-from aquafish_gym.engines.base import ENGINES, MAXIMUM_THREADS, TIMESTEP
+from aquafish_gym.engines.api import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import conditions
@@ -23,6 +24,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Number, Vector, subtract
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import check_render_mode, render_pose
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
 
 Floats = NDArray[np.float64]
@@ -142,13 +144,13 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._changes: Counts = np.full(self.num_envs, NEVER)
         self._memory: Floats = np.zeros((0, self.num_envs))
         self._sensors = Sensors(self.num_envs)
+        currents = np.broadcast_to(start.current, (self.num_envs, 3))
+        fields = {"body": self._truth["morphology"], "current": currents}
+        self._scenario = Scenario.fill(fields, flag("reactive", reactive))
         self._lanes = LaneBatch(
-            self._truth["morphology"],
-            np.zeros((self.num_envs, 3)),
-            start.current,
+            self._scenario,
             getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
             threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
-            reactive=flag("reactive", reactive),
         )
         # The states (25, num_envs) that are now, or were before a robot diverged.
         self._now = self._lanes.rows()
@@ -212,7 +214,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
         water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
-            self._lanes.flow(self._of_all("current", water, 3).T)
+            self._lanes.set_current(self._of_all("current", water, 3).T)
         gains = _three(self._truth["servo_gain"].T)
         commands = np.array(conditions.servo_speeds(_three(checked.T), gains)).T
         lost = self._lanes.advance(commands, self.frame_skip).diverged
@@ -285,7 +287,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._enter(np.flatnonzero(changed))
             other = changed & (self._truth["morphology"] != old).any(axis=1)
             if other.any():
-                self._lanes.become(other, self._truth["morphology"][other])
+                self._lanes.update(other, self._robots(other))
         return terms
 
     def _enter(self, robots: Rows) -> None:
@@ -334,8 +336,11 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             self._memory = np.zeros((remembered.shape[1], self.num_envs))
         self._memory[:, mask] = remembered.T
         self._reckoned[:, mask] = angles.T
-        self._lanes.replace(mask, self._truth["morphology"][mask], angles)
+        self._lanes.restart(mask, replace(self._robots(mask), fin_angles=angles))
         self._now[:, mask] = self._lanes.rows()[:, mask]
+
+    def _robots(self, mask: Mask) -> Scenario:
+        return replace(self._scenario.take(mask), body=self._truth["morphology"][mask])
 
     def _look(self, rows: Rows) -> None:
         """Have these robots feel what is now."""

@@ -8,30 +8,29 @@ from dataclasses import replace
 import numpy as np
 
 from aquafish_gym.damage import CHANNELS, Effect
-from aquafish_gym.engines.worlds import (
-    ServoWorld,
-    Triple,
-    WorldConfig,
-    log_of_samples,
-    make_world,
-    sample,
-)
+from aquafish_gym.engines.worlds import Triple
 from aquafish_gym.envs.course import GYRO, Course, Sensors
 from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.physics.attitude import attitude, rotations
+from aquafish_gym.scenario import Change, Scenario, check_row
 from eea.core.angles import Floats, wrap
 
 _ATTITUDE = slice(0, GYRO.start)  # the channels that say where up and north are
 _ONLY = np.zeros(1, np.intp)
 
 
-def with_gains(world: WorldConfig, effect: Effect) -> WorldConfig:
-    """Return a world whose servos are as damage has made them.
+def broken(scenario: Scenario, course: Course) -> Scenario:
+    """Return a scenario of one robot as a course of damage has it, in steps of 0.01 s.
 
     Raises InvalidArgumentError if a servo is faster than worlds allow.
     """
-    left, right, caudal = np.multiply(world.servo_gain, effect.gains).tolist()
-    return replace(world, servo_gain=(left, right, caudal))
+    found = []
+    for effect in course.effects:
+        gains = check_row("servo_gain", scenario.servo_gain[0] * effect.gains)[None]
+        found.append(replace(scenario, body=effect.body.to_array()[None], servo_gain=gains))
+    only = np.zeros(1, np.intp)
+    changes = zip(course.begins[1:], found[1:], strict=True)
+    return replace(found[0], schedule=tuple(Change(step, only, to) for step, to in changes))
 
 
 def placed(angles: Floats, effect: Effect, first: Floats) -> Floats:
@@ -47,47 +46,6 @@ def placed(angles: Floats, effect: Effect, first: Floats) -> Floats:
         elif isinstance(stands, float):
             found[fin] = wrap(np.array(stands))
     return found
-
-
-def swim_through(
-    course: Course,
-    worlds: Sequence[WorldConfig],
-    command: Floats,
-    angles: Floats,
-    current: Floats,
-    steps: int,
-    engine: str,
-) -> ImuLog:
-    """Return the log (1, T, 3) of a robot that becomes another in mid-swim.
-
-    Parameters
-    ----------
-    course
-        In steps of 0.01 s.
-    worlds
-        One for each of its effects, which differ in the servos' gains alone.
-    command, angles, current
-        (3,) each, as of ``aquafish_gym.simulate``.
-    steps, engine
-        As of ``aquafish_gym.simulate``.
-    """
-    told, fins, water = (_triple(row) for row in (command, angles, current))
-    plain = worlds[0]
-    bare = make_world(engine, plain.reactive, drag=plain.drag, substeps=plain.substeps)
-    world, found = ServoWorld(bare, plain.servo_gain, plain.lag), np.empty((1, steps, 13))
-    changes = dict(zip(course.begins, zip(course.effects, worlds, strict=True), strict=True))
-    try:
-        world.reset(course.effects[0].body.to_array(), fins, water)
-        for step in range(steps):
-            if step in changes:
-                effect, there = changes[step]
-                world.become(effect.body.to_array())
-                world.servo_gain = there.servo_gain
-            world.advance(told)
-            found[0, step] = sample(world)
-    finally:
-        world.close()
-    return log_of_samples(found)
 
 
 def as_said(
@@ -143,8 +101,3 @@ def _fitting(up: Floats, north: Floats) -> Floats:
     u[:, :, 2] *= np.linalg.det(u @ v)[:, None]
     fitted: Floats = u @ v
     return fitted
-
-
-def _triple(row: Floats) -> Triple:
-    x, y, z = row.tolist()
-    return (x, y, z)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from aquafish_gym.command import SERVOS
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
 from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError

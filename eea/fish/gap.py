@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import FINS
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import finite_array, one_of
+from aquafish_gym.world_config import WorldConfig
 from eea.core.angles import Floats, wrap
 
 MOST_SPIN = 100.0  # rad/s that a gyroscope may err by, which is beyond any
@@ -67,32 +69,25 @@ class RealityGap(WorldConfig):
             said.append(name if value is True else " ".join([name, *numbers]))
         return ", ".join(said) or "nothing"
 
-    def world(self, current: Floats | None = None, substeps: int = 1) -> WorldConfig:
-        """Return the target's world where the models' has a current (3,) and so many substeps.
+    def edit(self, scenario: Scenario) -> Scenario:
+        """Return a scenario of the models' world as the target has it.
 
         Examples
         --------
-        >>> RealityGap(seized="caudal", servo_gain=(0.9, 0.9, 0.9)).world().servo_gain
-        (0.9, 0.9, 0.0)
+        >>> gap = RealityGap(seized="caudal", servo_gain=(0.9, 0.9, 0.9))
+        >>> gap.edit(Scenario.create()).servo_gain.tolist()
+        [[0.9, 0.9, 0.0]]
         """
-        left, right, caudal = (
-            0.0 if fin == self.seized else gain
-            for fin, gain in zip(FINS, self.servo_gain, strict=True)
-        )
-        x, y, z = (np.zeros(3) if current is None else current) + self.current
-        return WorldConfig(
-            current=(x, y, z),
-            drag=self.drag,
-            servo_gain=(left, right, caudal),
-            lag=self.lag,
-            reactive=self.reactive,
-            substeps=self.substeps * substeps,
-        )
+        edited = super().edit(scenario)
+        return replace(edited, servo_gain=np.where(self._stuck, 0.0, edited.servo_gain))
+
+    @property
+    def _stuck(self) -> NDArray[np.bool_]:
+        return np.array([fin == self.seized for fin in FINS])
 
     def placed(self, angles: Floats) -> Floats:
         """Return fin angles (..., 3) with that of a seized servo where it is stuck, rad."""
-        stuck = np.array([fin == self.seized for fin in FINS])
-        return np.where(stuck, wrap(self.seized_angle), angles)
+        return np.where(self._stuck, wrap(self.seized_angle), angles)
 
     def felt(self, log: ImuLog, rng: np.random.Generator) -> ImuLog:
         """Return a log as the gyroscope says it, with its noise and its bias."""

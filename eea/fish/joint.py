@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.api import simulate
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
 from eea.core.angles import Floats
 from eea.core.problem import Problem

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.lib.recfunctions import append_fields
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import Floats
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import Any, TypedDict
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.api import simulate
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.utils.validation import finite_array

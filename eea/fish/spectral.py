@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import check_trials
+from aquafish_gym.command import check_commands
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.compiled.spectrum import (
     coefficients,
@@ -21,6 +21,7 @@ from aquafish_gym.engines.compiled.spectrum import (
     distances,
     pack_spectra,
 )
+from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Coefficients
 from eea.core.experiment import Trials
@@ -58,14 +59,10 @@ class SpectralComparer:
 
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:
         s = self.simulator
-        checked = check_trials(trials.models, trials.commands, trials.angles)
-        x, y, z = np.asarray(s.current, dtype=np.float64).tolist()
-        lanes = LaneBatch(
-            checked.morphologies, checked.fin_angles, (x, y, z), getattr(np, s.dtype), s.substeps,
-            s.threads,
-        )  # fmt: skip
+        scenario = Scenario.create(trials.models, fin_angles=trials.angles, current=s.current)
+        lanes = LaneBatch(scenario, getattr(np, s.dtype), s.substeps, s.threads)
         scale = 180.0 / np.pi if self.behavior.unit == "degrees" else 1.0
         if self.behavior.normalised:
             scale /= s.steps
         rates = self.behavior.signal == "body_rates"
-        return lanes.spectra(checked.commands, s.steps, scale, rates)
+        return lanes.spectra(check_commands(trials.commands), s.steps, scale, rates)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core.angles import Floats
 from eea.core.behavior import BehaviorConfig, Log, signal_samples

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.command import check_commands
 from aquafish_gym.damage import Damage
-from aquafish_gym.engines.base import MAXIMUM_SUBSTEPS, TIMESTEP, simulate
+from aquafish_gym.engines.api import MAXIMUM_SUBSTEPS, simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.envs.course import course_of
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.attitude import rotations
+from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import finite_array, integer
 from eea.core.angles import Floats
 from eea.core.checks import choice, instance
-from eea.fish.broken_trial import as_said, placed, rpy_of, swim_through, with_gains
+from eea.fish.broken_trial import as_said, broken, placed, rpy_of
 from eea.fish.gap import RealityGap
 
 Orientation = Literal["upright", "heading", "attitude"]
@@ -130,10 +131,12 @@ class EngineTarget:
         self._rng = np.random.default_rng() if rng is None else rng
         self._gap = gap
         shared = finite_array("current", current, (3,), unit="units/s")
-        world = gap.world(shared, integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS))
-        self._current, self._steps = np.array(world.current), steps
-        self._worlds = [with_gains(world, effect) for effect in self._course.effects]
-        self._simulate(np.zeros(9), np.zeros(3), np.zeros(3), self._current)  # or refuses to
+        integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
+        self._substeps = integer("substeps", substeps * gap.substeps, 1, MAXIMUM_SUBSTEPS)
+        world = gap.edit(Scenario.create(whole, current=shared))
+        check_row("current", world.current[0])
+        self._scenario, self._steps = broken(world, self._course), steps
+        self._simulate(np.zeros(3), np.zeros(3), world.current[0])  # or refuses to
         self._orientation = orientation
         self._start_angles = np.zeros(3)
         self._first_angles: Floats | None = None
@@ -151,26 +154,19 @@ class EngineTarget:
         if self._first_angles is None:
             self._first_angles = angles
         angles = self._start_angles = placed(angles, self._course.effects[0], self._first_angles)
-        water = start.T @ self._current  # as seen from that start
-        log = self._swim(command, angles, water)
+        water = start.T @ self._scenario.current[0]  # as seen from that start
+        log = self._simulate(command, angles, water)
         if self._orientation != "upright":
             log = turn_log(log, start)
         log = self._gap.felt(log, noise)
         return as_said(log, self._course, start, self._gap.gyro_bias, broken)
 
-    def _swim(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
-        if self._course.next(0) >= self._steps:
-            body = self._course.effects[0].body.to_array()
-            return self._simulate(body, command, angles, current)
-        return swim_through(
-            self._course, self._worlds, check_commands(command)[0], angles, current,
-            self._steps, self.engine,
-        )  # fmt: skip
-
-    def _simulate(self, body: Floats, command: Floats, angles: Floats, current: Floats) -> ImuLog:
+    def _simulate(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
         # In the compiled engine too the target is computed in double precision: it plays nature.
-        how: dict[str, Any] = {**vars(self._worlds[0]), "current": current}
-        return simulate(body, command, angles, self._steps, self.engine, dtype="float64", **how)
+        scenario = replace(self._scenario, fin_angles=angles[None], current=current[None])
+        return simulate_scenario(
+            scenario, check_commands(command), self._steps, self.engine, "float64", self._substeps
+        )
 
     @property
     def start_angles(self) -> Floats:

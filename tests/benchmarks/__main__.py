@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish_gym.command_line import run_command_line
-from aquafish_gym.engines.base import MAXIMUM_STEPS
+from aquafish_gym.engines.api import MAXIMUM_STEPS
 from aquafish_gym.runs.storage import ensure_writable_directory, write_json
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.benchmarks.measure import LEAST_SECONDS, measure

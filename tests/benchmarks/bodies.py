@@ -9,17 +9,18 @@ from itertools import cycle
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.scenario import Scenario
 from tests.benchmarks.rows import (
     Group,
     Row,
     Settings,
     missing_mujoco,
     missing_pybullet,
-    random_trials,
 )
 from tests.verification.mujoco_model import mujoco_model
+from tests.verification.trials import random_trials
 
 
 def new_bodies(settings: Settings, cleanup: ExitStack) -> Group:
@@ -27,7 +28,8 @@ def new_bodies(settings: Settings, cleanup: ExitStack) -> Group:
     from aquafish_gym.engines.compiled.lanes import LaneBatch
 
     trials = random_trials(settings.robots, settings.seed)
-    bodies, angles = trials.morphologies, trials.fin_angles
+    bodies = trials.morphologies
+    scenario = Scenario.create(bodies, fin_angles=trials.fin_angles)
     notes = missing_pybullet()
     rows: list[Row] = []
     reference = None
@@ -38,7 +40,7 @@ def new_bodies(settings: Settings, cleanup: ExitStack) -> Group:
     for kind in (np.float32, np.float64):
 
         def fill(dtype: type[np.floating] = kind) -> object:
-            return LaneBatch(bodies, angles, dtype=dtype, threads=1)
+            return LaneBatch(scenario, dtype, threads=1)
 
         rows.append(
             Row("pack a batch", "numba", np.dtype(kind).name, len(bodies), 1, len(bodies),
@@ -58,8 +60,8 @@ def _bullet(bodies: NDArray[np.float64], cleanup: ExitStack) -> Callable[[], obj
 
     world = BulletWorld()
     cleanup.callback(world.close)
-    following = cycle(bodies)
-    return lambda: world.reset(next(following), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    following = cycle([Scenario.create(body) for body in bodies])
+    return lambda: world.reset(next(following))
 
 
 def _mujoco(bodies: NDArray[np.float64]) -> Callable[[], object]:

@@ -17,9 +17,10 @@ import neat
 import numpy as np
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.scenario import Scenario
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig
 from gait.fitness import DIVERGED_SPEED
@@ -107,7 +108,7 @@ def swim_as_usual(world: Any, genome: Any, body: Morphology, steps: int) -> floa
     matrix = load_pybullet().getMatrixFromQuaternion
     middle = ((COMMAND_LOW + COMMAND_HIGH) / 2).tolist()
     reach = ((COMMAND_HIGH - COMMAND_LOW) / 2).tolist()
-    world.reset(body.to_array(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    world.reset(Scenario.create(body))
     for t in range(0, steps, INTERVAL):
         m = matrix(world.orientation)
         x, y, z = world.world_spin

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
+from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU
-from tests.benchmarks.rows import Group, Row, Settings, missing_mujoco, random_trials
+from tests.benchmarks.rows import Group, Row, Settings, missing_mujoco
 from tests.verification.mujoco_model import hinge_angles, load_mujoco, mujoco_model
+from tests.verification.trials import Trials, random_trials
 
 BODIES = 256
 WATER = 1.0  # density, in the robot's units
@@ -104,7 +105,7 @@ class Rollout:
         """Return (B, S) states at rest."""
         everything = mujoco.mjtState.mjSTATE_FULLPHYSICS
         model, data = self._models[0], self._data[0]
-        states = np.empty((len(trials), mujoco.mj_stateSize(model, everything)))
+        states = np.empty((len(trials.commands), mujoco.mj_stateSize(model, everything)))
         for state, angles in zip(states, hinge_angles(trials.fin_angles), strict=True):
             mujoco.mj_resetData(model, data)
             data.qpos[-3:] = angles

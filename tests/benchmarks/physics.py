@@ -8,8 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from aquafish_gym.engines.base import Trials, simulate
-from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet, random_trials
+from aquafish_gym.engines.api import simulate
+from aquafish_gym.scenario import Scenario
+from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet
+from tests.verification.trials import Trials, random_trials
 
 BULLET_ROBOTS = 8
 SMALL_BATCHES = (1, 16, 256)
@@ -65,11 +67,10 @@ def _lanes(trials: Trials, settings: Settings, dtype: str) -> Callable[[], objec
     from aquafish_gym.engines.compiled.lanes import LaneBatch
 
     few = slice(settings.robots)
+    scenario = Scenario.create(trials.morphologies[few], fin_angles=trials.fin_angles[few])
 
     def call() -> object:
-        lanes = LaneBatch(
-            trials.morphologies[few], trials.fin_angles[few], dtype=getattr(np, dtype), threads=1
-        )
+        lanes = LaneBatch(scenario, getattr(np, dtype), threads=1)
         return lanes.advance(trials.commands[few], settings.steps)
 
     return call
@@ -81,6 +82,7 @@ def lane_widths(settings: Settings, cleanup: ExitStack) -> Group:  # noqa: ARG00
     from aquafish_gym.engines.compiled.lanes import LaneBatch, lane_width
 
     trials = random_trials(settings.robots, settings.seed)
+    scenario = Scenario.create(trials.morphologies, fin_angles=trials.fin_angles)
     rows: list[Row] = []
     for dtype in (np.float32, np.float64):
         widest = lane_width(dtype)
@@ -88,9 +90,7 @@ def lane_widths(settings: Settings, cleanup: ExitStack) -> Group:  # noqa: ARG00
         for width in sorted((w for w in WIDTHS if w <= widest), reverse=True):
 
             def call(dtype: type[np.floating] = dtype, width: int = width) -> object:
-                lanes = LaneBatch(
-                    trials.morphologies, trials.fin_angles, dtype=dtype, threads=1, width=width
-                )
+                lanes = LaneBatch(scenario, dtype, threads=1, width=width)
                 return lanes.advance(trials.commands, settings.steps, "rpy")
 
             amount = settings.robots * settings.steps
@@ -108,11 +108,12 @@ def _bullet(trials: Trials, robots: int, steps: int, cleanup: ExitStack) -> Call
 
     world = BulletWorld()
     cleanup.callback(world.close)
-    angles, commands = trials.fin_angles.tolist(), trials.commands.tolist()
+    scenario = Scenario.create(trials.morphologies, fin_angles=trials.fin_angles)
+    starts, commands = [scenario.take(i) for i in range(robots)], trials.commands.tolist()
 
     def call() -> None:
-        for i in range(robots):
-            world.reset(trials.morphologies[i], tuple(angles[i]), (0.0, 0.0, 0.0))
-            world.advance(tuple(commands[i]), steps)
+        for robot, command in zip(starts, commands, strict=False):
+            world.reset(robot)
+            world.advance(tuple(command), steps)
 
     return call

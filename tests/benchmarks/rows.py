@@ -7,12 +7,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from importlib import import_module
 
-import numpy as np
-
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.base import Trials
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.utils.validation import EngineUnavailableError
 from tests.verification.mujoco_model import load_mujoco
 
@@ -151,13 +146,3 @@ def missing_mujoco() -> list[str]:
     except EngineUnavailableError:
         return [NO_MUJOCO]
     return []
-
-
-def random_trials(count: int, seed: int) -> Trials:
-    """Return ``count`` random bodies, commands and fin angles."""
-    rng = np.random.default_rng(seed)
-    return Trials(
-        rng.uniform(0, 1, (count, 9)) * MAXIMA,
-        rng.uniform(COMMAND_LOW, COMMAND_HIGH, (count, 3)),
-        rng.uniform(-np.pi, np.pi, (count, 3)),
-    )

@@ -12,8 +12,9 @@ from scipy.interpolate import CubicSpline
 
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.bodies import read_bodies
-from aquafish_gym.engines.base import Settings, Trials, find_engine
+from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.runs.storage import read_document
+from aquafish_gym.scenario import Scenario
 from eea import JointConfig, RecordedLog, SwimLog, infer_log, load_posterior, read_log, write_log
 from eea.__main__ import main
 
@@ -30,8 +31,10 @@ def swum(bodies, commands, seed=0, steps=128, noise=0.01):
     """Return what fish (E, 9), of any size, feel under commands (E, 3), as a log."""
     rng = np.random.default_rng(seed)
     angles = rng.uniform(-np.pi, np.pi, (len(commands), 3))
-    trials = Trials(np.array(bodies), np.array(commands, dtype=float), angles)
-    felt = find_engine("numba")(trials, Settings(steps, dtype=np.float64, record="gyro")).gyro
+    robots = Scenario.fill({"body": np.array(bodies), "fin_angles": angles})
+    felt = simulate_scenario(
+        robots, np.array(commands, dtype=float), steps, dtype="float64", record="gyro"
+    ).gyro
     assert felt is not None
     noisy = felt + noise * rng.standard_normal(felt.shape)
     return SwimLog.of_trials(commands, [RecordedLog(one) for one in noisy])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Morphology
-from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.attitude import attitude, rotations
 from eea import ConfigurationError, EngineTarget
 from eea.fish.target import random_orientation
+from tests.verification.trials import lane_batch
 
 COMMAND = np.array([0.4, -0.3, 0.8])
 CURRENT = (0.7, -0.4, 0.2)
@@ -42,7 +42,7 @@ def test_the_turned_log_is_that_of_a_fish_that_began_turned(orientation, seed):
     log = fish.perform(COMMAND)
     angles = fish.start_angles
     start = random_orientation(orientation, np.random.default_rng(angles.view(np.uint64)))
-    batch = LaneBatch(fish.morphology.to_array()[None], angles[None], CURRENT, np.float64)
+    batch = lane_batch(fish.morphology.to_array()[None], angles[None], CURRENT, np.float64)
     # The engine itself, begun in that orientation, which its callers cannot ask for.
     states = batch._table(batch._states, 25)
     states[:4, 0] = quaternion(start)

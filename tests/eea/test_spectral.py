@@ -131,7 +131,7 @@ def test_a_simulator_without_the_protocols_methods_is_named() -> None:
 def test_it_checks_what_the_long_way_checks() -> None:
     lab = evaluator(BehaviorConfig(), compiled=True)
     observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
-    with pytest.raises(InvalidArgumentError, match="morphologies"):
+    with pytest.raises(InvalidArgumentError, match="body"):
         lab.similarities(Trials(-TRIALS.models, TRIALS.commands, TRIALS.angles), observed, which)
     with pytest.raises(InvalidArgumentError, match=r"which must lie in \[0, 0\]; got 0 to 7"):
         lab.similarities(TRIALS, observed, which + 7 * (np.arange(30) == 3))

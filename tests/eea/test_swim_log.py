@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym import simulate
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import RecordedLog, SwimLog, read_log, write_log
 from eea.core.checks import ConfigurationError

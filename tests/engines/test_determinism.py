@@ -17,10 +17,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from llvmlite import binding
 
-from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA
-from tests.verification.trials import random_trials
+from tests.verification.trials import lane_batch, random_trials
 
 FIELDS = ("rpy", "gyro", "position", "quaternion", "fin_angles")
 DTYPES = (np.float32, np.float64)
@@ -38,7 +37,7 @@ def trials():  # type: ignore[no-untyped-def]
 
 def whole_log(trials, dtype, steps=100, rows=slice(None), **options) -> bytes:  # type: ignore[no-untyped-def]
     """Return all that a batch logs, as bytes."""
-    lanes = LaneBatch(trials.morphologies[rows], trials.fin_angles[rows], dtype=dtype, **options)
+    lanes = lane_batch(trials.morphologies[rows], trials.fin_angles[rows], dtype=dtype, **options)
     return as_bytes(lanes.advance(trials.commands[rows], steps, "pose"))
 
 
@@ -76,7 +75,7 @@ def alone(trials):  # type: ignore[no-untyped-def]
     """Return every robot's log by itself."""
     logs = {}
     for dtype in DTYPES:
-        lanes = LaneBatch(trials.morphologies, trials.fin_angles, dtype=dtype)
+        lanes = lane_batch(trials.morphologies, trials.fin_angles, dtype=dtype)
         log = lanes.advance(trials.commands, 40, "pose")
         logs[dtype] = [as_bytes(log, i) for i in range(COUNT)]
     return logs
@@ -87,7 +86,7 @@ def alone(trials):  # type: ignore[no-untyped-def]
 @settings(max_examples=25, deadline=None)
 def test_no_robot_minds_its_batch(trials, alone, dtype, rows: list[int]) -> None:  # type: ignore[no-untyped-def]
     """In any order, batch size and company, even its own."""
-    lanes = LaneBatch(trials.morphologies[rows], trials.fin_angles[rows], dtype=dtype)
+    lanes = lane_batch(trials.morphologies[rows], trials.fin_angles[rows], dtype=dtype)
     log = lanes.advance(trials.commands[rows], 40, "pose")
     assert [as_bytes(log, i) for i in range(len(rows))] == [alone[dtype][i] for i in rows]
 
@@ -97,7 +96,7 @@ def test_no_robot_minds_its_batch(trials, alone, dtype, rows: list[int]) -> None
     "again", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))], ids=["copy", "pickle"]
 )
 def test_a_copied_batch_goes_on_identically(trials, dtype, again) -> None:  # type: ignore[no-untyped-def]
-    lanes = LaneBatch(trials.morphologies, trials.fin_angles, (0.1, 0.2, 0.0), dtype)
+    lanes = lane_batch(trials.morphologies, trials.fin_angles, (0.1, 0.2, 0.0), dtype)
     lanes.advance(trials.commands, 37)
     twin = again(lanes)
     first = as_bytes(twin.advance(trials.commands, 50, "pose"))
@@ -109,13 +108,13 @@ SCRIPT = """
 import hashlib, json
 import numpy as np
 from aquafish_gym.engines.compiled import lanes
-from tests.verification.trials import random_trials
+from tests.verification.trials import lane_batch, random_trials
 
 used, inner = [], lanes.compile_kernel
 lanes.compile_kernel = lambda *a, **k: used.append(inner(*a, **k)) or used[-1]
 trials, found = random_trials(40), {}
 for dtype in (np.float32, np.float64):
-    batch = lanes.LaneBatch(trials.morphologies, trials.fin_angles, dtype=dtype)
+    batch = lane_batch(trials.morphologies, trials.fin_angles, dtype=dtype)
     log = batch.advance(trials.commands, 200, "pose")
     fields = ("rpy", "gyro", "position", "quaternion", "fin_angles")
     parts = [np.ascontiguousarray(getattr(log, f)).tobytes() for f in fields]

@@ -13,9 +13,9 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import aquafish_gym
-from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics import compiling, hydrodynamics
+from tests.verification.trials import lane_batch
 
 Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
 
@@ -46,8 +46,8 @@ def test_batch_order_and_size_change_nothing(trials: Trial, dtype: str) -> None:
 
 def test_a_run_in_parts_is_the_run_in_one(trials: Trial) -> None:
     bodies, commands, angles = trials
-    whole = LaneBatch(bodies, angles).advance(commands, 100, "pose")
-    parts = LaneBatch(bodies, angles)
+    whole = lane_batch(bodies, angles).advance(commands, 100, "pose")
+    parts = lane_batch(bodies, angles)
     logs = [parts.advance(commands, n, "pose") for n in (1, 37, 62)]
     assert_array_equal(np.concatenate([log.rpy for log in logs], axis=1), whole.rpy)
     for name in ("gyro", "position", "quaternion"):
@@ -146,12 +146,13 @@ SCRIPT = """
 import numpy as np
 from aquafish_gym.engines.compiled import kernel, lanes
 from aquafish_gym.physics import compiling
+from aquafish_gym.scenario import Scenario
 if {stamp!r}:
     compiling.source_stamp = lambda *_: {stamp!r}
     kernel.source_stamp = compiling.source_stamp
 used, inner = [], lanes.compile_kernel
 lanes.compile_kernel = lambda *a, **k: used.append(inner(*a, **k)) or used[-1]
-lanes.LaneBatch(np.zeros((1, 9)), np.zeros((1, 3))).advance(np.zeros((1, 3)), 1)
+lanes.LaneBatch(Scenario.create()).advance(np.zeros((1, 3)), 1)
 k = used[-1]
 print(sum(k.stats.cache_hits.values()), sum(k.stats.cache_misses.values()))
 """
@@ -174,7 +175,7 @@ def test_a_kernel_of_other_physics_is_not_taken_from_the_cache(tmp_path: pathlib
 
 def test_a_batch_refuses_commands_for_another_number_of_robots() -> None:
     """They would be read beyond their end."""
-    lanes = LaneBatch(np.ones((5, 9)) * 0.3, np.zeros((5, 3)))
+    lanes = lane_batch(np.ones((5, 9)) * 0.3, np.zeros((5, 3)))
     for call in (lambda c: lanes.advance(c, 8), lambda c: lanes.spectra(c, 8)):
         with pytest.raises(ValueError, match=r"commands must have shape \(5, 3\); got \(1, 3\)"):
             call(np.zeros((1, 3)))
@@ -184,5 +185,5 @@ def test_a_process_keeps_one_pool_of_threads() -> None:
     bodies, commands = np.full((400, 9), 0.3), np.zeros((400, 3))
     before = threading.active_count()
     for threads in (2, 5, 3, 4):
-        LaneBatch(bodies, np.zeros((400, 3)), threads=threads).advance(commands, 400)
+        lane_batch(bodies, np.zeros((400, 3)), threads=threads).advance(commands, 400)
     assert threading.active_count() <= before + 5

@@ -9,11 +9,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aquafish_gym import simulate
-from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.physics.attitude import rotations
 from aquafish_gym.utils.validation import InvalidArgumentError
-from tests.verification.trials import random_trials
+from tests.verification.trials import lane_batch, one_world, random_trials
 
 COUNT, COMMANDS, INTERVAL, STEPS = 9, 12, 5, 70
 TRIALS = random_trials(COUNT, seed=5)
@@ -60,8 +58,7 @@ def test_the_engines_agree_on_series(lag: Any) -> None:
 def test_a_world_that_is_told_one_command_after_another_swims_the_series() -> None:
     log = swim(lag=LAGS, servo_gain=GAINS)
     for i in range(3):
-        world = make_world("numba", servo_gain=GAINS[i], lag=float(LAGS[i]))
-        world.reset(BODIES[i], tuple(ANGLES[i]), (0.0, 0.0, 0.0))
+        world = one_world("numba", BODIES[i], ANGLES[i], servo_gain=GAINS[i], servo_lag=LAGS[i])
         felt = []
         for t in range(STEPS):
             world.advance(tuple(SERIES[i, min(t // INTERVAL, COMMANDS - 1)].tolist()))
@@ -74,7 +71,7 @@ def test_a_world_that_is_told_one_command_after_another_swims_the_series() -> No
 def test_a_trial_cut_in_two_goes_on_as_if_it_were_not(cut: int, reactive: bool) -> None:
     servos: dict[str, Any] = {"servo_gain": GAINS, "reactive": reactive, "substeps": 2}
     whole = swim(lag=LAGS, **servos)
-    first = LaneBatch(BODIES, ANGLES, dtype=np.float64, **servos)
+    first = lane_batch(BODIES, ANGLES, dtype=np.float64, **servos)
     first.advance(SERIES, cut, lag=LAGS, interval=INTERVAL)
     now = first.state()
     turned = rotations(now["rpy"])

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.compiled.spectrum import (
     coefficients,
     disagreements,
@@ -15,7 +14,7 @@ from aquafish_gym.engines.compiled.spectrum import (
 )
 from aquafish_gym.physics.attitude import rotations
 from aquafish_gym.utils.validation import InvalidArgumentError
-from tests.verification.trials import random_trials
+from tests.verification.trials import lane_batch, random_trials
 
 COUNT = 35  # no multiple of any width
 ROUNDING = {np.float32: 3e-7, np.float64: 1e-15}
@@ -37,13 +36,13 @@ def spectra(
     steps: int, dtype: type[np.floating], rates: bool = False, **kwargs: object
 ) -> np.ndarray:
     t = random_trials(COUNT, 0)
-    batch = LaneBatch(t.morphologies, t.fin_angles, dtype=dtype, **kwargs)  # type: ignore[arg-type]
+    batch = lane_batch(t.morphologies, t.fin_angles, dtype=dtype, **kwargs)  # type: ignore[arg-type]
     return batch.spectra(t.commands, steps, scale=2.0, rates=rates)
 
 
 def by_numpy(steps: int, dtype: type[np.floating], rates: bool = False) -> np.ndarray:
     t = random_trials(COUNT, 0)
-    batch = LaneBatch(t.morphologies, t.fin_angles, dtype=dtype)
+    batch = lane_batch(t.morphologies, t.fin_angles, dtype=dtype)
     log = batch.advance(t.commands, steps, "attitude")
     samples = 2.0 * np.asarray(log.gyro if rates else log.rpy, dtype=np.float64)
     return np.fft.rfft(samples.transpose(0, 2, 1), axis=-1).reshape(COUNT, -1)
@@ -87,7 +86,7 @@ def test_no_spectrum_depends_on_threads_or_batch(dtype: type[np.floating], rates
     one, three = (spectra(512, dtype, rates, width=width, threads=threads) for threads in (1, 3))
     np.testing.assert_array_equal(three, one)
     t = random_trials(COUNT, 0)
-    some = LaneBatch(t.morphologies[9:12], t.fin_angles[9:12], dtype=dtype)
+    some = lane_batch(t.morphologies[9:12], t.fin_angles[9:12], dtype=dtype)
     np.testing.assert_array_equal(some.spectra(t.commands[9:12], 32, 2.0, rates), whole[9:12])
 
 
@@ -103,7 +102,7 @@ def test_no_spectrum_depends_on_the_width(
 @dtypes
 def test_those_of_the_rates_leave_an_attitude_in_the_state(dtype: type[np.floating]) -> None:
     t = random_trials(COUNT, 0)
-    batches = [LaneBatch(t.morphologies, t.fin_angles, dtype=dtype) for _ in range(2)]
+    batches = [lane_batch(t.morphologies, t.fin_angles, dtype=dtype) for _ in range(2)]
     for batch in batches:
         batch.advance(t.commands, 20)
     for batch, rates in zip(batches, (False, True), strict=True):
@@ -117,7 +116,7 @@ def test_those_of_the_rates_leave_an_attitude_in_the_state(dtype: type[np.floati
 @both_signals
 def test_a_robot_that_diverges_has_no_finite_spectrum_and_spoils_no_other(rates: bool) -> None:
     t = random_trials(COUNT, 0)
-    batch = LaneBatch(t.morphologies, t.fin_angles)
+    batch = lane_batch(t.morphologies, t.fin_angles)
     batch._table(batch._states, 25)[10, 3] = 1e30  # spins
     found = batch.spectra(t.commands, 32, 2.0, rates)
     assert not np.isfinite(distances(found, found[:1].copy(), np.zeros(COUNT, int))[3])

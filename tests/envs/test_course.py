@@ -20,6 +20,7 @@ from aquafish_gym.envs.course import course_of
 from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 NOMINAL = Morphology.nominal()
@@ -84,12 +85,12 @@ def path(engine: str, *bodies: Morphology) -> Any:
     """Swim with one body, and from the middle on with others, in an instant one after another."""
     rng = np.random.default_rng(0)
     commands = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (20, 3)).tolist()
-    world, states = make_world(engine), []
-    world.reset(NOMINAL.to_array(), (0.3, -1.0, 2.0), (0.1, 0.0, 0.0))
+    fields = {"fin_angles": (0.3, -1.0, 2.0), "current": (0.1, 0.0, 0.0)}
+    world, states = make_world(engine, Scenario.create(NOMINAL, **fields)), []
     for i, (left, right, caudal) in enumerate(commands):
         for body in bodies if i == 10 else ():
             before = world.state()
-            world.become(body.to_array())
+            world.update(Scenario.create(body, **fields))
             for old, new in zip(before, world.state(), strict=True):
                 np.testing.assert_allclose(new, old, rtol=0, atol=1e-12)
         world.advance((left, right, caudal), 5)
@@ -113,11 +114,10 @@ def test_a_robot_becomes_another_where_it_is_and_as_it_moves(engine: str) -> Non
 
 @pytest.mark.parametrize("engine", WORLDS)
 def test_water_may_begin_to_flow(engine: str) -> None:
-    world = make_world(engine)
-    world.reset(NOMINAL.to_array(), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    world = make_world(engine, Scenario.create())
     world.advance((0.0, 0.0, 0.0), 100)
     assert np.abs(world.state().position).max() < 1e-9
-    world.flow((0.0, 0.5, 0.0))
+    world.set_current((0.0, 0.5, 0.0))
     world.advance((0.0, 0.0, 0.0), 200)
     assert world.state().position[1] > 0.03
     world.close()

@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aquafish_gym.engines.compiled import lanes
-from aquafish_gym.engines.worlds import WorldConfig
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.world_config import WorldConfig
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.fitness import distances
 from gait.rollout import ZERO_POSE, random_poses, stream, swim, swim_all
@@ -56,21 +55,6 @@ def test_the_lanes_swim_in_the_same_world(change: dict[str, Any]) -> None:
     assert np.abs(together - plain).min() > 1e-5
     single = distances([controller], HALF, POSES, 2.0, world=world)
     assert single[0, 0] == pytest.approx(np.mean(alone), abs=1e-3)
-
-
-def test_reactive_water_reaches_the_lanes(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its loop for networks takes half a minute to compile, so here it is only asked for."""
-    asked: list[bool] = []
-
-    class Still(lanes.LaneBatch):
-        def __init__(self, *args: Any, reactive: bool = False, **options: Any) -> None:
-            asked.append(reactive)
-            super().__init__(*args, **options)
-
-    monkeypatch.setattr(lanes, "LaneBatch", Still)
-    swim_all([make_controller()], HALF, seconds=0.1, world=WorldConfig(reactive=True))
-    swim_all([make_controller()], HALF, seconds=0.1)
-    assert asked == [True, False]
 
 
 def test_distance_is_through_the_water_and_the_path_over_ground() -> None:

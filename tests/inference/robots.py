@@ -91,10 +91,10 @@ class Robot(EngineTarget):
         self.logs.append(log.gyro[0])
         return Performed(log, command)
 
-    def _swim(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
+    def _simulate(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
         if self.setting.world == "mujoco":
             return simulate_mujoco(self.body, command, angles, self.setting.steps)
-        return super()._swim(command, angles, current)
+        return super()._simulate(command, angles, current)
 
     @property
     def observed(self) -> Observed:

@@ -11,11 +11,12 @@ import numpy as np
 from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command import scale_action
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.morphology import DIMENSIONS
 from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.runs.runner import Say
+from aquafish_gym.scenario import Scenario
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
 from eea.fish.log_inference import BEFORE
 from eea.joint import JointPosterior
@@ -104,8 +105,7 @@ def _known(number: int) -> tuple[Controller, JointPosterior]:
 
         def perform(self, command: Floats) -> RecordedLog:
             world = CompiledWorld()
-            left, right, phase = rng.uniform(-np.pi, np.pi, 3).tolist()
-            world.reset(body.to_array(), (left, right, phase), (0.0, 0.0, 0.0))
+            world.reset(Scenario.create(body, fin_angles=rng.uniform(-np.pi, np.pi, 3)))
             left, right, caudal = command.tolist()
             felt = []
             for _ in range(256):
@@ -129,12 +129,11 @@ def _swim(
 ) -> SwimLog:
     """Return a swim of a gait that feels its noisy gyroscope; the robot may become another."""
     world, policy = CompiledWorld(), new_policy(gait)
-    left, right, phase = rng.uniform(-np.pi, np.pi, 3).tolist()
-    world.reset(body.to_array(), (left, right, phase), (0.0, 0.0, 0.0))
+    world.reset(Scenario.create(body, fin_angles=rng.uniform(-np.pi, np.pi, 3)))
     felt, told = [np.zeros(3)], []
     for t in range(round(seconds / TIMESTEP)):
         if become is not None and t == round(at / TIMESTEP):
-            world.become(become.to_array())
+            world.update(Scenario.create(become))
         if t % INTERVAL == 0:
             turned = rotation(world.state().orientation)
             seen = np.array([*turned[2], *turned[1], *felt[-1]])

@@ -12,12 +12,13 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP
-from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.compiled.single import STATE, CompiledWorld
 from aquafish_gym.physics.kinematics import State, rotation, to_world
 from aquafish_gym.physics.layout import LEFT, STATE_NUMBERS, angles_of_rows
+from aquafish_gym.scenario import Scenario
 from tests.verification import harness
+from tests.verification.trials import lane_batch
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]
@@ -108,7 +109,7 @@ class Lanes(Swimmer):
 
     def _march(self, bodies, states, commands, h, steps, current, *_):  # type: ignore[no-untyped-def]
         substeps = round(TIMESTEP / h)
-        lanes = LaneBatch(bodies, np.zeros((len(bodies), 3)), current, self.dtype, substeps)
+        lanes = lane_batch(bodies, np.zeros((len(bodies), 3)), current, self.dtype, substeps)
         lanes._table(lanes._states, len(states))[:] = states
         samples, rest = divmod(steps, substeps)
         assert rest == 0, "a whole number of samples"
@@ -127,7 +128,7 @@ class Single(Swimmer):
     def _march(self, bodies, states, commands, _h, steps, current, *_):  # type: ignore[no-untyped-def]
         ends, world = [], CompiledWorld()
         for body, row, command in zip(bodies, states.T, commands, strict=True):
-            world.reset(body, STILL, current)
+            world.reset(Scenario.create(body, current=current))
             world._numbers[STATE] = row[STATE]
             world.advance(tuple(command.tolist()), steps)
             ends.append(flatten(world.state()))
@@ -155,7 +156,7 @@ class Bullet(Swimmer):
             ends = []
             for body, row, command in zip(bodies, states.T, commands, strict=True):
                 angles = angles_of_rows(row)
-                world.reset(body, tuple(angles.tolist()), current)
+                world.reset(Scenario.create(body, fin_angles=angles, current=current))
                 place(world, row)
                 world.advance(tuple(command.tolist()), steps)
                 ends.append(flatten(world.state()))

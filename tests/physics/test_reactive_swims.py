@@ -10,7 +10,6 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from aquafish_gym import simulate
-from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import (
@@ -27,7 +26,7 @@ from aquafish_gym.physics.robot import (
 from tests.verification import propulsion, reactive_terms
 from tests.verification.propulsion import tail_body
 from tests.verification.rk4 import rotation_matrix
-from tests.verification.trials import random_trials
+from tests.verification.trials import lane_batch, random_trials
 from tests.verification.water_momentum import (
     scheme_errors,
 )
@@ -108,7 +107,7 @@ def test_the_terms_are_off_unless_asked_for(trials) -> None:  # type: ignore[no-
 def test_lanes_are_plain_python_to_the_last_bit(trials, on: bool) -> None:  # type: ignore[no-untyped-def]
     bodies, commands, angles = (part[:6] for part in trials)
     u = (0.2, -0.1, 0.3)
-    lanes = LaneBatch(bodies, angles, u, np.float64, **({"reactive": True} if on else {}))
+    lanes = lane_batch(bodies, angles, u, np.float64, **({"reactive": True} if on else {}))
     lanes.advance(commands, 12)
     for body, command, angle, row in zip(bodies, commands, angles, lanes.rows().T, strict=True):
         robot, state = robot_of(body), at_rest(tuple(float(a) for a in angle))
@@ -132,23 +131,6 @@ def test_lanes_equal_pybullet(trials, substeps: int, current: Vector) -> None:  
     assert abs(ours.position).max() > 0.1
 
 
-def test_a_pybullet_world_has_the_terms_only_if_asked() -> None:
-    pytest.importorskip("pybullet")
-    from aquafish_gym.engines.bullet.world import BulletWorld
-
-    ends = []
-    for options in ({}, {"reactive": False}, {"reactive": True}):
-        world = BulletWorld(**options)
-        try:
-            world.reset(MAXIMA, (0.0, 0.5, 0.0), ZERO)
-            world.advance((0.5, 0.3, 1.0), 50)
-            ends.append(world.state())
-        finally:
-            world.close()
-    assert ends[0] == ends[1]
-    assert np.linalg.norm(np.subtract(ends[1].position, ends[2].position)) > 1e-3
-
-
 def test_float32_stays_near_float64(trials) -> None:  # type: ignore[no-untyped-def]
     double = swim(*trials, steps=512)
     single = swim(*trials, steps=512, dtype="float32")
@@ -170,11 +152,11 @@ def test_width_batch_and_threads_change_nothing(trials, options: dict[str, int])
     bodies, commands, angles = trials
     rows = []
     for more in (options, {"threads": 1}):
-        lanes = LaneBatch(bodies, angles, dtype=np.float64, reactive=True, **more)  # type: ignore[arg-type]
+        lanes = lane_batch(bodies, angles, dtype=np.float64, reactive=True, **more)  # type: ignore[arg-type]
         lanes.advance(commands, 1000)
         rows.append(lanes.rows())
     assert_array_equal(rows[0], rows[1])
-    one = LaneBatch(bodies[5:6], angles[5:6], dtype=np.float64, reactive=True)
+    one = lane_batch(bodies[5:6], angles[5:6], dtype=np.float64, reactive=True)
     one.advance(commands[5:6], 1000)
     assert_array_equal(one.rows()[:, 0], rows[0][:, 5])
 
@@ -202,7 +184,7 @@ def test_extreme_bodies_stay_finite_under_bang_bang_commands() -> None:
     bodies = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
     rng = np.random.default_rng(3)
     angles = rng.uniform(-math.pi, math.pi, (len(bodies), 3))
-    lanes = LaneBatch(bodies, angles, dtype=np.float64, reactive=True)
+    lanes = lane_batch(bodies, angles, dtype=np.float64, reactive=True)
     for _ in range(20):
         high = rng.integers(0, 2, (len(bodies), 3))
         lanes.advance(np.where(high, [0.5, 0.5, 1.0], [-0.5, -0.5, 0.0]), 10)

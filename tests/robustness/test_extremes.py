@@ -18,15 +18,14 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from aquafish_gym.command import scale_action
-from aquafish_gym.engines import base
-from aquafish_gym.engines.base import simulate
+from aquafish_gym.engines.api import simulate, simulate_scenario
 from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.engines.compiled.single import STATE, CompiledWorld
-from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.aquafish import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import layout
+from aquafish_gym.scenario import Scenario
 from eea.core.behavior import BehaviorConfig, Signal
 from eea.core.checks import TargetError
 from eea.core.config import EEAConfig
@@ -42,6 +41,7 @@ from gait.fitness import DIVERGED_SPEED
 from gait.network import Senses
 from gait.search import neat
 from gait.transfer import score
+from tests.verification.trials import lane_batch, one_world
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
 THICKNESS, WIDTH, LENGTH = [2, 5, 6], [0, 3, 8], [1, 4, 7]
@@ -102,7 +102,7 @@ def test_a_million_steps_in_reactive_water_are_finite(
     rng = np.random.default_rng(2)
     sizes = CORNERS if bodies == "corners" else thin_bodies(512, rng)
     angles = rng.uniform(-np.pi, np.pi, (512, 3))
-    batch = lanes.LaneBatch(sizes, angles, (20.0, -20.0, 20.0), dtype, reactive=True)
+    batch = lane_batch(sizes, angles, (20.0, -20.0, 20.0), dtype, reactive=True)
     for action in bang_bang(400, 512, rng):
         assert not batch.advance(scale_action(action), 5).diverged.any()
     assert all(np.isfinite(value).all() for value in batch.state().values())
@@ -111,9 +111,10 @@ def test_a_million_steps_in_reactive_water_are_finite(
 
 def test_reactive_water_is_finite_in_pybullet() -> None:
     rng = np.random.default_rng(3)
-    world = make_world("pybullet", reactive=True)
+    world = one_world("pybullet")
     for body in (*CORNERS[rng.choice(512, 5, replace=False)], *thin_bodies(5, rng)):
-        world.reset(body, tuple(rng.uniform(-3, 3, 3)), (20.0, -20.0, 20.0))
+        current, angles = (20.0, -20.0, 20.0), rng.uniform(-3, 3, 3)
+        world.reset(Scenario.create(body, fin_angles=angles, current=current, reactive=True))
         for action in bang_bang(200, 1, rng)[:, 0]:
             world.advance(tuple(scale_action(action).tolist()), 5)
             assert not world.diverged
@@ -279,13 +280,11 @@ def test_divergence_of_one_robot_spares_the_others(blow: str, dtype: str) -> Non
 
 @pytest.mark.parametrize("engine", ["numba", "pybullet"])
 def test_a_log_is_nan_from_where_a_robot_diverged(
-    engine: str, monkeypatch: pytest.MonkeyPatch
+    engine: str,
 ) -> None:
-    """A current of 1e200 units/s is more than any arithmetic holds."""
-    monkeypatch.setattr(base, "MAXIMUM_CURRENT", 1e300)
-    log = simulate(
-        MAXIMA, (0.5, 0.5, 1.0), steps=40, engine=engine, dtype="float64", current=(1e200, 1e200, 0)
-    )
+    """A current of 1e200 units/s is more than any arithmetic holds, and no door admits it."""
+    robot = Scenario.fill({"body": MAXIMA[None], "current": np.array([[1e200, 1e200, 0.0]])})
+    log = simulate_scenario(robot, np.array([[0.5, 0.5, 1.0]]), 40, engine, "float64")
     assert log.diverged.tolist() == [True]
     good = np.isfinite(log.rpy[0]).all(axis=1)
     assert not good[-1]
@@ -448,7 +447,7 @@ def test_a_single_swim_that_diverged_ends_in_nan(
 ) -> None:
     class SickWorld:
         def __init__(self) -> None:
-            self.world, self.steps = make_world(engine), 0
+            self.world, self.steps = one_world(engine), 0
 
         def __getattr__(self, name: str) -> Any:
             return getattr(self.world, name)

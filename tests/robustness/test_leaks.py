@@ -24,6 +24,7 @@ from aquafish_gym.engines.bullet import world as bullet_world
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.scenario import Scenario
 
 engine, first, then = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
 rng = np.random.default_rng(0)
@@ -71,12 +72,12 @@ measure(work)
 """
 
 WORLD_RESETS = """
-world = make_world(engine)
+world = make_world(engine, Scenario.create())
 
 
 def work(times):
     for _ in range(times):
-        world.reset(rng.uniform(0, MAXIMA), tuple(rng.uniform(-3, 3, 3)), (0.0, 0.0, 0.0))
+        world.reset(Scenario.create(rng.uniform(0, MAXIMA), fin_angles=rng.uniform(-3, 3, 3)))
         world.advance((0.1, 0.2, 0.3), 2)
 
 

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish_gym.command_line import run_command_line
-from aquafish_gym.engines.base import check_engine
+from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_json
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.verification.report import QUICK, STUDIES, Effort, make_report, tables_of

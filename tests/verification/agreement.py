@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
+from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.imu import ImuLog
-from tests.verification.trials import random_trials
+from tests.verification.trials import Trials, random_trials
 
 Array = NDArray[np.float64]
 
@@ -66,8 +66,7 @@ def engines(
 
 
 def _part(trials: Trials, begin: int, end: int) -> Trials:
-    rows = slice(begin, end)
-    return Trials(trials.morphologies[rows], trials.commands[rows], trials.fin_angles[rows])
+    return trials.rows(slice(begin, end))
 
 
 DURATIONS = (0.32, 0.64, 1.28, 2.56, 5.12, 10.24, 20.0)

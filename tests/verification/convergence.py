@@ -10,11 +10,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import Trials
 from aquafish_gym.physics.layout import start_rows
 from tests.verification.harness import POSITION, QUATERNION, SPIN, march
 from tests.verification.momentum import Momentum
 from tests.verification.surface import Surface
+from tests.verification.trials import Trials
 
 Array = NDArray[np.float64]
 
@@ -75,7 +75,7 @@ def path_gaps(paths: Array, truths: Array) -> dict[str, Array]:
 
 def references(trials: Trials, samples: int) -> Iterator[Array]:
     """Yield each robot's reference path; this is what takes the time."""
-    for robot in range(len(trials)):
+    for robot in range(len(trials.commands)):
         yield reference_path(trials, robot, samples)
 
 
@@ -115,7 +115,7 @@ def study(
                     "median": medians[i],
                     "maximum": float(finite[i].max()),
                     "order": order,
-                    "diverged": len(trials) - len(finite[i]),
+                    "diverged": len(trials.commands) - len(finite[i]),
                 }
             )
     return records

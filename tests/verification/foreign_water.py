@@ -13,11 +13,12 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
+from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.morphology import Morphology
 from tests.verification.convergence import attitude_gap
 from tests.verification.mujoco_world import STEPS, MujocoWorld
 from tests.verification.tables import Report, Table
+from tests.verification.trials import Trials
 
 Array = NDArray[np.float64]
 

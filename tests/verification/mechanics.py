@@ -12,7 +12,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import Trials
 from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.physics.layout import start_rows
 from tests.verification.convergence import attitude_gap
@@ -26,7 +25,7 @@ from tests.verification.harness import (
 )
 from tests.verification.momentum import Momentum, angular_momentum, total_momentum
 from tests.verification.mujoco_robot import DryRobot
-from tests.verification.trials import random_trials
+from tests.verification.trials import Trials, random_trials
 
 Array = NDArray[np.float64]
 

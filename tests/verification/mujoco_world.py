@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import RUNAWAY, Triple, log_of_samples, sample
-from aquafish_gym.imu import ImuLog
+from aquafish_gym.engines.worlds import RUNAWAY, Triple
+from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.kinematics import State, at_rest
+from aquafish_gym.physics.attitude import attitude
+from aquafish_gym.physics.kinematics import State, at_rest, rotation
 from aquafish_gym.scenario import TIMESTEP
 from tests.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
 
@@ -23,9 +24,8 @@ STEPS = 5
 class MujocoWorld:
     """One robot in MuJoCo, in water whose law is MuJoCo's own.
 
-    A :class:`~aquafish_gym.engines.worlds.World`. It has the other engines' robot, whose joints
-    turn as theirs do, and agrees with them in nothing else: ``docs/physics.md`` says how far
-    apart they are.
+    It has the engines' robot, whose joints turn as theirs do, and agrees with them in nothing else:
+    ``docs/physics.md`` gives the differences.
 
     Parameters
     ----------
@@ -60,26 +60,13 @@ class MujocoWorld:
         self._turned: NDArray[np.float64] = np.zeros(3)
 
     def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`; the sizes are already checked."""
+        """Put a robot of nine sizes at the origin, upright and at rest; angles in rad."""
         self.model = mujoco_model(morphology, TIMESTEP / self._count, wet=True)
         self.model.opt.wind[:] = current
         self.data = load_mujoco().MjData(self.model)
         self._turned = np.array(fin_angles, dtype=np.float64)
         self.data.qpos[BASE + 1 :] = hinge_angles(self._turned)
         self.diverged = False
-
-    def become(self, morphology: NDArray[np.float64]) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
-        wind, was = self.model.opt.wind, self.data
-        self.model = mujoco_model(morphology, TIMESTEP / self._count, wet=True)
-        self.model.opt.wind[:] = wind
-        self.data = load_mujoco().MjData(self.model)
-        for name in ("qpos", "qvel", "ctrl"):
-            getattr(self.data, name)[:] = getattr(was, name)
-
-    def flow(self, current: Triple) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
-        self.model.opt.wind[:] = current
 
     def advance(self, command: Vector, steps: int = 1) -> None:
         """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s.
@@ -138,6 +125,31 @@ def simulate_mujoco(
         world.advance(_triple(command))
         found[0, t] = sample(world)
     return log_of_samples(found)
+
+
+def sample(world: MujocoWorld) -> list[float]:
+    """Return what :func:`log_of_samples` takes of a moment: 13 numbers, NaN once diverged."""
+    if world.diverged:
+        return [math.nan] * 13
+    state = world.state()
+    return [*state.position, *state.orientation, *state.spin, *world.fin_angles]
+
+
+def log_of_samples(samples: NDArray[np.float64]) -> ImuLog:
+    """Return the log of B robots that began upright, from their :func:`sample` s (B, T, 13)."""
+    rpy = np.full((len(samples), samples.shape[1] + 1, 3), math.nan)
+    lasts = np.isfinite(samples[:, :, 0]).sum(axis=1)
+    for log, robot, good in zip(rpy, samples, lasts.tolist(), strict=True):
+        turns = [attitude(rotation(tuple(q))) for q in robot[:good, 3:7].tolist()]
+        log[: good + 1] = unwrap_rpy(np.array([(0.0, 0.0, 0.0), *turns]))
+    return ImuLog(
+        rpy=rpy[:, 1:],
+        gyro=samples[:, :, 7:10],
+        position=samples[:, :, :3],
+        quaternion=samples[:, :, 3:7],
+        fin_angles=samples[:, :, 10:],
+        diverged=lasts < samples.shape[1],
+    )
 
 
 def _triple(row: NDArray[np.float64]) -> Triple:

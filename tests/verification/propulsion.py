@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, simulate
+from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from aquafish_gym.physics.added_mass import (
     finite_span,

@@ -8,13 +8,11 @@ kind: points in the plane of length and width, at which the law of all three pla
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import Trials
-from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.hydrodynamics import (
     AXIAL_DRAG,
@@ -39,7 +37,7 @@ from aquafish_gym.physics.robot import (
 from tests.verification.harness import drag
 from tests.verification.momentum import HINGES
 from tests.verification.rk4 import rotation_matrix
-from tests.verification.trials import random_trials
+from tests.verification.trials import Trials, lane_batch, random_trials
 
 Array = NDArray[np.float64]
 Rule = tuple[Array, Array]  # nodes and weights on [-1/2, 1/2]; the weights add up to 1
@@ -277,7 +275,7 @@ class Met:
 
 def motions_met(trials: Trials, times: tuple[int, ...] = (50, 130, 210)) -> Met:
     """Let trials swim in still water and return their motions after these steps of 0.01 s."""
-    lanes = LaneBatch(trials.morphologies, trials.fin_angles, dtype=np.float64)
+    lanes = lane_batch(trials.morphologies, trials.fin_angles, dtype=np.float64)
     flippers, tails, bodies = [], [], []
     done = 0
     for steps in times:
@@ -342,7 +340,7 @@ def study(count: int = 300, seed: int = 0, points: int = FINE) -> list[dict[str,
         Of the reference, along each side.
     """
     trials = random_trials(count, seed)
-    nominal = replace(trials, morphologies=np.tile(Morphology.nominal().to_array(), (count, 1)))
+    nominal = trials._replace(morphologies=np.tile(Morphology.nominal().to_array(), (count, 1)))
     any_body, one_body = motions_met(trials), motions_met(nominal)
     records: list[dict[str, object]] = []
 

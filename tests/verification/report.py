@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.progress import Progress
 
-from aquafish_gym.engines.base import TIMESTEP, Trials
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import EngineUnavailableError
 from tests.verification import (
     agreement,
@@ -25,7 +25,7 @@ from tests.verification import (
 )
 from tests.verification.mujoco_model import load_mujoco
 from tests.verification.tables import Report
-from tests.verification.trials import random_trials
+from tests.verification.trials import Trials, random_trials
 
 T = TypeVar("T")
 

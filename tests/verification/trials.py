@@ -1,17 +1,64 @@
-"""The random trials on which the studies compare."""
+"""The random trials on which the studies compare, and engines' robots from bodies and angles."""
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.base import Trials
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.morphology import MAXIMA
+from aquafish_gym.scenario import Scenario
+
+STILL = (0.0, 0.0, 0.0)
+
+
+class Trials(NamedTuple):
+    """B trials of a body, a command and fin angles each."""
+
+    morphologies: NDArray[np.float64]  #: (B, 9)
+    commands: NDArray[np.float64]  #: (B, 3) rev/s, rev/s, Hz
+    fin_angles: NDArray[np.float64]  #: (B, 3) rad
+
+    def rows(self, rows: slice) -> Trials:
+        """Return some of them."""
+        return Trials(*(table[rows] for table in self))
 
 
 def random_trials(count: int, seed: int = 0) -> Trials:
-    """Return trials with bodies, commands and fin angles drawn evenly over their ranges."""
+    """Return trials with bodies, commands and fin angles drawn uniformly over their ranges."""
     rng = np.random.default_rng(seed)
     bodies = rng.uniform(0, 1, (count, 9)) * MAXIMA
     commands = rng.uniform(COMMAND_LOW, COMMAND_HIGH, (count, 3))
     return Trials(bodies, commands, rng.uniform(-np.pi, np.pi, (count, 3)))
+
+
+def lane_batch(
+    bodies: ArrayLike,
+    angles: ArrayLike,
+    current: ArrayLike = STILL,
+    dtype: type[np.floating] = np.float32,
+    substeps: int = 1,
+    threads: int | None = None,
+    width: int | None = None,
+    **fields: object,
+) -> LaneBatch:
+    """Return robots in the lanes; ``fields`` are of ``Scenario.create``."""
+    scenario = Scenario.create(bodies, fin_angles=angles, current=current, **fields)  # type: ignore[arg-type]
+    return LaneBatch(scenario, dtype, substeps, threads, width)
+
+
+def one_world(
+    engine: str,
+    body: ArrayLike | None = None,
+    angles: ArrayLike = STILL,
+    current: ArrayLike = STILL,
+    substeps: int = 1,
+    **fields: object,
+) -> World:
+    """Return one robot in an engine; ``fields`` are of ``Scenario.create``."""
+    scenario = Scenario.create(body, fin_angles=angles, current=current, **fields)  # type: ignore[arg-type]
+    return make_world(engine, scenario, substeps)

@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, Trials, simulate
+from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.physics.added_mass import (
     BODY_ADDED_INERTIA,
     BODY_ADDED_MASS,
@@ -29,7 +29,7 @@ from tests.verification.momentum import (
     inertia_and_swing,
 )
 from tests.verification.rk4 import cross, rotation_matrix
-from tests.verification.trials import random_trials
+from tests.verification.trials import Trials, random_trials
 
 Array = NDArray[np.float64]
 
@@ -147,7 +147,7 @@ def reactive_reference(trials: Trials, robot: int, samples: int, h: float = TIME
 
 def scheme_errors(trials: Trials, samples: int) -> list[dict[str, Array]]:
     """Return each robot's largest gap to RK4 (B,), of each of ``WHAT``, for each ``SUBSTEPS``."""
-    truths = np.array([reactive_reference(trials, i, samples) for i in range(len(trials))])
+    truths = np.array([reactive_reference(trials, i, samples) for i in range(len(trials.commands))])
     every, found = round(INTERVAL / TIMESTEP), []
     for substeps in SUBSTEPS:
         log = simulate(

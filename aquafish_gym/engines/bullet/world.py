@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP, Settings, Trials
+from aquafish_gym.engines.api import Settings
 from aquafish_gym.engines.bullet.push import compiled, follow, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.engines.worlds import RUNAWAY, Triple, with_servos
+from aquafish_gym.engines.worlds import RUNAWAY, LaggedWorld, Triple, World
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
@@ -46,6 +46,7 @@ from aquafish_gym.physics.layout import (
     robot_parameters,
 )
 from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
 
 Quaternion = tuple[float, float, float, float]
@@ -93,20 +94,19 @@ class BulletWorld:
     Without pybullet it raises :class:`EngineUnavailableError`.
     """
 
-    def __init__(
-        self, substeps: int = 1, reactive: bool = False, drag: tuple[float, float] = (1.0, 1.0)
-    ) -> None:
+    def __init__(self, substeps: int = 1) -> None:
         self.timestep = TIMESTEP / substeps
-        self._substeps, self._drag = substeps, drag
+        self._substeps = substeps
         self._bullet = load_pybullet()
         self._process = os.getpid()
         self._client = take_client()
         self._closing = weakref.finalize(self, return_client, self._client, self._process)
-        self._push = compiled(push_reactive if reactive else push)
+        self._push = compiled(push)
         self._robot = -1
         self._column: NDArray[np.float64] = np.zeros(ROBOT_ROWS)
         self._joints: NDArray[np.float64] = np.zeros(STATE_NUMBERS - LEFT)
         self._current: Vector = (0.0, 0.0, 0.0)
+        self._gains: Vector = (1.0, 1.0, 1.0)
         self._command: Vector | None = None
         self._drive: Drive = drive((0.0, 0.0, 0.0), self.timestep)
         self._set_resting()
@@ -138,28 +138,25 @@ class BulletWorld:
             'make a new one, or use engine="numba"'
         )
 
-    def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`; the sizes are already checked."""
+    def reset(self, scenario: Scenario) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`; the scenario is already checked."""
         self._check_process()
-        column = self._parameters(morphology)
-        if not np.isfinite([*column, *fin_angles, *current]).all() or (column < 0).any():
-            raise InvalidArgumentError(
-                "a PyBullet world needs finite sizes of 0 or more, fin angles and current"
-            )
-        angles = _triple(fin_angles)
+        angles = _triple(scenario.fin_angles[0])
+        if not np.isfinite(angles).all():
+            raise InvalidArgumentError(f"a PyBullet world needs finite fin angles; got {angles}")
+        self._push = compiled(push_reactive if scenario.reactive else push)
         rest = at_rest(angles)
-        self._column = column
         put_joints(self._joints, 0, 0, 1, (rest.left, rest.right, rest.phase, rest.rates))
-        self._current = _triple(current)
-        self._command = None
+        self._set(scenario)
         self._set_resting()
         self._build((*angles[:2], float(caudal_angle(rest.phase))))
 
-    def become(self, morphology: NDArray[np.float64]) -> None:
+    def update(self, scenario: Scenario) -> None:
         """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._check_process()
-        self._column = self._parameters(morphology)
-        if self.diverged:
+        was = self._column
+        self._set(scenario)
+        if self.diverged or np.array_equal(was, self._column):
             return
         p, client = self._bullet, self._client
         turns = [p.getJointState(self._robot, i, physicsClientId=client)[:2] for i in range(3)]
@@ -170,20 +167,27 @@ class BulletWorld:
             self._robot, self.position, self.orientation, physicsClientId=client
         )
         p.resetBaseVelocity(self._robot, self.velocity, self.world_spin, physicsClientId=client)
-        self._command = None  # the new robot's motors have not been told
 
-    def flow(self, current: Triple) -> None:
+    def set_current(self, current: Triple) -> None:
         """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._current = _triple(current)
 
-    def _parameters(self, morphology: NDArray[np.float64]) -> NDArray[np.float64]:
-        bodies = np.asarray(morphology)[None]
-        return np.ascontiguousarray(robot_parameters(bodies, self._drag)[:, 0])
+    def _set(self, scenario: Scenario) -> None:
+        """Take over the robot's parameters, its current and its gains."""
+        column = np.ascontiguousarray(robot_parameters(scenario.body, scenario.drag)[:, 0])
+        current = _triple(scenario.current[0])
+        if not np.isfinite([*column, *current]).all() or (column < 0).any():
+            raise InvalidArgumentError(
+                "a PyBullet world needs finite sizes of 0 or more and a finite current"
+            )
+        self._column, self._current = column, current
+        self._gains = _triple(scenario.servo_gain[0])
+        self._command = None  # a new robot's motors, or other gains, need the command again
 
     def _build(self, angles: Triple) -> None:
         """Empty the world and put the robot in, its joints at these angles (rad)."""
-        # Building anew is quick, leaks nothing and leaves no motor or
-        # solver state behind, which restoring a saved state would.
+        # Building a new robot is quick, leaks nothing and leaves no motor or solver state behind,
+        # as restoring a saved state would.
         p, client = self._bullet, self._client
         p.resetSimulation(physicsClientId=client)
         p.setGravity(0.0, 0.0, 0.0, physicsClientId=client)
@@ -244,12 +248,13 @@ class BulletWorld:
             physicsClientId=self._client,
         )
 
-    def _obey(self, command: Vector) -> None:
-        """Set the pectorals' motors, which turn steadily; the tail's is set at every step."""
+    def _set_motors(self, command: Vector) -> None:
+        """Set the pectorals' motors, whose speed is constant; the tail's is set at every step."""
         if not all(map(math.isfinite, command)):
             raise InvalidArgumentError(f"command must be finite; got {command!r}")
         self._command = command
-        self._drive = drive(command, self.timestep)
+        (left, right, caudal), (a, b, c) = command, self._gains
+        self._drive = drive((a * left, b * right, c * caudal), self.timestep)
         for joint, rate in enumerate(self._drive.speeds):
             self._turn(joint, rate)
 
@@ -262,7 +267,7 @@ class BulletWorld:
         if self._robot < 0:
             raise RuntimeError("reset the PyBullet world before advancing it")
         if command != self._command:
-            self._obey(command)
+            self._set_motors(command)
         p, client, robot, push = self._bullet, self._client, self._robot, self._push
         column, joints, current = self._column, self._joints, self._current
         by, h, caudal = self._drive, self.timestep, 2
@@ -312,34 +317,39 @@ class BulletWorld:
         return found
 
 
-def simulate_bullet(trials: Trials, settings: Settings) -> ImuLog:
-    """Answer :func:`aquafish_gym.simulate` with PyBullet, one robot after another.
+def simulate_bullet(
+    scenario: Scenario, commands: NDArray[np.float64], settings: Settings
+) -> ImuLog:
+    """Simulate a scenario with PyBullet, one robot after another.
 
-    It computes in double precision whatever ``settings.dtype`` is, and in one thread.
+    It computes in double precision whatever ``settings.dtype`` is, and in one thread. See
+    :func:`aquafish_gym.simulate`.
     """
-    batch, steps = len(trials), settings.steps
+    batch, steps = len(scenario), settings.steps
     rpy, gyro = np.empty((batch, steps, 3)), np.empty((batch, steps, 3))
     position, quaternion = np.empty((batch, steps, 3)), np.empty((batch, steps, 4))
     fin_angles = np.empty((batch, steps, 3))
     spins = np.empty((steps, 3))
-    water, gains = (np.broadcast_to(a, (batch, 3)) for a in (trials.current, trials.servo_gain))
-    drags, lags = np.broadcast_to(trials.drag, (batch, 2)), np.broadcast_to(trials.lag, batch)
     diverged = np.zeros(batch, dtype=np.bool_)
     fill = compiled(follow)
     for i in range(batch):
-        fins, body = drags[i].tolist()
-        world = BulletWorld(settings.substeps, settings.reactive, (fins, body))
-        told = with_servos(world, _triple(gains[i]), float(lags[i]))
+        one = scenario.take(i)
+        changes = {change.step: change.to for change in one.schedule}
+        bare = BulletWorld(settings.substeps)
+        lag = float(one.servo_lag[0])
+        world: World = LaggedWorld(bare, lag) if lag else bare
         try:
-            told.reset(trials.morphologies[i], _triple(trials.fin_angles[i]), _triple(water[i]))
-            series = [_triple(command) for command in trials.commands[i].reshape(-1, 3)]
+            world.reset(one)
+            series = [_triple(command) for command in commands[i].reshape(-1, 3)]
             for t in range(steps):
-                told.advance(series[min(t // settings.interval, len(series) - 1)])
-                position[i, t] = world.position
-                quaternion[i, t] = world.orientation
-                spins[t] = world.world_spin
-                fin_angles[i, t] = world.fin_angles
-            diverged[i] = world.diverged
+                if t in changes:
+                    world.update(changes[t])
+                world.advance(series[min(t // settings.interval, len(series) - 1)])
+                position[i, t] = bare.position
+                quaternion[i, t] = bare.orientation
+                spins[t] = bare.world_spin
+                fin_angles[i, t] = bare.fin_angles
+            diverged[i] = bare.diverged
         finally:
             world.close()
         good = steps

@@ -27,7 +27,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.compiled.spectrum import write_spectrum
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Vector, add, fetch, put, scale, where_less

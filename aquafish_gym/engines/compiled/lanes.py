@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.base import MAXIMUM_THREADS, TIMESTEP, Settings, Trials, available_cores
+from aquafish_gym.engines.api import MAXIMUM_THREADS, Settings, available_cores
 from aquafish_gym.engines.compiled.kernel import (
     GYRO,
     OPEN_LOOP,
@@ -25,7 +25,7 @@ from aquafish_gym.engines.compiled.kernel import (
     perform,
 )
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
-from aquafish_gym.imu import ImuLog
+from aquafish_gym.imu import ImuLog, join_logs
 from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.physics.layout import (
     CONDITION_ROWS,
@@ -39,9 +39,11 @@ from aquafish_gym.physics.layout import (
     start_rows,
 )
 from aquafish_gym.physics.simd import register_bytes
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 Floats = NDArray[np.floating]
+Rows = NDArray[np.bool_] | NDArray[np.intp]
 
 _RECORDS = {
     "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
@@ -80,68 +82,52 @@ _ready: set[tuple[Any, str]] = set()  # kernels that are compiled for a type
 
 
 class LaneBatch:
-    """B robots that live in the lanes between calls.
+    """The B robots of a scenario, which live in the lanes between calls.
 
-    ``morphologies`` (B, 9), ``fin_angles`` (B, 3) and the keywords, which are those of
-    :func:`~aquafish_gym.simulate`, are already checked; ``rates`` are those of the joints, rad/s.
-    ``width`` is robots a register; None takes what the machine has. No result depends on it.
+    ``rates`` are those of the joints at the start, (B, 3) in rad/s. ``width`` is how many robots
+    share a register; None takes what the machine has. No result depends on it. The scenario's lag
+    and schedule are for :func:`simulate_lanes`; its sensors' faults are left to others.
     """
 
     def __init__(
         self,
-        morphologies: NDArray[np.float64],
-        fin_angles: NDArray[np.float64],
-        current: ArrayLike = (0.0, 0.0, 0.0),
+        scenario: Scenario,
         dtype: type[np.floating] = np.float32,
         substeps: int = 1,
         threads: int | None = None,
         width: int | None = None,
-        reactive: bool = False,
-        drag: ArrayLike = (1.0, 1.0),
-        servo_gain: ArrayLike = (1.0, 1.0, 1.0),
-        velocity: ArrayLike = (0.0, 0.0, 0.0),
-        spin: ArrayLike = (0.0, 0.0, 0.0),
         rates: ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
-        self.batch = len(morphologies)
+        self.batch = len(scenario)
         self.dtype = dtype
         self._dtype_name = np.dtype(dtype).name
         self.width = width or lane_width(dtype)
         self.groups = -(-self.batch // self.width)
-        self.reactive = reactive
+        self.reactive = scenario.reactive
         self.substeps = substeps
         self.threads = threads or available_cores()
         self.steps_done = 0
-        self._drag = np.broadcast_to(drag, (self.batch, 2))
-        self._parameters = pack_rows(robot_parameters(morphologies, drag), dtype, self.width)
-        conditions = condition_rows(current, servo_gain, self.batch)
+        parameters, conditions, states = _rows_of(scenario, rates)
+        self._parameters = pack_rows(parameters, dtype, self.width)
         self._conditions = pack_rows(conditions, dtype, self.width)
-        self._states = pack_rows(start_rows(fin_angles, velocity, spin, rates), dtype, self.width)
+        self._states = pack_rows(states, dtype, self.width)
 
-    def replace(
-        self,
-        mask: NDArray[np.bool_],
-        morphologies: NDArray[np.float64],
-        fin_angles: NDArray[np.float64],
-    ) -> None:
-        """Put the robots under ``mask`` (B,) back to rest, with these bodies and fin angles.
+    def restart(self, rows: Rows, scenario: Scenario) -> None:
+        """Put the robots ``rows``, a mask (B,) or numbers (n,), at the start of a scenario of n."""
+        self.update(rows, scenario)
+        self._table(self._states, STATE_ROWS)[:, rows] = _rows_of(scenario)[2]
 
-        ``morphologies`` (n, 9) and ``fin_angles`` (n, 3) hold the n replaced robots only. Their
-        water and servos stay as they are.
+    def update(self, rows: Rows, scenario: Scenario) -> None:
+        """Give the robots ``rows`` the bodies, drag, water and servos of a scenario in mid-swim.
+
+        They stay where they are and keep their velocities.
         """
-        self.become(mask, morphologies)
-        self._table(self._states, STATE_ROWS)[:, mask] = start_rows(fin_angles)
+        parameters, conditions, _ = _rows_of(scenario)
+        self._table(self._parameters, ROBOT_ROWS)[:, rows] = parameters
+        self._table(self._conditions, CONDITION_ROWS)[:, rows] = conditions
 
-    def become(self, mask: NDArray[np.bool_], morphologies: NDArray[np.float64]) -> None:
-        """Give the n robots under ``mask`` (B,) other bodies (n, 9) in mid-swim.
-
-        They stay where they are and move on as they do.
-        """
-        parameters = robot_parameters(morphologies, self._drag[mask])
-        self._table(self._parameters, ROBOT_ROWS)[:, mask] = parameters
-
-    def flow(self, currents: NDArray[np.float64]) -> None:
-        """Let the water move at other velocities (B, 3) from now on, units/s in the world."""
+    def set_current(self, currents: NDArray[np.float64]) -> None:
+        """Set the water's velocity for each robot, (B, 3), units/s in the world."""
         self._table(self._conditions, CONDITION_ROWS)[CURRENT : CURRENT + 3] = currents.T
 
     def advance(
@@ -153,11 +139,11 @@ class LaneBatch:
         interval: int = 1,
         begun: int = 0,
     ) -> ImuLog:
-        """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s.
+        """Hold commands (B, 3) in rev/s, rev/s, Hz for ``steps`` of 0.01 s; return the log.
 
         Or perform a series of them, (B, K, 3), each for ``interval`` steps and the last to the end,
-        which began ``begun`` steps before this batch did. The servos obey ``lag`` () or (B,), in s,
-        late.
+        which began ``begun`` steps before this batch did. The servos follow after ``lag`` () or
+        (B,), in s.
         """
         series = commands[:, None] if commands.ndim == 2 else commands
         count = series.shape[1]
@@ -318,33 +304,53 @@ class LaneBatch:
         return view
 
 
-def simulate_lanes(trials: Trials, settings: Settings) -> ImuLog:
-    """Answer :func:`aquafish_gym.simulate` with the compiled engine."""
+def _rows_of(
+    scenario: Scenario, rates: ArrayLike = (0.0, 0.0, 0.0)
+) -> tuple[NDArray[np.float64], ...]:
+    """Return a scenario as the kernel's tables: robots, conditions and states at the start."""
+    return (
+        robot_parameters(scenario.body, scenario.drag),
+        condition_rows(scenario.current, scenario.servo_gain, len(scenario)),
+        start_rows(scenario.fin_angles, scenario.velocity, scenario.spin, rates),
+    )
+
+
+def simulate_lanes(scenario: Scenario, commands: NDArray[np.float64], settings: Settings) -> ImuLog:
+    """Simulate a scenario with the compiled engine; see :func:`aquafish_gym.simulate`."""
     lanes = LaneBatch(
-        trials.morphologies, trials.fin_angles, trials.current, settings.dtype,
-        settings.substeps, settings.threads, reactive=settings.reactive, drag=trials.drag,
-        servo_gain=trials.servo_gain, velocity=trials.velocity, spin=trials.spin,
-        rates=_joint_rates(trials, settings),
+        scenario, settings.dtype, settings.substeps, settings.threads,
+        rates=_joint_rates(scenario, commands, settings),
     )  # fmt: skip
-    return lanes.advance(
-        trials.commands, settings.steps, settings.record, trials.lag, settings.interval,
-        settings.begun,
-    )  # fmt: skip
+    changes = [change for change in scenario.schedule if change.step < settings.steps]
+    ends = [change.step for change in changes] + [settings.steps]
+    logs = []
+    for change, begin, end in zip([None, *changes], [0, *ends], ends, strict=False):
+        if change is not None:
+            lanes.update(change.rows, change.to)
+        logs.append(
+            lanes.advance(
+                commands, end - begin, settings.record, scenario.servo_lag, settings.interval,
+                settings.begun,
+            )
+        )  # fmt: skip
+    return join_logs(logs)
 
 
-def _joint_rates(trials: Trials, settings: Settings) -> NDArray[np.float64]:
+def _joint_rates(
+    scenario: Scenario, commands: NDArray[np.float64], settings: Settings
+) -> NDArray[np.float64]:
     """Return how fast the joints (B, 3) turn when the trials begin, rad/s."""
     if not settings.begun:
-        return np.zeros((len(trials), 3))
-    # The sample before the first one, in which each command is obeyed for a part.
-    series = trials.commands.reshape(len(trials), -1, 3)
-    ends = settings.begun - np.broadcast_to(trials.lag, len(trials)) / TIMESTEP
+        return np.zeros((len(scenario), 3))
+    # The sample before the first one, of which each command takes a share.
+    series = commands.reshape(len(scenario), -1, 3)
+    ends = settings.begun - scenario.servo_lag / TIMESTEP
     first = settings.interval * np.arange(series.shape[1])
     begun = np.clip(ends[:, None] - first, 0.0, 1.0)
-    share = begun - np.append(begun[:, 1:], np.zeros((len(trials), 1)), axis=1)
-    told = trials.servo_gain * np.einsum("bk,bkc->bc", share, series)
+    share = begun - np.append(begun[:, 1:], np.zeros((len(scenario), 1)), axis=1)
+    mean = scenario.servo_gain * np.einsum("bk,bkc->bc", share, series)
     h = TIMESTEP / settings.substeps
-    rates: NDArray[np.float64] = 2.0 * np.pi * told
-    phase = trials.fin_angles[:, 2]
+    rates: NDArray[np.float64] = 2.0 * np.pi * mean
+    phase = scenario.fin_angles[:, 2]
     rates[:, 2] = SWEEP * (np.sin(phase) - np.sin(phase - rates[:, 2] * h)) / h
     return rates

@@ -1,8 +1,8 @@
 """One robot, compiled: the lanes' loop at width one, without what only batches need.
 
-An environment of one robot takes a few steps at a time, so that what surrounds them counts as
-much as they do. All that the robot is therefore stands in one flat array: numba unpacks one
-argument, and the loop runs on plain float64, on the same physics as the lanes, to the same bits.
+An environment of one robot takes a few steps at a time, so that a call's overhead costs as much as
+its steps. The whole robot is therefore one flat array: numba unpacks one argument, and the loop
+runs on plain float64, on the same physics as the lanes, to the same bits.
 """
 
 from __future__ import annotations
@@ -11,9 +11,7 @@ import functools
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aquafish_gym.engines.base import TIMESTEP
 from aquafish_gym.engines.worlds import RUNAWAY, Triple
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.compiling import compiled, register, source_stamp
@@ -34,6 +32,7 @@ from aquafish_gym.physics.layout import (
     state_from_numbers,
 )
 from aquafish_gym.physics.reactive import step_reactive
+from aquafish_gym.scenario import TIMESTEP, Scenario
 
 # Where things stand in the array: the state, the robot, and the current.
 STATE = slice(0, STATE_NUMBERS)
@@ -49,7 +48,7 @@ def compile_single(reactive: bool = False) -> Any:
     """Return the compiled loop; compilation itself is lazy.
 
     It is ``(v, left, right, caudal, steps, h) -> well``: hold a command (rev/s, rev/s, Hz) for
-    some steps of ``h`` seconds, and say whether the robot has not diverged.
+    some steps of ``h`` seconds; return whether the robot has not diverged.
     """
     register()
     stamp = source_stamp(compile_single)
@@ -82,33 +81,37 @@ class CompiledWorld:
     and carried across a fork.
     """
 
-    def __init__(
-        self, reactive: bool = False, substeps: int = 1, drag: tuple[float, float] = (1.0, 1.0)
-    ) -> None:
-        self._reactive, self._substeps, self._drag = reactive, substeps, drag
+    def __init__(self, substeps: int = 1) -> None:
+        self._substeps = substeps
         # The whole robot. No views of it are kept: a copy's would show the original.
         self._numbers = np.zeros(SIZE)
-        self.diverged = False
+        self._gains = (1.0, 1.0, 1.0)
+        self._reactive = self.diverged = False
 
-    def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
-        self._numbers[STATE] = start_rows(np.array([fin_angles]))[STATE, 0]
-        self._numbers[ROBOT] = robot_parameters(morphology[None], self._drag)[:, 0]
-        self._numbers[CURRENT] = current
-        self.diverged = False
-
-    def become(self, morphology: NDArray[np.float64]) -> None:
+    def reset(self, scenario: Scenario) -> None:
         """See :class:`~aquafish_gym.engines.worlds.World`."""
-        self._numbers[ROBOT] = robot_parameters(morphology[None], self._drag)[:, 0]
+        self._numbers[STATE] = start_rows(scenario.fin_angles)[STATE, 0]
+        self._reactive = scenario.reactive
+        self.diverged = False
+        self.update(scenario)
 
-    def flow(self, current: Triple) -> None:
+    def update(self, scenario: Scenario) -> None:
+        """See :class:`~aquafish_gym.engines.worlds.World`."""
+        self._numbers[ROBOT] = robot_parameters(scenario.body, scenario.drag)[:, 0]
+        self._numbers[CURRENT] = scenario.current[0]
+        left, right, caudal = scenario.servo_gain[0].tolist()
+        self._gains = (left, right, caudal)
+
+    def set_current(self, current: Triple) -> None:
         """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._numbers[CURRENT] = current
 
     def advance(self, command: Vector, steps: int = 1) -> None:
-        left, right, caudal = command
+        """See :class:`~aquafish_gym.engines.worlds.World`."""
+        (left, right, caudal), (a, b, c) = command, self._gains
         swim = compile_single(self._reactive)
         h, count = TIMESTEP / self._substeps, steps * self._substeps
-        self.diverged = not swim(self._numbers, left, right, caudal, count, h)
+        self.diverged = not swim(self._numbers, a * left, b * right, c * caudal, count, h)
 
     def state(self) -> State:
         return state_from_numbers(self._numbers.tolist())

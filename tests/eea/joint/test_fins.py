@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Morphology, simulate
-from aquafish_gym.engines.base import TIMESTEP
+from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import wrap
 from eea.core.checks import ConfigurationError
 from eea.core.config import EEAConfig, JointConfig

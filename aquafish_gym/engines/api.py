@@ -1,0 +1,236 @@
+"""The one door to every engine: what do the IMUs of these robots log for these commands?"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pkgutil import resolve_name
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.command import check_series
+from aquafish_gym.engines.packages import check_engine as check_engine
+from aquafish_gym.engines.packages import resolve_engine as resolve_engine
+from aquafish_gym.imu import ImuLog
+from aquafish_gym.scenario import TIMESTEP as TIMESTEP
+from aquafish_gym.scenario import Scenario, broadcast, check_field
+from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
+from aquafish_gym.world_config import MAXIMUM_SUBSTEPS as MAXIMUM_SUBSTEPS
+
+MAXIMUM_THREADS = 1024
+MAXIMUM_STEPS = 1_000_000  # 10,000 s
+# How many numbers a sample has.
+RECORDS: dict[str, int] = {"rpy": 3, "gyro": 3, "attitude": 6, "pose": 16}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to simulate: the keywords of :func:`simulate`, which checks them."""
+
+    steps: int
+    substeps: int = 1
+    dtype: type[np.floating] = np.float32
+    threads: int | None = None
+    record: str = "attitude"
+    interval: int = 1
+    begun: int = 0
+
+
+# Swims a scenario of B robots under commands (B, 3) or series of them (B, K, 3). It trusts its
+# caller.
+Engine = Callable[[Scenario, NDArray[np.float64], Settings], ImuLog]
+
+# Loaded when first used: importing the package stays quick, and works without them.
+ENGINES: dict[str, str] = {
+    "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
+    "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
+}
+
+
+def simulate(
+    morphologies: object,
+    commands: object,
+    fin_angles: object = (0.0, 0.0, 0.0),
+    steps: int = 512,
+    engine: str = "numba",
+    dtype: str = "float32",
+    current: ArrayLike = (0.0, 0.0, 0.0),
+    substeps: int = 1,
+    threads: int | None = None,
+    record: str = "attitude",
+    reactive: bool = False,
+    drag: ArrayLike = (1.0, 1.0),
+    servo_gain: ArrayLike = 1.0,
+    lag: ArrayLike = 0.0,
+    interval: int = 1,
+    begun: int = 0,
+    velocity: ArrayLike = (0.0, 0.0, 0.0),
+    spin: ArrayLike = (0.0, 0.0, 0.0),
+) -> ImuLog:
+    """Return what the IMUs of B robots log while they swim.
+
+    Every robot starts at the origin, upright and facing +y, at rest by default, and holds its
+    command throughout, or performs a series of commands.
+
+    Parameters
+    ----------
+    morphologies
+        (B, 9) sizes in units of 5 cm, or a :class:`Morphology`, or a list of them, or None for
+        the nominal body. One body serves for all trials.
+    commands
+        (B, 3) servo speeds in rev/s, rev/s, Hz, or (3,) for all. Or series of K commands,
+        (B, K, 3), of which each is held for ``interval`` samples, and the last to the end.
+    fin_angles
+        (B, 3) initial left and right pectoral angle and caudal phase in rad, or (3,) for all;
+        zero is arms back.
+    steps
+        Samples of 0.01 s, at most 1,000,000.
+    engine
+        ``"numba"`` (all robots at once), ``"pybullet"`` (one after another) or ``"auto"``
+        (PyBullet where it is installed).
+    dtype
+        ``"float32"`` or ``"float64"``, for the compiled engine; PyBullet always computes in
+        double precision.
+    current
+        (3,) or (B, 3) the water's own velocity in the world, units/s, up to 20 each way.
+    substeps
+        Physics steps a sample.
+    threads
+        For the compiled engine: how many; None takes every core. No result depends on it.
+    record
+        ``"rpy"``, ``"gyro"``, ``"attitude"`` (both) or ``"pose"`` (these, position, quaternion
+        and fin angles). What is not recorded is None in the log.
+    reactive
+        Whether the water also resists acceleration (added mass of fins and body) and takes momentum
+        at the tail's edge; see ``docs/physics.md``. The paper's experiments do without it.
+    drag
+        (2,) or (B, 2) factors on the drag of the fins and on that of the body, 0 to 10.
+    servo_gain
+        A number, (3,) or (B, 3), -2 to 2: servo speed over command. A seized servo has gain 0, a
+        reversed one -1.
+    lag
+        A number or (B,), 0 to 1 s: the delay from a command to the servos' motion. A servo's speed
+        is constant within a sample: in the sample in which a lag ends, it is the mean.
+    interval
+        How many samples each command of a series is held: 5 for one at 20 Hz.
+    begun
+        For the compiled engine, as the next two: how many samples of the series had passed when the
+        trial began, in mid-swim. Its servos turn already then.
+    velocity
+        (3,) or (B, 3) velocity at the start, units/s in body axes, up to 20 each way.
+    spin
+        (3,) or (B, 3) angular velocity at the start, rad/s in body axes, up to 100.
+
+    Returns
+    -------
+    ImuLog
+        Samples taken after each step.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError
+        The message names the argument, what was expected and what came.
+    EngineUnavailableError
+        If the engine's package is missing.
+
+    Examples
+    --------
+    >>> log = simulate(None, (0.4, 0.4, 0.5), steps=100)
+    >>> log.rpy.shape
+    (1, 100, 3)
+    >>> simulate(None, (0.4, 0.4, 0.5), steps=100, servo_gain=(1, 0, 1), record="gyro")
+    ImuLog(B=1, T=100: gyro)
+    """
+    tables = {
+        "morphologies": check_field("body", morphologies, "morphologies"),
+        "commands": check_series(commands),  # type: ignore[arg-type]
+        "fin_angles": check_field("fin_angles", fin_angles),
+        "current": check_field("current", current),
+        "drag": check_field("drag", drag),
+        "servo_gain": check_field("servo_gain", servo_gain),
+        "lag": check_field("servo_lag", lag, "lag"),
+        "velocity": check_field("velocity", velocity),
+        "spin": check_field("spin", spin),
+    }
+    rows = broadcast(tables)
+    series = rows.pop("commands")
+    rows |= {"body": rows.pop("morphologies"), "servo_lag": rows.pop("lag")}
+    return simulate_scenario(
+        Scenario.fill(rows, flag("reactive", reactive)),
+        series, steps, engine, dtype, substeps, threads, record, interval, begun,
+    )  # fmt: skip
+
+
+def simulate_scenario(
+    scenario: Scenario,
+    commands: NDArray[np.float64],
+    steps: int = 512,
+    engine: str = "numba",
+    dtype: str = "float32",
+    substeps: int = 1,
+    threads: int | None = None,
+    record: str = "attitude",
+    interval: int = 1,
+    begun: int = 0,
+) -> ImuLog:
+    """Return what the IMUs of a scenario's B robots log: without the faults of its sensors.
+
+    Parameters
+    ----------
+    scenario
+        The robots, their water and what changes on the way.
+    commands
+        (B, 3) or (B, K, 3), checked.
+    steps, engine, dtype, substeps, threads, record, interval, begun
+        See :func:`simulate`.
+
+    Raises
+    ------
+    InvalidArgumentError, UnknownNameError, EngineUnavailableError
+        See :func:`simulate`.
+    """
+    engine = check_engine(resolve_engine("engine", engine))
+    settings = Settings(
+        steps=integer("steps", steps, 1, MAXIMUM_STEPS),
+        substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
+        dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
+        threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
+        record=one_of("record", record, RECORDS),
+        interval=integer("interval", interval, 1, MAXIMUM_STEPS),
+        begun=integer("begun", begun, 0, MAXIMUM_STEPS),
+    )
+    if engine != "numba" and (settings.begun or scenario.velocity.any() or scenario.spin.any()):
+        raise InvalidArgumentError(
+            f'begun, velocity and spin must be 0 for the engine "{engine}", whose trials begin at '
+            'rest; engine="numba" begins in mid-swim'
+        )
+    _check_log_fits(len(scenario), settings, engine)
+    run: Engine = resolve_name(ENGINES[engine])
+    return run(scenario, commands, settings)
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS and Windows bind no process to cores
+
+
+def _check_log_fits(batch: int, settings: Settings, engine: str) -> None:
+    """Refuse a log that is larger than this machine's memory."""
+    sample = RECORDS[settings.record] * np.dtype(settings.dtype).itemsize
+    if engine != "numba":  # PyBullet keeps everything, in double precision, until the end
+        sample = RECORDS["pose"] * 8
+    wanted = batch * settings.steps * sample
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # this system does not say
+        return
+    if wanted > memory:
+        raise InvalidArgumentError(
+            f"a log of {settings.steps} steps of {batch} robots would take {wanted / 2**30:,.0f} "
+            f"GiB, and this machine has {memory / 2**30:,.0f} GiB of memory; take fewer steps or "
+            'robots at a time, or record="rpy"'
+        )
