@@ -1,5 +1,5 @@
 # Only make and Python 3.11 are needed: every target sets up what it uses in .venv first.
-# ARGS adds options, for example: make recover ARGS="--seeds 3"; make test ARGS="tests/gait"
+# ARGS adds options, for example: make recover ARGS="--replicates 3"; make test ARGS="tests/gait"
 
 PYTHON ?= python3.11
 VENV := .venv

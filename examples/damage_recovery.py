@@ -2,22 +2,20 @@
 
     python examples/damage_recovery.py --out out/recovery
 
-A robot fish loses half of a pectoral fin. From a few blind trials it works out its new body,
-evolves a gait for that body in its head, and swims on. Each step is one part of the packages,
-and this is where it is written:
+A robot fish loses half of a pectoral fin. From a few trials it infers its new body, evolves a gait
+for that body in simulation, and swims on. Each step and where it is implemented:
 
-1. What breaks, ``aquafish_gym.Damage``: the damaged body is ``Damage.parse(...).apply(healthy)``.
-2. What the robot then takes for its body, ``aquafish.recovery.treatment._self_model``: a treatment
-   believes in the *undamaged* body, in the model of plain EEA (*none*) or of *out-of-band* EEA,
-   in what *joint* inference holds possible or, as the *oracle*, in the true one. A model comes
-   from ``eea.fish_eea``, round by round.
+1. Damage, ``aquafish_gym.Damage``: the damaged body is ``Damage.parse(...).apply(healthy)``.
+2. The body that a treatment assumes: the *undamaged* one, the model of plain EEA (*none*) or of
+   *out-of-band* EEA, the posterior of *joint* inference or, as the *oracle*, the true one. A model
+   comes from ``eea.fish_eea``, round by round.
 3. A gait for that body, or for a sample of bodies, ``gait.evolve_gait``.
-4. How far that gait swims, on the believed body and on the damaged robot: ``gait.transfer``.
-   Steps 2 to 4 are ``aquafish.recovery.treatment.treat``, a function of a ``Treatment`` alone.
-5. Every treatment of every seed, in processes or on a cluster, each outcome written as it comes:
-   ``aquafish_gym.runs.runner.run_jobs``. The same command goes on with what is missing.
-6. What they say together: ``aquafish.recovery.report`` in numbers and words,
-   ``aquafish.recovery.figures`` in pictures and a film.
+4. The distance of that gait on the assumed body and on the damaged robot, ``gait.transfer``.
+   Steps 2 to 4 are ``aquafish.recovery.treatment.treat``, a pure function of a ``Treatment``.
+5. Every treatment of every seed runs in worker processes or on a cluster, and each outcome is
+   written when it is finished. The same command resumes.
+6. The report: ``aquafish.recovery.report`` in numbers and words, ``aquafish.recovery.figures`` in
+   figures and a film.
 
 ``aquafish.recovery.command.Recover`` holds the options and joins these steps.
 """

@@ -1,4 +1,4 @@
 """The paper's case study, from damage to recovery (Sec. 5).
 
-``treatment`` does the work, ``report`` counts it, ``figures`` draws it, and ``command`` joins them.
+``treatment`` runs one treatment, ``report`` counts, ``figures`` draws, ``command`` joins them.
 """

@@ -1,29 +1,21 @@
-"""The case study as a command: its options, its run in a folder, and what it publishes there."""
+"""The case study as a command: its options, its run in a folder, and the files it publishes."""
 
 from __future__ import annotations
 
 import importlib.util
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import tyro
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.markdown import Markdown
+from tyro.conf import arg
 
-from aquafish.batch import do_missing, say
+from aquafish.batch import do_missing, progress_bar, say
 from aquafish.recovery.held_out import damage_of
-from aquafish.recovery.report import HELD_OUT, Outcomes, build_report, show, to_markdown, versions
-from aquafish.recovery.treatment import (
-    TREATMENTS,
-    WAYS,
-    Treatment,
-    rehearse,
-    source_stamp,
-    treat,
-)
+from aquafish.recovery.report import HELD_OUT, Outcomes, build_report, to_markdown, versions
+from aquafish.recovery.treatment import TREATMENTS, Treatment, source_stamp, treat, warm_up
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.command_line import (
@@ -35,9 +27,10 @@ from aquafish_gym.command_line import (
 )
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.folder import claim, described, held
-from aquafish_gym.runs.runner import Event, finished, read_result
+from aquafish_gym.runs.runner import finished, read_result
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from eea.core import EEAConfig
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
 from eea.fish.gap import MOST_SPIN
 from gait.controller import Controller
@@ -50,92 +43,131 @@ REPORT = "report.json"
 
 @dataclass(frozen=True)
 class Recover:
-    """The case study: a fish is damaged, models itself, evolves a gait and swims on.
+    """The case study: break a fish, let it model itself, evolve a gait, and score it.
 
-    The treatments differ in what they take for the robot's body, and in how they come to a gait:
-    the old one; one for any damage; a search on the robot itself; the models of plain EEA and
-    Out-of-Band EEA with NEAT, as the paper has it; what joint inference believes, with the
-    recommended search, without and with its fins known; and for each search the true body. Into
-    --out go report.md, report.json, pictures, a film, and for each treatment of each replicate its
-    outcome with all rounds and paths, the morphology.json and the controller.json, and joint
-    inference's bodies.json. The same command goes on with what is missing. (For a self-model alone:
-    python -m eea recover.)
+    Ten treatments differ in the body that the gait is evolved for and in the search. DIR holds
+    report.md, report.json, figures, a film, and for each treatment of each replicate its
+    outcome.json, morphology.json and controller.json (bodies.json with joint inference). The same
+    command resumes. (The self-model alone: python -m eea recover.)
     """
 
     out: Out = Path("out/recovery")
     damage: BodyDamage = "left_pectoral:length=0.5"
     held_out: bool = False
-    """Break each replicate's robot in another way, of the ten damages of the reality-gap suite,
-    rather than by --damage."""
+    """Give each replicate one of the ten held-out damages instead of --damage."""
     morphology: BodyFile = None
     seed: int = 0
-    """The first replicate's seed."""
-    seeds: int = 1
-    """Replicates, with seeds from `seed` upwards."""
+    """Seed of the first replicate."""
+    replicates: Annotated[int, arg(aliases=("--seeds",))] = 1
+    """Replicates, with seeds from --seed upwards."""
     rounds: int = RECOVERY.rounds
-    """Trials on the damaged robot, one a round."""
+    """Trials of the EEA on the damaged robot, one a round."""
     joint_rounds: int = 2
     """Trials of joint inference, which needs fewer."""
     steps: int = RECOVERY.steps
     """Length of a trial in steps of 0.01 s, a power of two."""
     models: int = RECOVERY.estimation.population
-    """Population of candidate bodies, for both of the EEA's self-models."""
+    """Population of candidate bodies in the EEA."""
     angle_sets: int = RECOVERY.out_of_band.inner_population
-    """Population of Out-of-Band's inner search for the fins' angles."""
+    """Population of Out-of-Band's inner search for the fin angles."""
     sampled_models: int | None = RECOVERY.out_of_band.sampled_models
-    """Bodies that judge the angles in Out-of-Band's inner search; None for all."""
+    """Bodies that score the angles in that search; None for all."""
     revisit: int = RECOVERY.out_of_band.revisit
-    """Earlier trials whose angles each of Out-of-Band's searches infers anew; the paper's 0 locks
-    them in."""
+    """Earlier trials whose angles each of its searches infers again; the paper's 0 keeps them."""
     gyro_noise: float = 0.01
-    """Standard deviation of the noise of the robot's gyroscope, rad/s in each sample and axis."""
+    """Standard deviation of the robot's gyroscope noise, rad/s."""
     generations: int = 60
     """Generations of NEAT, in the paper's treatments."""
     population: int = 150
     """Gaits a generation of NEAT."""
     search_generations: int = 750
-    """Generations of the recommended search, CMA-ES; see python -m gait evolve --help."""
+    """Generations of the recommended search, CMA-ES."""
     search_population: int = 24
-    """Gaits a generation of that search."""
+    """Gaits a generation of CMA-ES."""
     search_starts: int = 6
-    """Starts of that search."""
+    """Starts of CMA-ES."""
     screened: int = 1200
-    """Random gaits that these are chosen from."""
+    """Random gaits that the starts are chosen from."""
     direct_generations: int = 400
     """Generations of the search on the robot itself: 24 gaits of two swims each."""
     gait_poses: int = 6
-    """Random fin poses that a gait must swim from while it evolves, besides the zero pose. With
-    none, joint inference's gait is for its median body alone."""
+    """Random initial poses that a gait is evolved from, besides the zero pose. With none, joint
+    inference's gait is for its median body alone."""
     poses: int = 16
-    """Random fin poses that a finished gait is scored from, besides the zero pose."""
+    """Random initial poses that a finished gait is scored from, besides the zero pose."""
     seconds: float = 20.0
     """Length of a swim."""
-    target_engine: Annotated[TargetEngine, tyro.conf.arg(aliases=("--engine",))] = "auto"
-    workers: Annotated[int | None, tyro.conf.arg(metavar="INT")] = None
+    target_engine: Annotated[TargetEngine, arg(aliases=("--engine",))] = "auto"
+    workers: Annotated[int | None, arg(metavar="INT")] = None
     """Processes; every core if not given. No result depends on it."""
-    scheduler: Annotated[str | None, tyro.conf.arg(metavar="ADDRESS")] = None
-    """Address of a dask scheduler whose workers do the work, as tcp://host:8786."""
+    scheduler: Annotated[str | None, arg(metavar="ADDRESS")] = None
+    """Address of a dask scheduler whose workers run the treatments, such as tcp://host:8786."""
     format: tuple[Literal["png", "pdf", "svg"], ...] = ("png",)
-    """What the pictures are written as."""
+    """File formats of the figures."""
     film: bool = True
     """Also draw the film, which takes some seconds."""
     redraw: bool = False
-    """Only write report and pictures anew from what a finished folder holds."""
+    """Only write the report and figures of a finished folder again."""
     other_code: bool = False
-    """Go on although other code began the folder; the report names both."""
+    """Allow resuming a folder that another version of the code began; the report names both."""
+
+    def execute(self) -> None:
+        """Run the missing treatments, then write and print the report.
+
+        A wrong option or a folder of something else is refused before anything changes. SystemExit
+        has the code 1 if a treatment failed; the others are finished.
+        """
+        jobs = self.treatments()
+        if self.redraw and len(finished(self.out, jobs)) < len(jobs):
+            read_outcomes(self.out, jobs)  # names the first that is missing
+        folder, settings = ensure_writable_directory(self.out), _settings(jobs)
+        code = None if self.redraw else {"source": source_stamp(), **versions()}
+        with held(folder):
+            claim(folder, "a case study", settings, code, (REPORT,), other_code=self.other_code)
+            if not self.redraw:
+                failures = do_missing(
+                    jobs, treat, folder, warm_up, progress_bar,
+                    processes=self.workers, scheduler=self.scheduler,
+                )  # fmt: skip
+                if failures:
+                    say("\n".join(f"failed: {failure}" for failure in failures))
+                    raise SystemExit(1)
+            self._publish(jobs, folder, settings)
 
     def treatments(self) -> list[Treatment]:
         """Return every treatment of every replicate, the longest first."""
         integer("seed", self.seed, 0)
-        integer("seeds", self.seeds, 1, 100_000)
+        integer("replicates", self.replicates, 1, 100_000)
         if self.workers is not None:
             integer("workers", self.workers, 1)
         if not self.format:
             raise InvalidArgumentError("format must be one or more of png, pdf, svg; got none")
-        integer("joint_rounds", self.joint_rounds, 1, MAXIMUM_ROUNDS)
-        engine = check_engine(self.target_engine)
         body, damage = read_morphology(self.morphology, "morphology"), Damage.parse(self.damage)
         damage.apply(body)
+        finite_array("gyro_noise", self.gyro_noise, (), 0.0, MOST_SPIN, "rad/s")
+        engine = check_engine(self.target_engine)
+        swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
+        eea, gaits = self._eea(), self._gaits()
+        joint_rounds = integer("joint_rounds", self.joint_rounds, 1, MAXIMUM_ROUNDS)
+        longest_first = sorted(TREATMENTS.items(), key=lambda one: one[1].model != "out-of-band")
+        return [
+            Treatment(
+                treatment=name,
+                seed=seed,
+                morphology=body,
+                damage=damage_of(seed) if self.held_out else damage,
+                eea=replace(eea, rounds=joint_rounds) if spec.model == "joint" else eea,
+                gait=replace(gaits[spec.search], seed=seed),
+                transfer=replace(swims, seed=seed),
+                gyro_noise=self.gyro_noise,
+                source=source_stamp(),
+            )
+            for seed in range(self.seed, self.seed + self.replicates)
+            for name, spec in longest_first
+        ]
+
+    def _eea(self) -> EEAConfig:
+        """Return the settings of all self-models, except the condition."""
         eea = recovery_config(self.steps, self.rounds)
         out_of_band = replace(
             eea.out_of_band,
@@ -144,28 +176,24 @@ class Recover:
             revisit=self.revisit,
         )
         estimation = replace(eea.estimation, population=self.models)
-        eea = replace(eea, estimation=estimation, out_of_band=out_of_band)
-        joint = replace(eea, rounds=self.joint_rounds)
-        finite_array("gyro_noise", self.gyro_noise, (), 0.0, MOST_SPIN, "rad/s")
-        common: dict[str, Any] = {"seconds": self.seconds, "threads": 1}
+        return replace(eea, estimation=estimation, out_of_band=out_of_band)
+
+    def _gaits(self) -> dict[str, EvolveConfig]:
+        """Return each search: the paper's NEAT, CMA-ES, with known fins, and on the robot."""
+        common: dict[str, Any] = {"seconds": self.seconds, "threads": 1, "poses": self.gait_poses}
         best = EvolveConfig(
             search="cma",
             generations=self.search_generations,
             population=self.search_population,
             restarts=self.search_starts,
             random_candidates=self.screened,
-            poses=self.gait_poses,
             **common,
         )
-        # As the paper has it.
         neat = EvolveConfig(
-            paper=True,
-            generations=self.generations,
-            population=self.population,
-            poses=self.gait_poses,
-            **common,
+            paper=True, generations=self.generations, population=self.population, **common
         )
-        # Thriftily: on the robot, each swim takes its time.
+        fins = replace(best, senses=("imu", "clock", "fins"))
+        # Few swims: on the robot, each of them takes its time.
         direct = replace(
             best,
             generations=self.direct_generations,
@@ -174,63 +202,20 @@ class Recover:
             population=24,
             poses=1,
         )
-        fins = replace(best, senses=("imu", "clock", "fins"))
-        gaits = {"neat": neat, "best": best, "fins": fins, "direct": direct}
-        swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
-        return [
-            Treatment(
-                treatment=name,
-                seed=seed,
-                morphology=body,
-                damage=damage_of(seed) if self.held_out else damage,
-                eea=joint if way.model == "joint" else eea,
-                gait=replace(gaits[way.search], seed=seed),
-                transfer=replace(swims, seed=seed),
-                gyro_noise=self.gyro_noise,
-                source=source_stamp(),
-            )
-            for seed in range(self.seed, self.seed + self.seeds)
-            # What takes longest, first.
-            for name, way in sorted(WAYS.items(), key=lambda one: one[1].model != "out-of-band")
-        ]
-
-    def execute(self) -> None:
-        """Do what is missing, write the report and the pictures, and print the report.
-
-        If an option is wrong, or the folder holds something else, nothing has changed. If a
-        treatment could not be done, the others are, and SystemExit has the code 1.
-        """
-        jobs = self.treatments()
-        if self.redraw and len(finished(self.out, jobs)) < len(jobs):
-            read_all(self.out, jobs)  # which says what is wrong with the first that is not whole
-        folder = ensure_writable_directory(self.out)
-        with held(folder):
-            code = None if self.redraw else {"source": source_stamp(), **versions()}
-            settings = _settings(jobs)
-            claim(folder, "a case study", settings, code, (REPORT,), other_code=self.other_code)
-            failures = [] if self.redraw else do_missing(
-                jobs, treat, folder, rehearse, progress,
-                processes=self.workers, scheduler=self.scheduler,
-            )  # fmt: skip
-            if failures:
-                say("\n".join(f"failed: {failure}" for failure in failures))
-                raise SystemExit(1)
-            self._publish(jobs, folder, settings)
+        return {"neat": neat, "best": best, "fins": fins, "direct": direct}
 
     def _publish(self, jobs: list[Treatment], folder: Path, settings: dict[str, Any]) -> None:
-        """Write everything for people and for the next command, and print the report."""
+        """Write the report, the figures and each treatment's files, and print the report."""
         from aquafish.recovery.figures import draw_all
 
-        outcomes = read_all(folder, jobs)
-        # Only PyBullet can draw the robot; without it the study is whole but for two pictures.
-        drawable = importlib.util.find_spec("pybullet") is not None
+        outcomes = read_outcomes(folder, jobs)
+        drawable = importlib.util.find_spec("pybullet") is not None  # which draws the robot
         pictures = draw_all(folder, jobs[0], outcomes, self.format, drawable, self.film)
         report = build_report(settings, (described(folder) or {})["code"], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
-        # Readers' programs show one of the formats, and not all of them show PDF.
-        best = next(form for form in ("png", "svg", "pdf") if form in self.format)
-        shown = [name for name in pictures if name.endswith((best, "gif"))]
-        write_bytes(folder / "report.md", to_markdown(report, shown).encode())
+        shown = next(form for form in ("png", "svg", "pdf") if form in self.format)
+        text = to_markdown(report, [name for name in pictures if name.endswith((shown, "gif"))])
+        write_bytes(folder / "report.md", text.encode())
         for job in jobs:
             outcome = outcomes[job.treatment][job.seed - jobs[0].seed]
             write_document(folder / job.folder / "morphology.json", outcome["morphology"])
@@ -239,14 +224,20 @@ class Recover:
             controller = Controller.from_dict(outcome["controller"])
             controller.save(folder / job.folder / "controller.json")
         console = Console()
-        show(report, console)
-        console.print(f"Report and pictures: {folder}", soft_wrap=True)
+        console.print(Markdown(to_markdown(report, short=True)))
+        console.print(f"Report and figures: {folder}", soft_wrap=True)
         if not drawable:
             say("the bodies and the film need PyBullet, which draws the robot")
 
 
-def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
-    """Return all outcomes, by treatment, in the order of the seeds; InvalidArgumentError if not."""
+def read_outcomes(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
+    """Return the outcomes by treatment, in the order of the seeds.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If one is missing or damaged.
+    """
     outcomes: dict[str, list[dict[str, Any]]] = {name: [] for name in TREATMENTS}
     for job in jobs:
         outcome = read_result(folder, job)
@@ -257,12 +248,11 @@ def read_all(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
 
 
 def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
-    """Return all that the results depend on, ready for JSON."""
-    job, gaits = jobs[0], {WAYS[one.treatment].search: one.gait for one in jobs}
-    joint, plain = (
-        next(one.eea for one in jobs if one.treatment == name) for name in ("joint", "out-of-band")
-    )
-    parts = {"eea": plain.to_dict(), "transfer": asdict(job.transfer)}
+    """Return all settings that the results depend on, ready for JSON."""
+    first = {job.treatment: job for job in reversed(jobs)}
+    job = jobs[0]
+    gaits = {TREATMENTS[name].search: one.gait for name, one in first.items()}
+    parts = {"eea": first["out-of-band"].eea.to_dict(), "transfer": asdict(job.transfer)}
     parts |= {
         f"gait_{name}": {**gait.settings, "generations": gait.plan.generations}
         for name, gait in sorted(gaits.items())
@@ -276,39 +266,6 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
         "morphology": job.morphology.to_dict(),
         "first_seed": job.seed,
         "gyro_noise": job.gyro_noise,
-        "joint_rounds": joint.rounds,
+        "joint_rounds": first["joint"].eea.rounds,
         **parts,
     }
-
-
-@contextmanager
-def progress(jobs: Sequence[Treatment]) -> Iterator[Callable[[Event[Treatment]], None]]:
-    """Show a bar a treatment on a terminal, or a line a finished treatment elsewhere."""
-    console = Console(stderr=True)
-    width = max(len(job.name) for job in jobs)
-    columns = (TextColumn("{task.description}"), BarColumn(24), TextColumn("{task.fields[text]}"))
-    live = console.is_terminal
-    with Progress(*columns, TimeElapsedColumn(), console=console, disable=not live) as bars:
-        tasks = {
-            job: bars.add_task(job.name.ljust(width), total=1.0, start=False, text="waiting")
-            for job in jobs
-        }
-
-        def tell(event: Event[Treatment]) -> None:
-            text = _conclusion(event.document) if event.document else event.text or "begins"
-            if event.kind in ("began", "retried"):
-                bars.reset(tasks[event.job])
-            bars.update(tasks[event.job], completed=event.share, text=text)
-            if not live and event.kind in ("done", "retried"):
-                say(f"{event.job.name}: {text}")
-
-        yield tell
-
-
-def _conclusion(outcome: dict[str, Any]) -> str:
-    fitness = outcome["objective_fitness"]
-    return (
-        ("" if fitness is None else f"OBJ_FIT {fitness:.3f}, ")
-        + f"swims {outcome['native_distance']:.1f} units on its model, "
-        f"{outcome['target_distance']:.1f} on the damaged robot"
-    )

@@ -1,4 +1,4 @@
-"""The pictures of the case study: bodies (Fig. 11), paths (Fig. 12), fitness, distances, film."""
+"""The figures of the case study: bodies (Fig. 11), paths (Fig. 12), fitness, distances; a film."""
 
 from __future__ import annotations
 
@@ -11,13 +11,7 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image, ImageDraw, ImageFont
 
 from aquafish.recovery.report import Outcomes, distances
-from aquafish.recovery.treatment import (
-    MODELLED,
-    TREATMENTS,
-    WAYS,
-    Treatment,
-    path_from_dict,
-)
+from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import Morphology
 from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
 from aquafish_gym.rendering.pictures import new_figure, save_figure
@@ -26,7 +20,7 @@ from eea.fish import fish_models
 from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 
-# Joint inference's is as in the figures of studies; oracles are of one family.
+# Joint inference has its colour of the studies' figures; the oracles share a hue.
 COLOURS = {
     "undamaged": "#555555",
     "randomised": "#e69f00",
@@ -39,8 +33,8 @@ COLOURS = {
     "oracle": "#009e73",
     "oracle-fins": "#00523c",
 }
-RECOVERED = "joint-fins"  # whose gait the film shows in the end
-SHOWN = {name: way.shown for name, way in WAYS.items()}
+RECOVERED = "joint-fins"  # its gait is in the last scene of the film
+LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
@@ -58,9 +52,9 @@ def draw_all(
     drawable: bool,
     film: bool,
 ) -> list[str]:
-    """Write all pictures of a study, each in each format, and return their files' names.
+    """Write all figures of a study in each format and return the names of their files.
 
-    If the robot is not ``drawable``, which takes PyBullet, there are no bodies and no film.
+    The bodies and the film need PyBullet, without which the robot is not ``drawable``.
     """
     figures = {"bodies": bodies_figure(job.target, outcomes)} if drawable else {}
     figures["paths"] = paths_figure(outcomes)
@@ -89,7 +83,7 @@ def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
         axes.set_title("the damaged robot\n")
         if name != "target":
             fit = outcomes[name][0]["objective_fitness"]
-            axes.set_title(f"{SHOWN[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
+            axes.set_title(f"{LABELS[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
     return figure
 
@@ -103,7 +97,7 @@ def paths_figure(outcomes: Outcomes) -> Figure:
         draw_trajectories(swims | {"target": _first_swim(outcomes, name, "target")}, axes)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="small", ncols=2)
         axes.label_outer()
-        axes.set_title(SHOWN[name], color=COLOURS[name])
+        axes.set_title(LABELS[name], color=COLOURS[name])
     return figure
 
 
@@ -117,16 +111,16 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
     panels = figure.subplots(1, 2)
     titles = {
         "objective_fitness": "OBJ_FIT: likeness to the true body",
-        "model_fitness": "MOD_FIT: fit to what the IMU felt",
+        "model_fitness": "MOD_FIT: fit to the measured signal",
     }
     for axes, (field, title) in zip(panels, titles.items(), strict=True):
-        for name in dict.fromkeys(MODELLED.values()):  # with and without its fins, one self-model
+        for name in dict.fromkeys(MODELLED.values()):  # joint and joint-fins share a self-model
             curves = np.array([[r[field] for r in o["rounds"]] for o in outcomes[name]])
             number = np.arange(1, curves.shape[1] + 1)
             if len(curves) > 1:
                 axes.plot(number, curves.T, color=COLOURS[name], lw=0.5, alpha=0.4)
             mean = curves.mean(axis=0)
-            axes.plot(number, mean, "o-", ms=3, color=COLOURS[name], label=SHOWN[name])
+            axes.plot(number, mean, "o-", ms=3, color=COLOURS[name], label=LABELS[name])
         axes.set_title(title)
         axes.set_xlabel("trials on the robot")
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -160,7 +154,7 @@ def distances_figure(outcomes: Outcomes) -> Figure:
             axes.scatter(np.full(count, place), values, s=18, color=colour, zorder=2)
             axes.plot([place - 0.25, place + 0.25], [values.mean()] * 2, color=colour, lw=2.5)
         axes.axhline(0, color="0.6", lw=0.8)
-        axes.set_xticks(places, [SHOWN[t].replace(" ", "\n") for t in TREATMENTS])
+        axes.set_xticks(places, [LABELS[t].replace(" ", "\n") for t in TREATMENTS])
         axes.grid(axis="y", color="0.92")
         axes.set_title(title)
         axes.set_ylabel("distance (units of 5 cm)")

@@ -1,4 +1,4 @@
-"""One treatment of one replicate: get a model, evolve a gait on it, swim it on the target."""
+"""One treatment of one replicate: infer a body, evolve a gait for it, swim it on the robot."""
 
 from __future__ import annotations
 
@@ -16,111 +16,106 @@ from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.runner import Say
-from eea.core import EEAConfig, streams
+from eea.core import EEAConfig, Result, streams
 from eea.core.angles import wrap
 from eea.core.config import Condition
 from eea.core.fitness import objective_fitness
 from eea.fish import EngineTarget, RealityGap, fish_eea, fish_models
 from eea.fish.fins import fins_after
-from gait.evolve import EvolveConfig, Generation, damaged_at_random, evolve_gait
+from gait.evolve import EvolveConfig, Evolved, Generation, damaged_at_random, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer
 
+BODIES = 50  # of a posterior's sample, or randomly damaged, that one gait is evolved for
+MASS = 0.9  # of the posterior intervals in an outcome
+PATH = ("time", "position", "quaternion", "fin_angles")
+DECIMALS = 6  # of a path's numbers, as many as a float32 holds
+MODEL_SHARE, GAIT_SHARE = 0.3, 0.6  # of a treatment's duration, approximately; swims take the rest
 
-class Way(NamedTuple):
-    """What a treatment takes for the robot's body, and how it comes to a gait."""
 
-    shown: str  #: For people.
-    says: str
+class TreatmentSpec(NamedTuple):
+    """The body that a treatment evolves its gait for, and the search."""
+
+    label: str  #: Short, for figures.
+    description: str
     search: Literal["neat", "best", "fins", "direct"]
-    model: Condition | None = None  #: What infers the body, if anything does.
-    body: Literal["healthy", "any", "true"] = "true"  #: Where nothing does.
-    oracle: str = "oracle"  #: Whose body is the true one, with the same search and senses.
+    model: Condition | None = None  #: The method that infers the body.
+    body: Literal["healthy", "any", "true"] = "true"  #: The body, if it is not inferred.
+    oracle: str = "oracle"  #: The treatment with the true body and the same search and senses.
 
 
-# The oracles know the damage, which no robot does: each is the best that self-modelling can give
-# to who searches and senses as it does.
-WAYS: dict[str, Way] = {
-    "undamaged": Way(
-        "the old body", "the gait that it swam with before the damage", "best", body="healthy"
+# The oracles know the damage, which no robot does: upper bounds for self-models.
+TREATMENTS: dict[str, TreatmentSpec] = {
+    "undamaged": TreatmentSpec(
+        "the old body", "the gait from before the damage", "best", body="healthy"
     ),
-    "randomised": Way(
+    "randomised": TreatmentSpec(
         "any damage",
-        "a gait for the healthy body and many randomly damaged ones, by somebody who does not ask "
-        "what happened",
+        "one gait for the healthy body and many randomly damaged ones, without a self-model",
         "best",
         body="any",
     ),
-    "direct": Way(
-        "direct search",
-        "a search on the damaged robot itself, in which every swim takes the robot's time",
+    "direct": TreatmentSpec(
+        "direct search", "a search on the damaged robot itself; every swim costs robot time",
         "direct",
     ),
-    "none": Way(
+    "none": TreatmentSpec(
         "plain EEA's model",
-        "plain EEA's model, which takes its fins to start at zero, and NEAT",
+        "the model of plain EEA, which assumes that the fins start at zero, and NEAT",
         "neat",
         "none",
         oracle="oracle-neat",
     ),
-    "out-of-band": Way(
+    "out-of-band": TreatmentSpec(
         "Out-of-Band's model",
-        "the paper's way: Out-of-Band EEA's model, which infers where its fins started, and NEAT",
+        "the paper's method: the model of Out-of-Band EEA, which infers the initial fin angles, "
+        "and NEAT",
         "neat",
         "out-of-band",
         oracle="oracle-neat",
     ),
-    "joint": Way(
+    "joint": TreatmentSpec(
         "joint inference",
-        "what joint inference believes, which fits body, fins and nuisances together: its median "
-        "body in OBJ_FIT and *own model*, and a gait for many bodies that the trials allow",
+        "the posterior of joint inference over body, fin angles and nuisances: its median body in "
+        "OBJ_FIT and *own model*, and one gait for many bodies of the posterior",
         "best",
         "joint",
     ),
-    "joint-fins": Way(
+    "joint-fins": TreatmentSpec(
         "joint, fins known",
-        "the same, with a gait that knows where its fins are: the self-model tells where they "
-        "stand, and the commands where they go",
+        "the same, with a gait that observes the fin angles: the self-model gives their initial "
+        "values, and the commands are integrated",
         "fins",
         "joint",
         oracle="oracle-fins",
     ),
-    "oracle-neat": Way(
+    "oracle-neat": TreatmentSpec(
         "the true body, NEAT", "the true body, and NEAT", "neat", oracle="oracle-neat"
     ),
-    "oracle": Way("the true body", "the true body: the best that a self-model can give", "best"),
-    "oracle-fins": Way(
-        "the true body and fins",
-        "the true body, and the true place of its fins",
-        "fins",
+    "oracle": TreatmentSpec(
+        "the true body", "the true body: the upper bound for a self-model", "best"
+    ),
+    "oracle-fins": TreatmentSpec(
+        "the true body and fins", "the true body, and the true fin angles", "fins",
         oracle="oracle-fins",
     ),
-}
-TREATMENTS = tuple(WAYS)
-MODELLED: dict[str, Condition] = {name: way.model for name, way in WAYS.items() if way.model}
-# Of what joint inference believes, for a gait that is to swim whichever of them is true; and of
-# bodies that chance has damaged.
-BODIES = 50
-MASS = 0.9  # of the intervals that an outcome holds
-
-PATH = ("time", "position", "quaternion", "fin_angles")
-DECIMALS = 6  # of a path's numbers, as many as a float32 holds
-MODEL_SHARE, GAIT_SHARE = 0.3, 0.6  # of a treatment's time, about; the swims take the rest
+}  # fmt: skip
+MODELLED: dict[str, Condition] = {name: s.model for name, s in TREATMENTS.items() if s.model}
 
 
 @dataclass(frozen=True)
 class Treatment:
-    """One treatment of one replicate, complete enough to be sent to another computer."""
+    """One treatment of one replicate, complete enough to run on another computer."""
 
     treatment: str  # of TREATMENTS
-    seed: int  # of everything random, as in the parts' own configurations
+    seed: int  # of all random streams, as in the parts' own configurations
     morphology: Morphology  # before the damage
     damage: Damage
     eea: EEAConfig
     gait: EvolveConfig
     transfer: TransferConfig
-    gyro_noise: float = 0.0  # of the robot's gyroscope, rad/s
-    source: str = ""  # the code that must do it (see source_stamp); "" for any
+    gyro_noise: float = 0.0  # standard deviation, rad/s
+    source: str = ""  # see source_stamp; "" for any code
 
     @property
     def name(self) -> str:
@@ -129,13 +124,18 @@ class Treatment:
 
     @property
     def folder(self) -> str:
-        """Where its files are, relative to the study's folder."""
+        """The path of its files in the study's folder."""
         return f"seed-{self.seed:03d}/{self.treatment}"
 
     @property
     def file(self) -> str:
-        """Its outcome's file, relative to the study's folder."""
+        """The path of its outcome in the study's folder."""
         return f"{self.folder}/outcome.json"
+
+    @property
+    def spec(self) -> TreatmentSpec:
+        """Its row of the table."""
+        return TREATMENTS[self.treatment]
 
     @property
     def target(self) -> Morphology:
@@ -143,23 +143,31 @@ class Treatment:
         return self.damage.apply(self.morphology)
 
 
-def treat(job: Treatment, say: Say) -> dict[str, Any]:
-    """Do one treatment and return its outcome, ready for JSON.
+class Model(NamedTuple):
+    """The body that a treatment assumes."""
 
-    A robot that diverges has made no progress: its distance counts as 0, ``diverged`` tells how
-    many of the swims on the target did, and its path stays where it was last seen.
+    body: Morphology
+    bodies: list[Morphology]  # that the gait is evolved for: the body alone, or a sample
+    rounds: Sequence[dict[str, Any]] = ()  # of its inference
+    posterior: dict[str, Any] = {}  # noqa: RUF012  # what an outcome says of it, if there is one
+    fins: dict[str, Any] = {}  # noqa: RUF012  # the assumed fin state, as options of the transfer
+
+
+def treat(job: Treatment, say: Say) -> dict[str, Any]:
+    """Run one treatment and return its outcome, ready for JSON.
+
+    A swim that diverged counts as 0 units; ``diverged`` is how many swims on the target did.
 
     Returns
     -------
     dict
-        ``treatment``, ``seed``, ``damage``; the believed ``morphology`` with its ``model_fitness``
-        (MOD_FIT; None if it was not inferred) and ``objective_fitness`` (OBJ_FIT; None of who asks
-        for no body); ``rounds``, the self-model's records; of joint inference its 90%
-        ``interval``, ``findings``, ``verdict``, the sample of ``bodies`` that the gait is for, and
-        ``fins``, where it believes they stand after the last trial and how wrong that is, rad;
-        ``generations``, the gait's; the ``controller``; distances in units of 5 cm by body, from
-        the zero pose and from each random pose; ``diverged``; ``swims``, body -> ``PATH`` of the
-        swim from the zero pose.
+        ``treatment``, ``seed``, ``damage``; the inferred ``morphology`` with its ``model_fitness``
+        (MOD_FIT; None if it was not inferred) and ``objective_fitness`` (OBJ_FIT; None without a
+        body of its own); the EEA's ``rounds``; with joint inference its 90% ``interval``,
+        ``findings``, ``verdict``, the ``bodies`` that the gait is for, and ``fins``, the estimated
+        angles after the last trial with their errors, rad; the gait's ``generations``; the
+        ``controller``; distances in units of 5 cm by body, from the zero pose and from each random
+        pose; ``diverged``; ``swims``, body -> ``PATH`` of the swim from the zero pose.
 
     Raises
     ------
@@ -167,20 +175,11 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
         If this machine has other code than ``job.source``.
     """
     check_source(job, source_stamp())
-    model = _self_model(job, say)
-
-    def tell(row: Generation) -> None:
-        done, total = row.generation + 1, job.gait.plan.rows
-        share = MODEL_SHARE + GAIT_SHARE * done / total
-        say(f"gait: generation {done}/{total}, {row.best:.1f} units", share)
-
-    # From the zero pose alone, no more than one body can swim.
-    bodies = model.bodies if job.gait.poses else [model.body]
-    evolved = evolve_gait(bodies, job.gait, on_generation=tell)
+    model = _model(job, say)
+    evolved = _evolve(job, model, say)
     say("swimming on the target", MODEL_SHARE + GAIT_SHARE)
-    scored = transfer(
-        evolved.controller, job.target, replace(job.transfer, **model.fins_told), model.body
-    )
+    config = replace(job.transfer, **model.fins)
+    scored = transfer(evolved.controller, job.target, config, model.body)
     native, target = (
         np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
     )
@@ -191,12 +190,12 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
         "damage": str(job.damage),
         "morphology": model.body.to_dict(),
         "model_fitness": model.rounds[-1]["model_fitness"] if model.rounds else None,
-        "objective_fitness": None if WAYS[job.treatment].body == "any" else float(fitness),
-        **model.sure,
-        "native_distance": _progress(native)[0],
-        "target_distance": _progress(target)[0],
-        "native_random_distances": _progress(native)[1:],
-        "target_random_distances": _progress(target)[1:],
+        "objective_fitness": None if job.spec.body == "any" else float(fitness),
+        **model.posterior,
+        "native_distance": _finite(native)[0],
+        "target_distance": _finite(target)[0],
+        "native_random_distances": _finite(native)[1:],
+        "target_random_distances": _finite(target)[1:],
         "diverged": int(np.count_nonzero(~np.isfinite(target))),
         "rounds": model.rounds,
         "generations": [asdict(row) for row in evolved.history],
@@ -208,78 +207,51 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     }
 
 
-def rehearse(jobs: Sequence[Treatment]) -> None:
-    """Do treatments in small, so that whatever they need is compiled."""
-    job = jobs[0]
-    for name in ("out-of-band", "joint-fins"):
-        few: dict[str, Any] = {"generations": 1, "population": 10, "poses": 1, "seconds": 0.1}
-        gait = EvolveConfig(paper=True, threads=1, **few)
-        if name == "joint-fins":
-            few["senses"] = ("imu", "clock", "fins")
-            gait = EvolveConfig(search="cma", restarts=1, random_candidates=10, threads=1, **few)
-        small = replace(
-            job,
-            treatment=name,
-            eea=in_small(job.eea),
-            gait=gait,
-            transfer=replace(job.transfer, poses=1, seconds=0.1),
-        )
-        treat(small, lambda _text, _share: None)
-
-
-def source_stamp() -> str:
-    """Return a hash of all code that the results come from."""
-    return batch.source_stamp(Path(__file__))
-
-
-class Model(NamedTuple):
-    """What a treatment believes in."""
-
-    body: Morphology
-    bodies: list[Morphology]  # that the gait is evolved on: the body alone, or a posterior's sample
-    rounds: list[dict[str, Any]]  # in which it was inferred
-    sure: dict[str, Any]  # how sure it is, for the outcome; empty where nobody knows
-    fins_told: dict[str, Any]  # what the gait is told of the target's fins; empty for the truth
-
-
-def _self_model(job: Treatment, say: Say) -> Model:
-    """Return what this treatment believes in."""
-    way = WAYS[job.treatment]
-    if way.model is None:
-        body = job.target if way.body == "true" else job.morphology
-        bodies = [body]
-        if way.body == "any":
-            bodies += damaged_at_random(body, BODIES - 1, job.seed)
-        return Model(body, bodies, [], {}, {})
-    config = replace(job.eea, condition=way.model)
-    hidden = streams(job.seed)["target"]
-    engine, gap = job.transfer.target_engine, RealityGap(gyro_noise=job.gyro_noise)
+def _model(job: Treatment, say: Say) -> Model:
+    """Return the body that the treatment assumes, or infer it in trials on the robot."""
+    if job.spec.model is None:
+        body = job.target if job.spec.body == "true" else job.morphology
+        others = damaged_at_random(body, BODIES - 1, job.seed) if job.spec.body == "any" else []
+        return Model(body, [body, *others], [])
+    config = replace(job.eea, condition=job.spec.model)
+    hidden, gap = streams(job.seed)["target"], RealityGap(gyro_noise=job.gyro_noise)
+    engine = job.transfer.target_engine
     target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine, gap=gap)
-    algorithm = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
+    method = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
     rounds = []
     say("self-model: the first trial", 0.0)
-    for record in algorithm:
+    for record in method:
         say(
             f"self-model: round {record.round}/{config.rounds}, "
             f"MOD_FIT {record.model_fitness:.3f}, OBJ_FIT {record.objective_fitness:.3f}",
             MODEL_SHARE * record.round / config.rounds,
         )
-        rounds.append(record.to_dict())
-        del rounds[-1]["seconds"]  # which no two runs share
-    result = algorithm.result
+        rounds.append({k: v for k, v in record.to_dict().items() if k != "seconds"})
+    result = method.result
     body = Morphology.from_array(result.model)
     if result.belief is None:
-        return Model(body, [body], rounds, {}, {})
+        return Model(body, [body], rounds)
     bodies = [Morphology.from_array(sizes) for sizes in result.sample(BODIES, job.seed)]
+    posterior, fins = _posterior(result, target.start_angles, config.steps)
+    posterior["bodies"] = [one.to_dict() for one in bodies]
+    return Model(body, bodies, rounds, posterior, fins)
+
+
+def _posterior(
+    result: Result, start_angles: NDArray[np.float64], steps: int
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return what an outcome says of joint inference, and the fin state for the transfer.
+
+    The true initial angles (3,) only serve to measure the error of the estimated ones.
+    """
+    assert result.belief is not None
     low, high = (Morphology.from_array(end).to_dict() for end in result.interval(MASS))
-    # The truth of the target's fins serves to know how wrong the self-model is, and nothing else.
-    fins, turned = fins_after(result), np.array(rounds[-1]["command"]) * config.steps * TIMESTEP
-    error = wrap(fins.angles - target.start_angles - TAU * turned)
-    sure = {
+    fins, turned = fins_after(result), np.array(result.rounds[-1].command) * steps * TIMESTEP
+    error = wrap(fins.angles - start_angles - TAU * turned)
+    posterior = {
         "interval": {"mass": MASS, "low": low, "high": high},
         "findings": result.belief.findings,
         "verdict": result.belief.verdict,
-        "bodies": [one.to_dict() for one in bodies],
         "fins": {
             "angles": fins.angles.tolist(),
             "spread": fins.spread.tolist(),
@@ -287,17 +259,52 @@ def _self_model(job: Treatment, say: Say) -> Model:
             "servo_gain": fins.servo_gain.tolist(),
         },
     }
-    told = {"angle_error": tuple(error), "believed_gain": tuple(fins.servo_gain)}
-    return Model(body, bodies, rounds, sure, told)
+    return posterior, {"angle_error": tuple(error), "believed_gain": tuple(fins.servo_gain)}
 
 
-def _progress(distances: NDArray[np.float64]) -> list[float]:
+def _evolve(job: Treatment, model: Model, say: Say) -> Evolved:
+    """Evolve the treatment's gait."""
+
+    def tell(row: Generation) -> None:
+        done, total = row.generation + 1, job.gait.plan.rows
+        share = MODEL_SHARE + GAIT_SHARE * done / total
+        say(f"gait: generation {done}/{total}, {row.best:.1f} units", share)
+
+    # A sample needs random poses; without any, the gait is for the one body.
+    bodies = model.bodies if job.gait.poses else [model.body]
+    return evolve_gait(bodies, job.gait, on_generation=tell)
+
+
+def warm_up(jobs: Sequence[Treatment]) -> None:
+    """Compile all that treatments need, by running two very small ones."""
+    job = jobs[0]
+    small = replace(
+        job,
+        eea=in_small(job.eea),
+        transfer=replace(job.transfer, poses=1, seconds=0.1),
+    )
+    few: dict[str, Any] = {
+        "generations": 1, "population": 10, "poses": 1, "seconds": 0.1, "threads": 1,
+    }  # fmt: skip
+    neat = EvolveConfig(paper=True, **few)
+    senses: Any = ("imu", "clock", "fins")
+    fins = EvolveConfig(search="cma", restarts=1, random_candidates=10, senses=senses, **few)
+    for name, gait in (("out-of-band", neat), ("joint-fins", fins)):
+        treat(replace(small, treatment=name, gait=gait), lambda _text, _share: None)
+
+
+def source_stamp() -> str:
+    """Return a hash of all code that the results come from."""
+    return batch.source_stamp(Path(__file__))
+
+
+def _finite(distances: NDArray[np.float64]) -> list[float]:
     """Return distances (n,) as a list, with 0 where the robot diverged."""
     return [float(value) for value in np.where(np.isfinite(distances), distances, 0.0)]
 
 
 def _path_to_dict(swim: Swim) -> dict[str, Any]:
-    """Return a swim as lists; a sample that is not finite repeats the last that was."""
+    """Return a swim as lists; a sample that is not finite repeats the last finite one."""
     path = {}
     for name in PATH:
         samples = getattr(swim, name)
@@ -308,5 +315,5 @@ def _path_to_dict(swim: Swim) -> dict[str, Any]:
 
 
 def path_from_dict(path: dict[str, Any]) -> Swim:
-    """Return the swim that an outcome's ``swims`` hold."""
+    """Return the swim in an outcome's ``swims``."""
     return Swim(*(np.asarray(path[name], dtype=np.float64) for name in PATH))
