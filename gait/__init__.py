@@ -1,7 +1,7 @@
-"""Gaits: controllers evolved for a body, and how they do on another.
+"""Gaits: controllers evolved for a body, and how they swim on another.
 
-``gait.transfer.transfer`` compares two bodies, ``gait.learning`` trains stable-baselines3
-for comparison, and ``gait.plots`` draws.
+``gait.transfer`` compares two bodies, ``gait.learning`` trains PPO for comparison, ``gait.plots``
+draws.
 """
 
 from importlib import import_module
@@ -35,7 +35,7 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    """Import a name when it is first used, so that a command answers Ctrl-C from the start."""
+    """Import a name when it is first used, so that a command handles Ctrl-C from the start."""
     rooms = ("controller", "evaluation", "evolve", "fitness", "policy", "rollout")
     for room in rooms if name in __all__ else ():
         module = import_module(f"gait.{room}")

@@ -61,29 +61,25 @@ RandomDamages = Annotated[
 class Evolve:
     """Evolve a gait for a body, or for a sample of bodies.
 
-    CMA-ES starts from the best of many random networks; by successive halving the best start goes
-    on. --search neat evolves networks by NEAT from several starts, and CMA-ES tunes the best ones;
-    --paper is the paper's plain NEAT. With --senses imu clock fins the controller also senses its
-    fins, whose initial angles a self-model estimates.
+    CMA-ES starts from the best of many random networks, and by successive halving the best start
+    goes on. --search neat evolves networks by NEAT, and CMA-ES tunes the best ones; --paper is the
+    paper's plain NEAT. --senses imu clock fins adds the fins, whose initial angles a self-model
+    estimates. A bodies.json with a sample of bodies, as estimations write it, gives a gait that
+    does well on all of them at no extra time.
 
     Into --out go controller.json (the best so far), history.csv (a row a generation), history.png,
     checkpoint.json and settings.json. The same command resumes an interrupted run; more
     --generations (--cma-generations, of NEAT) prolong it.
 
-    A bodies.json with a sample of bodies, as estimations write it, gives a gait that does well on
-    all of them at no extra time: each swim is on another body.
-
     Columns of history.csv, with distances in units of 5 cm:
     - generation: from 0, over all starts.
-    - best, mean: over the generation's controllers, each one's mean distance over its poses.
+    - best, mean: over the generation's controllers, each one's mean distance (or --quantile).
     - species: number of species; of CMA-ES, of starts still alive.
-    - final: the winner's mean distance over the zero pose and 32 fixed random ones; for a sample,
-    as many that each body swims equally often. The winner is the best there of the 8 leaders of
-    NEAT's generation; of CMA-ES it is the mean of the distribution, in every fourth generation,
-    and the rows in between repeat it.
+    - final: the same of the generation's winner, over the zero pose and 32 fixed random ones. The
+    winner is the best there of NEAT's 8 leaders, or the mean of CMA-ES's distribution, in every
+    fourth generation; rows in between repeat it.
     - distance: the winner's from the zero pose, on the first body.
     - nodes, connections: of the winner's network.
-    --aggregate quantile replaces each controller's mean distance by that quantile.
     """
 
     out: Out
@@ -137,7 +133,7 @@ class TransferCommand:
 
     controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     target_morphology: TargetMorphology = None
-    damage: Annotated[TargetDamage, tyro.conf.arg(aliases=("--target-damage",))] = "none"
+    damage: TargetDamage = "none"
     target_world: WorldConfig = field(default_factory=WorldConfig)
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
@@ -177,19 +173,17 @@ class BaselineCommand:
     """Learn a task with PPO of stable-baselines3, for comparison. Needs the extra rl.
 
     The learned policy is a controller like any other. It senses its fins, without which little is
-    learned, unless --senses imu clock. --damage random:moderate breaks something else in each
-    episode. Robots have the bodies of a sample in turn: domain randomisation.
+    learned, unless --senses imu clock. Robots have the bodies of a sample in turn: domain
+    randomisation. Ctrl-C keeps the best controller so far; the same command starts again.
 
     Into --out go controller.json (the best so far), curve.csv (a row an epoch: an episode of each
-    robot), curve.png and settings.json. Ctrl-C keeps the best so far; the same command starts
-    again.
+    robot), curve.png and settings.json.
 
-    Columns of curve.csv, with distances in units of 5 cm:
+    Columns of curve.csv, with distances in units of 5 cm (for another task, rewards times the
+    length of a step in s):
     - steps: actions so far, of all robots together.
     - training: mean distance of the epoch's episodes, with exploration.
-    - score: mean distance in 20 s without exploration, from 32 fixed random poses; for a sample, as
-    many that each body swims equally often.
-    For another task, these are sums of rewards times the length of a step in s.
+    - score: mean distance in 20 s without exploration, from 32 fixed random poses.
     """
 
     out: Out
@@ -274,18 +268,14 @@ def _progress(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
 
 def _result_text(evolved: Evolved, config: EvolveConfig) -> str:
     """Return how far an evolved controller swims, in words."""
-    far, bodies = f"{evolved.fitness:.2f} units in {config.seconds:g} s", len(evolved.distances)
-    if not config.poses:
-        return f"{far} from the zero pose"
-    mean = config.aggregate == "mean"
-    over = "on the mean over" if mean else f"or more in {1 - config.quantile:.0%} of swims over"
-    if bodies == 1:
-        return f"{far} {over} the zero pose and {FINAL_POSES} random ones"
-    worst, most, half = np.quantile(evolved.distances, (0.0, 0.1, 0.5))
-    return (
-        f"{far} {over} {bodies} bodies: {worst:.2f} on the worst, {most:.2f} or more on nine of "
-        f"ten, {half:.2f} or more on half"
-    )
+    over = "on the mean over"
+    if config.aggregate == "quantile":
+        over = f"or more in {1 - config.quantile:.0%} of swims over"
+    what = f"the zero pose and {FINAL_POSES} random ones" if config.poses else "the zero pose"
+    if len(evolved.distances) > 1:
+        worst, half = np.quantile(evolved.distances, (0.0, 0.5))
+        what = f"{len(evolved.distances)} bodies: {worst:.2f} on the worst, median {half:.2f}"
+    return f"{evolved.fitness:.2f} units in {config.seconds:g} s {over} {what}"
 
 
 def _row_text(row: Generation) -> str:

@@ -45,8 +45,8 @@ def make_senses(names: tuple[Sense, ...], task: TaskName, harmonics: int = 1) ->
     return Senses("imu" in names, clock, "fins" in names, TASKS[task].has_goal)
 
 
-def check_interval(value: object, seconds: float) -> int:
-    """Return ``value`` if it divides an episode of ``seconds``; the error names the nearest."""
+def check_interval(value: object, seconds: float) -> None:
+    """Refuse an interval that does not divide an episode of ``seconds``; offer the nearest."""
     steps = round(seconds / TIMESTEP)
     interval = integer("interval", value, 1)
     choices = [n for n in range(INTERVAL, steps // 2 + 1, INTERVAL) if not steps % n]
@@ -56,7 +56,6 @@ def check_interval(value: object, seconds: float) -> int:
             f"interval must be a multiple of {INTERVAL} that divides {steps}, an "
             f"episode's steps; got {interval}; the nearest is {nearest}"
         )
-    return interval
 
 
 def check_senses(senses: object) -> tuple[Sense, ...]:
@@ -144,13 +143,13 @@ class EvolveConfig:
     def __post_init__(self) -> None:
         if self.paper:
             object.__setattr__(self, "search", "neat")
-        integer("seed", self.seed, 0, MAXIMUM_SEED)
         for name, low, high in (
-            ("generations", 1, 100_000), ("population", 10, 10_000), ("restarts", 1, 100),
-            ("random_candidates", 1, 100_000), ("cma_generations", 0, 100_000),
-            ("harmonics", 1, MAXIMUM_HARMONICS), ("hidden", 1, 100),
+            ("seed", 0, MAXIMUM_SEED), ("hidden", 1, 100), ("harmonics", 1, MAXIMUM_HARMONICS),
+            ("restarts", 1, 100), ("generations", 1, 100_000), ("random_candidates", 1, 100_000),
+            ("cma_generations", 0, 100_000), ("population", 10, 10_000), ("poses", 0, 1000),
+            ("threads", 1, MAXIMUM_THREADS),
         ):  # fmt: skip
-            if getattr(self, name) is not None:
+            if getattr(self, name) is not None or name in ("seed", "hidden", "poses"):
                 integer(name, getattr(self, name), low, high)
         classes = CLASSES[one_of("search", self.search, CLASSES)]
         if self.controller is not None:
@@ -163,14 +162,11 @@ class EvolveConfig:
             )
         one_of("task", self.task, get_args(TaskName))
         one_of("aggregate", self.aggregate, ("mean", "quantile"))
-        integer("poses", self.poses, 0, 1000)
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         finite_array("quantile", self.quantile, (), 0.0, 1.0)
         step_count(self.seconds)
         if self.interval != INTERVAL:
             check_interval(self.interval, self.episode_seconds)
-        if self.threads is not None:
-            integer("threads", self.threads, 1, MAXIMUM_THREADS)
         for name, given, needed in (
             ("random_candidates", self.random_candidates is not None, ("search", "cma")),
             ("cma_generations", bool(self.cma_generations), ("search", "neat")),
@@ -228,16 +224,8 @@ class EvolveConfig:
     @property
     def settings(self) -> dict[str, Any]:
         """All that a run depends on, ready for JSON, except the length of its last stage."""
-        plan, given = self.plan, asdict(self)
-        for name in ("threads", "harmonics", "paper"):
-            del given[name]
-        given |= {name: value for name, value in plan._asdict().items() if name != "rows"}
-        given["senses"] = asdict(plan.senses)
-        del given["cma_generations" if plan.cma_generations else "generations"]
-        if self.task == "forward":
-            del given["task"]
-        if self.interval == INTERVAL:
-            del given["interval"]
-        if self.aggregate == "mean":
-            del given["aggregate"], given["quantile"]
-        return given
+        plan = {**self.plan._asdict(), "senses": asdict(self.plan.senses)}
+        last = "cma_generations" if self.plan.cma_generations else "generations"
+        omitted = ("threads", "harmonics", "paper", "rows", last)
+        settings = {**asdict(self), **plan}
+        return {name: value for name, value in settings.items() if name not in omitted}

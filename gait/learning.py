@@ -9,7 +9,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from importlib import import_module
 from math import inf
 from pathlib import Path
@@ -81,6 +81,7 @@ class LearningConfig:
     def __post_init__(self) -> None:
         integer("steps", self.steps, 1, 10**10)
         integer("environments", self.environments, 1, 1024)
+        integer("seed", self.seed, 0, MAXIMUM_SEED)
         one_of("task", self.task, get_args(TaskName))
         check_interval(self.interval, TASKS[self.task].seconds)
         object.__setattr__(self, "senses", check_senses(self.senses))
@@ -97,7 +98,6 @@ class LearningConfig:
         object.__setattr__(self, "hidden", widths)
         most = 1 + (MAXIMUM_HIDDEN - sum(widths)) // len(self.inputs.names)
         integer("frames", self.frames, 1, most)
-        integer("seed", self.seed, 0, MAXIMUM_SEED)
 
     @property
     def inputs(self) -> Senses:
@@ -152,10 +152,7 @@ class Learned:
 
     controller: Controller
     score: float
-    curve: tuple[CurvePoint, ...]
-
-    def __repr__(self) -> str:
-        return f"Learned(score {self.score:.2f}, {self.controller!r})"
+    curve: tuple[CurvePoint, ...] = field(repr=False)
 
 
 def train(

@@ -1,4 +1,4 @@
-"""What steers a robot: any function from what it feels, and the time, to an action."""
+"""The policy that steers a robot: a function of its observation and the time."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ class Policy(Protocol):
         Parameters
         ----------
         observation
-            (9,) the world's up and north in body axes and the gyro in rad/s, as AquaFish-v0
-            observes them.
+            (9,) the world's up and north in body axes and the gyroscope in rad/s, as of
+            AquaFish-v0.
         time
-            Seconds since the swim began; it is asked every 0.05 s.
+            Seconds since the swim began; the policy is called every 0.05 s.
         """
 
 
 @runtime_checkable
 class HasPolicy(Protocol):
-    """A controller that makes a new policy for each swim, as those with a memory must.
+    """A controller that makes a new policy for each swim, as one with a memory must.
 
-    If it also has a ``morphology``, that is its native body, see ``gait.transfer``.
+    Its ``morphology``, if it has one, is its native body; see ``gait.transfer``.
     """
 
     def policy(self) -> Policy:
-        """Return a policy that remembers nothing of other swims."""
+        """Return a policy without memory of other swims."""
 
 
 ControllerLike = Policy | HasPolicy

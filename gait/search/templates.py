@@ -1,4 +1,4 @@
-"""Classes of controllers of a fixed shape, each a vector of free numbers."""
+"""Classes of controllers with a fixed network, as vectors of their free numbers."""
 
 from __future__ import annotations
 
@@ -12,18 +12,17 @@ from aquafish_gym.morphology import Morphology
 from gait.controller import INTERVAL, Controller
 from gait.network import OUTPUTS, Senses
 
-CLOCKS = 1 / 16, 16.0  # times the first one: how far a clock may be tuned
-# Of random weights: enough that nodes saturate, and fins turn. A memory is 0 at first, and comes in
-# the search: from a random one it climbs to worse gaits, or sticks.
+CLOCK_FACTORS = 1 / 16, 16.0  # bounds of a tuned clock, relative to the initial one
+# Standard deviation of random weights, at which nodes saturate and fins turn. Memory weights start
+# at 0: from random ones the search ends at worse gaits.
 SPREAD = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class Template:
-    """Which numbers of a controller are free; all other weights are zero.
+    """The free numbers of a class of controllers; all other weights are zero.
 
-    A vector holds log2 of how much faster the clock is than at first, the biases, and the free
-    weights. Responses are 1, where no ``like`` says otherwise.
+    A vector holds log2 of the clock relative to the initial one, the biases, and the free weights.
 
     Examples
     --------
@@ -41,18 +40,9 @@ class Template:
     def of_class(cls, name: str, senses: Senses, hidden: int, interval: int = INTERVAL) -> Self:
         """Return the template of a class of controllers.
 
-        Parameters
-        ----------
-        name
-            ``"linear"`` and ``"fourier"``: each output hears all inputs, which of the latter are
-            harmonics of the clock alone. ``"mlp"``: hidden nodes between them. ``"recurrent"``:
-            these remember, and hear each other too (Elman's network).
-        senses
-            What it feels.
-        hidden
-            How many nodes there are between, of the latter two.
-        interval
-            For how many steps of 0.01 s an action is held.
+        In ``"linear"`` and ``"fourier"`` ones each output has all inputs. ``"mlp"`` has ``hidden``
+        nodes in between; in ``"recurrent"`` (Elman's network) these also have each other's
+        previous values.
         """
         inputs, outputs = len(senses.names), len(OUTPUTS)
         between = hidden if name in ("mlp", "recurrent") else 0
@@ -69,10 +59,7 @@ class Template:
 
     @classmethod
     def like(cls, controller: Controller) -> Self:
-        """Return the template of all controllers with the connections of one.
-
-        Each output may hear each input, too: those that NEAT began with and lost are weights of 0.
-        """
+        """Return the template of a controller's connections, and of any from input to output."""
         free = controller.weights != 0.0
         free[-len(OUTPUTS) :, : len(controller.senses.names)] = True
         return cls(
@@ -81,26 +68,26 @@ class Template:
 
     @property
     def size(self) -> int:
-        """How many numbers are free."""
+        """Number of free numbers."""
         return 1 + len(self.free) + int(self.free.sum())
 
     def vector(self, controller: Controller) -> NDArray[np.float64]:
-        """Return a controller of this shape as a vector, its clock being the first."""
+        """Return a controller as a vector, whose initial clock is its own."""
         return np.concatenate([[0.0], controller.bias, controller.weights[self.free]])
 
     def random(self, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return vectors (count, size) to begin with."""
+        """Return random vectors (count, size) without memory."""
         inputs, nodes = len(self.senses.names), len(self.free)
-        remembers = np.zeros_like(self.free)
-        remembers[: -len(OUTPUTS), inputs : inputs + nodes - len(OUTPUTS)] = True
+        memory = np.zeros_like(self.free)
+        memory[: -len(OUTPUTS), inputs : inputs + nodes - len(OUTPUTS)] = True
         found = SPREAD * rng.standard_normal((count, self.size))
-        found[:, 1 + nodes :][:, remembers[self.free]] = 0.0
+        found[:, 1 + nodes :][:, memory[self.free]] = 0.0
         return found
 
     def controller(
         self, vector: NDArray[np.float64], clock: float, morphology: Morphology, seed: int
     ) -> Controller:
-        """Return the controller that a vector is, where ``clock`` is the first, in Hz."""
+        """Return the controller of a vector, where ``clock`` is the initial one, in Hz."""
         nodes = len(self.free)
         weights = np.zeros(self.free.shape)
         weights[self.free] = vector[1 + nodes :]
@@ -108,7 +95,7 @@ class Template:
             weights=weights,
             bias=vector[1 : 1 + nodes],
             response=self.response,
-            clock=clock * float(np.clip(2.0 ** np.clip(vector[0], -9.0, 9.0), *CLOCKS)),
+            clock=clock * float(np.clip(2.0 ** np.clip(vector[0], -9.0, 9.0), *CLOCK_FACTORS)),
             morphology=morphology,
             seed=seed,
             senses=self.senses,
