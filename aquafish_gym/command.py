@@ -1,10 +1,12 @@
-"""What the robot is told: three servo speeds, held for the whole trial (Sec. 3.1)."""
+"""Commands: three servo speeds (Sec. 3.1), the actions that they are scaled from, and where the
+fins are once they are obeyed."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.physics.arithmetic import Number, Vector
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 
 SERVOS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
@@ -14,6 +16,11 @@ COMMAND_LOW: NDArray[np.float64] = np.array([-0.5, -0.5, 0.0])
 COMMAND_LOW.setflags(write=False)
 COMMAND_HIGH: NDArray[np.float64] = np.array([0.5, 0.5, 1.0])
 COMMAND_HIGH.setflags(write=False)
+
+_LOW: list[float] = COMMAND_LOW.tolist()
+_SPAN: list[float] = (COMMAND_HIGH - COMMAND_LOW).tolist()
+_MIDDLE = tuple(float(v) for v in (COMMAND_LOW + COMMAND_HIGH) / 2)
+_REACH = tuple(float(v) for v in (COMMAND_HIGH - COMMAND_LOW) / 2)
 
 
 def check_commands(commands: ArrayLike, argument: str = "commands") -> NDArray[np.float64]:
@@ -42,7 +49,43 @@ def check_series(commands: ArrayLike, argument: str = "commands") -> NDArray[np.
     return checked
 
 
-def scale_action(action: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Map actions in [-1, 1], shape (..., 3), to servo commands in rev/s, rev/s, Hz."""
-    unit = 0.5 * (np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0) + 1.0)
-    return COMMAND_LOW + unit * (COMMAND_HIGH - COMMAND_LOW)
+def servo_speeds(action: Vector) -> Vector:
+    """Return the command, rev/s, rev/s and Hz, of an action in [-1, 1]: floats or rows (B,)."""
+    left, right, caudal = action
+    return (
+        _LOW[0] + 0.5 * (left + 1.0) * _SPAN[0],
+        _LOW[1] + 0.5 * (right + 1.0) * _SPAN[1],
+        _LOW[2] + 0.5 * (caudal + 1.0) * _SPAN[2],
+    )
+
+
+def lane_servo_speeds(action: Vector) -> Vector:
+    """Return :func:`servo_speeds` in one multiplication and one addition a servo.
+
+    The compiled loop uses this form. The two differ by rounding, and committed results hold for
+    each of them to the bit.
+    """
+    return (
+        _MIDDLE[0] + _REACH[0] * action[0],
+        _MIDDLE[1] + _REACH[1] * action[1],
+        _MIDDLE[2] + _REACH[2] * action[2],
+    )
+
+
+def scale_action(action: ArrayLike) -> NDArray[np.float64]:
+    """Map actions, clipped to [-1, 1], shape (..., 3), to servo commands in rev/s, rev/s, Hz."""
+    clipped = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+    return np.stack(servo_speeds(tuple(np.moveaxis(clipped, -1, 0))), axis=-1)
+
+
+def reckon(angles: Vector, speeds: Vector, turn: Number) -> Vector:
+    """Return fin angles after servos turned at ``speeds``: dead reckoning from the command.
+
+    ``turn`` is the angle per unit of speed: the time in s for angles in turns, 2 pi times the time
+    for angles in rad. The speeds are gain times command, so a wrong belief about a gain shows here.
+    """
+    return (
+        angles[0] + turn * speeds[0],
+        angles[1] + turn * speeds[1],
+        angles[2] + turn * speeds[2],
+    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.floating]
+
+# Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
+GYRO_RANGE = math.radians(2000.0)
+GOAL_RANGE = 100.0  # units, beyond which a goal is observed at this distance along each axis
 
 _AXES = {
     "rpy": ("rad", ("roll", "pitch", "yaw")),

@@ -12,8 +12,8 @@ from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from gait import Controller, evaluate
+from gait.agent import ControllerAgent
 from gait.evaluation import EPISODES, FIRST_SEED, AgentLike
-from gait.task import Crew
 
 WHOLE = "whole"
 COLUMNS = (WHOLE, *TIERS)
@@ -52,13 +52,13 @@ def play_one(name: str, tier: str, before: Controller, after: Controller, episod
     """Return the distance along +y after the onset in one episode, with ``after`` from then on."""
     envs = _one_robot(name, tier)
     seen, info = envs.reset(seed=FIRST_SEED + episode)
-    crew, begun, struck, onset, y = Crew([before], info["fin_angles"]), 0, False, 0.0, 0.0
-    for step in range(round(TASKS[IDS[name].get("task", "forward")].seconds / envs.dt)):
-        actions = crew.act(seen, np.full(1, (step - begun) * envs.dt))
-        seen, _, terminated, _, info = envs.step(actions)
+    acting, struck, onset, y = ControllerAgent(before), False, 0.0, 0.0
+    acting.reset(info)
+    for _ in range(round(TASKS[IDS[name].get("task", "forward")].seconds / envs.dt)):
+        seen, _, terminated, _, info = envs.step(acting.act(seen))
         if not struck and info["faults"][0]:
-            struck, onset, begun = True, y, step + 1
-            crew = Crew([after], info["fin_angles"])
+            struck, onset, acting = True, y, ControllerAgent(after)
+            acting.reset(info)
         if terminated[0]:
             break
         y = float(info["y_position"][0])

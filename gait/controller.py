@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.command import lane_servo_speeds, reckon
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.arithmetic import TAU
@@ -187,28 +188,21 @@ class Controller:
         return np.array(
             [
                 senses.imu, senses.clock, senses.fins, senses.goal, len(senses.names),
-                padded.nodes, remembers, self.output == "clip", self.interval, len(ends), *ends,
+                padded.nodes, remembers, self.output == "clip", len(ends), *ends,
             ],
             np.int64,
         )  # fmt: skip
 
-    def genes(
-        self,
-        nodes: int | None = None,
-        memory: bool | None = None,
-        fin_angles: ArrayLike = (0.0, 0.0, 0.0),
-        servo_gain: ArrayLike = _UNIT_GAIN,
-    ) -> NDArray[np.float64]:
+    def genes(self, nodes: int | None = None, memory: bool | None = None) -> NDArray[np.float64]:
         """Return the rows that ``network.respond`` reads, for one robot.
 
         For a batch of controllers of one :attr:`kind`, silent hidden nodes pad each to ``nodes``,
-        and ``memory`` adds room for memory. ``fin_angles``, rad, and ``servo_gain`` are the assumed
-        state of the fins.
+        and ``memory`` adds room for memory.
         """
         padded = self._padded(self.nodes if nodes is None else nodes)
         remembers = self.memory if memory is None else memory
         inputs = len(self.senses.names)
-        rows = [np.array([self.clock]), np.asarray(fin_angles) / TAU, np.asarray(servo_gain)]
+        rows = [np.array([self.clock])]
         for begin, end in pairwise((0, *padded._ends)):
             sources = inputs + (padded.nodes if remembers else begin)
             for n in range(begin, end):
@@ -251,15 +245,17 @@ class Controller:
             sense their fins.
         """
         angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
-        gains = finite_array("servo_gain", servo_gain, (3,))
-        genes: list[float] = self.genes(fin_angles=angles, servo_gain=gains).tolist()
+        gains: list[float] = finite_array("servo_gain", servo_gain, (3,)).tolist()
+        left, right, phase = (angles / TAU).tolist()
+        begin = (left, right, phase)
+        genes: list[float] = self.genes().tolist()
         layout: list[int] = self.layout().tolist()
         scratch = [0.0] * scratch_size(self)
         hold, needed = self.interval * TIMESTEP, _IMU_ENTRIES + 3 * self.senses.goal
-        action, due = np.zeros(3), 0.0
+        fins, action, due = begin, np.zeros(3), 0.0
 
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
-            nonlocal action, due
+            nonlocal action, due, fins
             values = np.asarray(observation)
             if values.ndim != 1 or len(values) < needed:
                 raise InvalidArgumentError(
@@ -270,11 +266,15 @@ class Controller:
             o = finite_array("observation", entries, (_IMU_ENTRIES + 3,)).tolist()
             if not math.isfinite(time):
                 raise InvalidArgumentError(f"time must be finite; got {time}")
-            if not due or time >= due - TIMESTEP / 2:
-                due = time + hold
-                action = np.array(
-                    respond(genes, layout, scratch, 0, 1, time, o[:3], o[3:6], o[6:9], o[9:])
-                )
+            if due and time < due - TIMESTEP / 2:
+                return action
+            due = time + hold
+            if time == 0.0:
+                fins = begin
+            chosen = respond(genes, layout, scratch, 0, 1, time, o[:3], o[3:6], o[6:9], fins, o[9:])
+            left, right, caudal = lane_servo_speeds(chosen)
+            fins = reckon(fins, (gains[0] * left, gains[1] * right, gains[2] * caudal), hold)
+            action = np.array(chosen)
             return action
 
         return act
@@ -337,7 +337,7 @@ class Controller:
 
 def scratch_size(controller: Controller, nodes: int | None = None) -> int:
     """Return the size of the scratch memory that ``network.respond`` needs in a swim."""
-    return len(controller.senses.names) + 2 * (nodes or controller.nodes) + 3
+    return len(controller.senses.names) + 2 * (nodes or controller.nodes)
 
 
 def check_fields(argument: str, data: object, names: Collection[str]) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import count
 from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import gymnasium as gym
@@ -12,10 +11,9 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer
+from gait.agent import ControllerAgent
 from gait.controller import Controller
-from gait.task import Crew
 
 Floats = NDArray[np.float64]
 Interval = tuple[float, float, float]  # a mean, and the lower and upper end of its interval
@@ -160,8 +158,7 @@ def _acting(
             raise InvalidArgumentError(
                 f"frame_skip must be {agent.interval}, the controller's interval; got {frame_skip}"
             )
-        crew, steps, dt = Crew([agent], info["fin_angles"]), count(), TIMESTEP * agent.interval
-        return lambda seen: crew.act(seen, np.full(len(seen), next(steps) * dt))
+        agent = ControllerAgent(agent)
     reset = getattr(agent, "reset", None)
     if callable(reset):
         reset(info)

@@ -1,29 +1,25 @@
-"""What a controller computes, as straight-line scalar Python.
+"""The network of a controller: its inputs, its nodes, its action, as straight-line scalar Python.
 
-:func:`steer` is the only statement of the controllers' inputs and of their network. It runs on
-plain floats (one robot), and the lane engine compiles the same function objects into its time
-loop, where a number is a register of many robots. So nothing here branches on data, and nothing
-but ``+ - * /``, ``sqrt`` and the primitives of ``arithmetic.py`` is used.
+:func:`respond` is the only statement of the controllers' inputs and of their network. It runs on
+plain floats (one robot) and in the compiled time loop, where a number is a register of many robots;
+:func:`observe` runs on rows of numbers too, for learners. So nothing here branches on data, and
+nothing but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import (
-    TAU,
     Number,
     Vector,
+    clip,
     fetch,
-    floor,
     fma,
     put,
-    small_sine_cosine,
-    where_less,
+    sine_cosine,
+    square_root,
 )
 
 OUTPUTS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
@@ -34,18 +30,14 @@ GOAL_SCALE = 5.0  # units
 GAIN = 2.5
 _TANH_LIMIT = 20.0  # 1 - tanh(20) = 8e-18
 
-_MIDDLE = tuple(float(v) for v in (COMMAND_LOW + COMMAND_HIGH) / 2)
-_REACH = tuple(float(v) for v in (COMMAND_HIGH - COMMAND_LOW) / 2)
-
-
-# Of a controller's layout and genes, see :func:`respond`.
-IMU, CLOCK, FINS, GOAL, INPUTS, NODES, MEMORY, CLIPPED, HELD, LAYERS = range(10)
-HEADER = 7  # rows: the clock, the fins' turns, the servos' gains
+# Of a controller's layout, see :func:`respond`.
+IMU, CLOCK, FINS, GOAL, INPUTS, NODES, MEMORY, CLIPPED, LAYERS = range(9)
+HEADER = 1  # rows of the genes before the nodes': the clock's frequency
 
 
 @dataclass(frozen=True)
 class Senses:
-    """What a controller feels.
+    """What a controller observes.
 
     Examples
     --------
@@ -53,10 +45,10 @@ class Senses:
     ('left_pectoral_sine', 'left_pectoral_cosine')
     """
 
-    imu: bool = True  #: Where is up, where north, and how fast the body turns.
+    imu: bool = True  #: The directions up and north, and the angular velocity.
     clock: int = 1  #: Harmonics of a clock, at multiples of its frequency.
-    fins: bool = False  #: Where the fins are, from where they stood at first and the commands.
-    goal: bool = False  #: The way to a goal in body axes; only an environment with one shows it.
+    fins: bool = False  #: The fins' angles, by dead reckoning from the initial ones.
+    goal: bool = False  #: The way to a goal in body axes; only a task with a goal has one.
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -74,12 +66,6 @@ class Senses:
         )
 
 
-def clip(x: Number, limit: float) -> Number:
-    """Return ``x`` held within [-limit, limit]."""
-    low = where_less(x, -limit, -limit, x)
-    return where_less(limit, low, limit, low)
-
-
 def tanh(z: Number) -> Number:
     """Return tanh z to 1e-15 in float64, with one division and no exponential.
 
@@ -95,26 +81,8 @@ def tanh(z: Number) -> Number:
     return n / d
 
 
-def sine_cosine(turns: Number) -> tuple[Number, Number]:
-    """Return (sin, cos) of an angle given in turns, by thrice doubling an eighth of it."""
-    s, c = small_sine_cosine((turns - floor(turns + 0.5)) * (TAU / 8))
-    for _ in range(3):
-        s, c = 2 * s * c, c * c - s * s
-    return s, c
-
-
-def directions(rpy: Vector) -> tuple[Vector, Vector]:
-    """Return the world's z and y in body axes, for roll, pitch, yaw in rad."""
-    rs, rc = sine_cosine(rpy[0] * (1 / TAU))
-    ps, pc = sine_cosine(rpy[1] * (1 / TAU))
-    ys, yc = sine_cosine(rpy[2] * (1 / TAU))
-    up = (-pc * rs, ps, pc * rc)
-    north = (ys * rc + yc * ps * rs, yc * pc, ys * rs - yc * ps * rc)
-    return up, north
-
-
-def listen_imu(values: Any, at: int, up: Vector, north: Vector, gyro: Vector) -> None:
-    """Put what the IMU says, as AquaFish-v0 observes it, into nine entries of ``values``.
+def observe_imu(values: Any, at: int, up: Vector, north: Vector, gyro: Vector) -> None:
+    """Put up, north and gyro into nine entries of ``values``.
 
     Attitude comes as direction cosines rather than as angles: they are bounded, never jump, and do
     not depend on which of its two triples (see imu.py) the log is in. They are the world's
@@ -127,8 +95,8 @@ def listen_imu(values: Any, at: int, up: Vector, north: Vector, gyro: Vector) ->
         put(values, at + 6 + i, clip(gyro[i] * (1 / GYRO_SCALE), 1.0))
 
 
-def listen_clock(values: Any, at: int, harmonics: int, turns: Number) -> None:
-    """Put sine and cosine of so many harmonics of a clock that has made ``turns``."""
+def observe_clock(values: Any, at: int, harmonics: int, turns: Number) -> None:
+    """Put sine and cosine of the harmonics of a clock that has made ``turns``."""
     first = sine_cosine(turns)
     sine, cosine = first
     for k in range(harmonics):
@@ -140,29 +108,57 @@ def listen_clock(values: Any, at: int, harmonics: int, turns: Number) -> None:
         )
 
 
-def listen_fins(values: Any, at: int, turns: int, like: Number) -> None:
-    """Put sine and cosine of three fin angles that stand, in turns, from ``turns`` on."""
+def observe_fins(values: Any, at: int, fins: Vector) -> None:
+    """Put sine and cosine of three fin angles, in turns."""
     for i in range(3):
-        sine, cosine = sine_cosine(fetch(values, turns + i, like))
+        sine, cosine = sine_cosine(fins[i])
         put(values, at + 2 * i, sine)
         put(values, at + 2 * i + 1, cosine)
 
 
-def listen_goal(values: Any, at: int, way: Vector) -> None:
-    """Put the way to a goal, units in body axes, drawn in to a length of d / sqrt(d^2 + s^2) for a
-    distance d and s = ``GOAL_SCALE``: however far it is, it tells where.
+def observe_goal(values: Any, at: int, way: Vector) -> None:
+    """Put the way to a goal, units in body axes, scaled to the length d / sqrt(d^2 + s^2) for a
+    distance d and s = ``GOAL_SCALE``: it is bounded, and keeps the direction at any distance.
     """
     x, y, z = way
-    shrink = 1.0 / math.sqrt(fma(x, x, fma(y, y, fma(z, z, GOAL_SCALE * GOAL_SCALE))))
+    shrink = 1.0 / square_root(fma(x, x, fma(y, y, fma(z, z, GOAL_SCALE * GOAL_SCALE))))
     for i in range(3):
         put(values, at + i, way[i] * shrink)
+
+
+def observe(
+    values: Any,
+    layout: Any,
+    turns: Number,
+    up: Vector,
+    north: Vector,
+    gyro: Vector,
+    fins: Vector,
+    way: Vector,
+) -> None:
+    """Put a controller's inputs into ``values``, in the order of ``Senses.names``.
+
+    ``turns`` is what the clock has made; see :func:`respond` for the others.
+    """
+    at = 0
+    if layout[IMU]:
+        observe_imu(values, at, up, north, gyro)
+        at += 9
+    if layout[CLOCK]:
+        observe_clock(values, at, layout[CLOCK], turns)
+        at += 2 * layout[CLOCK]
+    if layout[FINS]:
+        observe_fins(values, at, fins)
+        at += 6
+    if layout[GOAL]:
+        observe_goal(values, at, way)
 
 
 def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like: Number) -> Vector:
     """Return the last three nodes' values, given the inputs in ``values``.
 
-    A node hears all inputs, all nodes of the layers before its own, and, where there is memory,
-    the nodes of its own layer and of those after as they were the last time.
+    A node is connected to all inputs, to all nodes of the layers before its own, and, where there
+    is memory, to the previous values of the nodes of its own layer and of those after.
 
     Parameters
     ----------
@@ -171,7 +167,7 @@ def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like:
     values
         Flat scratch space: the inputs, the nodes, and as many once more.
     group, groups
-        Which robots (see ``engines/kernel.py``); 0 of 1 on plain floats.
+        Which robots (see ``engines/compiled/kernel.py``); 0 of 1 on plain floats.
     like
         Any number of the arithmetic.
     """
@@ -180,13 +176,13 @@ def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like:
     begin = inputs
     for layer in range(layout[LAYERS]):
         end = inputs + layout[LAYERS + 1 + layer]
-        heard = inputs + nodes if memory else begin
+        sources = inputs + nodes if memory else begin
         for node in range(begin, end):
             bias = fetch(genes, at, like)
             response = fetch(genes, at + groups, like)
             at += 2 * groups
             total = 0.0 * like
-            for i in range(heard):
+            for i in range(sources):
                 total = total + fetch(genes, at, like) * fetch(values, i, like)
                 at += groups
             z = GAIN * (bias + response * total)
@@ -215,78 +211,35 @@ def respond(
     up: Vector,
     north: Vector,
     gyro: Vector,
+    fins: Vector,
     way: Vector,
 ) -> Vector:
-    """Return the action, in [-1, 1], for what is felt ``time`` s after the swim began.
+    """Return the action, in [-1, 1], for an observation ``time`` s after the swim began.
+
+    It is a policy of ``engines/compiled/kernel.py``.
 
     Parameters
     ----------
     genes
-        Flat table whose row r is entry ``r * groups + group``. ``HEADER`` rows say the clock's
-        frequency in Hz, where the fins stand at first as far as is known, in turns, and by what
-        factor each servo is faster than told; then follow, for each node, its bias, its response,
-        and its weights from the inputs and from the nodes that it hears.
+        Flat table whose row r is entry ``r * groups + group``. The first row is the clock's
+        frequency in Hz; then follow, for each node, its bias, its response, and its weights from
+        the inputs and from the nodes that it is connected to.
     layout
-        Whole numbers, in this order: whether the IMU is heard; how many harmonics of the clock;
-        whether the fins are; whether the goal is; how many inputs that makes; nodes; whether they
-        have a memory; whether the outputs are clipped at 1 instead of tanh; for how many steps of
-        0.01 s an action is held; how many layers, and up to which node each goes.
+        Whole numbers, in this order: whether the IMU is observed; the number of harmonics of the
+        clock; whether the fins are observed; whether the goal is; the number of inputs; of nodes;
+        whether they have a memory; whether the outputs are clipped at 1 instead of tanh; the number
+        of layers, and the node at which each ends.
     scratch
         ``scratch_size`` numbers that live through a swim.
     up, north, gyro, way
-        See :func:`listen_imu` and :func:`listen_goal`.
+        See :func:`observe_imu` and :func:`observe_goal`.
+    fins
+        Where the fins are believed to be, in turns.
     """
     like = gyro[0]
-    imu, harmonics, fins, inputs = layout[IMU], layout[CLOCK], layout[FINS], layout[INPUTS]
-    turns = inputs + 2 * layout[NODES]
     if time == 0.0:
-        for i in range(turns):
+        for i in range(layout[INPUTS] + 2 * layout[NODES]):
             put(scratch, i, 0.0 * like)
-        for i in range(3 * fins):
-            put(scratch, turns + i, fetch(genes, (1 + i) * groups + group, like))
-    at = 0
-    if imu:
-        listen_imu(scratch, at, up, north, gyro)
-        at += 9
-    if harmonics:
-        listen_clock(scratch, at, harmonics, fetch(genes, group, like) * time)
-        at += 2 * harmonics
-    if fins:
-        listen_fins(scratch, at, turns, like)
-        at += 6
-    if layout[GOAL]:
-        listen_goal(scratch, at, way)
-    action = forward(genes, layout, scratch, group, groups, like)
-    if fins:
-        # The servos do what they are told: who knows where the fins were, knows where they are.
-        told = command(action)
-        for i in range(3):
-            gain = fetch(genes, (4 + i) * groups + group, like)
-            turned = gain * told[i] * (layout[HELD] * TIMESTEP)
-            put(scratch, turns + i, fetch(scratch, turns + i, like) + turned)
-    return action
-
-
-def command(action: Vector) -> Vector:
-    """Return the servo command in rev/s, rev/s, Hz: ``scale_action``, for any arithmetic."""
-    return (
-        _MIDDLE[0] + _REACH[0] * action[0],
-        _MIDDLE[1] + _REACH[1] * action[1],
-        _MIDDLE[2] + _REACH[2] * action[2],
-    )
-
-
-def steer(
-    genes: Any,
-    layout: Any,
-    scratch: Any,
-    group: int,
-    groups: int,
-    time: float,
-    rpy: Vector,
-    gyro: Vector,
-) -> Vector:
-    """Return the servo command for an attitude, rpy in rad: the policy of ``engines/kernel.py``."""
-    up, north = directions(rpy)
-    nowhere = (0.0 * gyro[0], 0.0 * gyro[0], 0.0 * gyro[0])  # lanes know no goal
-    return command(respond(genes, layout, scratch, group, groups, time, up, north, gyro, nowhere))
+    turns = fetch(genes, group, like) * time
+    observe(scratch, layout, turns, up, north, gyro, fins, way)
+    return forward(genes, layout, scratch, group, groups, like)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import functools
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -12,12 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
-from aquafish_gym.command import scale_action
 from aquafish_gym.engines.api import TIMESTEP, check_engine
-from aquafish_gym.engines.worlds import Triple, make_world
+from aquafish_gym.engines.worlds import Triple
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.physics.arithmetic import TAU, Vector
-from aquafish_gym.physics.kinematics import State, rotation
+from aquafish_gym.rollout import Program, rollout
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from aquafish_gym.world_config import WorldConfig
@@ -152,10 +148,6 @@ def swim_all(
     >>> swim_all([], [Morphology.nominal(), {"caudal": (0.0, 0.0, 0.0)}]).shape
     (0, 2)
     """
-    # numba comes with its engine: importing this package stays quick.
-    from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
-
-    _register_network()
     world = lane_world(world)
     bodies = body_array(morphologies)
     if threads is not None:
@@ -169,66 +161,59 @@ def swim_all(
         )
     steps = step_count(seconds)
     kind = np.float32 if one_of("dtype", dtype, ("float32", "float64")) == "float32" else np.float64
-    if not controllers or not swims:
-        return np.zeros((len(controllers), swims))
-    told, gains = _told(poses, swims, believed, believed_gain)
+    angles, gains = _beliefs(poses, swims, believed, believed_gain)
+    distances = np.empty((len(controllers), swims))
+    if not distances.size:
+        return distances
     fields = {
         "body": np.broadcast_to(bodies, (swims, 9)),
         "fin_angles": np.broadcast_to(poses, (swims, 3)),
     }
     scenario = world.edit(Scenario.fill(fields))
-    distances = np.empty((len(controllers), swims))
     kinds: dict[tuple[Any, ...], list[int]] = {}
     for i, controller in enumerate(controllers):
         kinds.setdefault(controller.kind, []).append(i)
     for those in kinds.values():
         some = [controllers[i] for i in those]
-        if some[0].senses.goal:
-            raise InvalidArgumentError(
-                "controllers must not feel a goal where they swim forward: only an environment "
-                "with a goal shows one (gait.task.perform)"
-            )
-        nodes, memory = max(c.nodes for c in some), any(c.memory for c in some)
-        genes = gene_rows(some, nodes, memory, told, gains)
-        lanes = LaneBatch(
-            scenario.take(np.tile(np.arange(swims), len(some))), kind, world.substeps, threads
+        found = rollout(
+            program_of(some, swims),
+            scenario.take(np.tile(np.arange(swims), len(some))),
+            seconds=steps * TIMESTEP,
+            believed=np.tile(angles, (len(some), 1)),
+            believed_gain=np.tile(gains, (len(some), 1)),
+            dtype=kind,
+            threads=threads,
+            substeps=world.substeps,
         )
-        log = lanes.run(
-            network.steer,
-            pack_rows(genes, kind, lanes.width),
-            some[0].layout(nodes, memory),
-            scratch_size(some[0], nodes),
-            steps,
-            some[0].interval,
-        )
-        ground = lanes.state()["position"][:, 1]
-        far = np.where(log.diverged, np.nan, ground - world.current[1] * (steps * TIMESTEP))
+        far = found.end[:, 1] - world.current[1] * (steps * TIMESTEP)
         distances[those] = far.reshape(len(some), swims)
     return distances
 
 
-def gene_rows(
-    controllers: Sequence[Controller],
-    nodes: int,
-    memory: bool,
-    told: NDArray[np.float64],
-    gains: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return what ``network.respond`` reads (rows, P Q) for P controllers in Q swims each.
+def program_of(controllers: Sequence[Controller], swims: int) -> Program:
+    """Return P controllers of one kind as a program of P Q robots: each in Q swims in a row.
 
-    In swim q each is told of its fins what row q says: angles (Q, 3) in rad, gains (Q, 3).
+    Raises InvalidArgumentError if they are of several kinds.
     """
+    if len({c.kind for c in controllers}) != 1:
+        raise InvalidArgumentError("controllers must be one or more of one kind")
+    first, nodes = controllers[0], max(c.nodes for c in controllers)
+    memory = any(c.memory for c in controllers)
     rows = np.stack([c.genes(nodes, memory) for c in controllers], axis=1)
-    genes = np.repeat(rows, len(told), axis=1)
-    genes[1:4] = np.tile(told.T / TAU, len(controllers))
-    genes[4:7] = np.tile(gains.T, len(controllers))
-    return genes
+    return Program(
+        network.respond,
+        np.repeat(rows, swims, axis=1),
+        first.layout(nodes, memory),
+        scratch_size(first, nodes),
+        first.interval,
+        first.senses.goal,
+    )
 
 
-def _told(
+def _beliefs(
     poses: NDArray[np.float64], swims: int, believed: ArrayLike | None, gain: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what swims (Q, 3) are told of their fins, angles in rad and servos' gains."""
+    """Return what controllers believe of their fins in each swim: angles (Q, 3), gains (Q, 3)."""
     rows = {
         "believed": finite_array(
             "believed", poses if believed is None else believed, (None, 3), unit="rad"
@@ -240,8 +225,8 @@ def _told(
             raise InvalidArgumentError(
                 f"{name} must be one for all swims or {swims}; got {len(table)}"
             )
-    told, gains = rows.values()
-    return np.broadcast_to(told, (swims, 3)), np.broadcast_to(gains, (swims, 3))
+    angles, gains = rows.values()
+    return np.broadcast_to(angles, (swims, 3)), np.broadcast_to(gains, (swims, 3))
 
 
 def swim(
@@ -291,39 +276,23 @@ def swim(
     else:
         policy = new_policy(controller)
     config = world or WorldConfig()
-    scenario = config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]}))
-    place = make_world(check_engine(engine), scenario, config.substeps)
-    samples: list[tuple[float, ...]] = []
-    gyro: list[Vector] = []
-    commands: list[Vector] = []
-    try:
-        for t in range(0, steps, INTERVAL):
-            state = place.state()
-            samples.append(_sample(t, state))
-            turn = rotation(state.orientation)
-            felt = np.array([*turn[2], *turn[1], *state.spin])
-            action = finite_array("action", policy(felt, t * TIMESTEP), (3,))
-            left, right, caudal = scale_action(action).tolist()
-            for _ in range(min(INTERVAL, steps - t)):
-                place.advance((left, right, caudal))
-                gyro.append(place.state().spin)
-                commands.append((left, right, caudal))
-            if place.diverged:
-                samples.append((steps * TIMESTEP,) + (math.nan,) * 10)
-                break
-        else:
-            samples.append(_sample(steps, place.state()))
-    finally:
-        place.close()
-    table = np.array(samples)
+    found = rollout(
+        [policy],
+        config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]})),
+        engine=check_engine(engine),
+        seconds=steps * TIMESTEP,
+        interval=INTERVAL,
+        record="path",
+        substeps=config.substeps,
+    )
     return Swim(
-        table[:, 0],
-        table[:, 1:4],
-        table[:, 4:8],
-        table[:, 8:11],
+        found.path.time,
+        found.path.position[0],
+        found.path.quaternion[0],
+        found.path.fin_angles[0],
         current=config.current,
-        gyro=np.array(gyro),
-        commands=np.array(commands),
+        gyro=found.path.gyro[0],
+        commands=found.path.commands[0],
     )
 
 
@@ -341,17 +310,3 @@ def step_count(seconds: float) -> int:
     """Return how many physics steps a time is: one or more, and an hour at most."""
     time = float(finite_array("seconds", seconds, (), TIMESTEP, 3600.0, "s"))
     return round(time / TIMESTEP)
-
-
-def _sample(step: int, state: State) -> tuple[float, ...]:
-    pairs = (state.left, state.right, state.phase)
-    angles = [math.atan2(sine, cosine) for cosine, sine in pairs]
-    return (step * TIMESTEP, *state.position, *state.orientation, *angles)
-
-
-@functools.cache
-def _register_network() -> None:
-    """Let the lanes compile the network: the very functions that plain Python runs."""
-    from aquafish_gym.physics import compiling
-
-    compiling.register_module(network)

@@ -13,10 +13,11 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym import command
 from aquafish_gym.damage import Damage
 from aquafish_gym.envs.course import Course, course_of
 from aquafish_gym.envs.tasks import Memory
+from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Number, Vector
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
@@ -25,11 +26,6 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_ar
 Floats = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
-# Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
-GYRO_RANGE = math.radians(2000.0)
-GOAL_RANGE = 100.0  # units, beyond which a goal is observed at this distance along each axis
-_LOW: list[float] = COMMAND_LOW.tolist()
-_SPAN: list[float] = (COMMAND_HIGH - COMMAND_LOW).tolist()
 RECKONED = "reckoned"
 OPTIONS = ("fin_angles", "morphology", "damage")
 
@@ -161,17 +157,10 @@ def check_single_action(action: object) -> Triple:
     return (left, right, caudal)
 
 
-def servo_speeds(action: Vector, gains: Vector = (1.0, 1.0, 1.0)) -> Vector:
-    """Return ``scale_action`` of three plain numbers, or of three rows (B,), to the same bits.
-
-    A servo then turns at gain times that.
-    """
-    left, right, caudal = action
-    return (
-        gains[0] * (_LOW[0] + 0.5 * (left + 1.0) * _SPAN[0]),
-        gains[1] * (_LOW[1] + 0.5 * (right + 1.0) * _SPAN[1]),
-        gains[2] * (_LOW[2] + 0.5 * (caudal + 1.0) * _SPAN[2]),
-    )
+def servo_speeds(action: Vector, gains: Vector) -> Vector:
+    """Return the speeds of servos with these gains, rev/s, rev/s and Hz, for an action."""
+    left, right, caudal = command.servo_speeds(action)
+    return (gains[0] * left, gains[1] * right, gains[2] * caudal)
 
 
 def check_observe_fins(value: object) -> tuple[bool, bool]:
@@ -186,10 +175,8 @@ def check_observe_fins(value: object) -> tuple[bool, bool]:
 
 
 def reckon(angles: Vector, action: Vector, dt: float) -> Vector:
-    """Return where fins are after so many s of an action, if the servos do as they are told."""
-    left, right, caudal = servo_speeds(action)
-    turn = TAU * dt
-    return (angles[0] + turn * left, angles[1] + turn * right, angles[2] + turn * caudal)
+    """Return fin angles, rad, after ``dt`` s of an action, if the servos do as commanded."""
+    return command.reckon(angles, command.servo_speeds(action), TAU * dt)
 
 
 def action_space() -> Box[np.float32]:

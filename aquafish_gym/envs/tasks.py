@@ -1,4 +1,4 @@
-"""What a robot is to do, and what that is worth. The physics measures, a task judges.
+"""Tasks: rewards, goals, currents, and what an episode remembers.
 
 A task is written once for one robot and for many: every ``Number`` is a float, or a row (B,) of B
 robots' numbers, and a vector is a tuple of three. numpy's functions take both.
@@ -6,15 +6,23 @@ robots' numbers, and a vector is a tuple of three. numpy's functions take both.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from types import MemberDescriptorType
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from aquafish_gym.physics.arithmetic import TAU, Number, Vector, subtract
+from aquafish_gym.physics.arithmetic import (
+    TAU,
+    Number,
+    Vector,
+    cosine_sine,
+    floor,
+    square_root,
+    subtract,
+    where_less,
+)
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, flag, one_of
 
@@ -105,17 +113,128 @@ class Task:
         return step.memory
 
 
+# The built-in tasks are written as plain functions, which the compiled loop of a rollout runs too:
+# of the task's own numbers, and of others that are floats, rows, or lanes of vector registers.
+# Lanes give every task the same count of remembered numbers, so that a memory is read by index.
+REMEMBERED = 6
+
+
+class TaskNumbers(NamedTuple):
+    """The numbers of all built-in tasks; of each its own, the others 0."""
+
+    ctrl_weight: float
+    forward_weight: float
+    half: float
+    apart: float
+    radius: float
+    reached_weight: float
+
+
+class TaskFunctions(NamedTuple):
+    """A task as straight-line functions of ``(task, memory or step)``; None where it has none."""
+
+    reward_terms: Callable[[Any, Step], tuple[Number, ...]]
+    current: Callable[[Any, Memory, Number], Vector] | None = None
+    goal: Callable[[Any, Memory], Vector] | None = None
+    remember: Callable[[Any, Step], Memory] | None = None
+    make_step: type[Step] = Step
+
+
+def task_functions(task: Task) -> TaskFunctions | None:
+    """Return the functions that a compiled loop runs; None of a task that is not built in."""
+    return _FUNCTIONS.get(type(task))
+
+
+def task_numbers(task: Task) -> TaskNumbers:
+    """Return the numbers that go with :func:`task_functions`."""
+    return TaskNumbers(*(float(getattr(task, name, 0.0)) for name in TaskNumbers._fields))
+
+
 def distance(a: Vector, b: Vector) -> Number:
-    """Return how far two places are from each other."""
+    """Return the distance between two places."""
     x, y, z = subtract(a, b)
-    square = x * x + y * y + z * z
-    return math.sqrt(square) if isinstance(square, float) else np.sqrt(square)
+    return square_root(x * x + y * y + z * z)
 
 
 def effort(action: Vector) -> Number:
     """Return the sum of the action's squares."""
     left, right, caudal = action
     return left * left + right * right + caudal * caudal
+
+
+def _price(task: Any, step: Step) -> Number:
+    return -task.ctrl_weight * effort(step.action)
+
+
+def _forward_terms(task: Any, step: Step) -> tuple[Number, ...]:
+    speed = (step.after[1] - step.before[1]) / step.dt
+    return task.forward_weight * speed, _price(task, step)
+
+
+def _station_current(_task: Any, memory: Memory, seconds: Number) -> Vector:
+    speed, heading, turning = memory[0], memory[1], memory[2]
+    cosine, sine = cosine_sine(heading + turning * seconds)
+    return (speed * cosine, speed * sine, 0.0 * speed)
+
+
+def _origin(_task: Any, memory: Memory) -> Vector:
+    zero = 0.0 * memory[0]
+    return (zero, zero, zero)
+
+
+def _station_terms(task: Any, step: Step) -> tuple[Number, ...]:
+    place = _origin(task, step.memory)
+    before, after = distance(step.before, place), distance(step.after, place)
+    away = after / task.half
+    return 1.0 / (1.0 + away * away), (before - after) / step.dt, _price(task, step)
+
+
+def _waypoint(_task: Any, memory: Memory) -> Vector:
+    return (memory[0], memory[1], memory[2])
+
+
+def _reached(task: Any, step: Step) -> Number:
+    return where_less(distance(step.after, _waypoint(task, step.memory)), task.radius, 1.0, 0.0)
+
+
+def _waypoint_terms(task: Any, step: Step) -> tuple[Number, ...]:
+    goal = _waypoint(task, step.memory)
+    nearer = distance(step.before, goal) - distance(step.after, goal)
+    return nearer / step.dt, task.reached_weight * _reached(task, step), _price(task, step)
+
+
+# Multiples of these, modulo 1, are spread evenly over the unit square, wherever they begin (the
+# R2 sequence of M. Roberts, 2018).
+_SPREAD = (0.7548776662466927, 0.5698402909980532)
+
+
+def _fraction(x: Number) -> Number:
+    return x - floor(x)
+
+
+def _next_waypoint(task: Any, place: Vector, u: Number, v: Number, count: Number) -> Vector:
+    up = 2.0 * _fraction(u + _SPREAD[0] * count) - 1.0  # uniform on the sphere, as is height
+    cosine, sine = cosine_sine(TAU * _fraction(v + _SPREAD[1] * count))
+    flat = square_root(1.0 - up * up)
+    return (
+        place[0] + task.apart * flat * cosine,
+        place[1] + task.apart * flat * sine,
+        place[2] + task.apart * up,
+    )
+
+
+def _waypoint_remember(task: Any, step: Step) -> Memory:
+    m = step.memory
+    reached = _reached(task, step)
+    there = _next_waypoint(task, (m[0], m[1], m[2]), m[4], m[5], m[3] + 1.0)
+    return (
+        m[0] + reached * (there[0] - m[0]),
+        m[1] + reached * (there[1] - m[1]),
+        m[2] + reached * (there[2] - m[2]),
+        m[3] + reached,
+        m[4],
+        m[5],
+    )
 
 
 @dataclass(frozen=True)
@@ -131,9 +250,6 @@ class _Moving(Task):
     def _checked(self, name: str, low: float, high: float, unit: str = "") -> None:
         value = float(finite_array(name, getattr(self, name), (), low, high, unit))
         object.__setattr__(self, name, value)
-
-    def _price(self, step: Step) -> dict[str, Number]:
-        return {"reward_ctrl": -self.ctrl_weight * effort(step.action)}
 
 
 @dataclass(frozen=True)
@@ -158,8 +274,8 @@ class SwimForward(_Moving):
 
     def reward_terms(self, step: Step) -> dict[str, Number]:
         """Return ``reward_forward`` and ``reward_ctrl``."""
-        speed = (step.after[1] - step.before[1]) / step.dt
-        return {"reward_forward": self.forward_weight * speed, **self._price(step)}
+        forward, price = _forward_terms(self, step)
+        return {"reward_forward": forward, "reward_ctrl": price}
 
 
 @dataclass(frozen=True)
@@ -174,10 +290,10 @@ class Recover(SwimForward):
 
 @dataclass(frozen=True)
 class HoldStation(_Moving):
-    """Stay where you are, in a current from anywhere in the horizontal plane.
+    """Stay at the start, in a current from anywhere in the horizontal plane.
 
-    What each step is worth falls with the distance d from the start, as 1 / (1 + (d / half)^2); and
-    the way that the water takes is lost until it is made good.
+    The reward of a step falls with the distance d from the start, as 1 / (1 + (d / half)^2).
+    Drifting away costs the distance that is lost until it is made good.
 
     Attributes
     ----------
@@ -186,7 +302,7 @@ class HoldStation(_Moving):
     half
         The distance at which ``reward_near`` is a half, in units.
     turning
-        The current turns by up to so many rad/s, either way; 0 is a constant one.
+        The current turns by up to this many rad/s, either way; 0 is a constant one.
     """
 
     has_goal: ClassVar[bool] = True
@@ -204,36 +320,22 @@ class HoldStation(_Moving):
         self._checked("turning", 0.0, MOST, "rad/s")
 
     def begin(self, rng: np.random.Generator) -> tuple[float, ...]:
-        """Return the current's speed, where it flows at first, and how fast it turns."""
+        """Return the current's speed, its initial direction, and how fast it turns."""
         speed, heading = rng.uniform(self.slowest, self.fastest), rng.uniform(-np.pi, np.pi)
         return (float(speed), float(heading), float(rng.uniform(-self.turning, self.turning)))
 
     def current(self, memory: Memory, seconds: Number) -> Vector:
         """Return the current."""
-        speed, heading, turning = memory
-        angle = heading + turning * seconds
-        return (speed * np.cos(angle), speed * np.sin(angle), 0.0 * speed)
+        return _station_current(self, memory, seconds)
 
     def goal(self, memory: Memory) -> Vector:
         """Return the origin, where the robot begins."""
-        nowhere = 0.0 * memory[0]
-        return (nowhere, nowhere, nowhere)
+        return _origin(self, memory)
 
     def reward_terms(self, step: Step) -> dict[str, Number]:
         """Return ``reward_near``, ``reward_progress`` (units/s towards it), and ``reward_ctrl``."""
-        place = self.goal(step.memory)
-        before, after = distance(step.before, place), distance(step.after, place)
-        away = after / self.half
-        return {
-            "reward_near": 1.0 / (1.0 + away * away),
-            "reward_progress": (before - after) / step.dt,
-            **self._price(step),
-        }
-
-
-# Multiples of these, modulo 1, are spread evenly over the unit square, wherever they begin (the
-# R2 sequence of M. Roberts, 2018).
-_SPREAD = (0.7548776662466927, 0.5698402909980532)
+        near, progress, price = _station_terms(self, step)
+        return {"reward_near": near, "reward_progress": progress, "reward_ctrl": price}
 
 
 @dataclass(frozen=True)
@@ -245,9 +347,9 @@ class ReachWaypoints(_Moving):
     apart
         Units from each point to the next, and from the start to the first.
     radius
-        A point is reached within so many units.
+        A point is reached within this many units.
     reached_weight
-        What reaching one is worth.
+        The reward for reaching one.
     """
 
     has_goal: ClassVar[bool] = True
@@ -269,43 +371,29 @@ class ReachWaypoints(_Moving):
     def begin(self, rng: np.random.Generator) -> tuple[float, ...]:
         """Return the first point, how many were reached, and where the next ones come from."""
         u, v = rng.random(2).tolist()
-        return (*self._after((0.0, 0.0, 0.0), u, v, 0.0), 0.0, u, v)
-
-    def _after(self, place: Vector, u: Number, v: Number, count: Number) -> Vector:
-        up = 2.0 * ((u + _SPREAD[0] * count) % 1.0) - 1.0  # uniform on the sphere, as is height
-        angle, flat = TAU * ((v + _SPREAD[1] * count) % 1.0), np.sqrt(1.0 - up * up)
-        x, y, z = place
-        return (
-            x + self.apart * flat * np.cos(angle),
-            y + self.apart * flat * np.sin(angle),
-            z + self.apart * up,
-        )
+        return (*_next_waypoint(self, (0.0, 0.0, 0.0), u, v, 0.0), 0.0, u, v)
 
     def goal(self, memory: Memory) -> Vector:
         """Return the present point."""
-        return (memory[0], memory[1], memory[2])
-
-    def _reached(self, step: Step) -> Number:
-        return 1.0 * (distance(step.after, self.goal(step.memory)) < self.radius)
+        return _waypoint(self, memory)
 
     def reward_terms(self, step: Step) -> dict[str, Number]:
         """Return ``reward_progress`` (units/s towards the point), ``reward_reached``, and ctrl."""
-        goal = self.goal(step.memory)
-        nearer = distance(step.before, goal) - distance(step.after, goal)
-        return {
-            "reward_progress": nearer / step.dt,
-            "reward_reached": self.reached_weight * self._reached(step),
-            **self._price(step),
-        }
+        progress, reached, price = _waypoint_terms(self, step)
+        return {"reward_progress": progress, "reward_reached": reached, "reward_ctrl": price}
 
     def remember(self, step: Step) -> Memory:
         """Return the next point once one is reached."""
-        x, y, z, count, u, v = step.memory
-        reached = self._reached(step)
-        there = self._after((x, y, z), u, v, count + 1.0)
-        goal = tuple(old + reached * (new - old) for old, new in zip((x, y, z), there, strict=True))
-        return (*goal, count + reached, u, v)
+        return _waypoint_remember(self, step)
 
+
+# Of exactly these classes: a subclass may have overridden a method.
+_FUNCTIONS: dict[type[Task], TaskFunctions] = {
+    SwimForward: TaskFunctions(_forward_terms),
+    Recover: TaskFunctions(_forward_terms),
+    HoldStation: TaskFunctions(_station_terms, _station_current, _origin),
+    ReachWaypoints: TaskFunctions(_waypoint_terms, goal=_waypoint, remember=_waypoint_remember),
+}
 
 TASKS: dict[str, Task] = {
     "forward": SwimForward(),

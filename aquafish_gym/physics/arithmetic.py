@@ -3,7 +3,8 @@
 The physics is written once and runs on three scalar backends: plain floats (the reference), numba's
 float64 and float32, and SIMD lanes of either (``simd.py``). Everything here is straight-line:
 no branch depends on data, because the robots in one vector register share their instructions.
-The five primitives below have a second, vector body in ``simd.py``.
+The primitives below have a second, vector body in ``simd.py``. They also take rows, numpy arrays of
+one number per robot: tasks and observations run on those too.
 
 Multiply-adds are fused where the source says :func:`fma`, and nowhere else: a compiler that
 may fuse as it likes rounds differently at every lane width.
@@ -17,7 +18,9 @@ import sys
 from collections.abc import Callable
 from typing import Any
 
-Number = Any  # a float or a SIMD lane of floats
+import numpy as np
+
+Number = Any  # a float, a row of floats, or a SIMD lane of floats
 Vector = tuple[Number, Number, Number]
 Matrix = tuple[Vector, Vector, Vector]  # rows
 Symmetric = tuple[Number, Number, Number, Number, Number, Number]  # xx, yy, zz, xy, xz, yz
@@ -40,24 +43,37 @@ _fma = _find_fma()
 
 
 def fma(a: Number, b: Number, c: Number) -> Number:
-    """Return a b + c, rounded once."""
-    return _fma(a, b, c)
+    """Return a b + c, rounded once; of rows, rounded twice."""
+    return a * b + c if isinstance(a, np.ndarray) else _fma(a, b, c)
 
 
 def where_less(a: Number, b: Number, then: Number, otherwise: Number) -> Number:
     """Return ``then`` where a < b, else ``otherwise``."""
-    return then if a < b else otherwise
+    less = a < b
+    if isinstance(less, np.ndarray):
+        return np.where(less, then, otherwise)
+    return then if less else otherwise
 
 
 def floor(x: Number) -> Number:
     """Return the greatest whole number not above ``x``, as a float."""
-    return float(math.floor(x))
+    return np.floor(x) if isinstance(x, np.ndarray) else float(math.floor(x))
+
+
+def square_root(x: Number) -> Number:
+    """Return the square root of ``x``."""
+    return math.sqrt(x) if isinstance(x, float) else np.sqrt(x)
+
+
+def cosine_sine(angle: Number) -> tuple[Number, Number]:
+    """Return (cos, sin) of an angle in rad; of lanes by :func:`sine_cosine`."""
+    return np.cos(angle), np.sin(angle)
 
 
 def fetch(array: Any, index: int, like: Number) -> Number:  # noqa: ARG001
     """Return entry ``index`` of a flat array; of ``width`` robots side by side, in lanes.
 
-    ``like`` tells the backend: in lanes of width w, entries index * w to index * w + w - 1.
+    ``like`` selects the backend: in lanes of width w, entries index * w to index * w + w - 1.
     """
     return array[index]
 
@@ -65,6 +81,12 @@ def fetch(array: Any, index: int, like: Number) -> Number:  # noqa: ARG001
 def put(array: Any, index: int, value: Number) -> None:
     """Set entry ``index`` of a flat array; of ``width`` robots side by side, in lanes."""
     array[index] = value
+
+
+def clip(x: Number, limit: Number) -> Number:
+    """Return ``x`` held within [-limit, limit]."""
+    low = where_less(x, -limit, -limit, x)
+    return where_less(limit, low, limit, low)
 
 
 def dot(a: Vector, b: Vector) -> Number:
@@ -135,6 +157,14 @@ def small_sine_cosine(x: Number) -> tuple[Number, Number]:
     c = fma(z, c, 1 / 24)
     c = fma(z, c, -1 / 2)
     return fma(x * z, s, x), fma(z, c, 1.0)
+
+
+def sine_cosine(turns: Number) -> tuple[Number, Number]:
+    """Return (sin, cos) of an angle given in turns: three doublings of an eighth of the angle."""
+    s, c = small_sine_cosine((turns - floor(turns + 0.5)) * (TAU / 8))
+    for _ in range(3):
+        s, c = 2 * s * c, c * c - s * s
+    return s, c
 
 
 def arctangent2(y: Number, x: Number) -> Number:

@@ -23,6 +23,7 @@ from aquafish_gym.physics.arithmetic import (
     arctangent2,
     floor,
     fma,
+    sine_cosine,
     where_less,
 )
 
@@ -52,6 +53,16 @@ def continue_attitude(before: Vector, now: Vector) -> Vector:
     d1 = abs(r1 - before[0]) + abs(p1 - before[1]) + abs(y1 - before[2])
     d2 = abs(r2 - before[0]) + abs(p2 - before[1]) + abs(y2 - before[2])
     return (where_less(d2, d1, r2, r1), where_less(d2, d1, p2, p1), where_less(d2, d1, y2, y1))
+
+
+def directions(rpy: Vector) -> tuple[Vector, Vector]:
+    """Return the world's up (z) and north (y) in body axes, for roll, pitch and yaw in rad."""
+    rs, rc = sine_cosine(rpy[0] * (1 / TAU))
+    ps, pc = sine_cosine(rpy[1] * (1 / TAU))
+    ys, yc = sine_cosine(rpy[2] * (1 / TAU))
+    up = (-pc * rs, ps, pc * rc)
+    north = (ys * rc + yc * ps * rs, yc * pc, ys * rs - yc * ps * rc)
+    return up, north
 
 
 def rotations(rpy: NDArray[np.float64]) -> NDArray[np.float64]:

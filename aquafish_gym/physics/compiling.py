@@ -35,6 +35,7 @@ PHYSICS_MODULES = [
 ]
 
 
+@functools.cache
 def register_module(module: ModuleType) -> None:
     """Let compiled code call every plain function that a module defines."""
     for function in vars(module).values():

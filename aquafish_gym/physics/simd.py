@@ -251,11 +251,29 @@ def _put(array: Any, index: Any, value: Any) -> Any:
     return put
 
 
+@overload(arithmetic.square_root, strict=False, jit_options=_INLINE)
+def _square_root(x: Any) -> Any:
+    return lambda x: math.sqrt(x)
+
+
+@overload(arithmetic.cosine_sine, strict=False, jit_options=_INLINE)
+def _cosine_sine(angle: Any) -> Any:
+    sine_cosine, per_turn = arithmetic.sine_cosine, 1 / arithmetic.TAU
+
+    def cosine_sine(angle: Any) -> tuple[Any, Any]:
+        sine, cosine = sine_cosine(angle * per_turn)
+        return cosine, sine
+
+    return cosine_sine
+
+
 # What has a second body here and must not be registered with its plain one.
 PRIMITIVES = (
     arithmetic.fma,
     arithmetic.where_less,
     arithmetic.floor,
+    arithmetic.square_root,
+    arithmetic.cosine_sine,
     arithmetic.fetch,
     arithmetic.put,
 )

@@ -9,7 +9,7 @@ import pytest
 
 from aquafish.batch import in_small
 from aquafish_gym.engines.compiled import lanes
-from aquafish_gym.engines.compiled.kernel import OPEN_LOOP
+from aquafish_gym.engines.compiled.policies import OPEN_LOOP
 from eea import EEAConfig
 
 

@@ -25,7 +25,8 @@ aquafish_gym.simulate(np.full((4000, 9), 0.3), (0.1, 0.1, 0.5), steps=512, threa
 """
 PREPARE = """
 import aquafish_gym, multiprocessing
-from aquafish_gym.engines.compiled.kernel import compile_kernel, hold
+from aquafish_gym.engines.compiled.kernel import compile_kernel
+from aquafish_gym.engines.compiled.policies import hold
 from aquafish_gym.engines.compiled.lanes import lane_width
 import numpy as np
 

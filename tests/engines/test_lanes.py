@@ -131,14 +131,15 @@ def test_the_cache_is_tied_to_all_that_a_policy_imports(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, module: str
 ) -> None:
     """A network freezes the servos' bounds, which another file states."""
-    from gait.network import steer
+    from aquafish_gym.engines.compiled.kernel import compile_kernel
+    from gait.network import respond
 
-    stamps = compiling.source_stamp(steer), compiling.source_stamp()
+    stamps = compiling.source_stamp(compile_kernel, respond), compiling.source_stamp()
     frozen = sys.modules[module]
     changed = tmp_path / "changed.py"
     changed.write_text(pathlib.Path(str(frozen.__file__)).read_text() + "\n# a change\n")
     monkeypatch.setattr(frozen, "__file__", str(changed))
-    assert compiling.source_stamp(steer) != stamps[0]
+    assert compiling.source_stamp(compile_kernel, respond) != stamps[0]
     assert compiling.source_stamp() == stamps[1], "the physics itself imports neither"
 
 

@@ -10,9 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aquafish_gym.command import scale_action
+from aquafish_gym.command import lane_servo_speeds, scale_action
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.attitude import attitude
+from aquafish_gym.physics.arithmetic import sine_cosine
+from aquafish_gym.physics.attitude import attitude, directions
 from gait import network
 from gait.network import Senses
 from gait.search.neat import genome_to_controller
@@ -52,7 +53,7 @@ def test_tanh_is_odd_and_bounded(z: float) -> None:
 
 @given(st.floats(-1000.0, 1000.0))
 def test_sine_cosine_agrees_with_the_standard_library(turns: float) -> None:
-    sine, cosine = network.sine_cosine(turns)
+    sine, cosine = sine_cosine(turns)
     part = 2 * math.pi * (turns - math.floor(turns))
     assert sine == pytest.approx(math.sin(part), abs=4e-15)
     assert cosine == pytest.approx(math.cos(part), abs=4e-15)
@@ -84,8 +85,8 @@ def test_forward_is_neat_pythons_activate(
 def test_attitude_enters_alike_in_both_of_its_triples(
     roll: float, pitch: float, yaw: float
 ) -> None:
-    one = network.directions((roll, pitch, yaw))
-    other = network.directions((roll + math.pi, math.pi - pitch, yaw - 3 * math.pi))
+    one = directions((roll, pitch, yaw))
+    other = directions((roll + math.pi, math.pi - pitch, yaw - 3 * math.pi))
     np.testing.assert_allclose(one, other, atol=1e-13)
 
 
@@ -94,19 +95,20 @@ def test_directions_are_rows_of_the_rotation_matrix(seed: int) -> None:
     r, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
     r *= np.linalg.det(r)
     rows = r.tolist()
-    up, north = network.directions(attitude((tuple(rows[0]), tuple(rows[1]), tuple(rows[2]))))
+    up, north = directions(attitude((tuple(rows[0]), tuple(rows[1]), tuple(rows[2]))))
     np.testing.assert_allclose(up, r[2], atol=1e-13)
     np.testing.assert_allclose(north, r[1], atol=1e-13)
 
 
 def test_upright_and_facing_north_reads_plainly() -> None:
     senses = Senses(clock=2, fins=True)
-    values = [0.0] * (len(senses.names) + 3)
-    up, north = network.directions((0.0, 0.0, 0.0))
-    values[-3:] = [0.25, -0.25, 0.0]  # turns of the fins
-    network.listen_imu(values, 0, up, north, (1.0, -5.0, 0.5))
-    network.listen_clock(values, 9, 2, 0.5 * 0.25)
-    network.listen_fins(values, 13, 19, 0.0)
+    values = [0.0] * len(senses.names)
+    up, north = directions((0.0, 0.0, 0.0))
+    layout = [True, 2, True, False]
+    still = (0.0, 0.0, 0.0)
+    network.observe(
+        values, layout, 0.5 * 0.25, up, north, (1.0, -5.0, 0.5), (0.25, -0.25, 0.0), still
+    )
     named = dict(zip(senses.names, values, strict=False))
     expected = dict.fromkeys(senses.names, 0.0) | {
         "up_z": 1.0,
@@ -127,6 +129,6 @@ def test_upright_and_facing_north_reads_plainly() -> None:
 @given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
 def test_commands_are_scaled_as_actions_are(action: list[float]) -> None:
     left, right, caudal = action
-    assert network.command((left, right, caudal)) == pytest.approx(
+    assert lane_servo_speeds((left, right, caudal)) == pytest.approx(
         tuple(scale_action(np.array(action))), abs=1e-15
     )

@@ -13,13 +13,14 @@ import pytest
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
+from gait.agent import ControllerAgent
 from gait.config import EvolveConfig
 from gait.controller import Controller
 from gait.evolve import evolve_gait
 from gait.network import Senses
 from gait.rollout import random_poses, swim_all
 from gait.search.templates import Template
-from gait.task import Crew, perform
+from gait.task import perform
 from gait_fakes import contents
 
 BODY = Morphology.nominal()
@@ -41,21 +42,17 @@ def test_to_swim_forward_is_the_lanes_swim() -> None:
     assert np.ptp(found) > 0.1
 
 
-def test_a_crew_is_so_many_policies() -> None:
+def test_agent_acts_as_one_policy_for_each_robot() -> None:
     """With a goal, its fins reckoned, in an environment of one robot."""
     controller = make(Senses(goal=True, fins=True), 3)
     env = gym.make("AquaFishWaypoint-v0", engine="numba")
     seen, info = env.reset(seed=2)
-    crew, alone = (
-        Crew([controller], info["fin_angles"][None]),
-        controller.policy(info["fin_angles"]),
-    )
+    agent, alone = ControllerAgent(controller), controller.policy(info["fin_angles"])
+    agent.reset({"fin_angles": info["fin_angles"][None]})
     for step in range(30):
-        action = crew.act(seen[None], np.array([step * 0.2]))[0]
+        action = agent.act(seen[None])[0]
         np.testing.assert_allclose(action, alone(seen, step * 0.2), atol=1e-6)
         seen, *_ = env.step(action)
-    with pytest.raises(InvalidArgumentError, match="one or more of one kind"):
-        Crew([controller, make(Senses(), 0)], POSES)
 
 
 def test_what_is_left_to_chance_follows_from_the_seed_and_is_shared() -> None:

@@ -13,17 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.api import MAXIMUM_THREADS, Settings, available_cores
+from aquafish_gym.engines.compiled import episode
 from aquafish_gym.engines.compiled.kernel import (
+    COMMANDS,
     GYRO,
-    OPEN_LOOP,
     POSE,
     RPY,
     SPECTRUM,
     Policy,
     compile_kernel,
-    hold,
-    perform,
 )
+from aquafish_gym.engines.compiled.policies import hold, perform
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.imu import ImuLog, join_logs
 from aquafish_gym.physics.kinematics import SWEEP
@@ -47,6 +47,7 @@ Rows = NDArray[np.bool_] | NDArray[np.intp]
 
 _RECORDS = {
     "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
+    "path": RPY | GYRO | POSE | COMMANDS,
 }  # fmt: skip
 _NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
 # Under this many steps of a group, a second thread costs more than it brings.
@@ -81,6 +82,68 @@ def _helpers(_process: int) -> ThreadPoolExecutor:
 _ready: set[tuple[Any, str]] = set()  # kernels that are compiled for a type
 
 
+class ClosedLoop:
+    """What policies that observe, and the task that they do, keep of B robots.
+
+    Parameters
+    ----------
+    lanes
+        The robots.
+    scratch
+        How many numbers a robot the policy may ``put``.
+    has_goal
+        Whether robots observe the way to the goal in the table.
+
+    Attributes
+    ----------
+    functions, task
+        A task's functions and a named tuple of its numbers (``envs.tasks.task_functions``); None
+        where there is no task, or where it is judged outside.
+    broken
+        Whether sensors may observe something else than what is.
+    commands
+        (B, N, 3) of the last run, if it was recorded.
+    """
+
+    def __init__(self, lanes: LaneBatch, scratch: int, has_goal: bool = False) -> None:
+        self.functions: Any = None
+        self.task: Any = ()
+        self.broken = False
+        self.commands: Floats | None = None
+        self._batch, self._has_goal = lanes.batch, has_goal
+        rows = episode.ROWS + scratch
+        self._episodes = np.zeros((lanes.groups, rows * lanes.width), lanes.dtype)
+        self._view = self._episodes.reshape(lanes.groups, rows, lanes.width)
+        self._noise = np.zeros((lanes.groups, 0), lanes.dtype)
+        self["alive"] = 1.0
+
+    @property
+    def program(self) -> tuple[Any, ...]:
+        """What the kernel takes of it."""
+        return self._episodes, self._noise, self.broken, self._has_goal
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        """Return rows (n, B) of the table by the name that ``episode.FIELDS`` has for them."""
+        found = self._view[:, episode.FIELDS[name]].transpose(1, 0, 2)
+        return found.reshape(found.shape[0], -1)[:, : self._batch].astype(np.float64)
+
+    def __setitem__(self, name: str, rows: ArrayLike) -> None:
+        """Set rows (n, B) of the table; robots that fill up the last register get the last's."""
+        view = self._view[:, episode.FIELDS[name]]
+        groups, count, width = view.shape
+        table = np.broadcast_to(rows, (count, self._batch))
+        padded = np.pad(table, ((0, 0), (0, groups * width - self._batch)), "edge")
+        view[:] = padded.reshape(count, groups, width).transpose(1, 0, 2)
+
+    def set_noise(self, noise: NDArray[np.float64] | None) -> None:
+        """Set what is added to the gyroscopes in the next control steps (K, 3, B), rad/s."""
+        groups, _, width = self._view.shape
+        table = np.zeros((0, self._batch)) if noise is None else noise.reshape(-1, self._batch)
+        padded = np.pad(table, ((0, 0), (0, groups * width - self._batch)))
+        padded = padded.reshape(-1, groups, width).transpose(1, 0, 2).astype(self._episodes.dtype)
+        self._noise = np.ascontiguousarray(padded.reshape(groups, len(table) * width))
+
+
 class LaneBatch:
     """The B robots of a scenario, which live in the lanes between calls.
 
@@ -107,6 +170,8 @@ class LaneBatch:
         self.substeps = substeps
         self.threads = threads or available_cores()
         self.steps_done = 0
+        nothing = np.zeros((self.groups, 0), dtype)
+        self._no_loop = (nothing, nothing, False, False)
         parameters, conditions, states = _rows_of(scenario, rates)
         self._parameters = pack_rows(parameters, dtype, self.width)
         self._conditions = pack_rows(conditions, dtype, self.width)
@@ -149,7 +214,7 @@ class LaneBatch:
         count = series.shape[1]
         if count == 1 and not np.any(lag):
             return self.run(
-                hold, self._pack_commands(series[:, 0]), _NO_LAYOUT, 0, steps, steps, record
+                hold, self._pack_commands(series[:, 0]), _NO_LAYOUT, steps, steps, record
             )
         samples = np.broadcast_to(np.asarray(lag) / TIMESTEP, (1, self.batch))
         flat = series.reshape(self.batch, -1)
@@ -158,44 +223,45 @@ class LaneBatch:
         layout = np.array([count, interval, begun, -(-latest // interval)])
         # Once the last robot obeys the last of them, the command is steady.
         early = (count - 1) * interval - begun + latest + 1 - self.steps_done
-        return self.run(perform, weights, layout, 0, steps, steps, record, early)
+        return self.run(perform, weights, layout, steps, steps, record, early)
 
     def run(
         self,
         policy: Policy,
         weights: Floats,
         layout: NDArray[np.int64],
-        scratch_size: int,
         steps: int,
         interval: int,
         record: str = "nothing",
         early: int = 0,
+        loop: ClosedLoop | None = None,
     ) -> ImuLog:
         """Let a policy (see ``kernel.py``) command the robots every ``interval`` steps.
 
-        In the first ``early`` steps of this call it does so in each.
-
-        ``scratch_size`` is how many numbers a robot the policy may ``put``. What is not recorded
-        is None in the log. If the gyroscope alone is, and the policy asks for no attitude, none
-        is computed until the end: that of ``state()`` is then, of all triples that describe it,
-        the one nearest to where it began, and may lie whole turns off a log's.
+        In the first ``early`` steps of this call it does so in each. ``loop`` is what a policy that
+        is not open-loop needs. What is not recorded is None in the log. If the gyroscope alone is,
+        and the policy is open-loop, no attitude is computed until the end: that of ``state()`` is
+        then, of all triples that describe it, the one nearest to where it began, and may lie whole
+        turns off a log's.
         """
         bits = _RECORDS[record]
-        if bits == GYRO and policy not in OPEN_LOOP:
+        if bits == GYRO and loop is not None:
             bits |= RPY
         logs = self._logs(steps, bits)
         # Read-only, as those of a spectrum are: numba would compile the loop twice for them.
         spectra, roots = np.empty((0, 2, 0), self.dtype), roots_of_unity(0, self._dtype_name)
         output = (logs, spectra, roots, 1.0)
-        self._run(policy, (weights, layout, scratch_size), steps, (interval, early), output, bits)
-        rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
+        self._run(policy, (weights, layout), steps, (interval, early), output, bits, loop)
+        rpy, gyro, pose, commands = (log.transpose(0, 2, 1) for log in logs)
+        if loop is not None and bits & COMMANDS:
+            loop.commands = commands
         return ImuLog(
             rpy=rpy if bits & RPY and record != "gyro" else None,
             gyro=gyro if bits & GYRO else None,
             position=pose[:, :, :3] if bits & POSE else None,
             quaternion=pose[:, :, 3:7] if bits & POSE else None,
             fin_angles=pose[:, :, 7:] if bits & POSE else None,
-            diverged=self._diverged(),
+            diverged=self.diverged(),
         )
 
     def spectra(
@@ -216,7 +282,7 @@ class LaneBatch:
         if steps < 4 or steps & (steps - 1):
             raise InvalidArgumentError(f"steps must be a power of two of at least 4; got {steps}")
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
-        program = (self._pack_commands(commands), _NO_LAYOUT, 0)
+        program = (self._pack_commands(commands), _NO_LAYOUT)
         output = (self._logs(), spectra, roots_of_unity(steps, self._dtype_name), scale)
         self._run(hold, program, steps, (steps, 0), output, SPECTRUM | GYRO if rates else SPECTRUM)
         return spectra[: self.batch]
@@ -224,7 +290,7 @@ class LaneBatch:
     def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Floats, ...]:
         return tuple(
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
-            for n, bit in ((3, RPY), (3, GYRO), (10, POSE))
+            for n, bit in ((3, RPY), (3, GYRO), (10, POSE), (3, COMMANDS))
         )
 
     def _pack_commands(
@@ -246,15 +312,19 @@ class LaneBatch:
         asking: tuple[int, int],
         output: Any,
         bits: int,
+        loop: ClosedLoop | None = None,
     ) -> None:
         """Run the kernel on as many threads as are worth it; ``asking`` is interval and early."""
-        kernel = compile_kernel(policy, self.width, self.reactive)
+        functions, task = (loop.functions, loop.task) if loop else (None, ())
+        kernel = compile_kernel(policy, self.width, self.reactive, functions)
+        program = (*program, *(loop.program if loop else self._no_loop))
         h = TIMESTEP / self.substeps
-        clock = (self.steps_done, steps, self.substeps, *asking)
+        phase = self.steps_done % asking[0] if loop else 0
+        clock = (self.steps_done, steps, self.substeps, *asking, phase)
 
         def part(begin: int, end: int) -> None:
             tables = self._parameters, self._states, self._conditions
-            kernel(*tables, program, h, clock, output, bits, begin, end)
+            kernel(*tables, program, task, h, clock, output, bits, begin, end)
 
         work = self.groups * steps * self.substeps
         parts = max(1, min(self.threads, self.groups, work // _WORTH_A_THREAD))
@@ -272,7 +342,7 @@ class LaneBatch:
                 other.result()
         self.steps_done += steps
 
-    def _diverged(self) -> NDArray[np.bool_]:
+    def diverged(self) -> NDArray[np.bool_]:
         """Return which robots (B,) have left the finite numbers."""
         if np.isfinite(self._states).all():
             return np.zeros(self.batch, np.bool_)

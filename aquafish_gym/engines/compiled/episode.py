@@ -1,0 +1,102 @@
+"""What a closed loop keeps of each robot between its control steps, and what its policy observes.
+
+An episode's numbers stand in a flat array of one register's robots, row r in entry r; the rows of
+the policy's own memory come after ``ROWS``. The functions are straight-line code for any scalar
+backend (``physics/arithmetic.py``).
+"""
+
+from __future__ import annotations
+
+from itertools import accumulate
+from typing import Any
+
+from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
+from aquafish_gym.physics.arithmetic import (
+    Number,
+    Vector,
+    clip,
+    cross,
+    dot,
+    fetch,
+    put,
+    subtract,
+    where_less,
+)
+from aquafish_gym.physics.layout import fetch_vector, put_vector
+
+_SIZES = {
+    "fins": 3,  # where the controller believes the fins to be, in turns
+    "gain": 3,  # by which factor it believes each servo to be faster than commanded
+    "goal": 3,  # in the world, units; of tasks that are not compiled
+    "before": 3,  # where the robot was when the control step began, units
+    "action": 3,  # of the control step, in [-1, 1]
+    "memory": 6,  # the task's
+    "total": 1,  # the sum of the rewards
+    "alive": 1,  # 1 until the robot diverges, then 0
+    # Of the nine channels of the inertial measurement unit:
+    "observed": 9,  # what they say now
+    "held": 9,  # what they said when they got stuck
+    "bias": 9,
+    "fresh": 9,  # 1 where a channel gets stuck with the next observation
+    "stuck": 9,  # 1 where it is stuck
+    "dropped": 9,  # 1 where it says 0
+}
+_FIRST = list(accumulate(_SIZES.values(), initial=0))
+FIELDS: dict[str, slice] = dict(zip(_SIZES, map(slice, _FIRST, _FIRST[1:]), strict=True))
+FINS, GAIN, GOAL, BEFORE, ACTION, MEMORY, TOTAL, ALIVE, OBSERVED, HELD = _FIRST[:10]
+BIAS, FRESH, STUCK, DROPPED, ROWS = _FIRST[10:]
+CHANNELS = _SIZES["observed"]
+_FIRST_OF_GYRO = 6
+
+
+def fetch_memory(kept: Any, like: Number) -> tuple[Number, ...]:
+    """Read the task's memory."""
+    x, y, z = fetch_vector(kept, MEMORY, 0, 1, like)
+    u, v, w = fetch_vector(kept, MEMORY + 3, 0, 1, like)
+    return (x, y, z, u, v, w)
+
+
+def put_memory(kept: Any, memory: tuple[Number, ...]) -> None:
+    """Write the task's memory."""
+    put_vector(kept, MEMORY, 0, 1, (memory[0], memory[1], memory[2]))
+    put_vector(kept, MEMORY + 3, 0, 1, (memory[3], memory[4], memory[5]))
+
+
+def way_to(goal: Vector, position: Vector, up: Vector, north: Vector) -> Vector:
+    """Return the way from a position to a goal in body axes, as the environments observe it."""
+    way, east = subtract(goal, position), cross(north, up)
+    return (
+        clip(dot(way, (east[0], north[0], up[0])), GOAL_RANGE),
+        clip(dot(way, (east[1], north[1], up[1])), GOAL_RANGE),
+        clip(dot(way, (east[2], north[2], up[2])), GOAL_RANGE),
+    )
+
+
+def faulty(
+    kept: Any, noise: Any, step: int, first: bool, up: Vector, north: Vector, gyro: Vector
+) -> tuple[Vector, Vector, Vector]:
+    """Return up, north and gyro as broken sensors say them: ``Sensors.say`` in any arithmetic.
+
+    ``noise`` has three rows for each control step, or none; ``first`` is whether the sensors have
+    just become as they are.
+    """
+    like = gyro[0]
+    put_vector(kept, OBSERVED, 0, 1, up)
+    put_vector(kept, OBSERVED + 3, 0, 1, north)
+    put_vector(kept, OBSERVED + 6, 0, 1, gyro)
+    fresh = 1.0 if first else 0.0
+    for i in range(CHANNELS):
+        x = fetch(kept, OBSERVED + i, like) + fetch(kept, BIAS + i, like)
+        if i >= _FIRST_OF_GYRO and noise.size > 0:
+            x = x + fetch(noise, 3 * step + i - _FIRST_OF_GYRO, like)
+        x = clip(x, 1.0 if i < _FIRST_OF_GYRO else GYRO_RANGE)
+        held = where_less(0.0, fresh * fetch(kept, FRESH + i, like), x, fetch(kept, HELD + i, like))
+        put(kept, HELD + i, held)
+        x = where_less(0.0, fetch(kept, STUCK + i, like), held, x)
+        x = where_less(0.0, fetch(kept, DROPPED + i, like), 0.0, x)
+        put(kept, OBSERVED + i, x)
+    return (
+        fetch_vector(kept, OBSERVED, 0, 1, like),
+        fetch_vector(kept, OBSERVED + 3, 0, 1, like),
+        fetch_vector(kept, OBSERVED + 6, 0, 1, like),
+    )

@@ -1,0 +1,115 @@
+"""Rollouts: policies swim the robots of a scenario, in a task, on an engine.
+
+:func:`rollout` has two loops. Programs, policies of straight-line code, run on the compiled engine
+with everything else in one threaded loop (``engines/compiled/kernel.py``). Any other policy, and
+any policy on another engine, runs in ``one.py``, a robot at a time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aquafish_gym.engines.packages import check_engine
+from aquafish_gym.envs.tasks import Task
+from aquafish_gym.rollout.many import swim_all
+from aquafish_gym.rollout.one import act_alone, swim_one
+from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, joined
+from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, one_of
+
+__all__ = ["Path", "Program", "Trajectories", "rollout"]
+RECORDS = ("end", "path")
+
+
+def rollout(
+    policy: Program | Sequence[Act],
+    scenario: Scenario,
+    task: Task | None = None,
+    *,
+    engine: str = "numba",
+    seconds: float | None = None,
+    interval: int = 5,
+    believed: ArrayLike | None = None,
+    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
+    memory: ArrayLike | None = None,
+    rngs: Sequence[np.random.Generator] = (),
+    record: str = "end",
+    dtype: type[np.floating] = np.float64,
+    threads: int | None = None,
+    substeps: int = 1,
+) -> Trajectories:
+    """Swim the B robots of a scenario under a policy, and return what they did.
+
+    Parameters
+    ----------
+    policy
+        A :class:`Program` for all robots, or a function for each.
+    scenario
+        Robots, water and faults. Servo lags need a policy that is no program.
+    task
+        What is rewarded; it may have a goal, a current, and a memory. A task of a class that is not
+        built in is judged outside of the compiled loop, which stops for it after each action:
+        several times slower.
+    engine
+        As of :func:`~aquafish_gym.simulate`.
+    seconds
+        How long; None is the task's own time.
+    interval
+        For how many steps of 0.01 s an action is held, of policies that are no program.
+    believed, believed_gain
+        (B, 3) or (3,): where a program believes its fins to be at first, rad, None for the truth,
+        and the servo gains by which it reckons them from its commands.
+    memory
+        (B, M) the task's, as its ``begin`` draws it; None draws it from ``rngs``.
+    rngs
+        A generator for each robot, for the gyroscopes' noise and for ``memory``.
+    record
+        ``"end"`` or ``"path"``: see :class:`Trajectories`.
+    dtype, threads, substeps
+        As of :func:`~aquafish_gym.simulate`; the first two are of programs in the compiled engine.
+
+    Raises
+    ------
+    InvalidArgumentError, EngineUnavailableError
+        If arguments do not fit each other.
+    """
+    if seconds is None:
+        if task is None:
+            raise InvalidArgumentError("seconds must be given where there is no task")
+        seconds = task.seconds
+    if isinstance(policy, Program):
+        interval = policy.interval
+        if policy.observes_goal and (task is None or not task.has_goal):
+            raise InvalidArgumentError(
+                "policy must not observe a goal in a task that has none; choose a task with a goal"
+            )
+    steps = round(seconds / TIMESTEP)
+    if task is not None and steps % interval:
+        raise InvalidArgumentError(
+            f"an action is held for {interval} steps, which must divide the {steps} of the task"
+        )
+    if memory is None:
+        memory = [] if task is None else [task.begin(rng) for rng in rngs]
+    batch = len(scenario)
+    begun = np.reshape(memory, (batch, -1)) if np.size(memory) else np.zeros((batch, 0))
+    plan = Plan(
+        scenario,
+        task,
+        steps,
+        interval,
+        begun,
+        tuple(rngs),
+        one_of("record", record, RECORDS) == "path",
+        substeps,
+    )
+    first = scenario.fin_angles if believed is None else believed
+    fins, gains = (np.broadcast_to(one, (batch, 3)) for one in (first, believed_gain))
+    check_engine(engine)
+    if isinstance(policy, Program) and engine == "numba":
+        return swim_all(policy, plan, fins, gains, dtype, threads)
+    if isinstance(policy, Program):
+        policy = [act_alone(policy, b, fins[b], gains[b]) for b in range(batch)]
+    return joined([swim_one(act, plan, b, engine) for b, act in enumerate(policy)], plan)

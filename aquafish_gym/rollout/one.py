@@ -1,0 +1,132 @@
+"""The loop of a rollout for one robot and any policy, on any engine."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from aquafish_gym.command import lane_servo_speeds, reckon, scale_action
+from aquafish_gym.damage import Effect
+from aquafish_gym.engines.worlds import World, make_world
+from aquafish_gym.envs.course import Sensors
+from aquafish_gym.envs.tasks import Memory, Step
+from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.arithmetic import TAU, Vector, subtract
+from aquafish_gym.physics.kinematics import State, rotation, to_body
+from aquafish_gym.rollout.plan import Act, Floats, Path, Plan, Program, Trajectories
+from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.validation import finite_array
+
+_LIMITS = np.array([1.0] * 6 + [GYRO_RANGE] * 3)
+_ONLY = np.zeros(1, np.intp)
+
+
+def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> Trajectories:
+    """Swim one robot: the loop that the compiled one does for many."""
+    task, dt = plan.task, plan.dt
+    now = plan.scenario.take(robot)
+    changes = {step: to for step, _, to in now.schedule}
+    sensors, rng = Sensors(1, np.float64), plan.rngs[robot : robot + 1]
+    memory: Memory = tuple(plan.memory[robot].tolist())
+    world = make_world(engine, now, plan.substeps)
+    total, diverged = 0.0, False
+    path: list[tuple[float, ...]] = []
+    gyro: list[Vector] = []
+    commands: list[Vector] = []
+    try:
+        _become(sensors, now)
+        for t in range(0, plan.steps, plan.interval):
+            if t in changes:
+                _change(world, changes[t], sensors)
+            state = world.state()
+            path.append(_sample(state))
+            water = None if task is None else task.current(memory, t * TIMESTEP)
+            if water is not None:
+                x, y, z = map(float, water)
+                world.set_current((x, y, z))
+            turn = rotation(state.orientation)
+            observation = np.array([*turn[2], *turn[1], *state.spin])
+            if sensors.broken:
+                observation = sensors.say(observation[None], _LIMITS, rng, _ONLY)[0]
+            if task is not None and task.has_goal:
+                way = to_body(turn, subtract(task.goal(memory), state.position))
+                limited = np.clip(way, -GOAL_RANGE, GOAL_RANGE)
+                observation = np.concatenate([observation, limited])
+            action = finite_array("action", act(observation, t * TIMESTEP), (3,))
+            left, right, caudal = scale_action(action).tolist()
+            for k in range(t, min(t + plan.interval, plan.steps)):
+                if k > t and k in changes:
+                    _change(world, changes[k], sensors)
+                world.advance((left, right, caudal))
+                gyro.append(world.state().spin)
+                commands.append((left, right, caudal))
+            diverged = world.diverged
+            if diverged:
+                break
+            if task is not None:
+                after = world.state()
+                done = tuple(np.clip(action, -1.0, 1.0).tolist())
+                step = Step(state.position, after.position, after.orientation, done, memory, dt)
+                total += float(sum(task.reward_terms(step).values()))
+                memory = task.remember(step)
+        state = world.state()
+        end = np.full(3, math.nan) if diverged else np.array(state.position)
+        if not diverged:
+            path.append(_sample(state))
+    finally:
+        world.close()
+    table = np.full((1, len(plan.times), 10), math.nan)
+    table[0, : len(path)] = path
+    logs = np.full((2, 1, plan.steps, 3), math.nan)
+    logs[:, 0, : len(gyro)] = gyro, commands
+    swum = Path(plan.times, table[..., :3], table[..., 3:7], table[..., 7:], *logs)
+    return Trajectories(np.array([total]), np.array([diverged]), end[None], swum)
+
+
+def _sample(state: State) -> tuple[float, ...]:
+    pairs = (state.left, state.right, state.phase)
+    angles = [math.atan2(sine, cosine) for cosine, sine in pairs]
+    return (*state.position, *state.orientation, *angles)
+
+
+def _change(world: World, to: Scenario, sensors: Sensors) -> None:
+    """Let the robot be otherwise from now on."""
+    world.update(to)
+    _become(sensors, to)
+
+
+def _become(sensors: Sensors, robot: Scenario) -> None:
+    effect = Effect(
+        Morphology.from_array(robot.body[0]),
+        noise=float(robot.gyro_noise[0]),
+        biases=tuple(robot.sensor_bias[0].tolist()),
+        stuck=tuple(robot.sensor_stuck[0].tolist()),
+        dropped=tuple(robot.sensor_dropped[0].tolist()),
+    )
+    sensors.become([0], effect)
+
+
+def _triple(row: Floats) -> tuple[float, float, float]:
+    x, y, z = row.tolist()
+    return (x, y, z)
+
+
+def act_alone(program: Program, robot: int, fins: Floats, gains: Floats) -> Act:
+    """Return one robot's program on plain floats."""
+    weights, layout = program.weights[:, robot].tolist(), program.layout.tolist()
+    scratch, held = [0.0] * program.scratch, program.interval * TIMESTEP
+    angles = _triple(fins / TAU)
+
+    def act(observation: Floats, time: float) -> Vector:
+        nonlocal angles
+        o = [*observation.tolist(), 0.0, 0.0, 0.0]
+        action = program.function(
+            weights, layout, scratch, 0, 1, time, o[0:3], o[3:6], o[6:9], angles, o[9:12]
+        )
+        left, right, caudal = lane_servo_speeds(action)
+        angles = reckon(angles, (gains[0] * left, gains[1] * right, gains[2] * caudal), held)
+        return action
+
+    return act

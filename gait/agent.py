@@ -1,0 +1,92 @@
+"""A controller as an agent: it acts for all robots of a batched environment."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.command import lane_servo_speeds, reckon
+from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.scenario import TIMESTEP
+from gait import network
+from gait.controller import Controller, scratch_size
+
+
+def respond_all(
+    genes: Any, layout: Any, scratch: Any, time: float, felt: Any, fins: Any, actions: Any
+) -> None:
+    """Set the actions (B, 3) of B robots with one controller: ``network.respond``, one by one.
+
+    Parameters
+    ----------
+    genes, layout
+        See ``network.respond``.
+    scratch
+        (B, n), which lives through an episode.
+    time
+        In s since the episode began.
+    felt
+        (B, 12) up, north and gyro, and the way to the goal.
+    fins
+        (B, 3) where the fins are believed to be, in turns.
+    """
+    for i in range(len(actions)):
+        up = (felt[i, 0], felt[i, 1], felt[i, 2])
+        north = (felt[i, 3], felt[i, 4], felt[i, 5])
+        gyro = (felt[i, 6], felt[i, 7], felt[i, 8])
+        way = (felt[i, 9], felt[i, 10], felt[i, 11])
+        angles = (fins[i, 0], fins[i, 1], fins[i, 2])
+        actions[i, 0], actions[i, 1], actions[i, 2] = network.respond(
+            genes, layout, scratch[i], 0, 1, time, up, north, gyro, angles, way
+        )
+
+
+@cache
+def _compiled() -> Any:
+    from aquafish_gym.physics.compiling import compiled_function, register_module
+
+    register_module(network)
+    return compiled_function(respond_all, seconds=10, nogil=True)
+
+
+class ControllerAgent:
+    """An agent (see ``gait.evaluate``) whose robots have one controller.
+
+    Parameters
+    ----------
+    controller
+        Its ``interval`` must be the environment's ``frame_skip``.
+    believed_gain
+        (3,) the servo gains by which it reckons its fins from its commands.
+    """
+
+    def __init__(self, controller: Controller, believed_gain: ArrayLike = (1.0, 1.0, 1.0)) -> None:
+        self._controller, self._gain = controller, np.asarray(believed_gain, np.float64)
+        self._genes, self._layout = controller.genes(), controller.layout()
+
+    def reset(self, info: dict[str, Any]) -> None:
+        """Begin an episode of each robot, at the true fin angles in ``info``."""
+        self._fins = np.asarray(info["fin_angles"]) / TAU
+        self._scratch = np.zeros((len(self._fins), scratch_size(self._controller)))
+        self._steps = 0
+
+    def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return actions (B, 3) for observations (B, k)."""
+        felt = np.zeros((len(observations), 12))
+        felt[:, :9] = observations[:, :9]
+        if self._controller.senses.goal:
+            felt[:, 9:] = observations[:, -3:]
+        dt = self._controller.interval * TIMESTEP
+        actions = np.empty((len(felt), 3))
+        _compiled()(
+            self._genes, self._layout, self._scratch, self._steps * dt, felt, self._fins, actions
+        )
+        left, right, caudal = lane_servo_speeds((actions[:, 0], actions[:, 1], actions[:, 2]))
+        gain, fins = self._gain, self._fins
+        speeds = (gain[0] * left, gain[1] * right, gain[2] * caudal)
+        self._fins = np.stack(reckon((fins[:, 0], fins[:, 1], fins[:, 2]), speeds, dt), axis=1)
+        self._steps += 1
+        return actions.astype(np.float32)
