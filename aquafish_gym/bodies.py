@@ -106,10 +106,10 @@ def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[M
     InvalidArgumentError
         If the file cannot be read or holds no body; the message names file and argument.
     """
-    document = read_document(path, argument=argument, checksum="optional")
+    document = read_document(path, argument=argument, schema_optional=True)
     several = "morphologies" in document
     if several:  # whatever else it may say it is
-        document = read_document(path, SCHEMA, argument, checksum="optional")
+        document = read_document(path, SCHEMA, argument, schema_optional=True)
     try:
         if not several:
             return (morphology_of(document),)

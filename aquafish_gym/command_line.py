@@ -24,8 +24,8 @@ from tyro.conf import arg
 
 from aquafish_gym.bodies import morphology_of
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.executors import interrupts
 from aquafish_gym.runs.storage import read_document
+from aquafish_gym.runs.workers import interrupts
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -260,7 +260,7 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
     """
     if path is None:
         return Morphology.nominal()
-    document = read_document(path, argument=argument, checksum="optional")
+    document = read_document(path, argument=argument, schema_optional=True)
     try:
         return morphology_of(document)
     except InvalidArgumentError as error:

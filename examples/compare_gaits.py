@@ -11,7 +11,6 @@ command goes on.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -58,7 +57,7 @@ class Job:
         return f"runs/{self.seed:03d}/{how}.json"
 
 
-def compare(job: Job, say: Callable[[str, float], None]) -> dict[str, Any]:
+def compare(job: Job) -> dict[str, Any]:
     """Return how far the gait swims on the true body, and the median body's OBJ_FIT."""
     damage = Damage.parse(DAMAGES[job.seed % len(DAMAGES)])
     truth = damage.apply(Morphology.nominal())
@@ -70,16 +69,10 @@ def compare(job: Job, say: Callable[[str, float], None]) -> dict[str, Any]:
         target = EngineTarget(None, damage, hidden, config.steps, "numba", gap=noisy)
         method = fish_eea(target, config, job.seed, target.morphology, threads=1)
         for record in method:
-            say(f"trial {record.round}", 0.0)
             fitness = record.objective_fitness
         found = method.result
         bodies = found.model[None] if job.kind == ONE else found.sample(BODIES, job.seed)
-    rows = job.gait.plan.rows
-    gait = evolve_gait(
-        bodies,
-        job.gait,
-        on_generation=lambda row: say(f"{row.final:.1f} units", (row.generation + 1) / rows),
-    )
+    gait = evolve_gait(bodies, job.gait)
     far = distances([gait.controller], truth, random_poses(POSES, 10**6), threads=1)
     return {"distance": float(far[0, 0]), "objective_fitness": fitness}
 

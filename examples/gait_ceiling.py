@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -68,15 +67,11 @@ class Job:
         return f"runs/{body}/{search}/{self.seed:03d}.json"
 
 
-def climb(job: Job, say: Callable[[str, float], None]) -> dict[str, Any]:
+def climb(job: Job) -> dict[str, Any]:
     """Search, and return how far the gait swims from poses that it has not seen, ready for JSON."""
     body = Damage.parse(job.damage).apply(Morphology.nominal())
-    began, rows = time.process_time(), job.config.plan.rows
-    found = evolve_gait(
-        body,
-        job.config,
-        on_generation=lambda row: say(f"{row.final:.1f} units", (row.generation + 1) / rows),
-    )
+    began = time.process_time()
+    found = evolve_gait(body, job.config)
     spent = time.process_time() - began
     poses = random_poses(POSES, 10**6)
     far = distances([found.controller], body, poses, job.config.seconds, threads=1)

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cache, lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from aquafish import batch
-from aquafish.batch import check_source, in_small
+from aquafish.batch import in_small
 from aquafish.recovery.held_out import damage_of
 from aquafish_gym import Morphology
 from aquafish_gym.morphology import DIMENSIONS, FINS
@@ -33,7 +31,6 @@ from gap_worlds import WORLDS, gap_of
 METHODS: tuple[Condition, ...] = ("none", "in-band", "out-of-band", "joint")
 ORACLE = "oracle"  # knows the true body; other distances are a share of its gait's
 MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is counted
-MODEL_SHARE = 0.6  # of a job's time, about; gait and swims take the rest
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,6 @@ class GapJob:
     method: str  #: Of ``METHODS``, or ``ORACLE``.
     seed: int  #: Of all random streams; the hidden state is the same for all methods and worlds.
     settings: Settings
-    source: str = ""  #: See ``source_stamp``; "" for any code.
 
     @property
     def name(self) -> str:
@@ -94,7 +90,7 @@ class GapJob:
         return fish_eea(target, config, self.seed, truth, threads=1)
 
 
-def run_job(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
+def run_job(job: GapJob) -> dict[str, Any]:
     """Run one job and return its outcome, ready for JSON. A diverged swim counts as 0 units.
 
     Returns
@@ -108,13 +104,7 @@ def run_job(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
         the beginning, the only field that two runs do not share. Of joint inference also
         ``belief``: which dimensions its intervals of each of ``MASSES`` hold, whether the fit is
         ``good``, the ``hypotheses``' probabilities, and those of their names that are ``true``.
-
-    Raises
-    ------
-    ConfigurationError
-        If this machine has other code than ``job.source``.
     """
-    check_source(job, source_stamp())
     truth = job.body.to_array()
     outcome: dict[str, Any] = {
         "world": job.world,
@@ -127,7 +117,7 @@ def run_job(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
     bodies: dict[str, Floats] = {"body": truth[None]}
     if job.method != ORACLE:
         warm_up((job,))
-        result, seconds = _model(job, say)
+        result, seconds = _model(job)
         bodies["body"] = result.model[None]
         outcome |= {
             "morphology": result.model.tolist(),
@@ -139,7 +129,6 @@ def run_job(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
         if isinstance(result.belief, JointPosterior):
             bodies["sample"] = result.sample(job.settings.bodies, job.seed)
             outcome["belief"] = _judge(job, result.belief)
-    say("gait", MODEL_SHARE)
     config = replace(job.settings.gait, seed=job.seed, threads=1)
     outcome["gaits"] = {
         name: _swim(job, _evolved(tuple(map(tuple, those.tolist())), config))
@@ -148,13 +137,12 @@ def run_job(job: GapJob, say: Callable[[str, float], None]) -> dict[str, Any]:
     return outcome
 
 
-def _model(job: GapJob, say: Callable[[str, float], None]) -> tuple[Result, list[float]]:
+def _model(job: GapJob) -> tuple[Result, list[float]]:
     """Return what a method came to, and the CPU's seconds at the end of each round."""
-    began, rounds, seconds = time.process_time(), job.settings.eea.rounds, []
+    began, seconds = time.process_time(), []
     method = job.begin()
-    for record in method:
+    for _ in method:
         seconds.append(time.process_time() - began)
-        say(f"round {record.round}/{rounds}", MODEL_SHARE * record.round / rounds)
     return method.result, seconds
 
 
@@ -221,11 +209,5 @@ def _warm_up(world: str, method: str, settings: Settings) -> None:
         0,
         replace(settings, eea=in_small(settings.eea), gait=brief, poses=1),
     )
-    result, _ = _model(small, lambda _text, _share: None)
+    result, _ = _model(small)
     _swim(small, evolve_gait(result.model, replace(brief, threads=1)).controller)
-
-
-def source_stamp() -> str:
-    """Return a hash of all code that the results come from."""
-    here = Path(__file__).parent
-    return batch.source_stamp(here / "gap_job.py", here / "gap_worlds.py")

@@ -17,12 +17,10 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from aquafish.batch import do_missing, progress_bar, say
-from aquafish.recovery.report import LIBRARIES, versions
 from aquafish_gym.command_line import BAD_INPUT, Out, run_command_line
 from aquafish_gym.engines.api import check_engine
-from aquafish_gym.runs.folder import claim, described, held
-from aquafish_gym.runs.runner import read_result
+from aquafish_gym.runs.jobs import read_result, run_jobs
+from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from eea.core.checks import ConfigurationError
@@ -30,7 +28,7 @@ from eea.core.config import JointConfig, recovery_config
 from eea.study.presets import smoke
 from gait.evolve import EvolveConfig
 from gap_figures import draw_all
-from gap_job import METHODS, ORACLE, GapJob, Settings, run_job, source_stamp, warm_up
+from gap_job import METHODS, ORACLE, GapJob, Settings, run_job, warm_up
 from gap_report import build_report, results, to_markdown
 from gap_worlds import WORLDS
 
@@ -77,8 +75,6 @@ class Gap:
     """Processes; every core if not given. No result depends on it."""
     format: tuple[Literal["png", "pdf", "svg"], ...] = ("png",)
     """File formats of the pictures."""
-    other_code: bool = False
-    """Allow resuming a folder that another version of the code began."""
 
     def jobs(self) -> list[GapJob]:
         """Return what is asked for, by seed, world and method.
@@ -102,7 +98,7 @@ class Gap:
             integer("workers", self.workers, 1)
         settings = self._settings()
         return [
-            GapJob(world, method, seed, settings, source_stamp())
+            GapJob(world, method, seed, settings)
             for seed in range(integer("replicates", self.replicates, 1, MOST_SEEDS))
             # The oracle's gait is the same in all worlds, and a process remembers it.
             for world, method in [
@@ -138,19 +134,13 @@ class Gap:
         """
         jobs = self.jobs()
         folder = ensure_writable_directory(self.out)
-        with held(folder):
+        with lock(folder):
             settings = jobs[0].settings
-            code = {"source": source_stamp(), **versions(LIBRARIES)}
-            claim(
-                folder, KIND, settings.to_dict(), code, ("runs", REPORT), other_code=self.other_code
-            )
-            failures = do_missing(
-                jobs, run_job, folder, warm_up, progress_bar,
-                processes=self.workers, scheduler=None,
-            )  # fmt: skip
+            write_manifest(folder, KIND, settings.to_dict(), ("runs", REPORT))
+            failures = run_jobs(jobs, run_job, folder, count=self.workers, warm_up=warm_up)
             publish(folder, settings, self.format)
             if failures:
-                say("\n".join(f"failed: {failure}" for failure in failures))
+                print("\n".join(f"failed: {failure}" for failure in failures), file=sys.stderr)
                 raise SystemExit(1)
 
 
@@ -160,7 +150,7 @@ def publish(folder: Path, settings: Settings, formats: Sequence[str]) -> None:
     if not outcomes:
         return
     table = results(outcomes)
-    code = (described(folder) or {})["code"]
+    code = [(read_manifest(folder) or {}).get("versions", {})]
     report = build_report(table, settings.to_dict(), code)
     pictures = draw_all(folder, table, report, formats)
     # Readers' programs show one of the formats, and not all of them show PDF.

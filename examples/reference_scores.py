@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -101,14 +101,14 @@ class OracleJob:
         return f"runs/forward/{ORACLE}/{self.tier}-{self.episode:03d}.json"
 
 
-def score(job: Job | OracleJob, say: Callable[[str, float], None]) -> dict[str, Any]:
+def score(job: Job | OracleJob) -> dict[str, Any]:
     """Make a controller and play the episodes; return the scores ready for JSON."""
     began = time.process_time()
     if isinstance(job, OracleJob):
-        after = oracle(job.tier, job.episode, job.divisor, say)
+        after = oracle(job.tier, job.episode, job.divisor)
         return {"cpu_seconds": time.process_time() - began, "after": after}
     entry = ENTRIES[job.entry]
-    controller, curve = entry.make(job.task, job.seed, job.divisor, say)
+    controller, curve = entry.make(job.task, job.seed, job.divisor)
     seconds = time.process_time() - began
     agent = entry.fixed() if controller is None else controller
     return {

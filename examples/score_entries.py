@@ -16,11 +16,10 @@ from aquafish_gym.world_config import WorldConfig
 from gait.config import EvolveConfig, Sense, TaskName
 from gait.controller import Controller
 from gait.evaluation import Agent
-from gait.evolve import Evolved, Generation, evolve_gait
-from gait.learning import CurvePoint, LearningConfig, train
+from gait.evolve import Evolved, evolve_gait
+from gait.learning import LearningConfig, train
 from score_episodes import play_one, robot_after_onset
 
-Progress = Callable[[str, float], None]
 # Of an entry's making: after so many actions of all robots, their mean reward times the time step;
 # or after so many generations, the best gait's score.
 Curve = Sequence[tuple[int, float]]
@@ -81,25 +80,18 @@ class Entry:
     damage: str = "none"
     fixed: Callable[[], Agent] = Script
 
-    def make(
-        self, task: TaskName, seed: int, divisor: int, tell: Progress
-    ) -> tuple[Controller | None, Curve]:
+    def make(self, task: TaskName, seed: int, divisor: int) -> tuple[Controller | None, Curve]:
         """Return a controller for a task and its learning curve, at 1/``divisor`` of the cost."""
         match self.config:
             case LearningConfig() as config:
                 few = max(1, config.steps // divisor)
                 config = replace(config, task=task, seed=seed, steps=few)
-                whole = config.epochs * config.epoch_steps
-
-                def learning(steps: int, curve: Sequence[CurvePoint]) -> None:
-                    tell(f"score {curve[-1].score:.1f}" if curve else "learning", steps / whole)
-
-                found = train(None, config, damage=self.damage, on_step=learning)
+                found = train(None, config, damage=self.damage)
                 return found.controller, [(point.steps, point.training) for point in found.curve]
             case EvolveConfig() as config:
                 # As many simulated seconds for a task whose episodes are longer.
                 divisor *= round(TASKS[task].seconds / TASKS["forward"].seconds)
-                evolved = evolve(replace(config, task=task, seed=seed), divisor, tell)
+                evolved = evolve(replace(config, task=task, seed=seed), divisor)
                 return evolved.controller, [(r.generation + 1, r.final) for r in evolved.history]
         return None, ()
 
@@ -118,17 +110,11 @@ def shortened(config: EvolveConfig, divisor: int) -> EvolveConfig:
 def evolve(
     config: EvolveConfig,
     divisor: int,
-    tell: Progress,
     body: MorphologiesLike = None,
     world: WorldConfig | None = None,
 ) -> Evolved:
     """Evolve a controller at 1/``divisor`` of the cost."""
-    config = shortened(config, divisor)
-
-    def evolving(row: Generation) -> None:
-        tell(f"final {row.final:.1f}", (row.generation + 1) / config.plan.rows)
-
-    return evolve_gait(body, config, world=world, on_generation=evolving)
+    return evolve_gait(body, shortened(config, divisor), world=world)
 
 
 _FINS: Any = ("imu", "clock", "fins")
@@ -155,7 +141,7 @@ ENTRIES: dict[str, Entry] = {
 }
 
 
-def oracle(tier: str, episode: int, divisor: int, tell: Progress) -> float:
+def oracle(tier: str, episode: int, divisor: int) -> float:
     """Return how far the best gait for the broken robot swims after the onset, in units.
 
     Gaits are evolved for the body and the servos after the onset; where a sensor is broken, also
@@ -172,11 +158,11 @@ def oracle(tier: str, episode: int, divisor: int, tell: Progress) -> float:
     gaits = [whole]
     for sense in senses:
         config = replace(ORACLE_CONFIG, seed=episode, senses=sense)
-        gaits.append(evolve(config, divisor, tell, body, world).controller)
+        gaits.append(evolve(config, divisor, body, world).controller)
     return max(play_one(RECOVERY, tier, whole, gait, episode) for gait in gaits)
 
 
 @cache
 def _whole(divisor: int) -> Controller:
     """Return the gait for the whole robot."""
-    return evolve(ORACLE_CONFIG, divisor, lambda *_: None).controller
+    return evolve(ORACLE_CONFIG, divisor).controller

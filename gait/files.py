@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.manifest import lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
 
 CONTROLLER_FILE = "controller.json"
@@ -28,7 +28,7 @@ def run_folder(
     outputs: Iterable[str],
     bodies: NDArray[np.float64],
 ) -> Iterator[Path | None]:
-    """Yield the folder ``out``, locked and claimed for a run; None if ``out`` is None.
+    """Yield the folder ``out``, locked and with the manifest of a run; None if ``out`` is None.
 
     A sample of bodies (M, 9) is written to ``bodies.json``. InvalidArgumentError if the folder
     cannot be written, is in use, or holds another run.
@@ -37,8 +37,8 @@ def run_folder(
         yield None
         return
     folder = ensure_writable_directory(out)
-    with held(folder):
-        claim(folder, kind, settings, outputs=outputs)
+    with lock(folder):
+        write_manifest(folder, kind, settings, outputs)
         if len(bodies) > 1:
             write_bodies(folder / BODIES_FILE, bodies)
         yield folder

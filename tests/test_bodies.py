@@ -47,9 +47,9 @@ def test_bodies_read_back_exactly(tmp_path: Path) -> None:
     assert document["morphologies"][1] == back[1].to_dict()
     changed = path.read_text().replace("caudal", "Caudal", 1)
     path.write_text(changed)
-    with pytest.raises(InvalidArgumentError, match=r"body: .*bodies\.json is damaged"):
+    with pytest.raises(InvalidArgumentError, match=r"body: .*bodies\.json: morphologies"):
         read_bodies(path, "body")
-    # By hand, without schema and checksum, in either spelling of a body.
+    # By hand, without schema, in either spelling of a body.
     path.write_text(json.dumps({"morphologies": [back[0].to_dict(), BODIES[1].tolist()]}))
     assert read_bodies(path) == back[:2]
 

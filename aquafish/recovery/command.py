@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,10 +13,9 @@ from rich.console import Console
 from rich.markdown import Markdown
 from tyro.conf import arg
 
-from aquafish.batch import do_missing, progress_bar, say
 from aquafish.recovery.held_out import damage_of
-from aquafish.recovery.report import HELD_OUT, Outcomes, build_report, to_markdown, versions
-from aquafish.recovery.treatment import TREATMENTS, Treatment, source_stamp, treat, warm_up
+from aquafish.recovery.report import HELD_OUT, Outcomes, build_report, to_markdown
+from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.command_line import (
@@ -26,9 +26,10 @@ from aquafish_gym.command_line import (
     read_morphology,
 )
 from aquafish_gym.engines.api import check_engine
-from aquafish_gym.runs.folder import claim, described, held
-from aquafish_gym.runs.runner import finished, read_result
+from aquafish_gym.runs.jobs import finished, read_result, run_jobs
+from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core import EEAConfig
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
@@ -108,8 +109,6 @@ class Recover:
     """Also draw the film, which takes some seconds."""
     redraw: bool = False
     """Only write the report and figures of a finished folder again."""
-    other_code: bool = False
-    """Allow resuming a folder that another version of the code began; the report names both."""
 
     def execute(self) -> None:
         """Run the missing treatments, then write and print the report.
@@ -121,16 +120,15 @@ class Recover:
         if self.redraw and len(finished(self.out, jobs)) < len(jobs):
             read_outcomes(self.out, jobs)  # names the first that is missing
         folder, settings = ensure_writable_directory(self.out), _settings(jobs)
-        code = None if self.redraw else {"source": source_stamp(), **versions()}
-        with held(folder):
-            claim(folder, "a case study", settings, code, (REPORT,), other_code=self.other_code)
+        with lock(folder):
+            write_manifest(folder, "a case study", settings, (REPORT,))
             if not self.redraw:
-                failures = do_missing(
-                    jobs, treat, folder, warm_up, progress_bar,
-                    processes=self.workers, scheduler=self.scheduler,
+                failures = run_jobs(
+                    jobs, treat, folder, count=self.workers, scheduler=self.scheduler,
+                    warm_up=warm_up, describe=_distances,
                 )  # fmt: skip
                 if failures:
-                    say("\n".join(f"failed: {failure}" for failure in failures))
+                    print("\n".join(f"failed: {failure}" for failure in failures), file=sys.stderr)
                     raise SystemExit(1)
             self._publish(jobs, folder, settings)
 
@@ -138,8 +136,7 @@ class Recover:
         """Return every treatment of every replicate, the longest first."""
         integer("seed", self.seed, 0)
         integer("replicates", self.replicates, 1, 100_000)
-        if self.workers is not None:
-            integer("workers", self.workers, 1)
+        check_workers(self.workers, self.scheduler)
         if not self.format:
             raise InvalidArgumentError("format must be one or more of png, pdf, svg; got none")
         body, damage = read_morphology(self.morphology, "morphology"), Damage.parse(self.damage)
@@ -160,7 +157,6 @@ class Recover:
                 gait=replace(gaits[spec.search], seed=seed),
                 transfer=replace(swims, seed=seed),
                 gyro_noise=self.gyro_noise,
-                source=source_stamp(),
             )
             for seed in range(self.seed, self.seed + self.replicates)
             for name, spec in longest_first
@@ -211,7 +207,8 @@ class Recover:
         outcomes = read_outcomes(folder, jobs)
         drawable = importlib.util.find_spec("pybullet") is not None  # which draws the robot
         pictures = draw_all(folder, jobs[0], outcomes, self.format, drawable, self.film)
-        report = build_report(settings, (described(folder) or {})["code"], outcomes)
+        versions = (read_manifest(folder) or {}).get("versions", {})
+        report = build_report(settings, [versions], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
         shown = next(form for form in ("png", "svg", "pdf") if form in self.format)
         text = to_markdown(report, [name for name in pictures if name.endswith((shown, "gif"))])
@@ -227,7 +224,7 @@ class Recover:
         console.print(Markdown(to_markdown(report, short=True)))
         console.print(f"Report and figures: {folder}", soft_wrap=True)
         if not drawable:
-            say("the bodies and the film need PyBullet, which draws the robot")
+            print("the bodies and the film need PyBullet, which draws the robot", file=sys.stderr)
 
 
 def read_outcomes(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
@@ -269,3 +266,9 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
         "joint_rounds": first["joint"].eea.rounds,
         **parts,
     }
+
+
+def _distances(outcome: dict[str, Any]) -> str:
+    """Return the distances that a treatment's gait swims, for the progress bar."""
+    native, target = outcome["native_distance"], outcome["target_distance"]
+    return f"{native:.1f} units on its model, {target:.1f} on the damaged robot"

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 import numpy as np
@@ -14,7 +12,6 @@ from aquafish_gym import Damage, Morphology
 from eea.study.statistics import FEWEST, paired_difference, ratio_interval, summarize
 
 UNIT_IN_M = 0.05
-LIBRARIES = ("aquafish-gym", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy")
 HELD_OUT = "held-out"  # instead of a damage, if each replicate has another one
 # Recovered gaits against the old one and one for any damage, joint inference against the paper's
 # method, with against without known fins, and each oracle against its self-model.
@@ -31,17 +28,6 @@ LONG_FIELDS = ("rounds", "generations", "controller", "swims", "bodies")  # not 
 
 Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome for each replicate
 Rows = list[list[str]]  # a table with its header
-
-
-def versions(libraries: Sequence[str] = LIBRARIES) -> dict[str, str]:
-    """Return the versions of Python and of the libraries that decide the numbers."""
-    found = {"python": platform.python_version()}
-    for library in libraries:
-        try:
-            found[library] = version(library)
-        except PackageNotFoundError:
-            found[library] = "not installed"
-    return found
 
 
 def build_report(

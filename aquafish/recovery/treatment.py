@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish import batch
-from aquafish.batch import check_source, in_small
+from aquafish.batch import in_small
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
-from aquafish_gym.runs.runner import Say
 from eea.core import EEAConfig, Result, streams
 from eea.core.angles import wrap
 from eea.core.config import Condition
 from eea.core.fitness import objective_fitness
 from eea.fish import EngineTarget, RealityGap, fish_eea, fish_models
 from eea.fish.fins import fins_after
-from gait.evolve import EvolveConfig, Evolved, Generation, damaged_at_random, evolve_gait
+from gait.evolve import EvolveConfig, damaged_at_random, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer
 
@@ -30,7 +27,6 @@ BODIES = 50  # of a posterior's sample, or randomly damaged, that one gait is ev
 MASS = 0.9  # of the posterior intervals in an outcome
 PATH = ("time", "position", "quaternion", "fin_angles")
 DECIMALS = 6  # of a path's numbers, as many as a float32 holds
-MODEL_SHARE, GAIT_SHARE = 0.3, 0.6  # of a treatment's duration, approximately; swims take the rest
 
 
 class TreatmentSpec(NamedTuple):
@@ -115,7 +111,6 @@ class Treatment:
     gait: EvolveConfig
     transfer: TransferConfig
     gyro_noise: float = 0.0  # standard deviation, rad/s
-    source: str = ""  # see source_stamp; "" for any code
 
     @property
     def name(self) -> str:
@@ -153,7 +148,7 @@ class Model(NamedTuple):
     fins: dict[str, Any] = {}  # noqa: RUF012  # the assumed fin state, as options of the transfer
 
 
-def treat(job: Treatment, say: Say) -> dict[str, Any]:
+def treat(job: Treatment) -> dict[str, Any]:
     """Run one treatment and return its outcome, ready for JSON.
 
     A swim that diverged counts as 0 units; ``diverged`` is how many swims on the target did.
@@ -168,16 +163,10 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
         angles after the last trial with their errors, rad; the gait's ``generations``; the
         ``controller``; distances in units of 5 cm by body, from the zero pose and from each random
         pose; ``diverged``; ``swims``, body -> ``PATH`` of the swim from the zero pose.
-
-    Raises
-    ------
-    ConfigurationError
-        If this machine has other code than ``job.source``.
     """
-    check_source(job, source_stamp())
-    model = _model(job, say)
-    evolved = _evolve(job, model, say)
-    say("swimming on the target", MODEL_SHARE + GAIT_SHARE)
+    model = _model(job)
+    # A sample needs random poses; without any, the gait is for the one body.
+    evolved = evolve_gait(model.bodies if job.gait.poses else [model.body], job.gait)
     config = replace(job.transfer, **model.fins)
     scored = transfer(evolved.controller, job.target, config, model.body)
     native, target = (
@@ -207,7 +196,7 @@ def treat(job: Treatment, say: Say) -> dict[str, Any]:
     }
 
 
-def _model(job: Treatment, say: Say) -> Model:
+def _model(job: Treatment) -> Model:
     """Return the body that the treatment assumes, or infer it in trials on the robot."""
     if job.spec.model is None:
         body = job.target if job.spec.body == "true" else job.morphology
@@ -218,15 +207,10 @@ def _model(job: Treatment, say: Say) -> Model:
     engine = job.transfer.target_engine
     target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine, gap=gap)
     method = fish_eea(target, config, job.seed, target.morphology, threads=job.gait.threads)
-    rounds = []
-    say("self-model: the first trial", 0.0)
-    for record in method:
-        say(
-            f"self-model: round {record.round}/{config.rounds}, "
-            f"MOD_FIT {record.model_fitness:.3f}, OBJ_FIT {record.objective_fitness:.3f}",
-            MODEL_SHARE * record.round / config.rounds,
-        )
-        rounds.append({k: v for k, v in record.to_dict().items() if k != "seconds"})
+    rounds = [
+        {name: value for name, value in record.to_dict().items() if name != "seconds"}
+        for record in method
+    ]
     result = method.result
     body = Morphology.from_array(result.model)
     if result.belief is None:
@@ -262,19 +246,6 @@ def _posterior(
     return posterior, {"angle_error": tuple(error), "believed_gain": tuple(fins.servo_gain)}
 
 
-def _evolve(job: Treatment, model: Model, say: Say) -> Evolved:
-    """Evolve the treatment's gait."""
-
-    def tell(row: Generation) -> None:
-        done, total = row.generation + 1, job.gait.plan.rows
-        share = MODEL_SHARE + GAIT_SHARE * done / total
-        say(f"gait: generation {done}/{total}, {row.best:.1f} units", share)
-
-    # A sample needs random poses; without any, the gait is for the one body.
-    bodies = model.bodies if job.gait.poses else [model.body]
-    return evolve_gait(bodies, job.gait, on_generation=tell)
-
-
 def warm_up(jobs: Sequence[Treatment]) -> None:
     """Compile all that treatments need, by running two very small ones."""
     job = jobs[0]
@@ -290,12 +261,7 @@ def warm_up(jobs: Sequence[Treatment]) -> None:
     senses: Any = ("imu", "clock", "fins")
     fins = EvolveConfig(search="cma", restarts=1, random_candidates=10, senses=senses, **few)
     for name, gait in (("out-of-band", neat), ("joint-fins", fins)):
-        treat(replace(small, treatment=name, gait=gait), lambda _text, _share: None)
-
-
-def source_stamp() -> str:
-    """Return a hash of all code that the results come from."""
-    return batch.source_stamp(Path(__file__))
+        treat(replace(small, treatment=name, gait=gait))
 
 
 def _finite(distances: NDArray[np.float64]) -> list[float]:

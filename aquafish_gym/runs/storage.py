@@ -1,33 +1,30 @@
-"""The one door for files: what is written appears whole or not at all, what is read is checked.
+"""Files that appear whole or not at all, and are checked when they are read.
 
-A document is a JSON object that carries its schema and a checksum of its content beside the
-content's own keys. Whoever reads one gets what was written, or an error that names the file.
-Arrays have the same door in ``arrays``.
+A document is a JSON object with its schema beside the content's own keys. For arrays see
+``arrays``.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import json
 import os
 import stat
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
 
-MOST_BYTES = 32 * 2**20  # of a document; parsed, JSON takes up to 20 times its length
+MOST_BYTES = 32 * 2**20  # of a document
 PART = ".part"  # ends the name of a file that is being written
-_CHECKSUM_DIGITS = 16
 
 
 class DamagedFileError(InvalidArgumentError):
-    """A file is not what was written, or not what was asked for; the message names it and why."""
+    """A file does not hold what it should; the message names it and the reason."""
 
 
 class CannotWriteError(OSError):
@@ -35,7 +32,7 @@ class CannotWriteError(OSError):
 
 
 def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out") -> Path:
-    """Return ``path`` as a directory that takes files; made if need be, refused if it cannot be."""
+    """Return ``path`` as a directory that takes files; created if missing, else refused."""
     try:
         directory = Path(path)
     except TypeError:
@@ -55,7 +52,7 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file at once or not at all, also if the power fails, or raise CannotWriteError."""
+    """Write a file whole or not at all, also if the power fails, or raise CannotWriteError."""
     target = Path(path)
     name = None
     try:
@@ -84,11 +81,7 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
 
 
 def write_json(path: str | os.PathLike[str], document: Any) -> None:
-    """Write anything as indented JSON for other programs: without schema and checksum.
-
-    Numpy numbers and arrays are written as numbers and lists. ValueError and TypeError refuse NaN,
-    infinity and what else JSON cannot hold.
-    """
+    """Write anything as indented JSON without a schema; see :func:`encode_document`."""
     text = json.dumps(document, indent=2, allow_nan=False, default=_plain) + "\n"
     write_bytes(path, text.encode())
 
@@ -101,19 +94,19 @@ def write_document(
 
 
 def encode_document(content: Mapping[str, Any], schema: str | None = None) -> bytes:
-    """Return a document as it stands in a file: its schema, its checksum, then its content.
+    """Return a document as it stands in a file: its schema, then its content.
 
-    ValueError refuses content with a key ``checksum`` or another schema; see also ``write_json``.
+    Numpy numbers and arrays become numbers and lists, paths become text.
+
+    Raises
+    ------
+    ValueError, TypeError
+        For NaN, infinity, and anything else that JSON cannot hold.
     """
-    content = dict(content)
-    held = content.pop("schema", schema)
-    if "checksum" in content or (schema is not None and held != schema):
-        raise ValueError("a document's schema and checksum are written by the storage")
-    # Numbers as keys become text in JSON: the checksum is of what will be read.
-    plain = json.loads(json.dumps(content, allow_nan=False, default=_plain))
-    first = {} if held is None else {"schema": held}
-    whole = {**first, "checksum": _checksum(first | plain), **plain}
-    return (json.dumps(whole, indent=1, allow_nan=False) + "\n").encode()
+    whole = dict(content) if schema is None else {"schema": schema, **content}
+    if schema is not None and whole["schema"] != schema:
+        raise ValueError(f"the content has the schema {whole['schema']!r}, not {schema!r}")
+    return (json.dumps(whole, indent=1, allow_nan=False, default=_plain) + "\n").encode()
 
 
 def read_document(
@@ -121,76 +114,70 @@ def read_document(
     schema: str | None = None,
     argument: str = "file",
     most_bytes: int = MOST_BYTES,
-    checksum: Literal["required", "optional"] = "required",
+    schema_optional: bool = False,
 ) -> dict[str, Any]:
-    """Return the content of a document, without its schema and checksum.
+    """Return the content of a document, without its schema.
 
-    A ``schema`` is what it must say it is. A checksum is "optional" for what people write by hand:
-    it is checked where it is there. In messages ``argument`` names the file. DamagedFileError says
-    that it is not what was written, InvalidArgumentError that it cannot be read.
+    The document must have the ``schema``; with ``schema_optional``, for what people write by hand,
+    it may have none. In messages ``argument`` names the file.
+
+    Raises
+    ------
+    DamagedFileError
+        If the file holds something else.
+    InvalidArgumentError
+        If it cannot be read.
     """
     content = read_bytes(path, argument, most_bytes)
-    return decode_document(content, f"{argument}: {path}", schema, checksum)
+    return decode_document(content, f"{argument}: {path}", schema, schema_optional)
 
 
 def decode_document(
-    content: bytes,
-    name: str,
-    schema: str | None = None,
-    checksum: Literal["required", "optional"] = "required",
+    content: bytes, name: str, schema: str | None = None, schema_optional: bool = False
 ) -> dict[str, Any]:
-    """Return what :func:`encode_document` was given, or raise DamagedFileError with the name."""
+    """Return the content of an encoded document, or raise DamagedFileError with the name."""
     try:
         whole = parse_json(name, content)
     except InvalidArgumentError as error:
         raise DamagedFileError(str(error)) from None
     if not isinstance(whole, dict):
         raise DamagedFileError(f"{name} must hold a JSON object; it holds {brief(whole)}")
-    found = whole.pop("checksum", None)
-    if found is None and checksum == "required":
-        raise DamagedFileError(f"{name} has no checksum, so it is not known to be whole")
-    try:
-        expected = _checksum(whole)
-    except ValueError:
-        raise DamagedFileError(f"{name} holds a number that is not finite") from None
-    if found is not None and found != expected:
-        raise DamagedFileError(f"{name} is damaged: its content does not match its checksum")
-    held = whole.pop("schema", None)
-    if schema is not None and held != schema and (held is not None or checksum == "required"):
-        raise DamagedFileError(f"{name} must be of schema {schema}; it says {brief(held)}")
+    whole.pop("checksum", None)  # of files of version 0.1
+    found = whole.pop("schema", None)
+    if schema is not None and found != schema and not (found is None and schema_optional):
+        raise DamagedFileError(f"{name} must be of schema {schema}; it has {brief(found)}")
     return whole
 
 
 def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> bytes:
-    """Return what a file holds, or raise InvalidArgumentError, before it is read if it is longer.
+    """Return the content of a regular file of at most ``most_bytes``.
 
-    Devices, pipes and directories are refused.
+    Raises
+    ------
+    InvalidArgumentError
+        If it is longer, or a device, pipe or directory; before anything of it is read.
     """
     try:
-        # Without O_NONBLOCK, opening a pipe waits for somebody to write.
+        # Without O_NONBLOCK, opening a pipe waits for a writer.
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(handle, "rb") as file:
             status = os.fstat(file.fileno())
-            regular = stat.S_ISREG(status.st_mode)
-            # read() first takes the memory that it is told, so it is not told most_bytes.
-            size = status.st_size
-            content = file.read(size + 1) if regular and size <= most_bytes else None
+            if not stat.S_ISREG(status.st_mode):
+                raise InvalidArgumentError(f"{argument} must be a regular file; {path} is none")
+            # read() allocates as much as it is asked for, so not most_bytes.
+            long = status.st_size > most_bytes
+            content = b"" if long else file.read(status.st_size + 1)
+    except InvalidArgumentError:
+        raise
     except (OSError, ValueError, TypeError) as error:
         raise InvalidArgumentError(
             f"{argument} must be a file that can be read; {path}: {_reason(error)}"
         ) from None
-    if not regular:
-        raise InvalidArgumentError(f"{argument} must be a regular file; {path} is none")
-    if content is None or len(content) > most_bytes:  # it may have grown meanwhile
+    if long or len(content) > most_bytes:  # it may have grown meanwhile
         raise InvalidArgumentError(
             f"{argument} must have at most {most_bytes} bytes; {path} has more"
         )
     return content
-
-
-def _checksum(content: Any) -> str:
-    text = json.dumps(content, allow_nan=False, sort_keys=True)
-    return hashlib.sha256(text.encode()).hexdigest()[:_CHECKSUM_DIGITS]
 
 
 def _reason(error: Exception) -> str:

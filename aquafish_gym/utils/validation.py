@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import difflib
 import json
+import math
 import re
 from collections.abc import Iterable, Mapping
-from decimal import Decimal
 from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-_DEEPEST = 64  # lists and objects within each other, of JSON
+_MOST_PARTS = 2_000_000  # lists, objects and strings in a text in JSON; each takes 70 bytes
 Shape = tuple[int | None, ...]  # None is any length
 _NOTHING: Mapping[str, str] = {}
 T = TypeVar("T")
@@ -139,33 +139,40 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
 
 
 def parse_json(argument: str, text: object) -> Any:
-    """Return what a text in JSON holds; too many digits, too deep and repeated keys are refused."""
+    """Return the value of a text in JSON, whose numbers must be finite and keys unique.
+
+    Raises
+    ------
+    InvalidArgumentError
+        For anything else, and for a text whose value would take much more memory than itself.
+    """
     if not isinstance(text, str | bytes | bytearray):
         raise InvalidArgumentError(f"{argument} must be text in JSON; got {brief(text)}")
+    marks: tuple[Any, ...] = ("[", "{", '"') if isinstance(text, str) else (b"[", b"{", b'"')
+    lists, objects, quotes = (text.count(mark) for mark in marks)
+    if lists + objects + quotes // 2 > _MOST_PARTS:
+        raise InvalidArgumentError(
+            f"{argument} must have at most {_MOST_PARTS} lists, objects and strings; it has more"
+        )
     try:
-        value = json.loads(text, object_pairs_hook=_without_repeats)
-        deep = _is_deeper(value, _DEEPEST)
+        return json.loads(
+            text,
+            object_pairs_hook=_without_repeats,
+            parse_float=_finite,
+            parse_constant=_finite,
+        )
+    except RecursionError:
+        raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep") from None
     except ValueError as error:  # of too many digits, too
         reason = str(error).partition(";")[0]  # without Python's advice to itself
         raise InvalidArgumentError(f"{argument} is not JSON: {reason}") from None
-    except RecursionError:
-        deep = True
-    if deep:
-        raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep")
-    return value
 
 
-def _is_deeper(value: Any, most: int) -> bool:
-    """Return whether lists and objects lie within each other more than ``most`` times."""
-    level = [value]
-    for _ in range(most + 1):
-        level = [
-            inner
-            for outer in level
-            if isinstance(outer, list | dict)
-            for inner in (outer.values() if isinstance(outer, dict) else outer)
-        ]
-    return bool(level)
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"the number {text} is not finite")
+    return number
 
 
 def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -178,7 +185,8 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _real(value: ArrayLike) -> NDArray[np.float64]:
-    if _is_disguised(value):
+    """Return numbers as an array; TypeError or ValueError refuse text, booleans and masks."""
+    if isinstance(value, bytes | bytearray | memoryview) or np.ma.is_masked(value):
         raise TypeError("not real numbers")
     raw = np.asarray(value)
     if raw.dtype.kind not in "iufO" or (
@@ -190,19 +198,7 @@ def _real(value: ArrayLike) -> NDArray[np.float64]:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, Real | Decimal) and not isinstance(value, bool | np.timedelta64)
-
-
-def _is_disguised(value: object) -> bool:
-    """Return whether numpy would read numbers off what was not meant as any.
-
-    It takes True for 1 and bytes for their codes, and forgets what a mask hides.
-    """
-    if isinstance(value, list | tuple):
-        return any(map(_is_disguised, value))
-    if isinstance(value, np.ndarray):
-        return value.dtype.kind == "b" or bool(np.ma.is_masked(value))
-    return isinstance(value, bool | np.bool_ | bytes | bytearray | memoryview)
+    return isinstance(value, Real) and not isinstance(value, bool | np.timedelta64)
 
 
 def brief(value: Any) -> str:

@@ -13,8 +13,7 @@ from tyro.conf import arg
 
 from aquafish_gym.command_line import BodyFile, Threads, read_morphology
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.folder import LOCK, claim, held
-from aquafish_gym.runs.stamps import versions
+from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.validation import one_of
 from eea.cli.outcome import belief_words, draw_posterior, outcome_words, size_table, write_outcome
@@ -76,8 +75,8 @@ class Infer:
             console.print(sentence)
         with ExitStack() as stack:
             if self.out is not None:
-                stack.enter_context(held(ensure_writable_directory(self.out)))
-                self._claim(self.out, log, joint, truth)
+                stack.enter_context(lock(ensure_writable_directory(self.out)))
+                self._write_manifest(self.out, log, joint, truth)
             count = f"{len(log)} trial{'' if len(log) == 1 else 's'}"
             with console.status(f"fitting {count}, {sum(log.seconds):.3g} s of swimming"):
                 result = infer_log(
@@ -96,7 +95,7 @@ class Infer:
             console.print(why)
             console.print(CHECKS)
 
-    def _claim(
+    def _write_manifest(
         self, folder: Path, log: SwimLog, joint: JointConfig, truth: Morphology | None
     ) -> None:
         settings = {
@@ -107,7 +106,7 @@ class Infer:
             "truth": None if truth is None else truth.to_dict(),
         }
         others = sorted(path.name for path in folder.iterdir() if path.name != LOCK)
-        claim(folder, KIND, settings, versions(), others, other_code=True)
+        write_manifest(folder, KIND, settings, others)
 
 
 def _stamp(log: SwimLog) -> str:

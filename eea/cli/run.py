@@ -21,8 +21,7 @@ from aquafish_gym.command_line import (
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
-from aquafish_gym.runs.folder import LOCK, claim, held
-from aquafish_gym.runs.stamps import versions
+from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import (
     DamagedFileError,
     ensure_writable_directory,
@@ -111,10 +110,10 @@ class Run:
             "gap": asdict(self.gap),
             **simulator,
         }
-        with held(ensure_writable_directory(self.out)):
+        with lock(ensure_writable_directory(self.out)):
             others = sorted(path.name for path in self.out.iterdir() if path.name != LOCK)
             # Whatever code an earlier run is of, this one begins anew and replaces it.
-            claim(self.out, KIND, settings, versions(), others, other_code=True)
+            write_manifest(self.out, KIND, settings, others)
             _fill(self.out, eea, intact, damage)
 
 
@@ -132,7 +131,7 @@ class Recover(Run):
 
 
 def _fill(folder: Path, eea: Session, intact: Morphology, damage: Damage) -> None:
-    """Run to a stop rule in a folder that is held, and say what was found, also after Ctrl-C."""
+    """Run to a stop rule in a locked folder, and say what was found, also after Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True, markup=False)
     config, result, earlier = eea.result.config, eea.result, _earlier_rounds(folder)
     if earlier:

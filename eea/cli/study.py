@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, get_args
 
 import tyro
-from rich.console import Console
 from tyro.conf import arg
 
 from aquafish_gym.command_line import (
@@ -20,19 +19,16 @@ from aquafish_gym.command_line import (
 )
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
-from aquafish_gym.runs.executors import MOST_WORKERS, workers
-from aquafish_gym.runs.folder import held
-from aquafish_gym.runs.runner import read_result, run_jobs
+from aquafish_gym.runs.jobs import finished, run_jobs
+from aquafish_gym.runs.manifest import lock
 from aquafish_gym.runs.storage import ensure_writable_directory
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.runs.workers import check_workers
 from eea.cli.arms import ArmSettings, Figure, asked_arms, refuse_empty
-from eea.cli.progress import Tally, shown
-from eea.core.checks import whole
 from eea.core.config import Condition
 from eea.fish import Orientation, RealityGap
-from eea.study.folder import claim, extended
+from eea.study.folder import extended, write_description
 from eea.study.presets import smoke
-from eea.study.replicate import Replicate, World, rehearse, replicate
+from eea.study.replicate import World, rehearse, replicate
 from eea.study.study import Study
 
 Format = Literal["png", "pdf", "svg"]
@@ -129,46 +125,35 @@ class StudyCommand:
             With code 1, if a replicate could not be made. The others are.
         """
         study = self.study()
-        if self.workers is not None:
-            whole("workers", self.workers, 1, MOST_WORKERS)
+        check_workers(self.workers, self.scheduler)
         folder = ensure_writable_directory(self.out)
-        console = _console()
-        with held(folder):
+        with lock(folder):
             document, jobs = extended(folder, study), study.jobs()
-            tally = Tally(len(jobs), _finished(folder, jobs, console))
-            try:
-                failures = self._fill(folder, document, jobs, tally, console)
-            except KeyboardInterrupt:
-                raise KeyboardInterrupt(
-                    f"stopped with {tally}; every finished replicate is in {folder}, and the same "
-                    "command resumes"
-                ) from None
+            done = finished(folder, jobs)
+            missing = [job for job in jobs if job not in done]
+            if missing:
+                rehearse(missing)
+            write_description(folder, document)
+            jobs.sort(key=lambda job: -job.config.steps)  # the longest first
+            failures = run_jobs(
+                jobs,
+                replicate,
+                folder,
+                count=self.workers,
+                scheduler=self.scheduler,
+                describe=_objective_fitness,
+            )
             for failure in failures:
-                console.print(f"failed: {failure}")
-            if tally.scores:
-                _report(folder, self.format, console)
+                print(f"failed: {failure}", file=sys.stderr)
+            if len(failures) < len(jobs):
+                _report(folder, self.format)
             if failures:
                 raise SystemExit(1)
 
-    def _fill(
-        self,
-        folder: Path,
-        document: dict[str, Any],
-        jobs: Sequence[Replicate],
-        tally: Tally,
-        console: Console,
-    ) -> list[str]:
-        """Make the missing replicates, those of long trials first; return why some failed."""
-        left = [job for job in jobs if job not in tally.scores]
-        if left:
-            rehearse(left)
-        claim(folder, document)
-        if not left:
-            console.print(f"{tally} are complete")
-            return []
-        left.sort(key=lambda job: -job.config.steps)
-        with workers(self.workers, self.scheduler) as executor, shown(tally, console) as note:
-            return run_jobs(left, replicate, folder, executor, note)
+
+def _objective_fitness(result: dict[str, Any]) -> str:
+    found = result["rounds"][-1]["objective_fitness"]
+    return "" if found is None else f"OBJ_FIT {found:.3f}"
 
 
 @dataclass(frozen=True)
@@ -180,31 +165,11 @@ class Plot:
 
     def execute(self) -> None:
         """Write the report; raises as ``eea.study.report.report``."""
-        _report(self.folder, self.format, _console())
+        _report(self.folder, self.format)
 
 
-def _console() -> Console:
-    return Console(highlight=False, soft_wrap=True, markup=False)
-
-
-def _finished(
-    folder: Path, jobs: Sequence[Replicate], console: Console
-) -> dict[Replicate, dict[str, Any]]:
-    """Return the results on disk, and print which files are damaged."""
-    found = {}
-    for job in jobs:
-        try:
-            document = read_result(folder, job)
-        except InvalidArgumentError as error:
-            console.print(f"damaged: {error}; {job.name} is made again")
-        else:
-            if document is not None:
-                found[job] = document
-    return found
-
-
-def _report(folder: Path, formats: tuple[Format, ...], console: Console) -> None:
+def _report(folder: Path, formats: tuple[Format, ...]) -> None:
     from eea.study.report import report
 
     report(folder, formats)
-    console.print(f"results.csv, summary.md and figures are in {folder}")
+    print(f"results.csv, summary.md and figures are in {folder}")

@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.runs.folder import described, first_difference, flat
+from aquafish_gym.runs.manifest import first_difference, flat, read_manifest
 from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 from eea.core.checks import ConfigurationError
@@ -23,9 +23,7 @@ STUDY, SCHEMA = "study.json", "eea.study/1"
 _GROWING = ("replicates", "versions", "source", "arms")  # these may differ when a study is extended
 
 
-def read_description(
-    folder: Path, checksum: Literal["required", "optional"] = "required"
-) -> dict[str, Any]:
+def read_description(folder: Path) -> dict[str, Any]:
     """Return the content of a folder's study.json.
 
     Raises
@@ -41,7 +39,7 @@ def read_description(
             f"{folder} must hold a study, which aquafish study --out {folder} begins; it has no "
             f"{STUDY}"
         )
-    document = read_document(path, SCHEMA, "study", checksum=checksum)
+    document = read_document(path, SCHEMA, "study")
     try:
         read_plan(document)
         if not isinstance(document.get("rounds"), int) or not document["rounds"]:
@@ -91,14 +89,14 @@ def extended(folder: Path, study: Study) -> dict[str, Any]:
     }
 
 
-def claim(folder: Path, document: dict[str, Any]) -> None:
+def write_description(folder: Path, document: dict[str, Any]) -> None:
     """Write study.json unless it already has this content."""
     if not (folder / STUDY).exists() or read_description(folder) != document:
         write_document(folder / STUDY, document, SCHEMA)
 
 
 def _refuse_other_content(folder: Path) -> None:
-    rule, other = "out must be a new directory or hold a study", described(folder)
+    rule, other = "out must be a new directory or hold a study", read_manifest(folder)
     if other is not None:
         raise InvalidArgumentError(f"{rule}; {folder} holds {other['kind']}")
     if (folder / RUNS).exists():

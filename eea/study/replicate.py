@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -106,26 +106,25 @@ def rehearse(jobs: Sequence[Replicate]) -> None:
     ours += [job.config for job in jobs if job.config.condition == "joint"][:1]
     for config in ours:
         few = replace(smoke(config), rounds=2)
-        replicate(replace(jobs[0], config=few), lambda _text, _share: None)
+        replicate(replace(jobs[0], config=few))
 
 
-def replicate(job: Replicate, say: Callable[[str, float], None]) -> dict[str, Any]:
+def replicate(job: Replicate) -> dict[str, Any]:
     """Run a replicate to its end; return its place, why it stopped and a record for each round.
 
-    The records have no times, so that equal jobs give equal results. ``say`` takes the round and
-    the share of all rounds that is done. The condition joint adds ``belief``: the ``coverage`` of
-    its intervals (the share of true sizes inside, by mass), their mean ``width`` as a share of the
-    ranges, and whether the fit is ``good``, with its ``verdict``.
+    The records have no times, so that equal jobs give equal results. The condition joint adds
+    ``belief``: the ``coverage`` of its intervals (the share of true sizes inside, by mass), their
+    mean ``width`` as a share of the ranges, and whether the fit is ``good``, with its ``verdict``.
 
     Raises
     ------
     InvalidArgumentError, EngineUnavailableError, ConfigurationError
         See ``Replicate.begin``.
     """
-    algorithm, rounds = job.begin(), job.config.rounds
-    for record in algorithm:
-        say(f"{record.round}/{rounds}", record.round / rounds)
-    result = algorithm.result
+    session = job.begin()
+    for _record in session:
+        pass
+    result = session.result
     timeless = [record.to_dict() for record in result.rounds]
     for line in timeless:
         del line["seconds"]

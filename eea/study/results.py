@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
-from aquafish_gym.runs.runner import read_result
+from aquafish_gym.runs.jobs import read_result
 from aquafish_gym.runs.storage import DamagedFileError, read_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.bits import BitLayout, model_layout
@@ -131,7 +131,7 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
         If a file is damaged; the message names it.
     """
     path = Path(folder)
-    header = read_description(path, checksum="optional")
+    header = read_description(path)
     plan, arms = read_plan(header), header["arms"]
     try:
         damage = Damage.from_json(json.dumps(header["target_damage"]))

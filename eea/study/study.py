@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from aquafish_gym.runs.stamps import versions
+from aquafish_gym.runs.manifest import versions
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import EEAConfig
 from eea.study.plan import Plan, written_plan

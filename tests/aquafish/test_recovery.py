@@ -165,6 +165,7 @@ MISTAKES = {
     "models": (("--models", "0"), "estimation.population must be"),
     "replicates": (("--replicates", "0"), "replicates must be a whole number of at least 1"),
     "workers": (("--workers", "0"), "workers must be"),
+    "scheduler": (("--scheduler", "127.0.0.1"), "such as tcp://host:8786; got '127.0.0.1'"),
     "choice": (("--target-engine", "bullet"), "'pybullet'"),
     "option": (("--round", "3"), "--rounds"),
 }

@@ -8,7 +8,7 @@ import numpy as np
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA, Morphology
-from aquafish_gym.runs.runner import SCHEMA
+from aquafish_gym.runs.jobs import SCHEMA
 from aquafish_gym.runs.storage import encode_document, write_document
 from eea.study import folder as study_folder
 from eea.study.plan import Place

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from aquafish_gym.command_line import parse
-from aquafish_gym.runs.folder import claim as claim_folder
-from aquafish_gym.runs.runner import SCHEMA as RESULT
+from aquafish_gym.runs.jobs import SCHEMA as RESULT
+from aquafish_gym.runs.manifest import write_manifest
 from aquafish_gym.runs.storage import read_document
 from eea.__main__ import REFUSED as ERRORS
 from eea.__main__ import main
@@ -59,20 +59,18 @@ def tiny(tmp_path_factory):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_results_do_not_depend_on_workers_and_a_finished_study_is_left_alone(
-    tiny, tmp_path, capsys
-):
+def test_results_do_not_depend_on_workers_and_a_finished_study_is_left_alone(tiny, tmp_path, capfd):
     out = tmp_path / "new" / "study"
     assert main([*TINY, "--workers", "2", "--out", str(out)]) == 0
-    lines = capsys.readouterr().out.splitlines()
+    lines = capfd.readouterr().err.splitlines()
     assert files(out) == files(tiny)
     assert list(files(out)) == [*NAMES, "study.json"]
     score = json.loads((out / NAMES[3]).read_text())["rounds"][-1]["objective_fitness"]
-    assert any(line.startswith(f"none, 16 steps, seed 1: OBJ_FIT {score:.3f} (") for line in lines)
-    assert lines[-1].endswith("(4 of 4 replicates)")
+    assert any(line.endswith(f"none, 16 steps, seed 1  OBJ_FIT {score:.3f}") for line in lines)
+    assert lines[-1].startswith("4/4  ")
     before = {path: path.stat().st_mtime_ns for path in out.rglob("*")}
     assert main([*TINY, "--out", str(out)]) == 0
-    assert capsys.readouterr().out == "4 of 4 replicates are complete\n"
+    assert capfd.readouterr().err == ""
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*")} == before
 
 
@@ -112,27 +110,27 @@ def test_a_damaged_replicate_is_named_and_made_again(tiny, tmp_path, capsys):
         (tmp_path / name).write_bytes(content)
     (tmp_path / NAMES[3]).write_bytes(b'{"half')
     assert main([*TINY, "--workers", "1", "--out", str(tmp_path)]) == 0
-    assert "none, 16 steps, seed 1 is made again\n" in capsys.readouterr().out
+    assert "none, 16 steps, seed 1 runs again\n" in capsys.readouterr().err
     assert files(tmp_path) == files(tiny)
 
 
-def sometimes(job, say):
+def sometimes(job):
     """Make a replicate, or fail for one of them."""
     if job.place == ("none", 16, 1):
         raise ValueError("no such luck")
-    return replicate(job, say)
+    return replicate(job)
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_a_failed_replicate_is_named_and_the_others_are_made(tiny, tmp_path, capsys, monkeypatch):
     monkeypatch.setattr("eea.cli.study.replicate", sometimes)
     assert main([*TINY, "--workers", "1", "--out", str(tmp_path)]) == 1
-    assert "failed: none, 16 steps, seed 1: ValueError: no such luck" in capsys.readouterr().out
+    assert "failed: none, 16 steps, seed 1: ValueError: no such luck" in capsys.readouterr().err
     assert files(tmp_path).keys() == files(tiny).keys() - {"runs/none/16/1.json"}
 
 
 def test_folders_with_other_content_are_refused(tmp_path, capsys):
-    claim_folder(tmp_path, "a case study", {})
+    write_manifest(tmp_path, "a case study", {})
     before = sorted(tmp_path.iterdir())
     assert main([*TINY, "--out", str(tmp_path)]) == 2
     assert "holds a case study" in capsys.readouterr().err

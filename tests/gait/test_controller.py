@@ -148,7 +148,10 @@ def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
     for content, message in (
         ("{", r"fish\.json is not JSON"),
         ("[" * 10**6, r"fish\.json is not JSON: it is nested too deep"),
-        (json.dumps(make_controller().to_dict()), r"fish\.json has no checksum"),
+        (
+            json.dumps(make_controller().to_dict()),
+            r"fish\.json must be of schema gait\.controller/2",
+        ),
     ):
         path.write_text(content)
         with pytest.raises(DamagedFileError, match=message):

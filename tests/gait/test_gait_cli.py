@@ -15,7 +15,7 @@ import pytest
 from aquafish_gym.bodies import read_bodies, write_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.folder import claim, held
+from aquafish_gym.runs.manifest import lock, write_manifest
 from aquafish_gym.runs.storage import CannotWriteError
 from gait import history
 from gait.cli import main
@@ -143,8 +143,8 @@ def test_interrupted_evolve_keeps_its_files_and_resumes(tmp_path: Path) -> None:
 def test_folder_with_other_results_is_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with held(tmp_path):
-        claim(tmp_path, "a study", {"seed": 1})
+    with lock(tmp_path):
+        write_manifest(tmp_path, "a study", {"seed": 1})
     before = contents(tmp_path)
     assert main(["evolve", "--out", str(tmp_path), *QUICK]) == 2
     assert f"{tmp_path} holds a study" in capsys.readouterr().err

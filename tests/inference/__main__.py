@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from aquafish_gym.command_line import run_command_line
-from aquafish_gym.runs.executors import workers
-from aquafish_gym.runs.folder import claim, described, held
-from aquafish_gym.runs.runner import Event, finished, read_result, run_jobs
+from aquafish_gym.runs.jobs import read_result, run_jobs
+from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
-from tests.inference.cases import Case, measure, source_stamp
+from tests.inference.cases import Case, measure
 from tests.inference.plots import save_pictures
 from tests.inference.rehearsal import rehearse
 from tests.inference.settings import SETTINGS
@@ -57,8 +54,6 @@ class Inference:
     """Processes, of one thread each; a core each by default."""
     markdown: bool = False
     """Print the tables in Markdown."""
-    other_code: bool = False
-    """Go on although other code began the folder; the report names both."""
 
     def cases(self) -> dict[str, list[Case]]:
         """Return the robots of each setting."""
@@ -84,14 +79,12 @@ class Inference:
         if self.page is not None and not self.page.is_file():
             raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
         folder = ensure_writable_directory(self.out, "out")
-        with held(folder):
-            code = {"source": source_stamp()}
-            settings = {"seed": self.seed}
-            claim(folder, "a measurement of inference", settings, code, other_code=self.other_code)
+        with lock(folder):
+            write_manifest(folder, "a measurement of inference", {"seed": self.seed})
             self._work([case for some in cases.values() for case in some], folder)
             report = {
                 "seed": self.seed,
-                "code": (described(folder) or {})["code"],
+                "code": [(read_manifest(folder) or {}).get("versions", {})],
                 "settings": {
                     name: summarise(name, [_read(folder, case) for case in some])
                     for name, some in cases.items()
@@ -118,13 +111,7 @@ class Inference:
             write_bytes(self.page, filled.encode())
 
     def _work(self, cases: list[Case], folder: Path) -> None:
-        done = finished(folder, cases)
-        missing = [case for case in cases if case not in done]
-        if not missing:
-            return
-        with workers(self.workers) as executor, _progress(missing) as tell:
-            executor.submit(rehearse, missing[0]).result()
-            failures = run_jobs(missing, measure, folder, executor, tell)
+        failures = run_jobs(cases, measure, folder, count=self.workers, warm_up=_warm_up)
         if failures:
             print("\n".join(f"failed: {failure}" for failure in failures), file=sys.stderr)
             raise SystemExit(1)
@@ -136,18 +123,8 @@ def _read(folder: Path, case: Case) -> dict[str, Any]:
     return document
 
 
-@contextmanager
-def _progress(cases: Sequence[Case]) -> Iterator[Any]:
-    """Show how many robots are done."""
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-    with Progress(*columns, TimeRemainingColumn(), console=Console(stderr=True)) as progress:
-        bar = progress.add_task("robots", total=len(cases))
-
-        def tell(event: Event[Case]) -> None:
-            if event.kind in ("done", "failed"):
-                progress.update(bar, advance=1, description=event.job.name)
-
-        yield tell
+def _warm_up(cases: Sequence[Case]) -> None:
+    rehearse(cases[0])
 
 
 if __name__ == "__main__":

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import aquafish_gym
-import eea
-from aquafish_gym.runs.runner import Say
-from aquafish_gym.runs.stamps import code_stamp
 from eea import EEAConfig, JointConfig, fish_problem
 from eea.core.session import streams
 from eea.fish.joint import fish_joint
@@ -54,26 +48,14 @@ class Case:
         return f"cases/{self.setting}/{self.number}.json"
 
 
-@cache
-def source_stamp() -> str:
-    """Return a hash of all code that the results come from."""
-    folders = [
-        *(Path(str(aquafish_gym.__file__)).parent / name for name in ("physics", "engines")),
-        *(Path(str(eea.__file__)).parent / name for name in ("core", "joint", "fish")),
-    ]
-    here = Path(__file__).parent
-    own = [here / f"{name}.py" for name in ("settings", "robots", "cases", "swims")]
-    return code_stamp([*own, *(file for one in folders for file in sorted(one.rglob("*.py")))])
-
-
-def measure(case: Case, say: Say) -> dict[str, Any]:
+def measure(case: Case) -> dict[str, Any]:
     """Return what was found of one robot, and how it compares with the truth."""
     if case.setting in SWIMS:
         rng = np.random.default_rng([case.seed, *case.setting.encode(), case.number])
-        return measure_swim(case.setting, case.number, rng, say)
+        return measure_swim(case.setting, case.number, rng)
     which = list(SETTINGS).index(case.setting)
     rng = np.random.default_rng([case.seed, which, case.number])
-    return examine(SETTINGS[case.setting], case.number, rng, say=say)
+    return examine(SETTINGS[case.setting], case.number, rng)
 
 
 def examine(
@@ -81,7 +63,6 @@ def examine(
     number: int,
     rng: np.random.Generator,
     effort: JointConfig | None = None,
-    say: Say = lambda _text, _share: None,
 ) -> dict[str, Any]:
     """Return what was found of a setting's robot, and how it compares with the truth."""
     body = draw_body(setting, number, rng)
@@ -103,7 +84,6 @@ def examine(
     for record in method:
         seconds = time.process_time() - began
         rounds.append({"fitness": record.objective_fitness, "seconds": seconds})
-        say(f"trial {record.round}", record.round / setting.trials)
     belief = method.result.belief
     assert isinstance(belief, JointPosterior)
     ends = np.array([belief.interval(mass) for mass in MASSES])

@@ -15,7 +15,6 @@ from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.morphology import DIMENSIONS
 from aquafish_gym.physics.kinematics import rotation
-from aquafish_gym.runs.runner import Say
 from aquafish_gym.scenario import Scenario
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
 from eea.fish.log_inference import BEFORE
@@ -40,12 +39,11 @@ GAITS = 10  # of the undamaged fish, each with a belief of its own
 BRISK = 0.05  # rev/s or Hz: a servo whose mean speed is less hardly moves
 
 
-def measure_swim(name: str, number: int, rng: np.random.Generator, say: Say) -> dict[str, Any]:
+def measure_swim(name: str, number: int, rng: np.random.Generator) -> dict[str, Any]:
     """Return what is found of one swim of ``SWIMS``."""
     if name == "window":
         return _window(number, rng)
     gait, belief = _known(number % GAITS)
-    say("swimming", 0.3)
     whole = Morphology.nominal()
     if name == "unchanged":
         watched = watch_swim(_swim(gait, whole, MINUTE, rng), belief, threads=1)

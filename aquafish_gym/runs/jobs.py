@@ -1,0 +1,289 @@
+"""Jobs: long work in parts, each of which is finished in a file of its own.
+
+A *job* is a small frozen description with a name for people and a file, relative to the folder. Its
+*work* is a pure function of a module that takes the job and returns a dictionary ready for JSON; it
+touches no file. So a job can run in any process of any machine, and more than once, with the same
+bytes as its result. A result is written the moment it arrives: an interruption costs the running
+jobs and no other, and the same command resumes.
+"""
+
+from __future__ import annotations
+
+import queue
+import sys
+import traceback
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import Any, Protocol, TypeVar
+
+from aquafish_gym.runs.storage import (
+    CannotWriteError,
+    DamagedFileError,
+    decode_document,
+    encode_document,
+    read_document,
+    write_bytes,
+)
+from aquafish_gym.runs.workers import WorkerDiedError, interrupts, workers
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+SCHEMA = "aquafish.result/1"
+TRIES = 3  # how often a job whose workers die is started
+_TICK = 0.5  # s; the longest that Ctrl-C may have to wait
+_LONGEST = 300  # characters of a reason
+
+Report = Callable[[str, bool], None]
+
+
+class JobLike(Protocol):
+    """A job's name for people, and its file, with slashes."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def file(self) -> str: ...
+
+
+Job = TypeVar("Job", bound=JobLike)
+
+
+def run_jobs(
+    jobs: Sequence[Job],
+    work: Callable[[Job], dict[str, Any]],
+    folder: Path,
+    *,
+    count: int | None = None,
+    scheduler: str | None = None,
+    warm_up: Callable[[Sequence[Job]], object] | None = None,
+    describe: Callable[[dict[str, Any]], str] = lambda _result: "",
+) -> list[str]:
+    """Run the jobs whose files are missing, in order; return a sentence for each that failed.
+
+    Progress goes to stderr. No result depends on the workers.
+
+    Parameters
+    ----------
+    folder
+        Locked by ``manifest.lock``.
+    count, scheduler
+        Worker processes, or the address of a dask scheduler; see ``workers.workers``.
+    warm_up
+        Runs in one worker before any job, as to compile for all of them.
+    describe
+        Returns the number that matters in a result, for the progress bar.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If two jobs have one file, or a file is outside the folder.
+    KeyboardInterrupt
+        On Ctrl-C or SIGTERM, with the number of jobs left.
+    OSError
+        If no process can start, a cluster has gone, or a file cannot be written.
+    """
+    _check_files(jobs)
+    done = finished(folder, jobs)
+    missing = [job for job in jobs if job not in done]
+    for job in missing:
+        if (folder / job.file).exists():
+            print(f"damaged: {folder / job.file}; {job.name} runs again", file=sys.stderr)
+    if not missing:
+        return []
+    written: set[Job] = set()
+    try:
+        with interrupts(), workers(count, scheduler) as executor, _progress(len(missing)) as report:
+            if warm_up is not None:
+                _warm_up(executor, warm_up, missing, report)
+            return _Run(work, folder, executor, report, describe, written).run(missing)
+    except KeyboardInterrupt:
+        left = len(missing) - len(written)
+        raise KeyboardInterrupt(
+            f"interrupted with {left} of {len(jobs)} jobs to do; the same command resumes"
+        ) from None
+
+
+def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
+    """Return the jobs whose files are there and whole."""
+    done = set()
+    for job in jobs:
+        try:
+            if read_result(folder, job) is not None:
+                done.add(job)
+        except InvalidArgumentError:
+            continue
+    return done
+
+
+def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
+    """Return a job's result, or ``None`` without a file.
+
+    Raises
+    ------
+    DamagedFileError
+        If the file holds something else.
+    """
+    path = folder / job.file
+    if not path.exists():
+        return None
+    return _without_job(job, read_document(path, SCHEMA, "result"), f"result: {path}")
+
+
+def _warm_up(
+    executor: Executor, warm_up: Callable[[Sequence[Job]], object], jobs: list[Job], report: Report
+) -> None:
+    report("warming up: the first run on a machine compiles, for a minute or two", False)
+    future = executor.submit(warm_up, jobs)
+    try:
+        while True:
+            try:
+                future.result(timeout=_TICK)
+                return
+            except TimeoutError:
+                if future.done():
+                    raise
+    except WorkerDiedError as error:
+        raise OSError(f"no job was started: {error}") from None
+
+
+class _Run:
+    """One call of :func:`run_jobs`."""
+
+    def __init__(
+        self,
+        work: Callable[[Any], dict[str, Any]],
+        folder: Path,
+        executor: Executor,
+        report: Report,
+        describe: Callable[[dict[str, Any]], str],
+        written: set[Any],
+    ) -> None:
+        self.work, self.folder, self.executor = work, folder, executor
+        self.report, self.describe, self.written = report, describe, written
+        self.ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        self.pending: dict[Future[Any], Any] = {}
+        self.tries: Counter[Any] = Counter()
+        self.failures: list[str] = []
+
+    def run(self, jobs: Sequence[Any]) -> list[str]:
+        try:
+            for job in jobs:
+                self._submit(job)
+            while self.pending:
+                try:
+                    self._conclude(self.ended.get(timeout=_TICK))
+                except queue.Empty:
+                    continue
+        finally:
+            for future in self.pending:
+                future.cancel()
+        return self.failures
+
+    def _submit(self, job: Any) -> None:
+        self.tries[job] += 1
+        future = self.executor.submit(run_job, self.work, job)
+        self.pending[future] = job
+        future.add_done_callback(self.ended.put)
+
+    def _conclude(self, future: Future[Any]) -> None:
+        job = self.pending.pop(future)
+        try:
+            content, reason = future.result()
+        except WorkerDiedError as error:
+            if self.tries[job] < TRIES:
+                self.report(f"{job.name}: {error}; it starts again", False)
+                self._submit(job)
+            else:
+                self._fail(job, f"{error}, {TRIES} times")
+        except CancelledError:
+            raise OSError("the workers have gone") from None
+        except OSError as error:
+            raise OSError(f"no process can start: {error.strerror or error}") from error
+        except Exception as error:  # such as dask's KilledWorker, which has advice to add
+            self._fail(job, f"{type(error).__name__}: {error}".partition(". ")[0])
+        else:
+            if content is None:
+                self._fail(job, reason)
+                return
+            result = _without_job(job, decode_document(content, job.name, SCHEMA), job.name)
+            _write(self.folder / job.file, content)
+            self.written.add(job)
+            self.report(f"{job.name}  {self.describe(result)}".rstrip(), True)
+
+    def _fail(self, job: Any, reason: str) -> None:
+        sentence = f"{job.name}: {' '.join(reason.split())[:_LONGEST]}"
+        self.failures.append(sentence)
+        self.report(f"failed: {sentence}", True)
+
+
+def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes | None, str]:
+    """Run a job in this process; return its file's bytes, or ``None`` and why it failed."""
+    try:
+        result = work(job)
+        if not isinstance(result, dict) or "job" in result:
+            raise TypeError("the work must return a dictionary, without a key 'job'")
+        return encode_document({"job": job.file, **result}, SCHEMA), ""
+    except (Exception, SystemExit) as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}, line {place.lineno}"
+        return None, f"{type(error).__name__}: {error} ({where})"
+
+
+@contextmanager
+def _progress(total: int) -> Iterator[Report]:
+    """Show a bar on a terminal, or a line for each finished job elsewhere."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeRemainingColumn,
+    )
+
+    console = Console(stderr=True)
+    columns = (BarColumn(24), MofNCompleteColumn(), TimeRemainingColumn())
+    text = TextColumn("{task.description}", markup=False)
+    done = 0
+    with Progress(*columns, text, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=total)
+
+        def report(text: str, ended: bool) -> None:
+            nonlocal done
+            done += ended
+            bar.update(task, completed=done, description=text)
+            if bar.disable:
+                count = f"{done}/{total}  " if ended else ""
+                print(f"{count}{text}", file=sys.stderr, flush=True)
+
+        yield report
+
+
+def _without_job(job: JobLike, document: dict[str, Any], name: str) -> dict[str, Any]:
+    """Return a result without its job's file, which must be this one's."""
+    if document.pop("job", None) != job.file:
+        raise DamagedFileError(f"{name} holds the result of another job than {job.name}")
+    return document
+
+
+def _write(path: Path, content: bytes) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise CannotWriteError(f"cannot create {path.parent}: {error.strerror}") from error
+    write_bytes(path, content)
+
+
+def _check_files(jobs: Sequence[JobLike]) -> None:
+    seen: dict[str, JobLike] = {}
+    for job in jobs:
+        path = PurePosixPath(job.file)
+        if path.is_absolute() or ".." in path.parts or not path.name:
+            raise InvalidArgumentError(f"a job's file must be in the folder; got {job.file!r}")
+        if job.file in seen:
+            both = f"{seen[job.file].name} and {job.name} both have {job.file}"
+            raise InvalidArgumentError(f"jobs must have a file each; {both}")
+        seen[job.file] = job

@@ -1,0 +1,212 @@
+"""Whatever stops the jobs and wherever they run, the folder ends with the same bytes."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from run_jobs_here import Task, work
+
+from aquafish_gym.runs.jobs import finished, read_result, run_jobs
+from aquafish_gym.runs.storage import DamagedFileError
+from aquafish_gym.runs.workers import WorkerDiedError, workers
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+JOBS = [Task(number) for number in range(4)]
+
+
+def contents(folder):
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*.json")
+    }
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """The jobs' files when nothing goes wrong."""
+    folder = tmp_path_factory.mktemp("undisturbed")
+    assert run_jobs(JOBS, work, folder, count=1) == []
+    return contents(folder)
+
+
+def test_results_are_what_the_work_returns(tmp_path, undisturbed):
+    rng = np.random.default_rng(2)
+    expected = {"number": 2, "values": rng.random((3, 4)).tolist(), "best": rng.random()}
+    for name, content in undisturbed.items():
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    assert read_result(tmp_path, JOBS[2]) == expected
+    assert read_result(tmp_path, Task(99)) is None
+
+
+def test_only_missing_and_damaged_results_are_computed(tmp_path, undisturbed, capfd):
+    run_jobs(JOBS, work, tmp_path, count=2)
+    assert contents(tmp_path) == undisturbed
+    (tmp_path / JOBS[1].file).write_bytes(b"{")
+    (tmp_path / JOBS[2].file).rename(tmp_path / JOBS[3].file)  # another job's result
+    assert finished(tmp_path, JOBS) == {JOBS[0]}
+    for job in (JOBS[1], JOBS[3]):
+        with pytest.raises(DamagedFileError, match=f"{job.number}.json"):
+            read_result(tmp_path, job)
+    capfd.readouterr()
+    assert run_jobs(JOBS, work, tmp_path, describe=lambda result: f"{result['number']}!") == []
+    said = capfd.readouterr().err
+    assert "3/3" in said
+    assert "count 1  1!" in said
+    assert "count 0" not in said
+    assert contents(tmp_path) == undisturbed
+
+
+def test_a_dead_worker_fails_only_its_own_job(tmp_path, undisturbed):
+    bad = [Task(0, action) for action in ("err", "nan", "die")]
+    again = Task(0, "die once", str(tmp_path / "once"))
+    failures = run_jobs([*bad, *JOBS, again], work, tmp_path, count=2)
+    assert sorted(failure.partition(" (")[0] for failure in failures) == [
+        "die 0: its process died, 3 times",
+        "err 0: ValueError: no such luck",
+        "nan 0: ValueError: Out of range float values are not JSON compliant: nan",
+    ]
+    done = contents(tmp_path)
+    assert done.keys() == undisturbed.keys() | {again.file}
+    assert {name: done[name] for name in undisturbed} == undisturbed
+
+
+def test_warming_up_runs_once_in_a_worker(tmp_path):
+    run_jobs(JOBS[:1], work, tmp_path, count=1, warm_up=note_process)
+    assert int(Path(os.environ["NOTE"]).read_text()) != os.getpid()
+    with pytest.raises(OSError, match="no job was started: its process died"):
+        run_jobs(JOBS, work, tmp_path, count=1, warm_up=die)
+
+
+@pytest.fixture(autouse=True)
+def _note(tmp_path, monkeypatch):
+    monkeypatch.setenv("NOTE", str(tmp_path / "note"))
+
+
+def note_process(_jobs):
+    Path(os.environ["NOTE"]).write_text(str(os.getpid()))
+
+
+def die(_jobs):
+    os._exit(1)
+
+
+@pytest.mark.parametrize("file", ["../a.json", "/a.json", "", "a/../../b.json"])
+def test_a_file_outside_the_folder_is_refused(tmp_path, file):
+    class Outside(Task):
+        file = ""
+
+    Outside.file = file
+    with pytest.raises(InvalidArgumentError, match="must be in the folder"):
+        run_jobs([Outside(1)], work, tmp_path)
+    with pytest.raises(InvalidArgumentError, match="count 1 and count 1 both have"):
+        run_jobs([Task(1), replace(Task(1), memory="elsewhere")], work, tmp_path)
+
+
+def start(folder, action, count):
+    return subprocess.Popen(
+        [sys.executable, Path(__file__).with_name("run_jobs_here.py"), folder, action, str(count)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+
+
+def begun(folder):
+    """Return the processes that have started jobs."""
+    file = folder / "begun"
+    return [int(line) for line in file.read_text().split()] if file.exists() else []
+
+
+def is_alive(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().rpartition(") ")[2][0] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_stopped_command_leaves_no_process_and_resumes(tmp_path, stop):
+    program = start(tmp_path, "doze", 30)
+    while len(list(tmp_path.rglob("*.json"))) < 3:
+        assert program.poll() is None
+        time.sleep(0.05)
+    if stop == signal.SIGINT:
+        os.killpg(program.pid, stop)  # as Ctrl-C in a terminal
+    else:
+        program.send_signal(stop)
+    _, said = program.communicate(timeout=20)
+    if stop != signal.SIGKILL:
+        assert "jobs to do; the same command resumes" in said
+        assert "Traceback" not in said
+    time.sleep(1.0)
+    assert not any(map(is_alive, begun(tmp_path)))
+    kept = contents(tmp_path)
+    assert 3 <= len(kept) < 30
+    again = start(tmp_path, "doze", 10)
+    assert again.wait(timeout=60) == 0
+    again.communicate()
+    assert contents(tmp_path).items() >= kept.items()
+    assert len(contents(tmp_path)) >= 10
+
+
+def test_a_second_command_in_the_folder_is_refused(tmp_path):
+    first = start(tmp_path, "sleep", 1)
+    assert first.stdout.readline() == "locked\n"
+    second = start(tmp_path, "sleep", 1)
+    _, said = second.communicate(timeout=20)
+    assert f"in use by another command, process {first.pid}" in said
+    first.kill()
+    first.communicate()
+
+
+def test_workers_ignore_modules_in_the_current_folder(tmp_path, monkeypatch):
+    (tmp_path / "pickle.py").write_text("raise SystemExit('pickle.py of the current folder ran')")
+    monkeypatch.chdir(tmp_path)
+    with workers(1) as executor:
+        assert executor.submit(os.getpid).result() != os.getpid()
+
+
+def test_an_executor_ends_its_processes():
+    with workers(2) as executor:
+        first = executor.submit(os.getpid).result()
+        with pytest.raises(WorkerDiedError):
+            executor.submit(os._exit, 1).result()
+        assert executor.submit(max, 1, 2).result() == 2
+        with pytest.raises(ZeroDivisionError):
+            executor.submit(divmod, 1, 0).result()
+    with pytest.raises(ProcessLookupError):
+        os.kill(first, 0)
+
+
+def test_an_address_without_protocol_is_refused_at_once():
+    for address in ("127.0.0.1", "host:8786", ""):
+        with (
+            pytest.raises(InvalidArgumentError, match="such as tcp://host:8786"),
+            workers(scheduler=address),
+        ):
+            pass
+
+
+def test_a_dask_cluster_gives_the_same_bytes(tmp_path, undisturbed):
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
+    ) as cluster:
+        failures = run_jobs(
+            [*JOBS, Task(0, "err")], work, tmp_path, scheduler=cluster.scheduler_address
+        )
+    assert [failure.partition(" (")[0] for failure in failures] == [
+        "err 0: ValueError: no such luck"
+    ]
+    assert contents(tmp_path) == undisturbed

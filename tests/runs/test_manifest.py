@@ -1,0 +1,114 @@
+"""One command a folder at a time, with one group of settings."""
+
+from __future__ import annotations
+
+import os
+import re
+
+import pytest
+
+from aquafish_gym.runs.manifest import LOCK, first_difference, lock, read_manifest, write_manifest
+from aquafish_gym.runs.storage import write_bytes, write_document
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+SETTINGS = {"steps": 3, "damage": [{"fin": "left"}], "gait": {"seed": 1, "poses": 8}}
+
+
+def refused(folder, message):
+    with pytest.raises(InvalidArgumentError, match=message), lock(folder):
+        pass
+
+
+def test_a_folder_is_locked_once(tmp_path):
+    with lock(tmp_path):
+        refused(tmp_path, rf"in use by another command, process {os.getpid()}")
+    assert not list(tmp_path.iterdir())
+    with lock(tmp_path):  # free again
+        pass
+
+
+def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
+    (tmp_path / LOCK).write_text("aquafish lock of process 1\n")
+    with lock(tmp_path):
+        assert str(os.getpid()) in (tmp_path / LOCK).read_text()
+
+
+def test_a_file_of_the_user_is_no_lock(tmp_path):
+    mine = tmp_path / "mine"
+    mine.write_text("my notes")
+    (tmp_path / "lock").write_text("my notes")
+    with lock(tmp_path):
+        pass
+    (tmp_path / LOCK).symlink_to(mine)
+    refused(tmp_path, "cannot lock")
+    (tmp_path / LOCK).unlink()
+    os.link(mine, tmp_path / LOCK)
+    refused(tmp_path, "is no lock of this program")
+    (tmp_path / LOCK).unlink()
+    os.mkfifo(tmp_path / LOCK)
+    refused(tmp_path, "cannot lock")
+    assert mine.read_text() == (tmp_path / "lock").read_text() == "my notes"
+
+
+def test_files_of_killed_writes_are_removed_and_no_others(tmp_path, monkeypatch):
+    below = tmp_path / "runs"
+    below.mkdir()
+    kept = [tmp_path / name for name in (".hidden", "a.part", ".a.part", ".config.settings")]
+    for path in kept:
+        path.touch()
+    with monkeypatch.context() as patch:  # as by kill -9 in the middle of writing
+        patch.setattr(os, "replace", lambda *_: None)
+        patch.setattr(os, "unlink", lambda *_: None)
+        write_bytes(below / "result.json", b"half")
+    assert len(list(tmp_path.rglob(".result.json.*.part"))) == 1
+    with lock(tmp_path):
+        found = sorted(path for path in tmp_path.rglob("*") if path.is_file())
+        assert found == sorted([*kept, tmp_path / LOCK])
+
+
+def test_a_manifest_is_written_once(tmp_path):
+    assert read_manifest(tmp_path) is None
+    write_manifest(tmp_path, "a study", SETTINGS, ["runs"])
+    before = (tmp_path / "settings.json").read_bytes()
+    write_manifest(tmp_path, "a study", SETTINGS, ["settings.json"])
+    assert (tmp_path / "settings.json").read_bytes() == before
+    manifest = read_manifest(tmp_path)
+    assert (manifest["kind"], manifest["settings"]) == ("a study", SETTINGS)
+    assert manifest["versions"]["numpy"]
+
+
+@pytest.mark.parametrize(
+    ("kind", "settings", "message"),
+    [
+        ("a gait run", SETTINGS, "must be a new directory or hold a gait run; .* a study"),
+        ("a study", SETTINGS | {"steps": 4}, "a study with steps 3, not 4; choose another"),
+        ("a study", SETTINGS | {"more": 1}, "with more None, not 1"),
+        ("a study", SETTINGS | {"gait": {"seed": 2, "poses": 8}}, r"gait\.seed 1, not 2"),
+        ("a study", {"steps": 3}, r"with damage \[.*\], not None"),
+    ],
+)
+def test_the_first_difference_is_named_and_nothing_changes(tmp_path, kind, settings, message):
+    write_manifest(tmp_path, "a study", SETTINGS)
+    before = (tmp_path / "settings.json").read_bytes()
+    with pytest.raises(InvalidArgumentError, match=message):
+        write_manifest(tmp_path, kind, settings)
+    assert (tmp_path / "settings.json").read_bytes() == before
+
+
+def test_manifests_of_version_0_1_are_read(tmp_path):
+    old = {"checksum": "0123456789abcdef", "kind": "a study", "settings": SETTINGS, "code": [{}]}
+    write_document(tmp_path / "settings.json", old, "aquafish.folder/1")
+    write_manifest(tmp_path, "a study", SETTINGS)
+
+
+def test_results_without_a_manifest_are_left_alone(tmp_path):
+    (tmp_path / "runs").mkdir()
+    with pytest.raises(InvalidArgumentError, match=re.escape("holds runs but no settings.json")):
+        write_manifest(tmp_path, "a study", SETTINGS, ["report.json", "runs"])
+    assert not (tmp_path / "settings.json").exists()
+
+
+def test_differences_have_dotted_names():
+    assert first_difference(SETTINGS, SETTINGS) is None
+    assert first_difference({"a": {}}, {}) is None
+    assert first_difference({"a": {"b": None}}, {"a": {}}) == "a.b"
