@@ -49,7 +49,7 @@ def _compiled() -> Any:
     from aquafish_gym.physics.compiling import compiled_function, register_module
 
     register_module(network)
-    return compiled_function(respond_all, seconds=10, nogil=True)
+    return compiled_function(respond_all, slow=True, nogil=True)
 
 
 class ControllerAgent:

@@ -1,8 +1,8 @@
 """Compiling the physics: the very function objects that plain Python runs, kept on disk.
 
-A kernel is compiled when it is first called, which takes a minute the first time on a machine and
-is then said on stderr. numba keeps what it compiled beside the sources, and the next process
-loads it from there in under a second.
+A kernel is compiled when it is first called. On a new machine a command compiles one to six
+kernels of about 4 s of CPU time each; one message on stderr announces all of them. numba keeps
+compiled code beside the sources, and the next process loads it from there in under a second.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def register_module(module: ModuleType) -> None:
 
 
 @functools.cache
-def compiled_function(function: Callable[..., Any], seconds: float = 0.0, **options: Any) -> Any:
+def compiled_function(function: Callable[..., Any], slow: bool = False, **options: Any) -> Any:
     """Return a module's function as :func:`compiled`, tied to the sources of the physics."""
     register()
     inlined(function)
@@ -58,7 +58,7 @@ def compiled_function(function: Callable[..., Any], seconds: float = 0.0, **opti
         stamp  # noqa: B018  # part of the cache's key; see source_stamp
         return function(*args)
 
-    return compiled(call, seconds, **options)
+    return compiled(call, slow, **options)
 
 
 @functools.cache
@@ -68,23 +68,24 @@ def register() -> None:
         register_module(module)
 
 
-def compiled(function: Callable[..., Any], seconds: float = 0.0, **options: Any) -> Any:
+def compiled(function: Callable[..., Any], slow: bool = False, **options: Any) -> Any:
     """Return a function compiled when it is first called, and kept on disk where that can be.
 
-    Of one that takes some ``seconds``, it is said on stderr when its compilation begins.
-    ``options`` are those of ``numba.njit``.
+    The compilation of a ``slow`` one is announced on stderr, once in a process. ``options`` are
+    those of ``numba.njit``.
     """
     try:
         found = njit(cache=True, **options)(function)
-    except RuntimeError:  # nowhere to keep a cache: compile anew in every process
+    except RuntimeError:  # nowhere to keep a cache: compile in every process
         found = njit(**options)(function)
-    if seconds:
-        _long_ones[function] = seconds
-        _announce()
+    if slow:
+        _slow.add(function)
+        _listen()
     return found
 
 
-_long_ones: dict[Callable[..., Any], float] = {}
+NOTICE = "compiling the physics for this machine, once: up to a minute in all ..."
+_slow: set[Callable[..., Any]] = set()
 
 
 def _ask_again(found: Any) -> None:
@@ -96,9 +97,9 @@ def _ask_again(found: Any) -> None:
 
 
 class _Announcer(event.Listener):  # type: ignore[misc]
-    """Says that a minute of silence begins, in the process that the user looks at.
+    """Prints ``NOTICE`` before the first slow compilation, except in worker processes.
 
-    While it lasts, no Ctrl-C is lost.
+    During a compilation, no Ctrl-C is lost.
     """
 
     def __init__(self) -> None:
@@ -107,9 +108,8 @@ class _Announcer(event.Listener):  # type: ignore[misc]
     def on_start(self, begun: Any) -> None:
         self._hooks.append(sys.unraisablehook)
         sys.unraisablehook = _ask_again
-        seconds = _long_ones.get(begun.data["dispatcher"].py_func)
-        if seconds and sys.stderr is not None and multiprocessing.parent_process() is None:
-            print(f"compiling the physics once, about {seconds:.0f} s ...", file=sys.stderr)
+        if begun.data["dispatcher"].py_func in _slow:
+            _announce()
 
     def on_end(self, ended: Any) -> None:  # noqa: ARG002
         sys.unraisablehook = self._hooks.pop()
@@ -117,6 +117,12 @@ class _Announcer(event.Listener):  # type: ignore[misc]
 
 @functools.cache
 def _announce() -> None:
+    if sys.stderr is not None and multiprocessing.parent_process() is None:
+        print(NOTICE, file=sys.stderr, flush=True)
+
+
+@functools.cache
+def _listen() -> None:
     event.register("numba:compile", _Announcer())
 
 

@@ -17,7 +17,7 @@ from numba.core import event
 
 from aquafish_gym.physics import compiling
 
-NOTICE = "compiling the physics once, about 30 s ...\n"
+NOTICE = f"{compiling.NOTICE}\n"
 # Enough robots that the engine takes several threads.
 SWIM = """
 import numpy as np, aquafish_gym
@@ -32,7 +32,7 @@ import numpy as np
 
 def misses(_):
     aquafish_gym.simulate(None, (0.1, 0.1, 0.5), steps=4)
-    kernel = compile_kernel(hold, lane_width(np.float32), False)
+    kernel = compile_kernel(hold, lane_width(np.float32), False, None)
     return sum(kernel.stats.cache_misses.values())
 
 if __name__ == "__main__":
@@ -68,7 +68,7 @@ def test_ctrl_c_ends_a_cold_compile_within_seconds(cold: dict[str, str]) -> None
 def test_no_ctrl_c_is_lost_in_llvms_callbacks() -> None:
     """ctypes drops what is raised in a callback, and LLVM makes some while it generates code."""
     dropping = ctypes.CFUNCTYPE(None)(functools.partial(signal.raise_signal, signal.SIGINT))
-    compiling._announce()
+    compiling._listen()
     usual = sys.unraisablehook
     begun = {"dispatcher": types.SimpleNamespace(py_func=None)}
 
@@ -92,4 +92,4 @@ def test_what_one_process_prepared_its_workers_find(
         [sys.executable, str(script)], env=cold, capture_output=True, text=True, check=True
     )
     assert done.stdout == "1 0 0\n"
-    assert done.stderr == NOTICE, "said once, and not by the workers"
+    assert done.stderr == NOTICE, "printed once, and not by the workers"

@@ -82,4 +82,4 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
         return function
     for part in (_read, _turn_joints):
         simd.inlined(part)
-    return compiling.compiled_function(function, seconds=8)  # type: ignore[no-any-return]
+    return compiling.compiled_function(function, slow=True)  # type: ignore[no-any-return]

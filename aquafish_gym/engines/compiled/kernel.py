@@ -262,4 +262,4 @@ def compile_kernel(
             put_state(states, group, groups, state)
             put_vector(states, RPY_ROWS, group, groups, rpy)
 
-    return compiled(kernel, seconds=30, nogil=True)
+    return compiled(kernel, slow=True, nogil=True)

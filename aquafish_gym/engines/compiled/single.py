@@ -71,7 +71,7 @@ def compile_single(reactive: bool = False) -> Any:
         return nothing == 0.0 and squares < RUNAWAY
 
     # Division by zero is infinity, as in the lanes, and no exception.
-    return compiled(advance, seconds=10, nogil=True, error_model="numpy")
+    return compiled(advance, slow=True, nogil=True, error_model="numpy")
 
 
 class CompiledWorld:
