@@ -18,6 +18,15 @@ SYMBOL = re.compile(r"`((?:aquafish|aquafish_gym|eea|gait|tests)(?:\.[A-Za-z_]\w
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 CODE_PATH = re.compile(r"`((?:aquafish|aquafish_gym|eea|gait|tests|examples|docs)/[\w./-]+)`")
 PLACEHOLDERS = ("EVIDENCE", "RRR", "PPP", "TODO", "FIXME", "XXX")
+# Constructions that make a reader stop; docs/results, docs/gap and docs/recovery are generated.
+BANNED = re.compile(
+    r"\banew\b|\bas said\b|\bso many\b|\bsomebody\b|\bnobody\b|\bin whatever way\b|\bbegun\b"
+    r"|\b(for|by|to|of|from|with|but|and|as|than) who(ever)?\b|(^|[.;:] )Who(ever)? [a-z]"
+    r"|\bhears?\b|\bheard\b|\btold\b|\b(comes?|came|coming) to\b|\b(is|are|was|were) to [a-z]+"
+    r"|\bheld against\b|\bbelieved in\b|\bsays `",
+    re.MULTILINE,
+)
+GENERATED = frozenset({"results", "gap", "recovery"})
 PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
 SOURCES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py"))]
 
@@ -81,6 +90,16 @@ def test_the_results_in_the_readme_are_in_the_report() -> None:
 def test_nothing_is_left_to_fill_in(file: pathlib.Path) -> None:
     left = set(PLACEHOLDERS) & set(re.findall(r"\w+", file.read_text()))
     assert not left
+
+
+@pytest.mark.parametrize(
+    "page",
+    [p for p in PAGES if GENERATED.isdisjoint(p.relative_to(ROOT).parts)],
+    ids=lambda p: str(p.relative_to(ROOT)),
+)
+def test_a_page_is_in_plain_english(page: pathlib.Path) -> None:
+    text = re.sub(r"<!-- table.*?end of table -->", "", page.read_text(), flags=re.DOTALL)
+    assert [found.group() for found in BANNED.finditer(text)] == []
 
 
 def test_the_map_finds_a_missing_symbol() -> None:
