@@ -23,10 +23,11 @@ from gait.files import run_folder
 from gait.fitness import Scorer, Swims, draw_swims, every_pair, worth
 from gait.history import FILES, History, Scores, finalists_of, read_checkpoint
 from gait.history import Generation as Generation
-from gait.rollout import ZERO_POSE, lane_world, random_poses, stream, swim_all
+from gait.rollout import ZERO_POSE, lane_world, random_poses, stream
 from gait.search import cma, neat
 from gait.search.ask_tell import Proposal, Search
 from gait.search.templates import Template
+from gait.task import swim_scores
 
 FINAL_POSES = 32  # random ones of the fixed swims from which a run's best controller is chosen
 MAXIMUM_BODIES = 1000
@@ -127,7 +128,7 @@ def evolve_gait(
     settings = {"morphology": body.to_dict(), **config.settings}
     settings |= {} if sample is None else {"sample": sample}
     settings |= {} if world == WorldConfig() else {"world": asdict(world)}
-    trials = _Trials(bodies, config, scorer or _simulator(config, world))
+    trials = _Trials(bodies, config, scorer, world)
     search, run = make_search(config, body), History(settings, sample)
     with run_folder(out, "a gait", settings, FILES, bodies) as folder:
         recorded = read_checkpoint(folder, settings, config.plan) if folder else []
@@ -185,8 +186,14 @@ def make_search(config: EvolveConfig, body: Morphology) -> Search:
 class _Trials:
     """The swims of a run: random ones in each generation, and fixed ones for the finalists."""
 
-    def __init__(self, bodies: NDArray[np.float64], config: EvolveConfig, simulate: Scorer) -> None:
-        self._bodies, self._config, self._simulate = bodies, config, simulate
+    def __init__(
+        self,
+        bodies: NDArray[np.float64],
+        config: EvolveConfig,
+        scorer: Scorer | None,
+        world: WorldConfig,
+    ) -> None:
+        self._bodies, self._config, self._scorer, self._world = bodies, config, scorer, world
         count = 1 + (FINAL_POSES if config.poses else 0)
         rounds = -(-count // len(bodies))
         poses = self._poses(max(count, rounds * len(bodies)) - 1, 1)
@@ -215,7 +222,14 @@ class _Trials:
         return np.asarray(swims.reshape(len(self._bodies), -1).mean(axis=1))
 
     def _swim(self, controllers: Sequence[Controller], swims: Swims) -> NDArray[np.float64]:
-        return worth(self._simulate(controllers, *swims), self._config.episode_seconds)
+        c = self._config
+        if self._scorer is not None:
+            return worth(self._scorer(controllers, *swims), c.episode_seconds)
+        seed = zlib.crc32(swims.poses.tobytes())  # new random tasks with new poses
+        return swim_scores(
+            controllers, swims, c.task, seconds=c.seconds, world=self._world, seed=seed,
+            threads=c.threads,
+        )  # fmt: skip
 
     def _aggregate(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
         if self._config.aggregate == "mean":
@@ -242,18 +256,3 @@ def _check(
     if world != WorldConfig() and (scorer is not None or config.task != "forward"):
         other = "a scorer" if scorer is not None else f'the task "{config.task}"'
         raise InvalidArgumentError(f"world has no effect with {other}: give one of them")
-
-
-def _simulator(config: EvolveConfig, world: WorldConfig) -> Scorer:
-    """Return the function that simulates swims of a task."""
-    if config.task == "forward":
-        return lambda controllers, bodies, poses: swim_all(
-            controllers, bodies, poses, config.seconds, threads=config.threads, world=world
-        )
-    from gait.task import perform  # imports gymnasium
-
-    # A task's random numbers are new in each generation, as its poses are.
-    return lambda controllers, bodies, poses: perform(
-        controllers, bodies, poses,
-        task=config.task, threads=config.threads, seed=zlib.crc32(poses.tobytes()),
-    )  # fmt: skip

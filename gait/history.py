@@ -41,7 +41,7 @@ class Generation:
 
 
 class Scores(NamedTuple):
-    """What the swims of a generation gave: all that is needed to replay it."""
+    """The results of a generation's swims, which replay it."""
 
     fitness: list[float]  #: Of each controller.
     winner: int = 0  #: Index among the finalists.

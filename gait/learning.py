@@ -35,10 +35,11 @@ from gait.config import Sense, TaskName, check_interval, check_senses, make_sens
 from gait.controller import MAXIMUM_NODES, MAXIMUM_SEED, Controller
 from gait.evolve import FINAL_POSES
 from gait.files import CONTROLLER_FILE, run_folder, write_rows
-from gait.fitness import worth
+from gait.fitness import Swims
 from gait.mlp_export import dense_network, with_memory
 from gait.network import OUTPUTS, Senses
-from gait.rollout import random_poses, stream, swim_all
+from gait.rollout import random_poses, stream
+from gait.task import swim_scores
 
 CURVE_FILE = "curve.csv"
 FILES = (CURVE_FILE, CONTROLLER_FILE)  # and a sample's bodies.json
@@ -198,7 +199,7 @@ def train(
             f"environments; got {len(bodies)}"
         )
     broken = Damage.coerce(damage)
-    learner = _Learner(bodies, config, broken)
+    learner, swims = _Learner(bodies, config, broken), _final_swims(bodies, config.seed)
     settings = {"morphology": median_body(bodies).to_dict(), **asdict(config)}
     settings |= {"damage": str(broken)} if broken else {}
     settings |= {"sample": sample_stamp(bodies)} if len(bodies) > 1 else {}
@@ -212,7 +213,7 @@ def train(
 
             training = learner.learn(_seed(config, epoch - 1), report)
             controller = learner.controller()
-            score = float(_score(controller, bodies, config, broken).mean())
+            score = float(swim_scores([controller], swims, config.task, damage=broken).mean())
             curve.append(CurvePoint(epoch * config.epoch_steps, training, score))
             if score > best.score:
                 best = Learned(controller, score, ())
@@ -224,20 +225,10 @@ def train(
     return Learned(best.controller, best.score, tuple(curve))
 
 
-def _score(
-    controller: Controller, bodies: NDArray[np.float64], config: LearningConfig, damage: Damage
-) -> NDArray[np.float64]:
-    """Return the score from each of the run's fixed poses, without exploration."""
+def _final_swims(bodies: NDArray[np.float64], seed: int) -> Swims:
+    """Return the fixed swims of a run, which gaits evolved with this seed also have."""
     count = -(-FINAL_POSES // len(bodies)) * len(bodies)
-    poses = random_poses(count, stream(config.seed, 1))  # as of a gait evolved with this seed
-    sizes = np.resize(bodies, (count, 9))
-    if config.task == "forward" and not damage:
-        found = swim_all([controller], sizes, poses)
-    else:
-        from gait.task import perform  # imports gymnasium
-
-        found = perform([controller], sizes, poses, task=config.task, damage=damage, seed=0)
-    return worth(found, config.seconds)
+    return Swims(np.resize(bodies, (count, 9)), random_poses(count, stream(seed, 1)))
 
 
 def _seed(config: LearningConfig, *key: int) -> int:

@@ -12,12 +12,38 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.envs.conditions import check_conditions
 from aquafish_gym.envs.course import Course
-from aquafish_gym.envs.tasks import check_task
+from aquafish_gym.envs.tasks import TASKS, check_task
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.world_config import WorldConfig
 from gait.controller import MAXIMUM_SEED, Controller
-from gait.rollout import program_of
+from gait.fitness import Swims, worth
+from gait.rollout import SECONDS, program_of, swim_all
+
+
+def swim_scores(
+    controllers: Sequence[Controller],
+    swims: Swims,
+    task: str = "forward",
+    *,
+    seconds: float = SECONDS,
+    damage: object = None,
+    world: WorldConfig | None = None,
+    seed: int = 0,
+    threads: int | None = None,
+) -> NDArray[np.float64]:
+    """Return the score (P, Q) of each controller in each of Q swims; finite if a robot diverges.
+
+    The score is the distance swum in ``seconds`` and ``world``; for another task than "forward", or
+    with ``damage``, it is that of :func:`perform`.
+    """
+    if task == "forward" and not damage:
+        found = swim_all(controllers, *swims, seconds, threads=threads, world=world)
+    else:
+        found = perform(controllers, *swims, task=task, damage=damage, seed=seed, threads=threads)
+        seconds = TASKS[task].seconds
+    return worth(found, seconds)
 
 
 def perform(

@@ -66,7 +66,7 @@ class Scored:
     """
 
     swim: Swim
-    random_distances: NDArray[np.float64]
+    random_distances: NDArray[np.float64] = field(repr=False)
 
     @property
     def distance(self) -> float:
@@ -77,12 +77,6 @@ class Scored:
     def random_distance(self) -> float:
         """The mean over the random poses."""
         return float(self.random_distances.mean())
-
-    def __repr__(self) -> str:
-        return (
-            f"Scored({self.distance:.2f} units from the zero pose, {self.random_distance:.2f} on "
-            f"average over {len(self.random_distances)} random poses)"
-        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the distances, ready for JSON; None where the robot diverged."""
@@ -114,16 +108,13 @@ class Transfer:
     poses: NDArray[np.float64] = field(repr=False)
 
     def __str__(self) -> str:
-        rows = [
-            ("units of 5 cm", "native", "target"),
-            ("zero pose", f"{self.native.distance:.2f}", f"{self.target.distance:.2f}"),
-            (
-                f"{len(self.poses)} random poses",
-                f"{self.native.random_distance:.2f}",
-                f"{self.target.random_distance:.2f}",
-            ),
-        ]
-        return "\n".join(f"{name:20s}{native:>9s}{target:>9s}" for name, native, target in rows)
+        first, second = self.native, self.target
+        random = f"{len(self.poses)} random poses"
+        return (
+            f"{'units of 5 cm':20s}   native   target\n"
+            f"{'zero pose':20s}{first.distance:9.2f}{second.distance:9.2f}\n"
+            f"{random:20s}{first.random_distance:9.2f}{second.random_distance:9.2f}"
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the distances and poses, ready for JSON; None where a robot diverged."""
@@ -147,12 +138,10 @@ def transfer(
     ----------
     controller, target
         As controller and morphology of :func:`gait.swim`.
-    config
-        None is ``TransferConfig()``.
     native
         The native body; None is the controller's ``morphology``.
     world
-        The target's water and servos; None is ``WorldConfig()``, which the native body has.
+        The target's water and servos; those of the native body are the default.
 
     Raises
     ------
@@ -197,21 +186,19 @@ def score(
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
     world = WorldConfig() if world is None else instance("world", world, WorldConfig)
-    error, gain = finite_array("angle_error", angle_error, (3,), unit="rad"), believed_gain
+    error = finite_array("angle_error", angle_error, (3,), unit="rad")
+
+    def swim_from(pose: NDArray[np.float64]) -> Swim:
+        return swim(
+            controller, morphology, pose, engine, seconds, world, pose + error, believed_gain
+        )
+
     batch = resolve_engine("engine", engine) == "numba" and not world.lag
     if isinstance(controller, Controller) and batch:
         distances = swim_all(
             [controller], morphology, angles, seconds, "float64",
-            world=world, believed=angles + error, believed_gain=gain,
+            world=world, believed=angles + error, believed_gain=believed_gain,
         )[0]  # fmt: skip
     else:
-        swims = (
-            swim(controller, morphology, pose, engine, seconds, world, pose + error, gain)
-            for pose in angles
-        )
-        distances = np.array([one.distance for one in swims])
-    zero = swim(
-        controller, morphology, engine=engine, seconds=seconds, world=world, believed=error,
-        believed_gain=gain,
-    )  # fmt: skip
-    return Scored(zero, distances)
+        distances = np.array([swim_from(pose).distance for pose in angles])
+    return Scored(swim_from(np.zeros(3)), distances)

@@ -106,16 +106,10 @@ class Phases:
 
 
 def halving_stages(searches: int, generations: int, table: Stages) -> list[tuple[int, int]]:
-    """Return the stages, with the rest of the generations of the last survivor as the last one.
+    """Return the stages of several searches, where the last survivor has the remaining generations.
 
-    Parameters
-    ----------
-    searches
-        Searches at the first stage.
-    generations
-        Generations of the last survivor over all stages.
-    table
-        The stages of six searches; fewer skip nothing, and one alone has no stages.
+    ``generations`` are those of the last survivor over all stages, and ``table`` has the stages of
+    six searches. A single search has one stage.
 
     Examples
     --------
