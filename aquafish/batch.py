@@ -14,28 +14,28 @@ import numpy as np
 from aquafish_gym.runs.jobs import Job, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
-from eea.core import EEAConfig
-from eea.core.config import JointConfig
+from eea.core.config import Config, JointConfig
 from eea.fish import EngineSimulator, fish_problem
 from eea.fish.joint import fish_joint
 
 
-def in_small(config: EEAConfig) -> EEAConfig:
-    """Return what takes little time and has all compiled that a run with these settings needs.
+def in_small(config: Config) -> Config:
+    """Return settings of a short run that compiles everything that a run with ``config`` needs.
 
-    But for joint inference's other hypotheses: to fit them to anything takes ten seconds, so that
-    they are simulated here.
+    The alternative hypotheses of joint inference, whose fit takes ten seconds, are simulated here.
     """
-    _simulate_hypotheses(config.steps)
+    if isinstance(config, JointConfig):
+        _simulate_hypotheses(config.steps)
+        return JointConfig(
+            steps=config.steps, rounds=2, bodies=4, poses=4, descents=2, polished=1, restarts=0,
+            alternatives="never",
+        )  # fmt: skip
     return replace(
         config,
         rounds=2,
         exploration=replace(config.exploration, generations=1),
         estimation=replace(config.estimation, generations=1),
         out_of_band=replace(config.out_of_band, inner_generations=1, revisit=0),
-        joint=JointConfig(
-            bodies=4, poses=4, descents=2, polished=1, restarts=0, alternatives="never"
-        ),
     )
 
 

@@ -21,10 +21,9 @@ from aquafish_gym.utils.validation import integer
 from eea import (
     CONDITIONS,
     ConfigurationError,
-    EEAConfig,
     MorphologyEstimate,
+    config_for,
     estimate_morphology,
-    recovery_config,
 )
 
 
@@ -50,11 +49,10 @@ class CompareConditions:
         integer("seed", self.seed, 0)
         integer("seeds", self.seeds, 1)
         damage = Damage.coerce(self.damage)
-        configs: dict[str, EEAConfig] = {
-            c: EEAConfig(condition=c, steps=self.steps, rounds=self.rounds) for c in CONDITIONS
+        configs = {
+            name: config_for(name, steps=self.steps, rounds=self.rounds)
+            for name in (*CONDITIONS, "recovery", "joint")
         }
-        configs["recovery"] = recovery_config(self.steps, self.rounds)
-        configs["joint"] = EEAConfig("joint", steps=self.steps, rounds=self.rounds)
         table = Table(title=f"OBJ_FIT after {self.rounds} trials of {self.steps * 0.01:g} s")
         for column in ("condition", "mean", "SD", "least", "random body", "mid-range body"):
             table.add_column(column, justify="left" if column == "condition" else "right")

@@ -24,7 +24,7 @@ from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import finite_array, integer
-from eea import EEAConfig
+from eea import JointConfig
 from eea.core import streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from gait import EvolveConfig, distances, evolve_gait, random_poses
@@ -64,7 +64,7 @@ def compare(job: Job) -> dict[str, Any]:
     bodies = truth.to_array()[None]
     fitness: float | None = 1.0
     if job.kind != ORACLE:
-        config = EEAConfig("joint", rounds=job.trials)
+        config = JointConfig(rounds=job.trials)
         hidden, noisy = streams(job.seed)["target"], RealityGap(gyro_noise=job.noise)
         target = EngineTarget(None, damage, hidden, config.steps, "numba", gap=noisy)
         method = fish_eea(target, config, job.seed, target.morphology, threads=1)

@@ -14,9 +14,9 @@ from aquafish.batch import in_small
 from aquafish.recovery.held_out import damage_of
 from aquafish_gym import Morphology
 from aquafish_gym.morphology import DIMENSIONS, FINS
-from eea.core import EEAConfig, Result, streams
+from eea.core import JointConfig, PaperConfig, Result, streams
 from eea.core.angles import Floats
-from eea.core.config import Condition
+from eea.core.config import CONDITIONS, Condition, Config
 from eea.core.session import Session
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.fish.joint import HYPOTHESES
@@ -37,14 +37,19 @@ MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is counted
 class Settings:
     """The settings of all jobs of a suite."""
 
-    eea: EEAConfig  #: Of all methods, but for the condition.
+    eea: PaperConfig  #: Of the paper's methods; each has its own condition.
+    joint: JointConfig
     gait: EvolveConfig  #: How gaits are evolved, but for the seed.
     bodies: int  #: Of the posterior, that a gait is evolved on.
     poses: int  #: Random ones that a finished gait swims from.
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything that decides a result, ready for JSON."""
-        parts = {"eea": self.eea.to_dict(), "gait": asdict(self.gait)}
+        parts = {
+            "eea": self.eea.to_dict(),
+            "joint": self.joint.to_dict(),
+            "gait": asdict(self.gait),
+        }
         for part in parts.values():
             for name in ("condition", "seed", "threads"):  # each job's own
                 part.pop(name, None)
@@ -80,13 +85,15 @@ class GapJob:
         """How the target's world differs from the models'."""
         return gap_of(self.world, self.seed)
 
-    def begin(self) -> Session:
+    def begin(self) -> Session[Any]:
         """Return the method before its first round."""
         settings, engine = self.settings.eea, WORLDS[self.world].engine
         hidden, truth = streams(self.seed)["target"], self.body.to_array()
         target = EngineTarget(self.body, None, hidden, settings.steps, engine, gap=self.gap)
-        condition = next(name for name in METHODS if name == self.method)
-        config = replace(settings, condition=condition)
+        config: Config = self.settings.joint
+        if self.method != "joint":
+            condition = next(name for name in CONDITIONS if name == self.method)
+            config = replace(settings, condition=condition)
         return fish_eea(target, config, self.seed, truth, threads=1)
 
 
@@ -203,11 +210,14 @@ def warm_up(jobs: Sequence[GapJob]) -> None:
 @cache
 def _warm_up(world: str, method: str, settings: Settings) -> None:
     brief = replace(settings.gait, generations=1, population=10, poses=1, seconds=0.1)
+    eea, joint = in_small(settings.eea), in_small(settings.joint)
+    assert isinstance(eea, PaperConfig)
+    assert isinstance(joint, JointConfig)
     small = GapJob(
         world,
         method,
         0,
-        replace(settings, eea=in_small(settings.eea), gait=brief, poses=1),
+        replace(settings, eea=eea, joint=joint, gait=brief, poses=1),
     )
     result, _ = _model(small)
     _swim(small, evolve_gait(result.model, replace(brief, threads=1)).controller)

@@ -109,12 +109,14 @@ class Gap:
 
     def _settings(self) -> Settings:
         eea = recovery_config(self.steps, self.rounds)
+        joint = JointConfig(steps=self.steps, rounds=self.rounds)
         if self.smoke:
-            few = JointConfig(bodies=16, poses=16, descents=4, polished=1, restarts=0)
-            eea = replace(smoke(eea), joint=few)
+            eea = smoke(eea)
+            joint = replace(joint, bodies=16, poses=16, descents=4, polished=1, restarts=0)
         finite_array("seconds", self.seconds, (), 0.01, 3600.0, "s")
         return Settings(
             eea=eea,
+            joint=joint,
             gait=EvolveConfig(
                 paper=True,
                 generations=self.generations,

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from eea import EEA, EEAConfig, Problem, RecordedLog, Simulator, Trials
+from eea import EEA, PaperConfig, Problem, RecordedLog, Simulator, Trials
 from eea.core import action_layout, model_layout
 from eea.core.conditions import OutOfBandConfig
 from eea.core.estimation import EstimationConfig
@@ -61,7 +61,7 @@ class Robot:
 
 def main(seed: int = 0, rounds: int = 5) -> NDArray[np.float64]:
     """Model the pendulum, tell how it went, and return the body that was found."""
-    config = EEAConfig(
+    config = PaperConfig(
         condition="out-of-band",
         steps=STEPS,
         rounds=rounds,

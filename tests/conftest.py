@@ -49,13 +49,13 @@ swim_all([network], None, seconds=0.1, dtype="{dtype}")
 _ONE_BY_ONE = """
 from importlib.util import find_spec
 import gymnasium, aquafish_gym
-from eea import EEAConfig, estimate_morphology
+from eea import PaperConfig, estimate_morphology
 for engine in ("numba", "pybullet") if find_spec("pybullet") else ("numba",):
     for reactive in (False, True):
         env = gymnasium.make("AquaFish-v0", engine=engine, reactive=reactive)
         env.reset(seed=0)
         env.step(env.action_space.sample())
-estimate_morphology(config=EEAConfig(rounds=2, steps=16), target_engine="numba")
+estimate_morphology(config=PaperConfig(rounds=2, steps=16), target_engine="numba")
 """
 _KERNELS = (_LANES.format(dtype="float32"), _LANES.format(dtype="float64"), _ONE_BY_ONE)
 

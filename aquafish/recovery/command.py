@@ -31,8 +31,13 @@ from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from eea.core import EEAConfig
-from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, recovery_config
+from eea.core.config import (
+    MAXIMUM_ROUNDS,
+    RECOVERY,
+    JointConfig,
+    PaperConfig,
+    recovery_config,
+)
 from eea.fish.gap import MOST_SPIN
 from gait.controller import Controller
 from gait.evolve import EvolveConfig
@@ -145,7 +150,8 @@ class Recover:
         engine = check_engine(self.target_engine)
         swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
         eea, gaits = self._eea(), self._gaits()
-        joint_rounds = integer("joint_rounds", self.joint_rounds, 1, MAXIMUM_ROUNDS)
+        integer("joint_rounds", self.joint_rounds, 1, MAXIMUM_ROUNDS)
+        joint = JointConfig(steps=self.steps, rounds=self.joint_rounds)
         longest_first = sorted(TREATMENTS.items(), key=lambda one: one[1].model != "out-of-band")
         return [
             Treatment(
@@ -153,7 +159,7 @@ class Recover:
                 seed=seed,
                 morphology=body,
                 damage=damage_of(seed) if self.held_out else damage,
-                eea=replace(eea, rounds=joint_rounds) if spec.model == "joint" else eea,
+                eea=joint if spec.model == "joint" else eea,
                 gait=replace(gaits[spec.search], seed=seed),
                 transfer=replace(swims, seed=seed),
                 gyro_noise=self.gyro_noise,
@@ -162,8 +168,8 @@ class Recover:
             for name, spec in longest_first
         ]
 
-    def _eea(self) -> EEAConfig:
-        """Return the settings of all self-models, except the condition."""
+    def _eea(self) -> PaperConfig:
+        """Return the settings of the paper's self-models, except the condition."""
         eea = recovery_config(self.steps, self.rounds)
         out_of_band = replace(
             eea.out_of_band,

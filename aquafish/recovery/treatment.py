@@ -13,9 +13,9 @@ from aquafish.batch import in_small
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
-from eea.core import EEAConfig, Result, streams
+from eea.core import JointConfig, PaperConfig, Result, streams
 from eea.core.angles import wrap
-from eea.core.config import Condition
+from eea.core.config import Condition, Config
 from eea.core.fitness import objective_fitness
 from eea.fish import EngineTarget, RealityGap, fish_eea, fish_models
 from eea.fish.fins import fins_after
@@ -107,7 +107,7 @@ class Treatment:
     seed: int  # of all random streams, as in the parts' own configurations
     morphology: Morphology  # before the damage
     damage: Damage
-    eea: EEAConfig
+    eea: Config
     gait: EvolveConfig
     transfer: TransferConfig
     gyro_noise: float = 0.0  # standard deviation, rad/s
@@ -202,7 +202,10 @@ def _model(job: Treatment) -> Model:
         body = job.target if job.spec.body == "true" else job.morphology
         others = damaged_at_random(body, BODIES - 1, job.seed) if job.spec.body == "any" else []
         return Model(body, [body, *others], [])
-    config = replace(job.eea, condition=job.spec.model)
+    config = job.eea
+    if job.spec.model != "joint":
+        assert isinstance(config, PaperConfig)
+        config = replace(config, condition=job.spec.model)
     hidden, gap = streams(job.seed)["target"], RealityGap(gyro_noise=job.gyro_noise)
     engine = job.transfer.target_engine
     target = EngineTarget(job.morphology, job.damage, hidden, config.steps, engine, gap=gap)
@@ -249,19 +252,17 @@ def _posterior(
 def warm_up(jobs: Sequence[Treatment]) -> None:
     """Compile all that treatments need, by running two very small ones."""
     job = jobs[0]
-    small = replace(
-        job,
-        eea=in_small(job.eea),
-        transfer=replace(job.transfer, poses=1, seconds=0.1),
-    )
+    small = replace(job, transfer=replace(job.transfer, poses=1, seconds=0.1))
+    steps = job.eea.steps
     few: dict[str, Any] = {
         "generations": 1, "population": 10, "poses": 1, "seconds": 0.1, "threads": 1,
     }  # fmt: skip
     neat = EvolveConfig(paper=True, **few)
     senses: Any = ("imu", "clock", "fins")
     fins = EvolveConfig(search="cma", restarts=1, random_candidates=10, senses=senses, **few)
-    for name, gait in (("out-of-band", neat), ("joint-fins", fins)):
-        treat(replace(small, treatment=name, gait=gait))
+    models: tuple[Config, ...] = (PaperConfig(steps=steps), JointConfig(steps=steps))
+    for name, gait, model in zip(("out-of-band", "joint-fins"), (neat, fins), models, strict=True):
+        treat(replace(small, treatment=name, gait=gait, eea=in_small(model)))
 
 
 def _finite(distances: NDArray[np.float64]) -> list[float]:

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, get_args
 
-from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError
 from eea.core.conditions import InBandConfig, OutOfBandConfig
-from eea.core.config import Condition, EEAConfig, JointConfig
+from eea.core.config import Condition, Config, FitConfig, JointConfig, config_for
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
@@ -33,12 +32,11 @@ class ArmSettings:
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)
     genetic: GeneticConfig = field(default_factory=GeneticConfig)
-    behavior: BehaviorConfig = field(default_factory=BehaviorConfig)
     in_band: InBandConfig = field(default_factory=InBandConfig)
     out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
-    joint: JointConfig = field(default_factory=JointConfig)
+    joint: FitConfig = field(default_factory=FitConfig)
 
-    def over(self, arms: Mapping[str, EEAConfig]) -> dict[str, EEAConfig]:
+    def over(self, arms: Mapping[str, Config]) -> dict[str, Config]:
         """Return the arms with every setting that is not at its default.
 
         Raises
@@ -56,12 +54,14 @@ class ArmSettings:
                 )
         return {name: self._on(config, usual) for name, config in arms.items()}
 
-    def _on(self, config: EEAConfig, usual: ArmSettings) -> EEAConfig:
+    def _on(self, config: Config, usual: ArmSettings) -> Config:
+        if isinstance(config, JointConfig):
+            return replace(config, **_changes(self.joint, usual.joint))
         changed: dict[str, Any] = {}
         for name, value in _changes(self, usual).items():
             if name == "accurate":
                 changed[name] = value
-            else:
+            elif name != "joint":
                 given = _changes(value, getattr(usual, name))
                 changed[name] = replace(getattr(config, name), **given)
         return replace(config, **changed)
@@ -69,7 +69,7 @@ class ArmSettings:
 
 def asked_arms(
     figure: Sequence[Figure] | None, conditions: Sequence[Condition] | None
-) -> dict[str, EEAConfig]:
+) -> dict[str, Config]:
     """Return the arms of some of the paper's figures or of some conditions, by name.
 
     Raises
@@ -85,7 +85,7 @@ def asked_arms(
         return {FIGURE_ARMS[name]: FIGURES[f"fig{name}"] for name in names}
     assert conditions is not None
     refuse_empty("--conditions", conditions, "of " + ", ".join(get_args(Condition)))
-    return {condition: EEAConfig(condition=condition) for condition in conditions}
+    return {condition: config_for(condition) for condition in conditions}
 
 
 def refuse_empty(option: str, values: Sequence[object], wanted: str) -> None:

@@ -17,10 +17,10 @@ from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.validation import one_of
 from eea.cli.outcome import belief_words, draw_posterior, outcome_words, size_table, write_outcome
-from eea.core.config import JointConfig
+from eea.core.config import FitConfig
 from eea.core.session import streams
 from eea.fish import infer_log, read_log
-from eea.fish.log_inference import disagreement, log_nuisances, log_windows
+from eea.fish.log_inference import log_nuisances, log_windows
 from eea.fish.swim_log import SwimLog
 
 KIND = "a body inferred from a recorded swim"
@@ -67,7 +67,7 @@ class Infer:
         remarks = log_windows(log, moving).remarks
         for name in self.nuisances or ():
             one_of("nuisances", name, log_nuisances(moving))
-        joint = JointConfig(noise=self.noise, nuisances=self.nuisances)
+        joint = FitConfig(noise=self.noise, nuisances=self.nuisances)
         truth = None if self.truth is None else read_morphology(self.truth, "truth")
         streams(self.seed)
         console = Console(highlight=False, soft_wrap=True, markup=False)
@@ -90,13 +90,10 @@ class Infer:
                 for line in [*outcome_words(self.out, result), f"written to {self.out}"]:
                     console.print(line)
         if result.belief is not None and not result.belief.good:
-            with console.status("none fits: fitting each trial alone"):
-                why = disagreement(log, joint, self.seed, moving=moving, threads=self.threads)
-            console.print(why)
             console.print(CHECKS)
 
     def _write_manifest(
-        self, folder: Path, log: SwimLog, joint: JointConfig, truth: Morphology | None
+        self, folder: Path, log: SwimLog, joint: FitConfig, truth: Morphology | None
     ) -> None:
         settings = {
             "log": _stamp(log),

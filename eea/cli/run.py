@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
 from rich.console import Console
@@ -27,6 +27,7 @@ from aquafish_gym.runs.storage import (
     ensure_writable_directory,
     read_document,
 )
+from eea.cli.arms import ArmSettings
 from eea.cli.outcome import (
     MASS,
     PICTURE,
@@ -37,7 +38,7 @@ from eea.cli.outcome import (
     size_table,
     write_outcome,
 )
-from eea.core.config import EEAConfig, recovery_config
+from eea.core.config import Condition, Config, JointConfig, config_for, recovery_config
 from eea.core.result import SCHEMA, Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
@@ -59,8 +60,12 @@ class Run:
     """
 
     out: Out
+    condition: Condition = "out-of-band"  #: How the hidden angles are treated.
+    steps: int = 256  #: Length of a trial in steps of 0.01 s.
+    rounds: int | None = None  #: Trials, one a round; by default those of the condition.
+    time_limit: float | None = None  #: Begin no round after this many seconds; None for no limit.
     #: Settings of the algorithm.
-    config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=EEAConfig)
+    settings: Annotated[ArmSettings, tyro.conf.arg(name="")] = field(default_factory=ArmSettings)
     seed: int = 0  #: Everything random follows from it.
     target_damage: AnyDamage = "none"
     target_morphology: TargetMorphology = None
@@ -75,18 +80,29 @@ class Run:
     gap: RealityGap = field(default_factory=RealityGap)
     threads: Threads = None
 
+    def base(self) -> Config:
+        """Return the condition's own settings."""
+        return config_for(self.condition)
+
+    def config(self) -> Config:
+        """Return the settings that the options describe."""
+        base = self.base()
+        rounds = base.rounds if self.rounds is None else self.rounds
+        base = replace(base, steps=self.steps, rounds=rounds, time_limit=self.time_limit)
+        return self.settings.over({"run": base})["run"]
+
     def execute(self) -> None:
         """Run to a stop rule, with a line a round.
 
         If an option is wrong nothing has been written.
         """
-        damage = Damage.parse(self.target_damage)
+        config, damage = self.config(), Damage.parse(self.target_damage)
         intact = read_morphology(self.target_morphology, "target_morphology")
         target = EngineTarget(
             intact,
             damage,
             streams(self.seed)["target"],
-            self.config.steps,
+            config.steps,
             self.target_engine,
             self.current,
             self.substeps,
@@ -99,10 +115,10 @@ class Run:
             "substeps": self.substeps,
             "threads": self.threads,
         }
-        eea = fish_eea(target, self.config, self.seed, target.morphology, **simulator)
+        eea = fish_eea(target, config, self.seed, target.morphology, **simulator)
         simulator.pop("threads")  # no result depends on them
         settings = {
-            **self.config.to_dict(),
+            **config.to_dict(),
             "seed": self.seed,
             "target_damage": str(damage),
             "target_morphology": intact.to_dict(),
@@ -126,24 +142,28 @@ class Recover(Run):
     better (see recovery_config in eea/core/config.py).
     """
 
-    config: Annotated[EEAConfig, tyro.conf.arg(name="")] = field(default_factory=recovery_config)
     target_damage: AnyDamage = "left_pectoral:length=0.5"
 
+    def base(self) -> Config:
+        """Return the case study's settings."""
+        return recovery_config()
 
-def _fill(folder: Path, eea: Session, intact: Morphology, damage: Damage) -> None:
+
+def _fill(folder: Path, eea: Session[Any], intact: Morphology, damage: Damage) -> None:
     """Run to a stop rule in a locked folder, and say what was found, also after Ctrl-C."""
     console = Console(highlight=False, soft_wrap=True, markup=False)
-    config, result, earlier = eea.result.config, eea.result, _earlier_rounds(folder)
+    config, earlier = eea.config, _earlier_rounds(folder)
     if earlier:
         console.print(f"replacing the earlier run in {folder} ({_rounds(earlier)})")
     try:
         with console.status(f"round 1 of {config.rounds}, {config.condition}") as status:
             for record in eea:
                 if record.round >= earlier:
-                    write_outcome(folder, result)
-                console.print(_progress_line(record, result))
+                    write_outcome(folder, eea.result)
+                console.print(_progress_line(record, eea.result))
                 status.update(f"round {record.round + 1} of {config.rounds}, {config.condition}")
     finally:
+        result = eea.result
         done = len(result.rounds)
         if result.stopped == "interrupted" and done < earlier:
             console.print(
@@ -207,9 +227,10 @@ def damage_words(intact: Morphology, damage: Damage, result: Result) -> list[str
 
 def _why(result: Result) -> str:
     """Return why a run ended, and what the stop rules of joint inference mean by it."""
-    joint, why = result.config.joint, result.stopped
-    if why == "narrow" and joint.narrow is not None:
-        return f"{why}, every {MASS:.0%} interval is at most {joint.narrow:.2g} of its range"
+    why = result.stopped
+    if why == "narrow" and isinstance(result.config, JointConfig):
+        width = result.config.max_interval_width
+        return f"{why}, every {MASS:.0%} interval is at most {width:.2g} of its range"
     return why
 
 

@@ -1,4 +1,4 @@
-"""Ranges of angles: the smallest that includes some poses, wider ones, samples of one (Sec. 3.3).
+"""Ranges of angles: the smallest that includes some poses, and samples of one (Sec. 3.3).
 
 A range is a pair ``min_angle <= max_angle`` in rad with ``min_angle`` in [-pi, pi); one that
 crosses pi has ``max_angle`` beyond it. All hidden angles are circular: phases of a cycle too.
@@ -6,13 +6,10 @@ crosses pi has ``max_angle`` beyond it. All hidden angles are circular: phases o
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
-Inclusion = Literal["circular", "linear"]
 TURN = 2.0 * np.pi
 
 
@@ -28,19 +25,10 @@ def circular_distance(a: ArrayLike, b: ArrayLike) -> Floats:
     return np.abs(wrap(np.asarray(a, dtype=np.float64) - np.asarray(b, dtype=np.float64)))
 
 
-def smallest_inclusive(
-    poses: ArrayLike, inclusion: Inclusion = "circular"
-) -> tuple[Floats, Floats]:
-    """Return the smallest range, shapes (H,), that includes every pose (K, H), angle by angle.
-
-    ``"circular"`` is the shortest arc, which may cross pi; ``"linear"`` reaches from the least to
-    the greatest of the angles brought into [-pi, pi).
-    """
+def smallest_inclusive(poses: ArrayLike) -> tuple[Floats, Floats]:
+    """Return the shortest arcs, shapes (H,), that include every pose (K, H), angle by angle."""
     ordered = np.sort(wrap(poses), axis=0)
-    if inclusion == "linear":
-        return ordered[0], ordered[-1]
-    # The arc is the whole turn less the largest gap between neighbours; the last gap is the one
-    # that crosses pi.
+    # The arc is the turn less the largest gap between neighbours; the last gap crosses pi.
     gaps = np.concatenate([np.diff(ordered, axis=0), ordered[:1] + TURN - ordered[-1:]])
     each = np.arange(ordered.shape[1])
     last = np.argmax(gaps[::-1], axis=0)
@@ -48,14 +36,6 @@ def smallest_inclusive(
     start = ordered[(before + 1) % len(ordered), each]
     end = ordered[before, each]
     return start, np.where(end < start, end + TURN, end)
-
-
-def widen(min_angle: Floats, max_angle: Floats, fraction: float) -> tuple[Floats, Floats]:
-    """Return the range reaching ``fraction`` of its width past each end, a turn at most."""
-    width = max_angle - min_angle
-    wider = np.minimum(width * (1.0 + 2.0 * fraction), TURN)
-    start = wrap(min_angle - 0.5 * (wider - width))
-    return start, start + wider
 
 
 def sample_range(

@@ -1,140 +1,77 @@
-"""Behaviour summaries of IMU logs, and how alike two of them are (Sec. 3.1 and Eq. 2).
+"""Behaviours of gyroscope logs, and how similar two of them are (Sec. 3.1 and Eq. 2).
 
-A behaviour is a row of coefficients, complex for the Fourier transform unless only their
-magnitudes are kept, else real. Everything here works on whole batches.
+A behaviour is a row of complex coefficients: the discrete Fourier transforms of the angular
+velocity about each axis, in degrees/s, one after the other. Functions take whole batches.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.checks import TargetError, choice, flag, real
+from eea.core.checks import TargetError
 
-Coefficients = NDArray[Any]  # complex or real floats, single or double precision
+Coefficients = NDArray[Any]  # complex or real, single or double precision
 
-Signal = Literal["attitude", "body_rates"]
+MAX = 100.0  # of Eq. 2
+DEGREES = 180.0 / np.pi
 
 
 class Log(Protocol):
-    """What a robot's IMU recorded: (B, T, axes) for B trials, or (T, axes) for one.
-
-    Only the signal that the behaviour is of is looked at, by default the gyroscope.
-    """
-
-    @property
-    def rpy(self) -> NDArray[Any] | None:
-        """Roll, pitch and yaw in rad, unwrapped, after each step; ``None`` if not logged."""
+    """What a robot's IMU recorded."""
 
     @property
     def gyro(self) -> NDArray[Any] | None:
-        """Angular velocity about the body's axes in rad/s; ``None`` if not logged."""
-
-
-@dataclass(frozen=True)
-class BehaviorConfig:
-    """What counts as a behaviour, and how two are compared."""
-
-    #: What a trial is reduced to. The paper's choice is "dft", the discrete Fourier transform. It
-    #: tried before "mean_rate" and "rms_rate", the mean and the root mean square of the angular
-    #: velocity in each axis.
-    summary: Literal["dft", "mean_rate", "rms_rate"] = "dft"
-    #: What is summarised: "body_rates" is the gyroscope, "attitude" is roll, pitch and yaw. The
-    #: rates are the gyroscope's own, or those of the attitude.
-    signal: Signal = "body_rates"
-    #: Of the angles, or of the rates a second. At MAX = 100 a median 1 - sim between random robots
-    #: is, by the gyroscope, about 0.4 in degrees and below 0.01 in radians.
-    unit: Literal["degrees", "radians"] = "degrees"
-    #: Divide the transform by the number of samples. Without a clamp this changes no ranking of
-    #: models, only the scale of MOD_FIT.
-    normalised: bool = False
-    #: Of two coefficients: "complex" is the modulus of their difference, "magnitude" the difference
-    #: of their moduli, which drops the phase.
-    difference: Literal["complex", "magnitude"] = "complex"
-    clamp: bool = False  #: Count no coefficient's difference as more than maximum.
-    maximum: float = 100.0  #: MAX of Eq. 2.
-    timestep: float = 0.01  #: Seconds between samples, for the attitude's rates.
-
-    def __post_init__(self) -> None:
-        choice("behavior.summary", self.summary, ("dft", "mean_rate", "rms_rate"))
-        choice("behavior.signal", self.signal, ("attitude", "body_rates"))
-        choice("behavior.unit", self.unit, ("degrees", "radians"))
-        flag("behavior.normalised", self.normalised)
-        choice("behavior.difference", self.difference, ("complex", "magnitude"))
-        flag("behavior.clamp", self.clamp)
-        real("behavior.maximum", self.maximum, 1e-9)
-        real("behavior.timestep", self.timestep, 1e-9)
+        """Angular velocity about the body's axes, rad/s: (B, T, axes) of B trials, or (T, axes)."""
 
 
 def summarize(
-    log: Log,
-    config: BehaviorConfig,
-    steps: int | None = None,
-    axes: int | None = None,
-    source: str = "a robot",
+    log: Log, steps: int | None = None, axes: int | None = None, source: str = "a robot"
 ) -> Coefficients:
-    """Return the behaviours of a log's trials, shape (B, coefficients).
+    """Return the behaviours of a log's trials, shape (B, axes * (T // 2 + 1)).
 
-    The transform keeps T // 2 + 1 frequencies of each axis; a rate is one number an axis. The
-    trials must be of so many ``steps`` and ``axes``, any where None; ``source`` says whose they
-    are where they are not.
+    See :func:`gyro_samples` for the parameters and errors.
+    """
+    samples = gyro_samples(log, steps, axes, source) * DEGREES
+    axes_first = np.ascontiguousarray(samples.transpose(0, 2, 1))
+    coefficients: Coefficients = np.fft.rfft(axes_first, axis=-1).reshape(len(samples), -1)
+    return coefficients
+
+
+def gyro_samples(
+    log: Log, steps: int | None = None, axes: int | None = None, source: str = "a robot"
+) -> NDArray[Any]:
+    """Return the gyroscope's samples (B, T, axes) of a log.
+
+    Parameters
+    ----------
+    steps, axes
+        Required length T and number of axes; None accepts any.
+    source
+        Whose log it is, for error messages.
 
     Raises
     ------
     TargetError
-        If the log lacks the signal, or it is not of shape (B, T, axes) or (T, axes) with T
-        of at least 2, or of another length than ``steps``.
+        If the log has no ``gyro``, or it does not have the required shape with T >= 2.
     """
-    samples = signal_samples(log, config, axes, source, steps)
-    if config.unit == "degrees":
-        samples = samples * (180.0 / np.pi)
-    axes_first = np.ascontiguousarray(samples.transpose(0, 2, 1))
-    coefficients: Coefficients
-    if config.summary == "dft":
-        coefficients = np.fft.rfft(axes_first, axis=-1).reshape(len(samples), -1)
-        if config.normalised:
-            coefficients = coefficients / samples.shape[1]
-    else:
-        rates = axes_first
-        if config.signal == "attitude":
-            rates = np.diff(axes_first, axis=-1) / config.timestep
-        if config.summary == "mean_rate":
-            coefficients = rates.mean(axis=-1)
-        else:
-            coefficients = np.sqrt(np.square(rates).mean(axis=-1))
-    return modulus(coefficients) if config.difference == "magnitude" else coefficients
-
-
-def signal_samples(
-    log: Log,
-    config: BehaviorConfig,
-    axes: int | None = None,
-    source: str = "a robot",
-    steps: int | None = None,
-) -> NDArray[Any]:
-    """Return what the log holds of the signal, shape (B, T, axes); see ``summarize``."""
     last = "axes" if axes is None else str(axes)
     wanted = f"samples of shape (B, T, {last}) or (T, {last})"
-    name = "rpy" if config.signal == "attitude" else "gyro"
     try:
-        signal = getattr(log, name)
+        gyro = log.gyro
     except AttributeError as error:
         got = "None" if log is None else f"a {type(log).__name__}"
-        raise TargetError(f"{source} must return a log with {name}; it returned {got}") from error
-    if signal is None:
-        raise TargetError(
-            f"a log must hold {name} for behavior.signal = {config.signal}; "
-            f"that of {source} holds none"
-        )
+        raise TargetError(f"{source} must return a log with gyro; it returned {got}") from error
+    if gyro is None:
+        raise TargetError(f"a log must hold gyro; that of {source} holds none")
     try:
-        samples = np.asarray(signal)
+        samples = np.asarray(gyro)
     except ValueError:
-        raise TargetError(f"a log must hold {wanted}; {name} of {source} is ragged") from None
+        raise TargetError(f"a log must hold {wanted}; gyro of {source} is ragged") from None
     if samples.dtype.kind not in "fiu":
-        raise TargetError(f"a log must hold real numbers; {name} of {source} is {samples.dtype}")
+        raise TargetError(f"a log must hold real numbers; gyro of {source} is {samples.dtype}")
     if samples.ndim == 2:
         samples = samples[None]
     fits = samples.ndim == 3 and samples.shape[1] >= 2 and samples.shape[2] >= 1
@@ -143,8 +80,7 @@ def signal_samples(
             f"a log must hold {wanted} with at least 2 steps; got {samples.shape} from {source}"
         )
     if steps is not None and samples.shape[1] != steps:
-        # Transforms of T and T + 1 samples are equally long, and a rate does not tell T at all:
-        # the comparison would not notice.
+        # Transforms of T and T + 1 samples are equally long: the comparison would not fail.
         raise TargetError(
             f"{source} must log trials of {steps} steps, as config.steps says; "
             f"it logged {samples.shape[1]}"
@@ -152,26 +88,20 @@ def signal_samples(
     return samples
 
 
+def similarity(a: Coefficients, b: Coefficients) -> NDArray[np.float64]:
+    """Return sim (Eq. 2) of behaviours (..., F), shape (...): at most 1, unbounded below."""
+    return likeness(np.asarray(modulus(a - b).mean(axis=-1, dtype=np.float64)))
+
+
+def likeness(difference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return sim (Eq. 2) for the mean difference of two behaviours' coefficients."""
+    return 1.0 - difference / MAX  # Eq. 2
+
+
 def modulus(coefficients: Coefficients) -> Coefficients:
-    """Return |c|, real; several times as fast as ``abs`` on single-precision complex numbers."""
+    """Return |c|, real; several times faster than ``abs`` on single-precision complex numbers."""
     if not np.iscomplexobj(coefficients):
         return np.abs(coefficients)
     squares: Coefficients = np.square(coefficients.real)
     squares += np.square(coefficients.imag)
     return np.sqrt(squares, out=squares)
-
-
-def similarity(a: Coefficients, b: Coefficients, config: BehaviorConfig) -> NDArray[np.float64]:
-    """Return how alike behaviours (..., coefficients) are, sim of Eq. 2, shape (...).
-
-    At most 1; below 0 where they differ by more than MAX.
-    """
-    apart = modulus(a - b)
-    if config.clamp:
-        apart = np.minimum(apart, config.maximum)
-    return likeness(np.asarray(apart.mean(axis=-1, dtype=np.float64)), config)
-
-
-def likeness(apart: NDArray[np.float64], config: BehaviorConfig) -> NDArray[np.float64]:
-    """Return sim (Eq. 2) for the mean difference of two behaviours' coefficients."""
-    return 1.0 - apart / config.maximum  # Eq. 2

@@ -1,8 +1,7 @@
-"""Experiments and their context, and the two things the EEA talks to (Sec. 3.2 and 3.3).
+"""Targets, simulators, and experiments with what is known of their initial angles (Secs. 3.2, 3.3).
 
-A *target* is the robot itself: it can be told what to do, and tells what its IMU felt. It does
-not say at which angles its joints began. A *simulator* stands in for it during the search and is
-told everything.
+A *target* is the robot: it performs commands and returns gyroscope logs, but not the angles at
+which its joints began. A *simulator* replaces it during the search and is given everything.
 """
 
 from __future__ import annotations
@@ -11,13 +10,13 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from inspect import getattr_static
-from typing import Protocol, Self, TypeGuard
+from typing import Any, Protocol, Self, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats, sample_range
-from eea.core.behavior import BehaviorConfig, Coefficients, Log
+from eea.core.behavior import Coefficients, Log
 
 
 @dataclass(frozen=True)
@@ -31,20 +30,33 @@ class Trials:
     """
 
     models: Floats  #: Shape (B, n): the bodies.
-    commands: Floats  #: Shape (B, c): what each is told to do.
-    angles: Floats  #: Shape (B, h): where the hidden angles begin, in rad.
+    commands: Floats  #: Shape (B, c).
+    angles: Floats  #: Shape (B, h): initial values of the hidden angles, rad.
 
     def __len__(self) -> int:
         return len(self.commands)
 
 
 @dataclass(frozen=True)
-class Performed:
-    """A target's answer where it says itself what it executed.
+class RecordedLog:
+    """A log of samples in memory.
 
     Examples
     --------
-    A servo that saturates tells so:
+    >>> RecordedLog(gyro=np.zeros((256, 3))).gyro.shape
+    (256, 3)
+    """
+
+    gyro: NDArray[Any]  #: See :class:`eea.core.behavior.Log`.
+
+
+@dataclass(frozen=True)
+class Performed:
+    """A target's log together with the command that it executed.
+
+    Examples
+    --------
+    A robot whose servos saturate reports the executed command:
 
     >>> class Tank:
     ...     def perform(self, command):
@@ -53,40 +65,38 @@ class Performed:
     """
 
     log: Log  #: Of one trial.
-    #: The command (c,) that was really executed; the log is credited to it, whatever was asked.
-    command: Floats
+    command: Floats  #: Shape (c,); the log counts as this command's, whatever was requested.
 
 
 class Target(Protocol):
-    """The robot to be modelled. A physical one needs to implement nothing but this."""
+    """The robot to be modelled. A physical one needs to implement only this method."""
 
     def perform(self, command: Floats) -> Log | Performed:
-        """Carry out a command (c,) from wherever the joints are; return the log of one trial.
+        """Execute a command (c,) from the joints' present angles; return the log of one trial.
 
-        The log must hold the signal that the behaviour is of: ``gyro``, or ``rpy`` for the
-        attitude. A robot that executes another command than it was asked for answers
+        A robot that executes another command than the requested one returns
         ``Performed(log, command)``.
         """
 
 
 class RevealingTarget(Target, Protocol):
-    """A target that can tell afterwards where it began: the Ideal condition needs it."""
+    """A target that reveals afterwards where it began: the Ideal condition needs one."""
 
     @property
     def start_angles(self) -> Floats:
-        """The hidden angles (h,) in rad at the start of the last performed command."""
+        """The hidden angles (h,) at the start of the last performed command, rad."""
 
 
 def reveals(target: Target) -> TypeGuard[RevealingTarget]:
-    """Return whether a target has ``start_angles``, without asking for them."""
+    """Return whether a target has ``start_angles``, without reading them."""
     return getattr_static(target, "start_angles", None) is not None
 
 
 class Comparer(Protocol):
-    """Simulates and compares in one go, where a simulator can do that faster than numpy.
+    """Simulates and compares in one step, where a simulator can do that faster than numpy.
 
-    What it answers is what ``behavior.py`` and ``fitness.py`` would, but for rounding. A robot
-    that left the finite numbers gives an answer that is not finite.
+    Results equal those of ``behavior.py`` and ``fitness.py`` up to rounding; those of a robot that
+    diverged are not finite.
     """
 
     def to_observed(
@@ -98,17 +108,16 @@ class Comparer(Protocol):
         """
 
     def between_models(self, trials: Trials, models: int) -> Floats:
-        """Return, for each run of ``models`` trials, the sum over its pairs of that mean, (A,)."""
+        """Return the sum of that mean over all pairs in each run of ``models`` trials, (A,)."""
 
 
 class Simulator(Protocol):
     """A model of the robot in which the body and the hidden angles can be chosen.
 
-    A class that inherits from this one needs ``simulate`` only: its logs are compared by numpy.
+    A class that inherits from this one only needs ``simulate``: numpy compares its logs.
 
     Examples
     --------
-    >>> from eea.core.replay import RecordedLog
     >>> class Swing(Simulator):
     ...     def simulate(self, trials):
     ...         time = 0.01 * np.arange(1, 65)
@@ -122,17 +131,14 @@ class Simulator(Protocol):
     def simulate(self, trials: Trials) -> Log:
         """Run B trials; return their logs, (B, T, axes). No trial may depend on the others."""
 
-    def comparer(self, behavior: BehaviorConfig, steps: int) -> Comparer | None:  # noqa: ARG002
-        """Return what compares such behaviours of trials of so many steps faster than numpy.
-
-        None, the default, has the logs of ``simulate`` compared by numpy.
-        """
+    def comparer(self, steps: int) -> Comparer | None:  # noqa: ARG002
+        """Return what compares trials of ``steps`` samples faster than numpy, if anything does."""
         return None
 
 
 @dataclass(frozen=True)
 class Context:
-    """What is believed of the hidden angles when an experiment began."""
+    """What is known of the hidden angles at the start of an experiment."""
 
     #: The range of each angle in rad, shape (h,) each, ``min_angle <= max_angle``.
     min_angle: Floats
@@ -141,20 +147,17 @@ class Context:
 
     @classmethod
     def known(cls, pose: Floats) -> Self:
-        """Return the context of certainty about one pose (h,)."""
+        """Return the context of one certain pose (h,)."""
         return cls(pose, pose, 1.0)
 
     @classmethod
     def unknown(cls, angles: int, confidence: float) -> Self:
-        """Return the context whose range is the whole turn of every one of so many angles."""
+        """Return the context whose range is the whole turn of each of ``angles`` angles."""
         return cls(np.full(angles, -np.pi), np.full(angles, np.pi), confidence)
-
-    def __len__(self) -> int:
-        return len(self.min_angle)
 
     @property
     def fixed(self) -> bool:
-        """Whether every trial in this context begins at the same angles."""
+        """Whether every model begins at the same angles in this context."""
         return self.confidence >= 1.0 and bool((self.min_angle == self.max_angle).all())
 
     @property
@@ -163,27 +166,27 @@ class Context:
         return 0.5 * (self.min_angle + self.max_angle)
 
 
-@dataclass
+@dataclass(frozen=True)
 class Experiment:
-    """One command performed on the target, its behaviour, and what is believed of its start."""
+    """One command performed on the target, its behaviour, and the context of its start."""
 
     command: Floats  #: Shape (c,): what the target executed.
     behavior: Coefficients  #: The target's coefficients, shape (F,).
-    context: Context  #: Replaced by the inference as it learns.
-    #: Where the hidden angles began, shape (h,), if the target revealed it. Only the Ideal
-    #: condition and the records look at it.
+    context: Context
+    #: The hidden angles at the start, shape (h,), if the target revealed them. Only the Ideal
+    #: condition and the records read them.
     true_angles: Floats | None = field(default=None, repr=False)
 
 
 def perform_angles(
     experiments: Sequence[Experiment], count: int, rng: np.random.Generator
 ) -> Floats:
-    """Return the angles at which ``count`` models begin each experiment, shape (count, E, h).
+    """Return the initial angles of ``count`` models in each experiment, shape (count, E, h).
 
-    This is PERFORM of Sec. 3.3: with the context's confidence the angles are uniform in its
-    range, else anywhere. Contexts that leave no choice draw no random numbers.
+    This is PERFORM of Sec. 3.3: with probability ``confidence`` the angles are uniform in the
+    context's range, else uniform over the turn. Fixed contexts draw no random numbers.
     """
-    width = len(experiments[0].context)
+    width = len(experiments[0].context.min_angle)
     angles = np.empty((count, len(experiments), width))
     for e, experiment in enumerate(experiments):
         context = experiment.context

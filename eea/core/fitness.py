@@ -1,4 +1,4 @@
-"""The paper's fitnesses (Eqs. 1, 3, 4), and what guessing and the nearest genome score."""
+"""The paper's fitnesses (Eqs. 1, 3, 4), and the scores of a guess and of the nearest genome."""
 
 from __future__ import annotations
 
@@ -6,57 +6,50 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from eea.core.angles import Floats
-from eea.core.behavior import BehaviorConfig, Coefficients
-from eea.core.bits import BitLayout
+from eea.core.behavior import MAX, Coefficients
 from eea.core.checks import finite
+from eea.core.genome import BitLayout
 
 
-def action_fitness(behaviors: Coefficients, config: BehaviorConfig) -> Floats:
-    """Return ACT_FIT (A,), how much each action makes the models disagree (Eq. 1), exactly.
+def action_fitness(behaviors: Coefficients) -> Floats:
+    """Return ACT_FIT (A,) of A actions (Eq. 1): the mean of 1 - sim over all pairs of models.
 
-    It is the mean of 1 - sim over the C(M, 2) pairs of models; behaviours are (A, M, F), of A
-    actions by M models by F coefficients.
+    Behaviours are (A, M, F): A actions, M models, F coefficients.
     """
     models = behaviors.shape[1]
-    if np.iscomplexobj(behaviors) or config.clamp:
-        sums = np.array([_pairwise_sum(action, config) for action in behaviors])
+    if np.iscomplexobj(behaviors):
+        sums = np.array([_pairwise_sum(action) for action in behaviors])
     else:
         # sum over i < j of |x_i - x_j| is sum over ranks k of (2 k - (M - 1)) x_(k).
         weights = 2.0 * np.arange(models) - (models - 1)
         ordered = np.sort(behaviors, axis=1).astype(np.float64)
         sums = np.einsum("m,amf->a", weights, ordered)
-    return disagreement(sums / behaviors.shape[2], models, config)
+    return disagreement(sums / behaviors.shape[2], models)
 
 
-def disagreement(apart: Floats, models: int, config: BehaviorConfig) -> Floats:
+def disagreement(apart: Floats, models: int) -> Floats:
     """Return ACT_FIT (Eq. 1) for the sum over pairs of models of their mean difference."""
     pairs = models * (models - 1) / 2  # C(M, 2)
-    fitness: Floats = apart / (config.maximum * pairs)  # Eq. 1
+    fitness: Floats = apart / (MAX * pairs)  # Eq. 1
     return fitness
 
 
-def _pairwise_sum(behaviors: Coefficients, config: BehaviorConfig) -> float:
-    """Return the sum of all pairs' differences for one action, behaviours (M, F).
+def _pairwise_sum(behaviors: Coefficients) -> float:
+    """Return the sum of all pairs' differences for one action, complex behaviours (M, F).
 
-    Each model against all later ones, in place on real parts: a block of numbers that fits a
-    core's cache, and ten times as fast as gathering pairs of complex ones.
+    Each model is compared with all later ones, in place on real and imaginary parts: that fits a
+    core's cache and is ten times as fast as gathering pairs of complex numbers.
     """
-    parts = [np.ascontiguousarray(part) for part in (behaviors.real, behaviors.imag)]
-    squares, buffer = np.empty_like(parts[0]), np.empty_like(parts[0])
+    real, imaginary = (np.ascontiguousarray(part) for part in (behaviors.real, behaviors.imag))
+    squares, buffer = np.empty_like(real), np.empty_like(real)
     total = 0.0
     for i in range(len(behaviors) - 1):
         later = len(behaviors) - 1 - i
-        apart = np.subtract(parts[0][i + 1 :], parts[0][i], out=squares[:later])
-        if np.iscomplexobj(behaviors):
-            other = np.subtract(parts[1][i + 1 :], parts[1][i], out=buffer[:later])
-            np.square(apart, out=apart)
-            apart += np.square(other, out=other)
-            np.sqrt(apart, out=apart)
-        else:
-            np.abs(apart, out=apart)
-        if config.clamp:
-            np.minimum(apart, config.maximum, out=apart)
-        total += float(apart.sum())
+        apart = np.subtract(real[i + 1 :], real[i], out=squares[:later])
+        other = np.subtract(imaginary[i + 1 :], imaginary[i], out=buffer[:later])
+        np.square(apart, out=apart)
+        apart += np.square(other, out=other)
+        total += float(np.sqrt(apart, out=apart).sum())
     return total
 
 
@@ -80,9 +73,9 @@ def dimension_errors(models: ArrayLike, target: ArrayLike, layout: BitLayout) ->
 
 
 def objective_fitness(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
-    """Return one less the mean dimensional error (Eq. 4): an oracle, never used in the search.
+    """Return OBJ_FIT (...,), 1 - mean dimension error (Eq. 4): an oracle, unused in the search.
 
-    Takes what :func:`dimension_errors` does; returns shape (...), in [0, 1].
+    See :func:`dimension_errors` for the parameters.
     """
     fitness: Floats = 1.0 - dimension_errors(models, target, layout).mean(axis=-1)  # Eq. 4
     return fitness

@@ -1,24 +1,24 @@
-"""What the algorithm is told of a robot: the widths of its body, commands, angles and signal."""
+"""A robot as the algorithm sees it: its dimensions, commands, hidden angles and axes."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from eea.core.bits import BitLayout
 from eea.core.checks import ConfigurationError, instance, whole
+from eea.core.genome import BitLayout
 
 MAXIMUM_AXES = 1000
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A robot to be modelled; the algorithm takes every width from here and from nowhere else.
+    """A robot to be modelled.
 
     Examples
     --------
-    A pendulum with a motor: its length and friction are sought, and where it hung is not known.
+    A pendulum with a motor, of unknown length, friction and initial angle:
 
-    >>> from eea.core.bits import action_layout, model_layout
+    >>> from eea.core.genome import action_layout, model_layout
     >>> pendulum = Problem(
     ...     models=model_layout([("length", 2.0, 6), ("friction", 1.0, 5)]),
     ...     actions=action_layout([("torque", -1.0, 1.0)]),
@@ -29,13 +29,12 @@ class Problem:
     (2, 1, 1)
     """
 
-    models: BitLayout  #: The genome of a body: what is to be found out.
+    models: BitLayout  #: The genome of a body: the dimensions to be found.
     actions: BitLayout  #: The genome of a command.
-    #: The names of the angles at which a trial begins, and which the robot does not tell. All are
-    #: circular, in rad, each over a whole turn; zero is the state taken for granted where nothing
-    #: is inferred.
+    #: The names of the unknown initial angles of a trial. Each is circular, in rad, over a whole
+    #: turn; zero is assumed where nothing is inferred.
     hidden: tuple[str, ...]
-    axes: int  #: How many axes the log's signal has.
+    axes: int  #: Number of the gyroscope's axes.
 
     def __post_init__(self) -> None:
         instance("models", self.models, BitLayout)

@@ -1,12 +1,10 @@
-"""A recorded session of a robot as a target: what it did is told again, command by command."""
+"""A recorded session of a robot as a target: its trials are replayed one by one."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from eea.core.angles import Floats
 from eea.core.behavior import Log
@@ -14,31 +12,25 @@ from eea.core.checks import ConfigurationError, TargetError, finite
 from eea.core.experiment import Performed
 
 
-@dataclass(frozen=True)
-class RecordedLog:
-    """The plainest log: samples of one or both signals.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> RecordedLog(gyro=np.zeros((256, 3))).rpy is None
-    True
-    """
-
-    #: Angular velocity about the body's axes in rad/s, shape (T, axes), or (B, T, axes).
-    gyro: NDArray[Any] | None = None
-    rpy: NDArray[Any] | None = None  #: The attitude's angles in rad, unwrapped, of such a shape.
-
-
 class ReplayTarget:
-    """A target that repeats what a robot did, whatever it is asked for, and says so.
+    """A target that replays a robot's trials, whatever command is requested.
 
-    It takes the commands (E, c) that the robot executed and their logs, of one trial each; other
-    numbers of them raise ``ConfigurationError``.
+    Parameters
+    ----------
+    commands
+        Shape (E, c): what the robot executed.
+    logs
+        One of each trial.
+
+    Raises
+    ------
+    ConfigurationError
+        If commands and logs are not equally many, or there is none.
 
     Examples
     --------
     >>> import numpy as np
+    >>> from eea.core.experiment import RecordedLog
     >>> target = ReplayTarget([[0.1], [0.2]], [RecordedLog(np.zeros((64, 1)))] * 2)
     >>> len(target), target.perform(np.array([0.9])).command
     (2, array([0.1]))
@@ -61,8 +53,8 @@ class ReplayTarget:
     def __len__(self) -> int:
         return len(self._logs)
 
-    def perform(self, command: Floats) -> Performed:  # noqa: ARG002 - the past cannot be asked
-        """Return the session's next log, with the command that it is of; else ``TargetError``."""
+    def perform(self, command: Floats) -> Performed:  # noqa: ARG002
+        """Return the next log with its command; raise ``TargetError`` after the last."""
         if self._next == len(self):
             raise TargetError(
                 f"the recorded session holds {len(self)} trials, and all have been replayed; "

@@ -1,20 +1,37 @@
-"""What a run leaves behind: a record a round, and the whole of them with its levels."""
+"""The results of a run: a record of each round, and all of them with the reference scores."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import asdict, dataclass, field
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from eea.core.angles import Floats
-from eea.core.bits import BitLayout
+from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
-from eea.core.config import EEAConfig
-from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
+from eea.core.config import Config
+from eea.core.experiment import Context
+from eea.core.fitness import (
+    chance_level,
+    dimension_errors,
+    mid_range_level,
+    objective_fitness,
+    quantisation_limit,
+)
+from eea.core.genome import BitLayout
 
 SCHEMA = "eea.result/1"
+
+
+class RoundFit(NamedTuple):
+    """What a round's fit found."""
+
+    model: Floats  #: The best model (n,).
+    fitness: float  #: Its MOD_FIT (Eq. 3).
+    context: Context  #: Of the newest trial.
+    spread: Floats  #: Standard deviation in each dimension, as a share (n,) of its range.
+    trials: int  #: Simulated in this round.
 
 
 @dataclass(frozen=True)
@@ -23,27 +40,59 @@ class RoundRecord:
 
     round: int  #: From 1; also the number of experiments so far.
     command: tuple[float, ...]  #: What the target performed.
-    #: ACT_FIT of that command (Eq. 1), or what another strategy that compares commands promised of
-    #: it; None for the first, for random and fast ones, and for one that the target performed in
-    #: place of another.
+    #: ACT_FIT of that command (Eq. 1); None if it was not chosen by disagreement, or the target
+    #: executed another command.
     action_fitness: float | None
     model_fitness: float  #: The best MOD_FIT (Eq. 3).
     morphology: tuple[float, ...]  #: The model that has it, n numbers.
     #: The range inferred for the hidden angles in this round's experiment, rad.
     min_angle: tuple[float, ...]
     max_angle: tuple[float, ...]
-    #: The truth, and its distance from the range's middle, rad; None if not revealed.
+    #: The true angles, and their distance from the range's middle, rad; None if not revealed.
     true_angles: tuple[float, ...] | None
     angle_error: tuple[float, ...] | None
     objective_fitness: float | None  #: OBJ_FIT (Eq. 4); None if the truth is not known.
-    #: The model's distance from the truth in each dimension, as a share of its range; None if the
-    #: truth is not known.
+    #: The model's error in each dimension, as a share of its range; None if the truth is unknown.
     dimension_error: tuple[float, ...] | None
-    #: The standard deviation over the final population in each dimension, as such a share: what the
-    #: models still disagree about.
-    spread: tuple[float, ...]
+    spread: tuple[float, ...]  #: See :class:`RoundFit`.
     trials: int  #: Simulated in this round.
     seconds: float  #: Since the run began.
+
+    @classmethod
+    def of(
+        cls,
+        number: int,
+        command: Floats,
+        action_fitness: float | None,
+        fit: RoundFit,
+        layout: BitLayout,
+        truth: Floats | None,
+        true_angles: Floats | None,
+        seconds: float,
+    ) -> RoundRecord:
+        """Return the record of a round's fit, compared with what is known of the truth."""
+        errors = off = objective = None
+        if truth is not None:
+            objective = float(objective_fitness(fit.model, truth, layout))
+            errors = tuple(dimension_errors(fit.model, truth, layout).tolist())
+        if true_angles is not None:
+            off = tuple(circular_distance(fit.context.middle, true_angles).tolist())
+        return cls(
+            round=number,
+            command=tuple(command.tolist()),
+            action_fitness=action_fitness,
+            model_fitness=fit.fitness,
+            morphology=tuple(fit.model.tolist()),
+            min_angle=tuple(fit.context.min_angle.tolist()),
+            max_angle=tuple(fit.context.max_angle.tolist()),
+            true_angles=None if true_angles is None else tuple(true_angles.tolist()),
+            angle_error=off,
+            objective_fitness=objective,
+            dimension_error=errors,
+            spread=tuple(fit.spread.tolist()),
+            trials=fit.trials,
+            seconds=seconds,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the record for JSON."""
@@ -51,7 +100,7 @@ class RoundRecord:
 
 
 class Belief(Protocol):
-    """What a method believes of the body beyond one best model."""
+    """A posterior over bodies."""
 
     @property
     def findings(self) -> list[str]:
@@ -59,7 +108,7 @@ class Belief(Protocol):
 
     @property
     def good(self) -> bool:
-        """Whether the best model explains what was felt, so that the intervals can be trusted."""
+        """Whether the best model explains the logs, so that the intervals can be trusted."""
 
     @property
     def verdict(self) -> str:
@@ -72,7 +121,7 @@ class Belief(Protocol):
         """Return the ends (n,) of each dimension's equal-tailed interval."""
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
-        """Return bodies (count, n) that the trials allow."""
+        """Return bodies (count, n) drawn from the posterior."""
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
@@ -84,21 +133,22 @@ class Result:
 
     Examples
     --------
-    >>> from eea.core.bits import model_layout
-    >>> result = Result(EEAConfig(), 0, model_layout([("length", 2.0, 6)]), np.array([1.0]))
+    >>> from eea.core.config import PaperConfig
+    >>> from eea.core.genome import model_layout
+    >>> result = Result(PaperConfig(), 0, model_layout([("length", 2.0, 6)]), np.array([1.0]))
     >>> result.stopped, round(result.mid_range, 3)
     ('interrupted', 1.0)
     """
 
-    config: EEAConfig
+    config: Config
     seed: int
     layout: BitLayout  #: The models' genome, for the ranges of the dimensions.
     truth: Floats | None = None  #: The target's dimensions (n,), if known: an oracle.
-    rounds: list[RoundRecord] = field(default_factory=list)  #: One record a round.
-    #: Why it ended: ``"rounds"``, ``"accurate"``, ``"time"``, under the joint condition also
-    #: ``"narrow"`` or ``"robust"``, or ``"interrupted"`` until then.
+    rounds: list[RoundRecord] = field(default_factory=list)
+    #: Why the run ended: ``"rounds"``, ``"accurate"``, ``"narrow"`` or ``"time"``;
+    #: ``"interrupted"`` until then.
     stopped: str = "interrupted"
-    belief: Belief | None = None  #: How sure it is; only the joint condition knows.
+    belief: Belief | None = None  #: The posterior; joint inference alone has one.
 
     @property
     def model(self) -> Floats:
@@ -109,33 +159,32 @@ class Result:
 
     @property
     def objective_fitness(self) -> float | None:
-        """OBJ_FIT (Eq. 4) of the last round's model; None if the truth or a round is lacking."""
+        """OBJ_FIT (Eq. 4) of the last round's model; None if the truth or a round is missing."""
         return self.rounds[-1].objective_fitness if self.rounds else None
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (n,) of each dimension's interval of so much probability.
+        """Return the ends (n,) of each dimension's equal-tailed interval of probability ``mass``.
 
-        Equal-tailed: as much probability lies below it as above. Raises ``TargetError`` where
-        the condition is not "joint", or no round was completed.
+        Raises
+        ------
+        TargetError
+            If the condition is not "joint", or no round was completed.
         """
-        return self._sure().interval(mass)
+        return self._posterior().interval(mass)
 
     def width(self, mass: float = 0.9) -> float:
-        """Return the dimensions' intervals' mean width, as a share of the ranges; see those."""
+        """Return the intervals' mean width, as a share of the ranges; see :meth:`interval`."""
         low, high = self.interval(mass)
         return float(((high - low) / self.layout.span).mean())
 
     def sample(self, count: int, seed: int = 0) -> Floats:
-        """Return ``count`` bodies (count, n) drawn from what the trials allow.
+        """Return bodies (count, n) drawn from the posterior; raises as :meth:`interval`."""
+        return self._posterior().sample(count, np.random.default_rng(seed))
 
-        Raises as ``interval``.
-        """
-        return self._sure().sample(count, np.random.default_rng(seed))
-
-    def _sure(self) -> Belief:
+    def _posterior(self) -> Belief:
         if self.belief is None:
             raise TargetError(
-                'only the condition "joint" knows how sure it is, once a round is completed; '
+                'only the condition "joint" has a posterior, after the first round; '
                 f"this is {self.config.condition!r} after {len(self.rounds)} rounds"
             )
         return self.belief

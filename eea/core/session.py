@@ -1,32 +1,34 @@
-"""Session of asking a target: what every method of modelling it has in common (Sec. 3.2)."""
+"""The loop of every method: choose a command, perform it on the target, fit (Sec. 3.2)."""
 
 from __future__ import annotations
 
+import copy
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 
-from eea.core.angles import Floats, circular_distance
-from eea.core.behavior import Log, signal_samples
-from eea.core.checks import ConfigurationError, TargetError, finite, instance, whole
-from eea.core.config import EEAConfig
-from eea.core.experiment import Context, Performed, Target, reveals
-from eea.core.fitness import dimension_errors, objective_fitness
+from eea.core.angles import Floats
+from eea.core.behavior import gyro_samples
+from eea.core.checks import ConfigurationError, TargetError, finite, whole
+from eea.core.config import Config
+from eea.core.experiment import Performed, Target, reveals
 from eea.core.problem import Problem
-from eea.core.result import Result, RoundRecord
+from eea.core.result import Belief, Result, RoundFit, RoundRecord
 
 STREAMS: tuple[str, ...] = ("target", "exploration", "estimation", "inference")
 MAXIMUM_SEED = 2**64 - 1
 
+State = TypeVar("State")
+Streams = dict[str, np.random.Generator]
 
-def streams(seed: int) -> dict[str, np.random.Generator]:
-    """Return one replicate's random generators by name; the seed is below 2^64.
 
-    The target has its own, so that the angles it hides are the same under every condition and
+def streams(seed: int) -> Streams:
+    """Return a replicate's random generators by name; the seed is below 2^64.
+
+    The target has its own stream, so that its hidden angles are the same under every condition and
     comparisons are paired.
     """
     whole("seed", seed, 0, MAXIMUM_SEED)
@@ -34,135 +36,134 @@ def streams(seed: int) -> dict[str, np.random.Generator]:
     return dict(zip(STREAMS, rngs, strict=True))
 
 
-class Answer(NamedTuple):
-    """What a target did when it was asked for a command."""
+class Trial(NamedTuple):
+    """One trial of the target."""
 
     command: Floats  #: Shape (c,): what it executed.
-    log: Log  #: Of one trial, of the wanted length, finite.
-    samples: Floats  #: Shape (T, axes): the log's signal.
-    true_angles: Floats | None  #: Where the hidden angles (h,) began, if it tells.
+    gyro: Floats  #: Shape (T, axes), rad/s, finite.
+    true_angles: Floats | None  #: The hidden angles (h,) at its start, if the target reveals them.
 
 
-class Conclusion(NamedTuple):
-    """What a round has come to."""
+class Session(ABC, Generic[State]):
+    """A run of a method against a target, round by round.
 
-    action_fitness: float | None  #: Of the command, as the exploration worked it out.
-    model: Floats  #: The best model (n,).
-    model_fitness: float  #: Its MOD_FIT.
-    context: Context  #: Where the newest trial's hidden angles began, as far as is known.
-    spread: Floats  #: In each dimension, as a share (n,) of its range.
-    trials: int  #: Simulated in this round.
+    Subclasses implement ``_choose`` and ``_fit``, which take an immutable state of type ``State``
+    and return a new one. Random generators are copied for each round, so a round that raises, or is
+    interrupted by Ctrl-C, changes nothing, and a new loop continues after the last complete round.
+    (The target has moved, of course: it performs that round's command again.)
 
-
-class Session(ABC):
-    """A method that asks a target round by round and comes to a model of it.
-
-    A method has a ``_round``, which asks and concludes, and ``_undone_if_broken_off``. It takes
-    what ``EEA`` does; see there for the parameters and the errors.
+    Parameters
+    ----------
+    target
+        The robot to be modelled; it performs one command a round.
+    problem
+        The robot's dimensions, commands, hidden angles and signal.
+    config, seed
+        Settings, and the replicate's seed.
+    truth
+        The target's dimensions (n,) if known, only for OBJ_FIT in the records.
+    state, rngs
+        Before the first round.
     """
 
     def __init__(
         self,
         target: Target,
         problem: Problem,
-        config: EEAConfig,
+        config: Config,
         seed: int,
         truth: Floats | None,
+        state: State,
+        rngs: Streams,
     ) -> None:
-        instance("config", config, EEAConfig)
-        instance("problem", problem, Problem)
-        if truth is not None:
-            truth = finite("truth", truth, (len(problem.models),))
-        self.result: Result = Result(config, seed, problem.models, truth)
-        self._target = target
-        self._problem = problem
-        self._rngs = streams(seed)
+        self.config, self.seed = config, seed
+        self._target, self._problem = target, problem
+        self._truth = None if truth is None else finite("truth", truth, (len(problem.models),))
+        self._stopped = "interrupted"
+        # All that a round changes, replaced in one assignment.
+        self._kept: tuple[State, Streams, tuple[RoundRecord, ...]] = state, rngs, ()
+
+    @property
+    def result(self) -> Result:
+        """All complete rounds."""
+        state, _, rounds = self._kept
+        return Result(
+            self.config,
+            self.seed,
+            self._problem.models,
+            self._truth,
+            list(rounds),
+            self._stopped,
+            self._posterior(state),
+        )
 
     @abstractmethod
-    def _round(self) -> tuple[Answer, Conclusion]:
-        """Ask the target once, and return what it did and what is now believed."""
+    def _choose(self, state: State, rngs: Streams) -> tuple[Floats, float | None]:
+        """Return the next command (c,) and its ACT_FIT, if it has one."""
 
     @abstractmethod
-    def _undone_if_broken_off(self) -> AbstractContextManager[None]:
-        """Forget whatever a round that raises has changed."""
+    def _fit(self, state: State, trial: Trial, rngs: Streams) -> tuple[State, RoundFit]:
+        """Return the state after another trial, and what was found."""
 
-    def _stopped(self) -> str | None:
-        """Return why this method has enough, if it has, besides the rules that all share."""
+    def _posterior(self, state: State) -> Belief | None:  # noqa: ARG002
+        """Return the posterior, if the method has one."""
+        return None
+
+    def _why_stop(self, state: State, rounds: tuple[RoundRecord, ...]) -> str | None:  # noqa: ARG002
+        """Return the name of the method's own stop rule that holds, if any."""
         return None
 
     def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:
-        """Run to a stop rule; call ``progress`` after each round.
-
-        Ctrl-C loses only its round: ``result`` has the others, and to run again is to go on.
-        """
+        """Run to a stop rule and call ``progress`` after each round; return the result."""
         for record in self:
             if progress is not None:
                 progress(record)
         return self.result
 
     def __iter__(self) -> Iterator[RoundRecord]:
-        """Yield a record a round until a stop rule holds; ``result`` grows with them."""
-        config, result = self.result.config, self.result
-        began = time.monotonic() - (result.rounds[-1].seconds if result.rounds else 0.0)
+        """Yield a record for each round until a stop rule holds."""
+        layout, rounds = self._problem.models, self._kept[2]
+        began = time.monotonic() - (rounds[-1].seconds if rounds else 0.0)
         while True:
-            fitness = result.rounds[-1].model_fitness if result.rounds else float("-inf")
-            if config.accurate is not None and fitness >= config.accurate:
-                result.stopped = "accurate"
+            state, kept_rngs, rounds = self._kept
+            stop = self._why_stop(state, rounds) or self._limit(len(rounds), began)
+            if stop is not None:
+                self._stopped = stop
                 return
-            if len(result.rounds) >= config.rounds:
-                result.stopped = "rounds"
-                return
-            if config.time_limit is not None and time.monotonic() - began >= config.time_limit:
-                result.stopped = "time"
-                return
-            why = self._stopped()
-            if why is not None:
-                result.stopped = why
-                return
-            done = len(result.rounds)
-            drawn = {name: rng.bit_generator.state for name, rng in self._rngs.items()}
-            try:
-                with self._undone_if_broken_off():
-                    record = self._record(*self._round(), began)
-                    result.rounds.append(record)
-            except BaseException:
-                del result.rounds[done:]
-                for name, rng in self._rngs.items():
-                    rng.bit_generator.state = drawn[name]
-                raise
+            rngs = copy.deepcopy(kept_rngs)
+            command, action_fitness = self._choose(state, rngs)
+            trial = self._perform(command)
+            if not np.array_equal(trial.command, command):
+                action_fitness = None  # it is that of another command
+            state, fit = self._fit(state, trial, rngs)
+            record = RoundRecord.of(
+                len(rounds) + 1,
+                trial.command,
+                action_fitness,
+                fit,
+                layout,
+                self._truth,
+                trial.true_angles,
+                time.monotonic() - began,
+            )
+            self._kept = state, rngs, (*rounds, record)
             yield record
 
-    def _record(self, answer: Answer, concluded: Conclusion, began: float) -> RoundRecord:
-        truth, true, layout = self.result.truth, answer.true_angles, self.result.layout
-        model, context = concluded.model, concluded.context
-        objective = None if truth is None else float(objective_fitness(model, truth, layout))
-        errors = None if truth is None else dimension_errors(model, truth, layout)
-        off = None if true is None else circular_distance(context.middle, true)
-        return RoundRecord(
-            round=len(self.result.rounds) + 1,
-            command=tuple(answer.command.tolist()),
-            action_fitness=concluded.action_fitness,
-            model_fitness=concluded.model_fitness,
-            morphology=tuple(model.tolist()),
-            min_angle=tuple(context.min_angle.tolist()),
-            max_angle=tuple(context.max_angle.tolist()),
-            true_angles=None if true is None else tuple(true.tolist()),
-            angle_error=None if off is None else tuple(off.tolist()),
-            objective_fitness=objective,
-            dimension_error=None if errors is None else tuple(errors.tolist()),
-            spread=tuple(concluded.spread.tolist()),
-            trials=concluded.trials,
-            seconds=time.monotonic() - began,
-        )
+    def _limit(self, rounds: int, began: float) -> str | None:
+        """Return the name of the limit that is reached, if any."""
+        limit = self.config.time_limit
+        if rounds >= self.config.rounds:
+            return "rounds"
+        return "time" if limit is not None and time.monotonic() - began >= limit else None
 
-    def _perform(self, command: Floats) -> Answer:
-        """Let the target perform; what it executed and where it began is noted if it tells."""
-        config, problem = self.result.config, self._problem
+    def _perform(self, command: Floats) -> Trial:
+        """Perform a command on the target; check its log, and read what it reveals."""
+        problem = self._problem
         log = self._target.perform(command.copy())
         if isinstance(log, Performed):
-            command = _told("executed command", log.command, len(problem.actions))
+            command = _reported("executed command", log.command, len(problem.actions))
             log = log.log
-        samples = signal_samples(log, config.behavior, problem.axes, "the target", config.steps)
+        samples = gyro_samples(log, self.config.steps, problem.axes, "the target")
         if len(samples) != 1:
             raise TargetError(
                 f"the target must return the log of one trial; it returned {len(samples)}"
@@ -171,12 +172,12 @@ class Session(ABC):
             raise TargetError("the target's log must be finite; it holds NaN or infinity")
         true: Floats | None = None
         if reveals(self._target):
-            true = _told("start_angles", self._target.start_angles, len(problem.hidden))
-        return Answer(command, log, samples[0].astype(np.float64), true)
+            true = _reported("start_angles", self._target.start_angles, len(problem.hidden))
+        return Trial(command, samples[0], true)
 
 
-def _told(what: str, value: object, width: int) -> Floats:
-    """Return numbers (width,) that the target told, if they are any."""
+def _reported(what: str, value: object, width: int) -> Floats:
+    """Return numbers (width,) that the target reported; raise a TargetError if they are not."""
     try:
         return finite(what, value, (width,))  # type: ignore[arg-type]
     except ConfigurationError as error:

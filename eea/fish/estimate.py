@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from html import escape
-from typing import TYPE_CHECKING, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from numpy.typing import ArrayLike
 
@@ -13,11 +13,11 @@ from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_comman
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from eea.core.algorithm import EEA
-from eea.core.behavior import Log, signal_samples
-from eea.core.bits import BitLayout, Coding, action_layout, model_layout
-from eea.core.checks import at_most, instance
-from eea.core.config import RECOMMENDED, EEAConfig
+from eea.core.behavior import Log, gyro_samples
+from eea.core.checks import at_most
+from eea.core.config import Config, JointConfig, checked_config
 from eea.core.experiment import Target
+from eea.core.genome import BitLayout, action_layout, model_layout
 from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
 from eea.core.result import Result, RoundRecord
@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 Progress = Callable[[RoundRecord], None]
 
 
-def fish_models(coding: Coding = "gray") -> BitLayout:
+def fish_models() -> BitLayout:
     """Return the 45-bit genome of the fish's nine dimensions."""
-    return model_layout(((d.name, d.maximum, d.bits) for d in DIMENSIONS), coding)
+    return model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
 
 
-def fish_actions(coding: Coding = "gray") -> BitLayout:
+def fish_actions() -> BitLayout:
     """Return the 18-bit genome of the fish's three servo speeds."""
     bounds = zip(SERVOS, COMMAND_LOW.tolist(), COMMAND_HIGH.tolist(), strict=True)
-    return action_layout(bounds, coding)
+    return action_layout(bounds)
 
 
-def fish_problem(coding: Coding = "gray") -> Problem:
+def fish_problem() -> Problem:
     """Return the fish as the algorithm sees it: nine sizes, three servos, fins, and IMU axes."""
-    return Problem(fish_models(coding), fish_actions(coding), hidden=FINS, axes=3)
+    return Problem(fish_models(), fish_actions(), hidden=FINS, axes=3)
 
 
 @dataclass(repr=False)
@@ -54,8 +54,9 @@ class MorphologyEstimate(Result):
 
     Examples
     --------
+    >>> from eea.core.config import PaperConfig
     >>> from eea.core.estimation import EstimationConfig
-    >>> quick = EEAConfig(condition="none", steps=32, rounds=1, estimation=EstimationConfig(4, 2))
+    >>> quick = PaperConfig(condition="none", steps=32, rounds=1, estimation=EstimationConfig(4, 2))
     >>> estimate = estimate_morphology(None, "caudal:missing", quick, target_engine="numba")
     >>> estimate.morphology.caudal  # doctest: +SKIP
     (0.13, 1.43, 0.52)
@@ -117,11 +118,11 @@ class MorphologyEstimate(Result):
 
 def fish_eea(
     target: Target,
-    config: EEAConfig,
+    config: Config,
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
     **simulator: Unpack[SimulatorOptions],
-) -> Session:
+) -> Session[Any]:
     """Return the method of ``config.condition``, ready to iterate, bound to a target and the fish.
 
     Parameters
@@ -137,16 +138,13 @@ def fish_eea(
         engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``,
         and it and ``EEA`` for the errors.
     """
-    instance("config", config, EEAConfig)
-    engine, problem = (
-        EngineSimulator(config.steps, **simulator),
-        fish_problem(config.genetic.coding),
-    )
+    config = checked_config(config)
+    engine, problem = EngineSimulator(config.steps, **simulator), fish_problem()
     body = None if truth is None else Morphology.coerce(truth).to_array()
-    if config.condition == "joint":
+    if isinstance(config, JointConfig):
         # scipy's statistics come with it: importing this room stays quick.
         from eea.fish.joint import fish_joint
-        from eea.joint.inference import JointInference
+        from eea.joint.session import JointInference
 
         return JointInference(target, fish_joint(problem, engine), config, seed, body)
     return EEA(target, engine, problem, config, seed, body)
@@ -154,7 +152,7 @@ def fish_eea(
 
 def estimate_morphology_of(
     target: Target,
-    config: EEAConfig | None = None,
+    config: Config | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     truth: Morphology | ArrayLike | None = None,
@@ -169,8 +167,8 @@ def estimate_morphology_of(
     Parameters
     ----------
     target
-        Implements ``perform(command)``, which returns a log with ``gyro`` (or, if
-        ``config.behavior.signal`` is "attitude", ``rpy``) of shape (steps, 3) or (1, steps, 3).
+        Implements ``perform(command)``, which returns a log with ``gyro`` of shape (steps, 3) or
+        (1, steps, 3).
         If it executed another command than it was asked for, it returns
         ``eea.Performed(log, command)``.
     progress
@@ -180,16 +178,15 @@ def estimate_morphology_of(
     seed, truth, **simulator
         See ``fish_eea``.
     """
-    settings = RECOMMENDED if config is None else config
-    eea = fish_eea(target, settings, seed, truth, **simulator)
-    result = eea.run(progress)
+    session = fish_eea(target, checked_config(config), seed, truth, **simulator)
+    result = session.run(progress)
     return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
 
 
 def estimate_from_logs(
     commands: ArrayLike,
     logs: Sequence[Log],
-    config: EEAConfig | None = None,
+    config: Config | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     truth: Morphology | ArrayLike | None = None,
@@ -218,9 +215,9 @@ def estimate_from_logs(
     """
     target = ReplayTarget(check_commands(commands), logs)
     if config is None:
-        samples = signal_samples(logs[0], RECOMMENDED.behavior, source="the first of logs")
-        config = replace(RECOMMENDED, rounds=len(target), steps=samples.shape[1])
-    instance("config", config, EEAConfig)
+        samples = gyro_samples(logs[0], source="the first of logs")
+        config = JointConfig(rounds=len(target), steps=samples.shape[1])
+    config = checked_config(config)
     at_most("config.rounds", config.rounds, "the number of logs", len(target))
     return estimate_morphology_of(target, config, seed, progress, truth, **simulator)
 
@@ -228,7 +225,7 @@ def estimate_from_logs(
 def estimate_morphology(
     target_morphology: Morphology | ArrayLike | None = None,
     damage: Damage | str | None = None,
-    config: EEAConfig | None = None,
+    config: Config | None = None,
     seed: int = 0,
     progress: Progress | None = None,
     *,
@@ -247,7 +244,7 @@ def estimate_morphology(
         What broke, as ``"left_pectoral:length=0.5"``; None is nothing.
     config
         Settings; None for those recommended, joint inference from three trials. The paper's are
-        ``EEAConfig()``, Out-of-Band Inference from 25.
+        ``PaperConfig()``, Out-of-Band Inference from 25.
     seed, progress
         Everything random follows from the seed; see ``estimate_morphology_of``.
     target_engine
@@ -262,8 +259,7 @@ def estimate_morphology(
         substeps hold for the target too.
 
     """
-    settings = RECOMMENDED if config is None else config
-    instance("config", settings, EEAConfig)
+    settings = checked_config(config)
     target = EngineTarget(
         target_morphology,
         damage,

@@ -50,8 +50,8 @@ def fins_after(result: Result) -> Fins:
 
     Examples
     --------
-    >>> from eea import EEAConfig, estimate_morphology
-    >>> once = EEAConfig("joint", rounds=1)
+    >>> from eea import JointConfig, estimate_morphology
+    >>> once = JointConfig(rounds=1)
     >>> found = estimate_morphology(None, "left_pectoral:length=0.5", once, target_engine="numba")
     >>> bool((fins_after(found).spread < 0.05).all())
     True

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+import time
 from math import gcd
-from typing import NamedTuple, NoReturn, Unpack
+from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,15 +14,17 @@ from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.angles import Floats
-from eea.core.checks import TargetError
-from eea.core.config import EEAConfig, JointConfig
+from eea.core.config import FitConfig, JointConfig
+from eea.core.result import RoundRecord
+from eea.core.session import streams
 from eea.fish.estimate import MorphologyEstimate, fish_problem
 from eea.fish.joint import Swims, fish_joint
 from eea.fish.sampling import NEAR, at_times, steps_for
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import FEWEST, SwimLog
-from eea.joint.contradiction import contradiction
-from eea.joint.inference import JointInference
+from eea.joint.inference import fit
+from eea.joint.least_squares import Observed
+from eea.joint.session import round_fit
 
 #: Samples of the commands before a window that its servos may still obey: a lag of 0.2 s.
 BEFORE = 20
@@ -179,7 +181,7 @@ def _unused(log: SwimLog, ends: dict[int, int]) -> list[str]:
 
 def infer_log(
     log: SwimLog,
-    joint: JointConfig | None = None,
+    joint: FitConfig | None = None,
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
     *,
@@ -225,31 +227,25 @@ def infer_log(
     >>> bool(found.objective_fitness > 0.99)
     True
     """
-    settings = JointConfig() if joint is None else joint
+    began = time.monotonic()
     cut = log_windows(log, moving).windows
-    return _of_windows(cut, _config(cut, settings), seed, truth, **simulator)
-
-
-def _of_windows(
-    cut: Windows,
-    config: EEAConfig,
-    seed: int = 0,
-    truth: Morphology | ArrayLike | None = None,
-    **simulator: Unpack[SimulatorOptions],
-) -> MorphologyEstimate:
-    """Infer a body from windows of swims; ``config.steps`` is how many samples each has."""
+    settings = vars(FitConfig() if joint is None else joint)
+    config = JointConfig(**settings | {"steps": cut.gyro.shape[1], "rounds": 1})
+    rng = streams(seed)["estimation"]
     steps = cut.gyro.shape[1] if cut.time is None else steps_for(cut.time)
-    engine = EngineSimulator(steps, **simulator)
-    joint = fish_joint(fish_problem(), engine, Swims(cut.interval, cut.begun))
-    observed = Swims.array(cut.series, cut.spin)
+    engine, problem = EngineSimulator(steps, **simulator), fish_problem()
+    fish = fish_joint(problem, engine, Swims(cut.interval, cut.begun))
+    swims = Swims.array(cut.series, cut.spin)
     if cut.time is not None:
-        joint, observed = at_times(joint, observed, cut.time)
+        fish, swims = at_times(fish, swims, cut.time)
     body = None if truth is None else Morphology.coerce(truth).to_array()
-    inference = JointInference(_Nobody(), joint, config, seed, body)
-    last = cut.series[-1, cut.begun // cut.interval :]
-    inference.observe(observed, cut.gyro, last.mean(axis=0))
-    result = inference.result
-    return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
+    posterior = fit(Observed(swims, cut.gyro), fish, config, rng)
+    command = cut.series[-1, cut.begun // cut.interval :].mean(axis=0)
+    seconds = time.monotonic() - began
+    record = RoundRecord.of(
+        1, command, None, round_fit(posterior), problem.models, body, None, seconds
+    )
+    return MorphologyEstimate(config, seed, problem.models, body, [record], belief=posterior)
 
 
 def _held_for(series: Floats) -> int:
@@ -258,48 +254,7 @@ def _held_for(series: Floats) -> int:
     return gcd(*changes.tolist()) or series.shape[1]
 
 
-class _Nobody:
-    """In the place of a target where all that there is has happened already."""
-
-    def perform(self, command: Floats) -> NoReturn:
-        raise TargetError(f"nobody is there to perform {command}: the swims are all that there is")
-
-
 def log_nuisances(moving: bool) -> tuple[str, ...]:
     """Return the groups of nuisances that may be inferred of a log."""
     swims = Swims(interval=1, begun=BEFORE if moving else 0)
     return fish_joint(fish_problem(), EngineSimulator(FEWEST), swims).groups
-
-
-def _config(cut: Windows, joint: JointConfig) -> EEAConfig:
-    return EEAConfig("joint", steps=cut.gyro.shape[1], rounds=1, joint=joint)
-
-
-def disagreement(
-    log: SwimLog,
-    joint: JointConfig | None = None,
-    seed: int = 0,
-    *,
-    moving: bool = False,
-    **simulator: Unpack[SimulatorOptions],
-) -> str:
-    """Return in a sentence why no body explains a log: which trial does not go with the others.
-
-    For a log whose verdict is not good. Trials are fitted alone, and all but one; see ``infer_log``
-    for the parameters.
-    """
-    cut, names, *_ = log_windows(log, moving)
-    settings = replace(joint or JointConfig(), alternatives="never", restarts=1)
-
-    def fits(some: tuple[int, ...]) -> bool:
-        rows = list(some)
-        part = cut._replace(
-            series=cut.series[rows],
-            spin=cut.spin[rows],
-            gyro=cut.gyro[rows],
-            time=None if cut.time is None else cut.time[rows],
-        )
-        belief = _of_windows(part, _config(cut, settings), seed, **simulator).belief
-        return belief is not None and belief.good
-
-    return contradiction(names, fits)

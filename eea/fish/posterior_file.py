@@ -47,7 +47,7 @@ def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
 
     Examples
     --------
-    >>> config = EEAConfig("joint", steps=32, rounds=1)  # doctest: +SKIP
+    >>> config = JointConfig(steps=32, rounds=1)  # doctest: +SKIP
     >>> estimate = estimate_morphology(None, "caudal:missing", config)  # doctest: +SKIP
     >>> save_posterior("posterior.npz", estimate.belief)  # doctest: +SKIP
     >>> low, high = load_posterior("posterior.npz").interval(0.9)  # doctest: +SKIP

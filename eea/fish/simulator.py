@@ -12,7 +12,6 @@ from aquafish_gym.engines.api import simulate
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.utils.validation import finite_array
-from eea.core.behavior import BehaviorConfig
 from eea.core.experiment import Comparer, Simulator, Trials
 
 
@@ -68,12 +67,12 @@ class EngineSimulator(Simulator):
         """Run B trials of bodies (B, 9), commands (B, 3) and fin angles (B, 3)."""
         return simulate(trials.models, trials.commands, trials.angles, **vars(self))
 
-    def comparer(self, behavior: BehaviorConfig, steps: int) -> Comparer | None:
+    def comparer(self, steps: int) -> Comparer | None:
         """Return what compares behaviours in the engine itself, if it can."""
         # Trials of another length than is wanted must be refused, which their logs will be.
         if resolve_engine("engine", self.engine) != "numba" or steps != self.steps:
             return None
         # numba comes with it: importing this room stays quick.
-        from eea.fish.spectral import SpectralComparer, can_compare
+        from eea.fish.spectral import SHORTEST, SpectralComparer
 
-        return SpectralComparer(self, behavior) if can_compare(behavior, steps) else None
+        return SpectralComparer(self) if steps >= SHORTEST else None

@@ -23,7 +23,7 @@ from aquafish_gym.engines.compiled.spectrum import (
 )
 from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats
-from eea.core.behavior import BehaviorConfig, Coefficients
+from eea.core.behavior import DEGREES, Coefficients
 from eea.core.experiment import Trials
 
 if TYPE_CHECKING:
@@ -32,18 +32,11 @@ if TYPE_CHECKING:
 SHORTEST = 4  # steps of a trial that the engine transforms
 
 
-def can_compare(behavior: BehaviorConfig, steps: int) -> bool:
-    """Return whether the engine knows this behaviour: a transform, and nothing done to it."""
-    plain = behavior.difference == "complex" and not behavior.clamp
-    return behavior.summary == "dft" and plain and steps >= SHORTEST
-
-
 @dataclass(frozen=True)
 class SpectralComparer:
     """An ``eea.core.experiment.Comparer`` in the compiled engine."""
 
     simulator: EngineSimulator  #: Whose trials these are.
-    behavior: BehaviorConfig  #: One for which :func:`can_compare`.
 
     def to_observed(
         self, trials: Trials, observed: Coefficients, which: NDArray[np.intp]
@@ -61,8 +54,4 @@ class SpectralComparer:
         s = self.simulator
         scenario = Scenario.create(trials.models, fin_angles=trials.angles, current=s.current)
         lanes = LaneBatch(scenario, getattr(np, s.dtype), s.substeps, s.threads)
-        scale = 180.0 / np.pi if self.behavior.unit == "degrees" else 1.0
-        if self.behavior.normalised:
-            scale /= s.steps
-        rates = self.behavior.signal == "body_rates"
-        return lanes.spectra(check_commands(trials.commands), s.steps, scale, rates)
+        return lanes.spectra(check_commands(trials.commands), s.steps, DEGREES, rates=True)

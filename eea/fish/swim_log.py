@@ -13,8 +13,9 @@ from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_comman
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core.angles import Floats
-from eea.core.behavior import BehaviorConfig, Log, signal_samples
-from eea.core.replay import RecordedLog, ReplayTarget
+from eea.core.behavior import Log, gyro_samples
+from eea.core.experiment import RecordedLog
+from eea.core.replay import ReplayTarget
 
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 COLUMNS = ("time", *GYRO, *SERVOS)  # of a table; "trial" may follow
@@ -96,7 +97,7 @@ class SwimLog:
         ReplayTarget(np.zeros((len(commands), 3)), logs)  # refuses what is not equally many
         time, gyro, told = [], [], []
         for number, (command, log) in enumerate(zip(commands, logs, strict=True), 1):
-            samples = signal_samples(log, BehaviorConfig(), 3, f"trial {number}")[0]
+            samples = gyro_samples(log, axes=3, source=f"trial {number}")[0]
             each = check_commands(command, f"commands of trial {number}")
             if len(each) == 1:
                 each = np.repeat(each, len(samples), axis=0)

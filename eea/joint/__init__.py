@@ -10,19 +10,29 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eea.joint.inference import JointInference
+    from eea.joint.inference import fit
     from eea.joint.joint_posterior import JointPosterior
     from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
+    from eea.joint.session import JointInference
 
 _MODULES = {
     "Hypothesis": "problem",
-    "JointInference": "inference",
+    "JointInference": "session",
     "JointPosterior": "joint_posterior",
     "JointProblem": "problem",
     "Nuisance": "problem",
     "Part": "problem",
+    "fit": "inference",
 }
-__all__ = ["Hypothesis", "JointInference", "JointPosterior", "JointProblem", "Nuisance", "Part"]
+__all__ = [
+    "Hypothesis",
+    "JointInference",
+    "JointPosterior",
+    "JointProblem",
+    "Nuisance",
+    "Part",
+    "fit",
+]
 
 
 def __getattr__(name: str) -> Any:

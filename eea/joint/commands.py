@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.core.bits import BitLayout
+from eea.core.genome import BitLayout
 
 MOST_CORNERS = 32
 
@@ -21,7 +21,7 @@ def corners(actions: BitLayout, rng: np.random.Generator) -> Floats:
 
     Examples
     --------
-    >>> from eea.core.bits import action_layout
+    >>> from eea.core.genome import action_layout
     >>> corners(action_layout([("fin", -0.5, 0.5), ("tail", 0.0, 1.0)]), np.random.default_rng(0))
     array([[-0.5 ,  0.75],
            [-0.5 ,  1.  ],

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats, circular_distance, wrap
-from eea.core.config import JointConfig
+from eea.core.config import FitConfig
 from eea.joint.least_squares import COARSE, Misfit, Observed, Precision, descend
 from eea.joint.parameters import Parameters
 
@@ -23,7 +23,7 @@ HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 32, 4, 20.0, 16
 
 
 def scan(
-    parameters: Parameters, observed: Observed, rng: np.random.Generator, effort: JointConfig
+    parameters: Parameters, observed: Observed, rng: np.random.Generator, effort: FitConfig
 ) -> Floats:
     """Return the most promising of random bodies, as vectors (descents, P)."""
     freed = parameters.freed_entries()  # a descent would not get far from the nominal value

@@ -1,9 +1,9 @@
-"""What is believed after some trials: hypotheses, each with a posterior over all unknowns."""
+"""The posterior after some trials: hypotheses, each with a posterior over all unknowns."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any
 
@@ -16,15 +16,25 @@ from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, intervals
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
+from eea.joint.search import Optima
 
 SAMPLES = 4000  # that medians and intervals are taken from
-LEAST_PROBABILITY = 1e-4  # what is less probable is left out
 MAXIMUM_SAMPLES = 10**7
 
 
 @dataclass(frozen=True, eq=False)
+class WarmStart:
+    """What one fit leaves for the next, of more trials."""
+
+    optima: Mapping[str, Optima] = field(default_factory=dict)  #: By hypothesis, of any fit so far.
+    dropped: frozenset[str] = frozenset()  #: Hypotheses that are not fitted again.
+    explained: bool = True  #: Whether the fit as commanded left nothing but noise.
+    robots: int = 0  #: Number of trials that the fit simulated.
+
+
+@dataclass(frozen=True, eq=False)
 class HypothesisPosterior:
-    """One hypothesis, how probable it is, and what is believed if it holds."""
+    """One hypothesis, its probability, and the posterior if it holds."""
 
     hypothesis: Hypothesis
     probability: float
@@ -51,7 +61,7 @@ class HypothesisPosterior:
     def modes(self) -> dict[str, Any]:
         """Return the optima with their probabilities, in natural units, ready for JSON.
 
-        Their shapes, which are most of a posterior, are for ``archive``.
+        See :mod:`eea.joint.serialization` for their covariances.
         """
         theta = self.parameters.into_bounds(np.array([m.theta for m in self.posterior.modes]))
         return {
@@ -65,28 +75,30 @@ class HypothesisPosterior:
 class JointPosterior:
     """A posterior over bodies, nuisances, angles and hypotheses.
 
-    Samples and intervals are of all hypotheses, each as often as it is probable.
+    Samples and intervals are of all hypotheses, in proportion to their probabilities.
 
     Attributes
     ----------
     branches
         The most probable first.
     goodness
-        Whether the best fit leaves nothing but noise: where it does not, no interval can be
-        trusted.
+        Whether the best fit leaves nothing but noise; if it does not, no interval can be trusted.
     sigma
-        Standard deviation of the noise, in the signal's units: as given, or as found.
+        Standard deviation of the noise, in the signal's units, as given or as estimated.
     samples
-        How many numbers it was found from; 0 if it was given.
+        Number of samples that it was estimated from; 0 if it was given.
+    warm_start
+        For the next fit; None of a posterior that was read from a file.
     """
 
     branches: tuple[HypothesisPosterior, ...]
     goodness: Goodness
     sigma: float
     samples: int
+    warm_start: WarmStart | None = field(default=None, repr=False)
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
-        """Return ``count`` bodies (count, n) that the trials allow, in natural units."""
+        """Return ``count`` bodies (count, n) drawn from the posterior, in natural units."""
         whole("count", count, 1, MAXIMUM_SAMPLES)
         shares = np.array([branch.probability for branch in self.branches])
         bodies = [
@@ -163,7 +175,7 @@ class JointPosterior:
         return said + findings(best.posterior, groups(best.parameters.joint))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the modes' shapes, ready for JSON; see ``archive`` for all."""
+        """Return everything but the modes' shapes, ready for JSON; see ``serialization``."""
         best = self.branches[0].parameters
         return {
             "sigma": self.sigma,
@@ -190,18 +202,3 @@ def groups(joint: JointProblem) -> list[Group]:
             area = (part.labels.index(part.area[0]), part.labels.index(part.area[1]))
         found.append(Group(f"the {name}", part.labels, indices, low, high, area, part.hint))
     return found
-
-
-def weigh(
-    fits: Sequence[tuple[Hypothesis, Parameters, Posterior, float]],
-) -> tuple[HypothesisPosterior, ...]:
-    """Return hypotheses with their probabilities, equal before the trials, from log evidences."""
-    evidence = np.array([log_evidence for *_, log_evidence in fits])
-    shares = np.exp(evidence - evidence.max())
-    shares /= shares.sum()
-    order = np.argsort(-shares, kind="stable")
-    return tuple(
-        HypothesisPosterior(fits[i][0], float(shares[i]), fits[i][1], fits[i][2])
-        for i in order
-        if shares[i] > LEAST_PROBABILITY
-    )

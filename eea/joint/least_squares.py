@@ -19,7 +19,7 @@ Levenberg-Marquardt algorithm for nonlinear least-squares minimization", 2012)::
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,10 +70,10 @@ class Linear(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Observed:
-    """What was felt: commands (E, c), or what else ``Simulate`` takes, and signal (E, T, axes)."""
+    """E trials of the robot."""
 
-    commands: Floats
-    signal: Floats
+    commands: NDArray[Any]  #: (E, c), or another array of E rows that ``Simulate`` takes.
+    signal: Floats  #: (E, T, axes), rad/s.
 
     def __len__(self) -> int:
         return len(self.commands)

@@ -138,7 +138,7 @@ class JointProblem:
     --------
     A pendulum with a motor, of unknown length, whose gyroscope has a bias:
 
-    >>> from eea.core.bits import action_layout, model_layout
+    >>> from eea.core.genome import action_layout, model_layout
     >>> def simulate(bodies, nuisances, commands, angles, fine):
     ...     time = 0.01 * np.arange(1, 65)
     ...     rate = bodies[:, :1] * np.sin(commands[:, :1] * time + angles)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
-from eea.core.config import JointConfig
+from eea.core.config import FitConfig
 from eea.joint.initialization import hop, pose, relined, scan
 from eea.joint.least_squares import COARSE, FINE, Fitted, Linear, Misfit, Observed, descend
 from eea.joint.parameters import Parameters
@@ -58,7 +58,7 @@ def search(
     parameters: Parameters,
     observed: Observed,
     rng: np.random.Generator,
-    effort: JointConfig,
+    effort: FitConfig,
     known: Floats | None = None,
     explained: Callable[[Optima], bool] = lambda _: True,
 ) -> Optima:
@@ -101,7 +101,7 @@ def improved(optima: Optima, starts: Floats, noise: float | None) -> Optima:
     return _optima(parameters, observed, _together(known, ended), noise)
 
 
-def halved(effort: JointConfig) -> JointConfig:
+def halved(effort: FitConfig) -> FitConfig:
     """Return settings for a search of half the effort."""
     return replace(
         effort,
@@ -145,7 +145,7 @@ def _refine(
     observed: Observed,
     starts: Floats,
     rng: np.random.Generator,
-    effort: JointConfig,
+    effort: FitConfig,
 ) -> Optima:
     """Go downhill from vectors (S, P), and hop."""
     noise = effort.noise

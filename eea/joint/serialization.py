@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
-from eea.core.bits import BitLayout, Variable
 from eea.core.checks import ConfigurationError, TargetError, brief, whole
 from eea.core.config import MAXIMUM_ROUNDS
+from eea.core.genome import BitLayout, Variable
 from eea.core.problem import Problem
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
@@ -118,7 +118,6 @@ def _problem_to_dict(problem: Problem) -> dict[str, Any]:
     return {
         "models": [asdict(variable) for variable in problem.models.variables],
         "actions": [asdict(variable) for variable in problem.actions.variables],
-        "coding": problem.models.coding,
         "hidden": list(problem.hidden),
         "axes": problem.axes,
     }
@@ -127,7 +126,7 @@ def _problem_to_dict(problem: Problem) -> dict[str, Any]:
 def _joint(header: Mapping[str, Any]) -> JointProblem:
     told = header["problem"]
     models, actions = (
-        BitLayout([Variable(**variable) for variable in told[part]], told["coding"])
+        BitLayout([Variable(**variable) for variable in told[part]])
         for part in ("models", "actions")
     )
     nuisances = [

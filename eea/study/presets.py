@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TypeVar
 
 from eea.core.checks import choice
-from eea.core.conditions import InBandConfig, OutOfBandConfig
-from eea.core.config import EEAConfig
+from eea.core.conditions import OutOfBandConfig
+from eea.core.config import Config, JointConfig, PaperConfig
 from eea.core.estimation import EstimationConfig
 
-FIGURES: dict[str, EEAConfig] = {
-    "fig5": EEAConfig(condition="ideal"),
-    "fig6": EEAConfig(condition="none"),
-    "fig7": EEAConfig(condition="in-band"),
-    "in-band-split": EEAConfig(condition="in-band", in_band=InBandConfig(dynamic_split=True)),
-    "in-band-extended": EEAConfig(condition="in-band", in_band=InBandConfig(extension=0.2)),
-    "fig8": EEAConfig(condition="in-band", estimation=EstimationConfig(population=200)),
-    "fig9": EEAConfig(condition="out-of-band"),
-    "fig10": EEAConfig(
+FIGURES: dict[str, PaperConfig] = {
+    "fig5": PaperConfig(condition="ideal"),
+    "fig6": PaperConfig(condition="none"),
+    "fig7": PaperConfig(condition="in-band"),
+    "fig8": PaperConfig(condition="in-band", estimation=EstimationConfig(population=200)),
+    "fig9": PaperConfig(condition="out-of-band"),
+    "fig10": PaperConfig(
         condition="out-of-band",
         estimation=EstimationConfig(population=100),
         out_of_band=OutOfBandConfig(inner_population=50, sampled_models=5),
@@ -35,8 +34,8 @@ FIGURE_ARMS: dict[str, str] = {
 }
 
 
-def figure_config(name: str, steps: int = 256, rounds: int = 25) -> EEAConfig:
-    """Return the settings of ``FIGURES`` behind one of the paper's figures, or a variant.
+def figure_config(name: str, steps: int = 256, rounds: int = 25) -> PaperConfig:
+    """Return the settings of ``FIGURES`` behind one of the paper's figures.
 
     The paper's figures have steps of 128 to 1024 and 25 rounds.
 
@@ -49,8 +48,13 @@ def figure_config(name: str, steps: int = 256, rounds: int = 25) -> EEAConfig:
     return replace(FIGURES[name], steps=steps, rounds=rounds)
 
 
-def smoke(config: EEAConfig) -> EEAConfig:
+C = TypeVar("C", bound=Config)
+
+
+def smoke(config: C) -> C:
     """Return an arm's settings made so small that all figures take seconds."""
+    if isinstance(config, JointConfig):
+        return replace(config, bodies=12, poses=12, descents=4, polished=1, restarts=0)
     return replace(
         config,
         exploration=replace(config.exploration, population=6, generations=3),
@@ -60,5 +64,4 @@ def smoke(config: EEAConfig) -> EEAConfig:
             generations=8,
         ),
         out_of_band=replace(config.out_of_band, period=3, inner_population=6, inner_generations=3),
-        joint=replace(config.joint, bodies=12, poses=12, descents=4, polished=1, restarts=0),
     )

@@ -8,7 +8,7 @@ from typing import Any
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from eea.core.config import EEAConfig
+from eea.core.config import Config, PaperConfig
 from eea.core.result import Belief, Result
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, Orientation, RealityGap, fish_eea
@@ -50,7 +50,7 @@ class Replicate:
     """
 
     arm: str
-    config: EEAConfig
+    config: Config
     seed: int
     world: World
 
@@ -69,7 +69,7 @@ class Replicate:
         """Its file relative to the study's folder."""
         return self.place.file
 
-    def begin(self) -> Session:
+    def begin(self) -> Session[Any]:
         """Return the algorithm before its first round.
 
         Raises
@@ -101,7 +101,7 @@ def rehearse(jobs: Sequence[Replicate]) -> None:
     for job in {(job.arm, job.config.steps): job for job in jobs}.values():
         job.begin()
     config = jobs[0].config
-    small = EEAConfig(condition="ideal", steps=config.steps, rounds=2, behavior=config.behavior)
+    small: Config = PaperConfig(condition="ideal", steps=config.steps, rounds=2)
     ours = [small] * any(job.config.condition != "joint" for job in jobs)
     ours += [job.config for job in jobs if job.config.condition == "joint"][:1]
     for config in ours:

@@ -23,8 +23,8 @@ from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from aquafish_gym.runs.jobs import read_result
 from aquafish_gym.runs.storage import DamagedFileError, read_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.core.bits import BitLayout, model_layout
 from eea.core.checks import ConfigurationError
+from eea.core.genome import BitLayout, model_layout
 from eea.study.arms import arm_label, arm_order
 from eea.study.folder import STUDY, read_description
 from eea.study.plan import RUNS, Place, Plan, places, read_plan

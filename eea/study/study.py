@@ -9,7 +9,7 @@ from typing import Any
 
 from aquafish_gym.runs.manifest import versions
 from eea.core.checks import ConfigurationError, whole
-from eea.core.config import EEAConfig
+from eea.core.config import Config
 from eea.study.plan import Plan, written_plan
 from eea.study.replicate import Replicate, World
 
@@ -41,7 +41,7 @@ class Study:
         If there is nothing to do, or an argument is wrong.
     """
 
-    arms: Mapping[str, EEAConfig]
+    arms: Mapping[str, Config]
     steps: tuple[int, ...]
     rounds: int
     first_seed: int
@@ -69,7 +69,7 @@ class Study:
         cells = len(list(self._cells()))
         whole("arms times steps times replicates", cells * self.replicates, 1, MOST_JOBS)
 
-    def _cells(self) -> Iterator[tuple[str, EEAConfig]]:
+    def _cells(self) -> Iterator[tuple[str, Config]]:
         for name, config in self.arms.items():
             for steps in self.steps:
                 yield name, replace(config, steps=steps, rounds=self.rounds)

@@ -10,7 +10,7 @@ import pytest
 from aquafish.batch import in_small
 from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.engines.compiled.policies import OPEN_LOOP
-from eea import EEAConfig
+from eea import JointConfig
 
 
 def test_a_rehearsal_compiles_every_law_and_precision_that_hypotheses_are_fitted_with(
@@ -24,6 +24,6 @@ def test_a_rehearsal_compiles_every_law_and_precision_that_hypotheses_are_fitted
         return compile_kernel(*kernel)
 
     monkeypatch.setattr(lanes, "compile_kernel", note)
-    in_small(EEAConfig("joint", steps=33))  # which no other test asks for
+    in_small(JointConfig(steps=33))  # which no other test asks for
     widths = {lanes.lane_width(dtype) for dtype in (np.float32, np.float64)}
     assert asked == {(p, width, on) for p in OPEN_LOOP for width in widths for on in (False, True)}

@@ -16,10 +16,10 @@ import eea.core.estimation
 import eea.core.genetic
 import eea.fish.spectral
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from eea.core.bits import BitLayout
-from eea.core.config import EEAConfig
+from eea.core.config import PaperConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
+from eea.core.genome import BitLayout
 from eea.fish.estimate import estimate_morphology
 from eea.study.presets import figure_config
 from tests.benchmarks.rows import Group, Row, Settings
@@ -114,12 +114,12 @@ def replicates(settings: Settings, _cleanup: ExitStack) -> Group:
     steps_out_of_band = durations[0] if settings.quick else OUT_OF_BAND
     seconds: dict[str, float] = {}
 
-    def run(config: EEAConfig) -> float:
+    def run(config: PaperConfig) -> float:
         start = time.perf_counter()
         estimate_morphology(config=config, seed=settings.seed, target_engine="numba", threads=1)
         return time.perf_counter() - start
 
-    def run_apart(config: EEAConfig) -> float:
+    def run_apart(config: PaperConfig) -> float:
         with taken_apart() as watch:
             run(config)
             whole = watch.stop()

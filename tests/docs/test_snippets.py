@@ -18,7 +18,7 @@ BLOCK = re.compile(
 # The quick run searches less. It compares the output of a block that it changed without numbers.
 SMALLER = {
     'search="cma"': 'search="cma", generations=1, random_candidates=6, restarts=1, poses=2',
-    "EEAConfig(rounds=3)": "EEAConfig(rounds=1)",
+    "PaperConfig(rounds=3)": "PaperConfig(rounds=1)",
     "learn(4096)": "learn(2048)",
 }
 PAGES = {

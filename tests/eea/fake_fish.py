@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.algorithm import EEA
-from eea.core.bits import action_layout, model_layout
-from eea.core.config import EEAConfig
-from eea.core.experiment import Simulator, Trials
+from eea.core.config import PaperConfig
+from eea.core.experiment import RecordedLog, Simulator, Trials
+from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
 
 STEPS = 64
@@ -31,12 +29,6 @@ PROBLEM = Problem(MODELS, ACTIONS, ("left", "right", "tail"), axes=3)
 TRUTH = np.array([0.4, 0.8, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, 0.6])
 
 
-@dataclass
-class FakeLog:
-    rpy: NDArray[np.float64]
-    gyro: NDArray[np.float64]
-
-
 class FakeSimulator(Simulator):
     """Each fin makes one axis's rate swing, by its sizes and from its angle."""
 
@@ -45,7 +37,7 @@ class FakeSimulator(Simulator):
         self.calls = 0
         self.sizes: list[int] = []
 
-    def simulate(self, trials: Trials) -> FakeLog:
+    def simulate(self, trials: Trials) -> RecordedLog:
         self.calls += 1
         self.sizes.append(len(trials))
         sizes = trials.models.reshape(-1, 3, 3, 1) / np.array([1.0, 2.0, 1.0])[:, None]
@@ -53,8 +45,7 @@ class FakeSimulator(Simulator):
         phase = 2 * np.pi * 3.0 * trials.commands[..., None] * time + trials.angles[..., None]
         swing = sizes[:, :, 0] * np.sin(phase) + sizes[:, :, 1] * (1 - np.cos(phase))
         swing = swing + sizes[:, :, 2] * np.sin(2 * phase)
-        gyro = np.ascontiguousarray(swing.transpose(0, 2, 1))
-        return FakeLog(0.01 * gyro.cumsum(axis=1), gyro)
+        return RecordedLog(np.ascontiguousarray(swing.transpose(0, 2, 1)))
 
 
 class FakeTarget:
@@ -66,7 +57,7 @@ class FakeTarget:
         self.commands: list[NDArray[np.float64]] = []
         self._last = np.zeros(3)
 
-    def perform(self, command: NDArray[np.float64]) -> FakeLog:
+    def perform(self, command: NDArray[np.float64]) -> RecordedLog:
         self.commands.append(command)
         self._last = self._rng.uniform(-np.pi, np.pi, size=3)
         return self._simulator.simulate(Trials(TRUTH[None], command[None], self._last[None]))
@@ -78,7 +69,7 @@ class FakeRevealingTarget(FakeTarget):
         return self._last
 
 
-def fake_eea(config: EEAConfig, seed: int = 0, truth: bool = True) -> EEA:
+def fake_eea(config: PaperConfig, seed: int = 0, truth: bool = True) -> EEA:
     """The algorithm bound to the fake robot, whose trials are as long as ``config.steps``."""
     return EEA(
         FakeRevealingTarget(seed, config.steps),

@@ -8,16 +8,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from eea import CONDITIONS, EEAConfig, estimate_morphology
+from eea import CONDITIONS, PaperConfig, estimate_morphology
 from eea.core.conditions import OutOfBandConfig
-from eea.core.config import Condition
+from eea.core.config import PaperCondition
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 
 DAMAGE = "left_pectoral:length=0.5"
 
 
-def final_objectives(config: EEAConfig, seeds: range, target_engine: str) -> np.ndarray:
+def final_objectives(config: PaperConfig, seeds: range, target_engine: str) -> np.ndarray:
     """OBJ_FIT after the last round, one a seed."""
     results = [
         estimate_morphology(None, DAMAGE, config, seed, target_engine=target_engine)
@@ -29,7 +29,7 @@ def final_objectives(config: EEAConfig, seeds: range, target_engine: str) -> np.
 def test_inference_lies_between_knowing_and_not_knowing():
     # A fiftieth of the work of the slow tests below, and margins for that: over seeds 1000 to
     # 1005 the means were 0.919, 0.652 and 0.857, with SDs of 0.02, 0.09 and 0.04.
-    config = EEAConfig(
+    config = PaperConfig(
         steps=128,
         rounds=4,
         exploration=ExplorationConfig(15, 10),
@@ -46,9 +46,9 @@ def test_inference_lies_between_knowing_and_not_knowing():
 
 
 @cache
-def five_seeds(condition: Condition) -> np.ndarray:
+def five_seeds(condition: PaperCondition) -> np.ndarray:
     pytest.importorskip("pybullet")
-    config = EEAConfig(condition=condition, steps=256, rounds=10)
+    config = PaperConfig(condition=condition, steps=256, rounds=10)
     return final_objectives(config, range(5), "pybullet")
 
 

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eea.core.angles import circular_distance, sample_range, smallest_inclusive, widen, wrap
+from eea.core.angles import circular_distance, sample_range, smallest_inclusive, wrap
 
 POSES = hnp.arrays(np.float64, st.tuples(st.integers(1, 6), st.just(3)), elements=st.floats(-9, 9))
 
@@ -45,25 +45,9 @@ def test_a_range_may_cross_the_back():
     assert high == pytest.approx(2 * np.pi - 3.0)
 
 
-def test_a_linear_range_does_not_cross_it():
-    low, high = smallest_inclusive(np.array([[3.0], [-3.0], [3.1]]), "linear")
-    assert (low.item(), high.item()) == pytest.approx((-3.0, 3.1))
-
-
 def test_one_pose_is_a_range_without_width():
     low, high = smallest_inclusive(np.array([[0.3, -2.0, 3.0]]))
     assert np.array_equal(low, high)
-
-
-@given(POSES, st.floats(0, 2))
-def test_widening_reaches_past_both_ends_but_not_past_a_turn(poses, fraction):
-    low, high = smallest_inclusive(poses)
-    wide_low, wide_high = widen(low, high, fraction)
-    width = np.minimum((high - low) * (1 + 2 * fraction), 2 * np.pi)
-    assert np.allclose(wide_high - wide_low, width)
-    assert np.allclose(
-        circular_distance((wide_low + wide_high) / 2, (low + high) / 2), 0, atol=1e-7
-    )
 
 
 @given(POSES, st.integers(0, 2**32 - 1))

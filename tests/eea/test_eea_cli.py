@@ -18,7 +18,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document
 from eea.__main__ import main
 from eea.cli.run import damage_words
-from eea.core.config import EEAConfig
+from eea.core.config import PaperConfig
 from eea.core.result import Result
 from eea.fish import fish_models, load_posterior
 from quick_run import QUICK
@@ -238,10 +238,10 @@ def test_a_damaged_result_is_none_and_is_replaced(tmp_path, capsys):
 def words_for(damage: str, found: list[float] | None = None) -> list[str]:
     what = Damage.parse(damage)
     broken = what.effect(Morphology.nominal()).body.to_array()
-    result = Result(EEAConfig(), 0, fish_models(), broken)
+    result = Result(PaperConfig(), 0, fish_models(), broken)
     model = broken if found is None else found
     stub = type("Found", (Result,), {"model": np.asarray(model)})
-    made = stub(EEAConfig(), 0, result.layout, result.truth)
+    made = stub(PaperConfig(), 0, result.layout, result.truth)
     return damage_words(Morphology.nominal(), what, made)
 
 

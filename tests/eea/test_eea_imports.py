@@ -14,7 +14,7 @@ SOURCES = sorted((Path(eea.__file__).parent / "core").glob("*.py"))
 
 def test_importing_the_package_loads_numpy_and_the_standard_library_only():
     code = (
-        "import sys, eea; from eea import EEAConfig; "
+        "import sys, eea; from eea import PaperConfig; "
         "heavy = {'matplotlib', 'pybullet', 'torch', 'numba', 'aquafish_gym', 'tyro', 'rich', "
         "'scipy'}; "
         "sys.exit(str(heavy & set(sys.modules)) if heavy & set(sys.modules) else 0)"
@@ -40,8 +40,8 @@ def test_the_core_imports_numpy_and_the_standard_library_only(path):
 
 def test_joint_inference_loads_its_statistics_when_it_is_used():
     code = (
-        "import sys; from eea import EEAConfig, JointConfig, JointProblem, Nuisance; "
-        "EEAConfig('joint', joint=JointConfig(noise=0.01)); Nuisance('lag', 0.0, 1.0, 0.0); "
+        "import sys; from eea import JointConfig, JointProblem, Nuisance; "
+        "JointConfig(noise=0.01); Nuisance('lag', 0.0, 1.0, 0.0); "
         "early = 'scipy' in sys.modules; from eea import JointInference; "
         "sys.exit(early or 'scipy' not in sys.modules)"
     )

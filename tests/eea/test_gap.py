@@ -9,7 +9,7 @@ import pytest
 
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
-from eea import EEAConfig, EngineTarget, RealityGap, estimate_morphology
+from eea import EngineTarget, PaperConfig, RealityGap, estimate_morphology
 from eea.__main__ import main
 from eea.core.checks import ConfigurationError
 from eea.core.estimation import EstimationConfig
@@ -149,7 +149,7 @@ def test_a_target_wants_a_gap_and_no_more_substeps_than_there_are():
         fish(RealityGap(substeps=64), substeps=2)
 
 
-QUICK = EEAConfig(
+QUICK = PaperConfig(
     condition="none",
     steps=32,
     rounds=1,

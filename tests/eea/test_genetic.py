@@ -9,7 +9,6 @@ from eea.core.checks import ConfigurationError
 from eea.core.genetic import GeneticConfig, crossover, evolve, mutate, next_generation, tournament
 
 SEEDS = st.integers(0, 2**32 - 1)
-KINDS = st.sampled_from(["two_point", "uniform"])
 
 
 def population(count: int, bits: int, seed: int) -> np.ndarray:
@@ -29,27 +28,19 @@ def test_a_tournament_of_one_is_chance_and_a_large_one_takes_the_best():
     assert (tournament(fitness, 50, 400, rng) == 9).all()
 
 
-@given(SEEDS, KINDS, st.floats(0, 1), st.integers(1, 60))
-def test_crossover_keeps_each_bit_of_a_pair_at_its_place(seed, kind, rate, bits):
+@given(SEEDS, st.floats(0, 1), st.integers(1, 60))
+def test_crossover_keeps_each_bit_of_a_pair_at_its_place(seed, rate, bits):
     mothers, fathers = population(8, bits, seed), population(8, bits, seed + 1)
-    children = crossover(mothers, fathers, kind, rate, np.random.default_rng(seed))
+    children = crossover(mothers, fathers, rate, np.random.default_rng(seed))
     assert np.array_equal(children[:8] + children[8:], mothers + fathers)
 
 
-@given(SEEDS, st.integers(2, 60))
-def test_two_point_crossover_swaps_one_stretch(seed, bits):
-    mothers, fathers = np.zeros((30, bits), np.uint8), np.ones((30, bits), np.uint8)
-    children = crossover(mothers, fathers, "two_point", 1.0, np.random.default_rng(seed))
-    assert (np.abs(np.diff(children.astype(int), axis=1)).sum(axis=1) <= 2).all()
-
-
-@pytest.mark.parametrize(("kind", "share"), [("two_point", 1 / 3), ("uniform", 1 / 2)])
-def test_crossover_rate_is_the_share_of_pairs_crossed(kind, share):
+def test_crossover_rate_is_the_share_of_pairs_crossed():
     mothers, fathers = np.zeros((20_000, 45), np.uint8), np.ones((20_000, 45), np.uint8)
     rng = np.random.default_rng(0)
-    children = crossover(mothers, fathers, kind, 0.75, rng)[:20_000]
-    assert children.mean() == pytest.approx(0.75 * share, abs=0.01)
-    assert not crossover(mothers, fathers, kind, 0.0, rng)[:20_000].any()
+    children = crossover(mothers, fathers, 0.75, rng)[:20_000]
+    assert children.mean() == pytest.approx(0.75 / 2, abs=0.01)
+    assert not crossover(mothers, fathers, 0.0, rng)[:20_000].any()
 
 
 def test_mutation_flips_one_bit_a_genome_on_average():
@@ -58,12 +49,12 @@ def test_mutation_flips_one_bit_a_genome_on_average():
     assert np.array_equal(mutate(flipped, 0.0, np.random.default_rng(0)), flipped)
 
 
-@given(SEEDS, st.integers(2, 30), st.integers(0, 3), KINDS)
-def test_a_generation_keeps_its_size_its_elites_and_its_parents(seed, count, elites, kind):
+@given(SEEDS, st.integers(2, 30), st.integers(0, 3))
+def test_a_generation_keeps_its_size_its_elites_and_its_parents(seed, count, elites):
     genomes = population(count, 12, seed)
     before = genomes.copy()
     fitness = np.random.default_rng(seed).random(count)
-    config = GeneticConfig(elites=elites, crossover=kind)
+    config = GeneticConfig(elites=elites)
     after = next_generation(genomes, fitness, config, np.random.default_rng(seed))
     assert after.shape == genomes.shape
     assert set(np.unique(after)) <= {0, 1}
@@ -108,12 +99,10 @@ def test_one_generation_of_evolution_is_the_best_of_the_first():
     ("settings", "message"),
     [
         ({"tournament_size": 0}, "genetic.tournament_size must be a whole number"),
-        ({"crossover": "two-point"}, "did you mean 'two_point'"),
         ({"crossover_rate": 1.5}, r"genetic.crossover_rate must be a finite number in \[0, 1\]"),
         ({"mutations": float("nan")}, "genetic.mutations must be a finite number"),
         ({"elites": -1}, "genetic.elites"),
         ({"elites": True}, "genetic.elites"),
-        ({"coding": "grey"}, "did you mean 'gray'"),
     ],
 )
 def test_bad_settings_are_refused(settings, message):

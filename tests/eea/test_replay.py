@@ -9,8 +9,8 @@ import pytest
 
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import (
-    EEAConfig,
     EngineTarget,
+    PaperConfig,
     RecordedLog,
     ReplayTarget,
     SwimLog,
@@ -18,16 +18,14 @@ from eea import (
     read_log,
     write_log,
 )
-from eea.core.behavior import BehaviorConfig
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.conditions import OutOfBandConfig
-from eea.core.config import RECOMMENDED, JointConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.session import streams
-from eea.fish import estimate, estimate_morphology_of
+from eea.fish import estimate_morphology_of
 
-QUICK = EEAConfig(
+QUICK = PaperConfig(
     steps=32,
     rounds=3,
     exploration=ExplorationConfig(6, 3),
@@ -47,7 +45,7 @@ class Recorder:
     def perform(self, command):
         log = self._fish.perform(command)
         self.commands.append(command)
-        self.logs.append(RecordedLog(log.gyro[0], log.rpy[0]))
+        self.logs.append(RecordedLog(log.gyro[0]))
         return log
 
 
@@ -56,14 +54,13 @@ def without_clock(estimate):
 
 
 @pytest.mark.parametrize("condition", ["none", "in-band", "out-of-band"])
-@pytest.mark.parametrize("signal", ["body_rates", "attitude"])
-def test_replayed_logs_give_the_live_runs_estimate_to_the_bit(condition, signal, tmp_path):
-    config = replace(QUICK, condition=condition, behavior=BehaviorConfig(signal=signal))
+def test_replayed_logs_give_the_live_runs_estimate_to_the_bit(condition, tmp_path):
+    config = replace(QUICK, condition=condition)
     robot = Recorder(seed=4)
     live = estimate_morphology_of(robot, config, seed=4)
     write_log(tmp_path / "swim.csv", SwimLog.of_trials(robot.commands, robot.logs))
     sessions = [(robot.commands, robot.logs), read_log(tmp_path / "swim.csv").trials(32)]
-    for commands, logs in sessions[: 1 if signal == "attitude" else 2]:  # a file has no attitude
+    for commands, logs in sessions:
         again = estimate_from_logs(commands, logs, config, seed=4)
         assert without_clock(again) == without_clock(live)
         assert again.morphology == live.morphology
@@ -78,12 +75,10 @@ def test_what_another_command_would_have_done_is_not_credited_to_it():
     assert [record.action_fitness for record in other.rounds] == [None] * 3
 
 
-def test_rounds_and_steps_are_the_sessions_by_default(monkeypatch):
+def test_rounds_and_steps_are_the_sessions_by_default():
     robot = Recorder(seed=0)
     estimate_morphology_of(robot, QUICK)
-    little = JointConfig((), noise=0.01, alternatives="never", restarts=0)
-    monkeypatch.setattr(estimate, "RECOMMENDED", replace(RECOMMENDED, joint=little))
-    quick = estimate_from_logs(robot.commands[:1], robot.logs[:1], dtype="float32")
+    quick = estimate_from_logs(robot.commands[:1], robot.logs[:1])
     assert (quick.config.rounds, quick.config.steps, len(quick.rounds)) == (1, 32, 1)
     assert quick.config.condition == "joint"
     with pytest.raises(

@@ -8,13 +8,13 @@ from matplotlib.figure import Figure
 from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.utils.validation import UnknownNameError
 from eea.core.checks import ConfigurationError
-from eea.core.config import EEAConfig
+from eea.core.config import PaperConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.fish.run_figure import fitness_figure
 from fake_fish import STEPS, fake_eea
 
-QUICK = EEAConfig(
+QUICK = PaperConfig(
     condition="none",
     steps=STEPS,
     rounds=3,

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 import pytest
 
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.core.behavior import BehaviorConfig, Signal
 from eea.core.checks import TargetError
 from eea.core.experiment import Simulator, Trials
 from eea.core.model_evaluator import DIVERGED, ModelEvaluator
 from eea.fish.simulator import EngineSimulator
-from eea.fish.spectral import SpectralComparer, can_compare
+from eea.fish.spectral import SpectralComparer
 from tests.verification.trials import random_trials
 
 STEPS, MODELS = 128, 6
@@ -39,21 +37,12 @@ def some(count: int) -> Trials:
     return Trials(TRIALS.models[:count], TRIALS.commands[:count], TRIALS.angles[:count])
 
 
-both_signals = pytest.mark.parametrize("signal", ["attitude", "body_rates"])
+def evaluator(compiled: bool) -> ModelEvaluator:
+    return ModelEvaluator(EngineSimulator(STEPS) if compiled else ByNumpy(), STEPS, 3)
 
 
-def evaluator(behavior: BehaviorConfig, compiled: bool) -> ModelEvaluator:
-    simulator = EngineSimulator(STEPS) if compiled else ByNumpy()
-    return ModelEvaluator(simulator, behavior, STEPS, 3)
-
-
-@both_signals
-@pytest.mark.parametrize(
-    "settings", [{}, {"unit": "radians"}, {"normalised": True, "maximum": 3.0}]
-)
-def test_the_engine_compares_as_numpy_does(settings: dict[str, Any], signal: Signal) -> None:
-    behavior = BehaviorConfig(signal=signal, **settings)
-    ours, theirs = (evaluator(behavior, compiled) for compiled in (True, False))
+def test_the_engine_compares_as_numpy_does() -> None:
+    ours, theirs = (evaluator(compiled) for compiled in (True, False))
     assert isinstance(ours._comparer, SpectralComparer)
     observed = theirs.behaviors(some(4)).astype(np.complex128)
     which = np.arange(30) % 4
@@ -66,25 +55,17 @@ def test_the_engine_compares_as_numpy_does(settings: dict[str, Any], signal: Sig
     assert ours.trials == 60
 
 
-@both_signals
-def test_it_takes_over_only_what_it_knows(signal: Signal) -> None:
-    known = BehaviorConfig(signal=signal)
-    assert can_compare(known, 128)
-    changes: list[dict[str, Any]] = [
-        {"summary": "mean_rate"}, {"clamp": True}, {"difference": "magnitude"}
-    ]  # fmt: skip
-    for change in changes:
-        assert not can_compare(dataclasses.replace(known, **change), 128)
-    assert not can_compare(known, 2)
+def test_engine_compares_only_what_it_can_transform() -> None:
+    assert EngineSimulator(2).comparer(2) is None
+    assert EngineSimulator(STEPS).comparer(64) is None
     pytest.importorskip("pybullet")
-    assert EngineSimulator(STEPS, engine="pybullet").comparer(known, STEPS) is None
+    assert EngineSimulator(STEPS, engine="pybullet").comparer(STEPS) is None
 
 
-@both_signals
 def test_a_robot_that_diverged_is_like_nothing(
-    monkeypatch: pytest.MonkeyPatch, signal: Signal
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    lab = evaluator(BehaviorConfig(signal=signal), compiled=True)
+    lab = evaluator(compiled=True)
     spectra = SpectralComparer._spectra
 
     def sick(self: SpectralComparer, trials: object) -> np.ndarray:
@@ -100,10 +81,9 @@ def test_a_robot_that_diverged_is_like_nothing(
     assert not np.isfinite(lab.disagreements(TRIALS, MODELS)[0])
 
 
-@both_signals
-def test_a_simulator_of_ones_own_is_asked_and_not_bypassed(signal: Signal) -> None:
+def test_a_simulator_of_ones_own_is_asked_and_not_bypassed() -> None:
     noisy = ByNumpy()
-    lab = ModelEvaluator(noisy, BehaviorConfig(signal=signal), STEPS, 3)
+    lab = ModelEvaluator(noisy, STEPS, 3)
     observed = lab.behaviors(some(1))
     lab.similarities(TRIALS, observed, np.zeros(30, np.intp))
     lab.disagreements(TRIALS, MODELS)
@@ -124,27 +104,25 @@ def test_a_simulator_without_the_protocols_methods_is_named() -> None:
     class Old:
         def simulate(self, trials: Trials) -> None: ...
 
-    with pytest.raises(TargetError, match=r"must have comparer, as whatever inherits .* Old has"):
-        ModelEvaluator(Old(), BehaviorConfig(), STEPS, 3)  # type: ignore[arg-type]
+    with pytest.raises(TargetError, match=r"must have comparer; inherit from .* Old has"):
+        ModelEvaluator(Old(), STEPS, 3)  # type: ignore[arg-type]
 
 
 def test_it_checks_what_the_long_way_checks() -> None:
-    lab = evaluator(BehaviorConfig(), compiled=True)
+    lab = evaluator(compiled=True)
     observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
     with pytest.raises(InvalidArgumentError, match="body"):
         lab.similarities(Trials(-TRIALS.models, TRIALS.commands, TRIALS.angles), observed, which)
     with pytest.raises(InvalidArgumentError, match=r"which must lie in \[0, 0\]; got 0 to 7"):
         lab.similarities(TRIALS, observed, which + 7 * (np.arange(30) == 3))
-    other = ModelEvaluator(EngineSimulator(64), BehaviorConfig(), STEPS, 3)
+    other = ModelEvaluator(EngineSimulator(64), STEPS, 3)
     with pytest.raises(TargetError, match="128 steps"):
         other.similarities(TRIALS, observed, which)
 
 
-@both_signals
-def test_it_swims_in_the_simulators_water(signal: Signal) -> None:
-    behavior = BehaviorConfig(signal=signal)
+def test_it_swims_in_the_simulators_water() -> None:
     still, moving = (
-        ModelEvaluator(EngineSimulator(STEPS, current=current), behavior, STEPS, 3)
+        ModelEvaluator(EngineSimulator(STEPS, current=current), STEPS, 3)
         for current in ((0.0, 0.0, 0.0), (1.0, 0.0, 0.5))
     )
     assert (moving.disagreements(TRIALS, MODELS) != still.disagreements(TRIALS, MODELS)).all()

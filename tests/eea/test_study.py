@@ -11,7 +11,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import DamagedFileError, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError
-from eea.core.config import EEAConfig
+from eea.core.config import PaperConfig
 from eea.core.genetic import GeneticConfig
 from eea.study.folder import extended, read_description, write_description
 from eea.study.plan import places
@@ -19,7 +19,7 @@ from eea.study.replicate import World
 from eea.study.study import Study
 
 WORLD = World(Morphology.nominal(), Damage.parse("none"))
-STUDY = Study({"none": EEAConfig(condition="none")}, (64, 128), 5, 2, 4, WORLD)
+STUDY = Study({"none": PaperConfig(condition="none")}, (64, 128), 5, 2, 4, WORLD)
 
 
 def changed(**settings):
@@ -40,9 +40,9 @@ def files(folder):
     [
         ({"arms": {}}, "the number of arms"),
         ({"steps": ()}, "the number of steps"),
-        ({"arms": {"none": EEAConfig(time_limit=3.0)}}, "time_limit must be None in a study"),
-        ({"arms": {"a|b": EEAConfig()}}, "an arm's name must be letters, digits"),
-        ({"arms": {"a" * 121: EEAConfig()}}, "at most 120 characters"),
+        ({"arms": {"none": PaperConfig(time_limit=3.0)}}, "time_limit must be None in a study"),
+        ({"arms": {"a|b": PaperConfig()}}, "an arm's name must be letters, digits"),
+        ({"arms": {"a" * 121: PaperConfig()}}, "at most 120 characters"),
         ({"steps": (64, 65)}, "steps must be a power of two; got 65"),
         ({"replicates": 10**9}, "replicates must be a whole number .* at most 10000"),
         ({"first_seed": 2**63}, "first_seed must be a whole number"),
@@ -70,11 +70,11 @@ def test_a_studys_jobs_are_its_plans_places():
             "target_damage none, not left_pectoral:length=0.5",
         ),
         (
-            changed(arms={"ideal": EEAConfig(), "none": EEAConfig(condition="ideal")}),
+            changed(arms={"ideal": PaperConfig(), "none": PaperConfig(condition="ideal")}),
             "arms.none.condition none, not ideal",
         ),
         (
-            changed(arms={"none": EEAConfig(condition="none", genetic=GeneticConfig(elites=2))}),
+            changed(arms={"none": PaperConfig(condition="none", genetic=GeneticConfig(elites=2))}),
             "arms.none.genetic.elites 1, not 2",
         ),
         (changed(first_seed=7), "seeds 2 to 5; 7 to 10 would leave a gap"),
@@ -115,7 +115,7 @@ def span(first, count):
             {"none": {"64": span(2, 4), "128": span(2, 4)}},
         ),
         (
-            changed(arms={"more": EEAConfig()}, first_seed=0, replicates=1, steps=(32,)),
+            changed(arms={"more": PaperConfig()}, first_seed=0, replicates=1, steps=(32,)),
             {"none": {"64": span(2, 4), "128": span(2, 4)}, "more": {"32": span(0, 1)}},
         ),
     ],

@@ -13,14 +13,14 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError
 from eea.core.conditions import OutOfBandConfig
-from eea.core.config import CONDITIONS, EEAConfig
+from eea.core.config import CONDITIONS, PaperConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
 from eea.study.plan import Place, joined, places, read_plan, written_plan
 from eea.study.replicate import Replicate, World, rehearse, replicate
 
-CONFIG = EEAConfig(
+CONFIG = PaperConfig(
     condition="none",
     steps=16,
     rounds=3,

@@ -11,7 +11,7 @@ import pytest
 from aquafish_gym import Damage, Morphology
 from eea import infer_log, read_log, save_posterior, write_log
 from eea.__main__ import main
-from eea.core.config import JointConfig
+from eea.core.config import FitConfig
 from tests.eea.joint.test_swims import BODY, swim
 
 STRUCK = 320  # samples
@@ -23,7 +23,7 @@ def belief(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("belief")
     write_log(folder / "swim.csv", swim(1, 520))
     found = infer_log(
-        read_log(folder / "swim.csv"), JointConfig(alternatives="never"), moving=True, threads=1
+        read_log(folder / "swim.csv"), FitConfig(alternatives="never"), moving=True, threads=1
     )
     save_posterior(folder / "posterior.npz", found.belief)
     return folder / "posterior.npz"

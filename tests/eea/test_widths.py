@@ -9,27 +9,25 @@ import numpy as np
 import pytest
 
 from eea.core.algorithm import EEA
-from eea.core.behavior import BehaviorConfig
-from eea.core.bits import action_layout, model_layout
 from eea.core.checks import ConfigurationError, TargetError
 from eea.core.conditions import OutOfBandConfig
-from eea.core.config import CONDITIONS, EEAConfig
+from eea.core.config import CONDITIONS, PaperConfig
 from eea.core.estimation import EstimationConfig
-from eea.core.experiment import Performed, Simulator, Trials
+from eea.core.experiment import Performed, RecordedLog, Simulator, Trials
 from eea.core.exploration import ExplorationConfig
+from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
-from eea.core.replay import RecordedLog
 from fake_fish import ACTIONS, MODELS
 
 STEPS, TIME = 16, 0.1 * np.arange(16)
 TRUTH = np.array([0.3, 0.8])
 WIDTHS = list(itertools.product((1, 2, 3, 4), (1, 2, 3), (1, 2, 3)))
-QUICK = EEAConfig(
+QUICK = PaperConfig(
     steps=STEPS,
     rounds=2,
-    exploration=ExplorationConfig(5, 3, pose="common_random"),
+    exploration=ExplorationConfig(5, 3),
     estimation=EstimationConfig(population=6, generations=5),
-    out_of_band=OutOfBandConfig(2, 4, 3, revisit=1, warm_start=True),
+    out_of_band=OutOfBandConfig(2, 4, 3, revisit=1),
 )
 
 
@@ -90,17 +88,14 @@ def test_every_width_runs_under_every_condition(commands, hidden, axes, conditio
         assert len(record.morphology) == len(record.spread) == 2
         assert np.isfinite(record.model_fitness)
     # Coefficients of every axis, and no others, were compared.
-    assert len(eea._experiments[0].behavior) == axes * (STEPS // 2 + 1)
+    assert len(eea._kept[0].experiments[0].behavior) == axes * (STEPS // 2 + 1)
 
 
 @pytest.mark.parametrize(
     ("commands", "hidden", "axes"), [(1, 1, 1), (1, 3, 1), (3, 1, 2), (2, 2, 3)]
 )
 def test_at_any_width_the_body_is_found_if_the_angles_are_known(commands, hidden, axes):
-    config = replace(
-        QUICK, condition="ideal", estimation=EstimationConfig(20, 40), rounds=3,
-        behavior=BehaviorConfig(unit="radians", maximum=10.0),
-    )  # fmt: skip
+    config = replace(QUICK, condition="ideal", estimation=EstimationConfig(20, 40), rounds=3)
     eea = EEA(Robot(hidden, axes), Machine(axes), problem(commands, hidden, axes), config, 0, TRUTH)
     assert eea.run().objective_fitness > 0.95
 
@@ -149,16 +144,14 @@ class Stubborn(Robot):
         return Performed(super().perform(0.5 * command), 0.5 * command)
 
 
-def test_a_log_is_credited_to_the_command_that_was_executed():
-    robot, asked = Stubborn(1, 1), []
+def test_log_is_credited_to_the_executed_command():
+    robot = Stubborn(1, 1)
     eea = EEA(robot, Machine(1), problem(2, 1, 1), QUICK, 0)
-    first = eea._exploration.first
-    eea._exploration.first = lambda: asked.append(first()) or asked[-1]
     rounds = eea.run().rounds
-    assert np.array_equal(rounds[0].command, 0.5 * asked[0])
+    first = EEA(Robot(1, 1), Machine(1), problem(2, 1, 1), QUICK, 0).run().rounds[0]
+    assert np.array_equal(rounds[0].command, 0.5 * np.array(first.command))
     assert [record.command for record in rounds] == [tuple(c) for c in robot.commands]
-    assert np.array_equal([e.command for e in eea._experiments], robot.commands)
-    assert all(record.action_fitness is None for record in rounds)  # of the asked one, it would be
+    assert all(record.action_fitness is None for record in rounds)  # it is the requested one's
 
 
 def test_a_target_that_executes_what_it_is_asked_for_may_say_so():

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from eea import EEAConfig, JointConfig, fish_problem
+from eea import FitConfig, JointConfig, fish_problem
 from eea.core.session import streams
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
@@ -62,18 +62,13 @@ def examine(
     setting: Setting,
     number: int,
     rng: np.random.Generator,
-    effort: JointConfig | None = None,
+    effort: FitConfig | None = None,
 ) -> dict[str, Any]:
     """Return what was found of a setting's robot, and how it compares with the truth."""
     body = draw_body(setting, number, rng)
     world, seed = draw_world(setting, rng), int(rng.integers(2**32))
     robot = Robot(setting, body, world, rng, streams(seed)["exploration"])
-    config = EEAConfig(
-        "joint",
-        steps=setting.steps,
-        rounds=setting.trials,
-        joint=effort or JointConfig(),
-    )
+    config = JointConfig(**vars(effort or FitConfig()), steps=setting.steps, rounds=setting.trials)
     joint = fish_joint(fish_problem(), EngineSimulator(setting.steps, threads=1))
     if setting.world == "reactive":
         imagined = tuple(h for h in joint.hypotheses if "reactive water" not in h.fixed)

@@ -6,18 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from eea.core.bits import action_layout, model_layout
-from eea.core.config import EEAConfig, JointConfig
+from eea.core.config import JointConfig
+from eea.core.experiment import RecordedLog
+from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
-from eea.core.replay import RecordedLog
-from eea.joint.inference import JointInference
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
+from eea.joint.session import JointInference
 
 STEPS = 64
 TRUTH = np.array([1.3, 0.4])
 BIAS, SIGMA = 0.02, 0.01
-SMALL = JointConfig(noise=SIGMA, bodies=16, poses=16, descents=4, polished=2, restarts=0)
-CONFIG = EEAConfig("joint", steps=STEPS, rounds=2, joint=SMALL)
+CONFIG = JointConfig(
+    steps=STEPS, rounds=2, noise=SIGMA, bodies=16, poses=16, descents=4, polished=2, restarts=0
+)
 
 
 def simulate(bodies, nuisances, commands, angles, fine=True):  # noqa: ARG001
@@ -57,5 +58,5 @@ class Swinging:
 
 def infer(seed=0, motor=1.0, **settings):
     """Return the result of a small run; ``settings`` are of ``JointConfig``."""
-    config = replace(CONFIG, joint=replace(SMALL, **settings))
+    config = replace(CONFIG, **settings)
     return JointInference(Swinging(seed, motor), SWING, config, seed, TRUTH).run()

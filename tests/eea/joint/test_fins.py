@@ -11,14 +11,14 @@ from aquafish_gym import Morphology, simulate
 from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import wrap
 from eea.core.checks import ConfigurationError
-from eea.core.config import EEAConfig, JointConfig
+from eea.core.config import JointConfig, PaperConfig
 from eea.fish import RealityGap
 from eea.fish.estimate import fish_eea
 from eea.fish.fins import fins_after
 from eea.fish.target import EngineTarget
 
 # As much of a search as these trials need.
-QUICK = JointConfig(bodies=48, poses=48, descents=12, polished=2, alternatives="never")
+QUICK = JointConfig(rounds=2, bodies=48, poses=48, descents=12, polished=2, alternatives="never")
 
 
 @pytest.mark.parametrize("gain", [pytest.param(1.0, marks=pytest.mark.slow), 0.93])
@@ -29,7 +29,7 @@ def test_the_fins_are_where_they_are_believed_to_be(gain: float) -> None:
         target = EngineTarget(
             None, "left_pectoral:length=0.5", np.random.default_rng(seed), engine="numba", gap=gap
         )
-        config = EEAConfig("joint", rounds=2, joint=QUICK)
+        config = QUICK
         found = fish_eea(target, config, seed, target.morphology, threads=1).run()
         log = simulate(
             target.morphology, found.rounds[-1].command, target.start_angles, steps=config.steps,
@@ -48,11 +48,7 @@ def test_a_fin_that_is_stuck_stays_where_it_was() -> None:
     target = EngineTarget(
         None, None, np.random.default_rng(5), engine="numba", gap=RealityGap(seized="left_pectoral")
     )
-    config = EEAConfig(
-        "joint",
-        rounds=2,
-        joint=replace(QUICK, descents=6, polished=1, restarts=0, alternatives="always"),
-    )
+    config = replace(QUICK, descents=6, polished=1, restarts=0, alternatives="always")
     found = fish_eea(target, config, 5, Morphology.nominal(), threads=1).run()
     fins = fins_after(found)
     assert fins.servo_gain[0] == 0.0
@@ -62,6 +58,6 @@ def test_a_fin_that_is_stuck_stays_where_it_was() -> None:
 
 def test_without_a_posterior_nobody_knows() -> None:
     target = EngineTarget(None, None, np.random.default_rng(0), steps=32, engine="numba")
-    none = fish_eea(target, EEAConfig("none", steps=32, rounds=1), 0, threads=1)
+    none = fish_eea(target, PaperConfig("none", steps=32, rounds=1), 0, threads=1)
     with pytest.raises(ConfigurationError, match="result must be of the condition joint"):
         fins_after(none.result)

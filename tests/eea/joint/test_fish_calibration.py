@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from aquafish_gym.morphology import FINS
-from eea import EEAConfig, JointConfig, RecordedLog, estimate_from_logs, fish_problem
+from eea import FitConfig, JointConfig, RecordedLog, estimate_from_logs, fish_problem
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
 from eea.joint.commands import fast_command
-from eea.joint.inference import posterior_of
+from eea.joint.inference import mixture
 from eea.joint.parameters import Parameters
 from eea.joint.search import search
 from tests.inference.calibration import coverage, rank_uniformity, ranks
@@ -22,8 +22,8 @@ from tests.inference.settings import Setting
 from tests.inference.summary import NAMES, TOUCH
 
 # As much of a search as one trial needs, and no hypotheses: nothing here is seized.
-QUICK = JointConfig(bodies=48, poses=48, descents=16, alternatives="never")
-NEARLY_NONE = JointConfig(bodies=2, poses=1, descents=1, polished=1, restarts=0)
+QUICK = FitConfig(bodies=48, poses=48, descents=16, alternatives="never")
+NEARLY_NONE = FitConfig(bodies=2, poses=1, descents=1, polished=1, restarts=0)
 # So little noise that one trial tells a body, and more than is tried to be explained exactly.
 PRIOR = Setting("everything drawn from the prior", 32, "prior", "prior", 1, noise=0.0015)
 
@@ -42,11 +42,11 @@ def posteriors():
     for number in range(PRIOR.robots):
         rng = np.random.default_rng([7, number])
         body, world = draw_body(PRIOR, number, rng), draw_world(PRIOR, rng)
-        robot = Robot(PRIOR, body, world, rng)
+        robot = Robot(PRIOR, body, world, rng, rng)
         robot.perform(fast_command(joint.problem.actions, np.empty((0, 3)), rng))
         truth = truth_of(parameters, robot)
         optima = search(parameters, robot.observed, rng, NEARLY_NONE, truth[None])
-        found.append((posterior_of(optima, optima), truth))
+        found.append((mixture(optima, optima), truth))
     return found
 
 
@@ -73,11 +73,11 @@ SLOW = np.array([0.4, -0.3, 0.002])  # the tail hardly beats: was it on its way 
 
 
 def test_both_of_two_answers_are_kept():
-    config = EEAConfig("joint", steps=128, rounds=1, joint=QUICK)
+    config = JointConfig(**vars(QUICK), steps=128, rounds=1)
     setting = Setting("a slow tail", 3, trials=1, steps=128)
     for number in range(setting.robots):
         rng = np.random.default_rng([3, number])
-        robot = Robot(setting, SPANS * rng.uniform(0.3, 0.9, 9), NOMINAL, rng)
+        robot = Robot(setting, SPANS * rng.uniform(0.3, 0.9, 9), NOMINAL, rng, rng)
         robot.perform(SLOW)
         logs = [RecordedLog(gyro=robot.logs[0][None])]
         belief = estimate_from_logs([SLOW], logs, config, number, threads=1).belief

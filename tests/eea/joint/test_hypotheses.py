@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from eea.core.replay import RecordedLog
+from eea.core.experiment import RecordedLog
 from eea.joint import inference
-from eea.joint.inference import JointInference
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import SURE, Parameters
 from eea.joint.problem import AS_COMMANDED, Hypothesis, Part
 from eea.joint.search import Optima, search
+from eea.joint.session import JointInference
 from tests.eea.joint.swing import CONFIG, SIGMA, SWING, simulate
 
 SLIPPERY = "the arm has no friction"
@@ -44,6 +44,12 @@ def weighed(method: JointInference) -> set[str]:
     return {branch.hypothesis.name for branch in belief.branches}
 
 
+def optima_of(method: JointInference) -> dict[str, Optima]:
+    belief = method.result.belief
+    assert isinstance(belief, JointPosterior)
+    return dict(belief.warm_start.optima)
+
+
 def test_what_was_probable_is_weighed_on(monkeypatch: pytest.MonkeyPatch) -> None:
     """A sliver explains a missing part a little better than none: that is no reason to forget."""
     method = JointInference(Slippery(2), PROBLEM, CONFIG)
@@ -62,7 +68,7 @@ def test_a_part_may_be_absent_though_the_best_has_some_of_it(
     monkeypatch.setattr(inference, "ABSENT", 1e-9)
     method = JointInference(Slippery(2), PROBLEM, CONFIG)
     next(iter(method))
-    assert method._optima[AS_COMMANDED.name].theta[0, 1] > 1e-9
+    assert optima_of(method)[AS_COMMANDED.name].theta[0, 1] > 1e-9
     assert SLIPPERY in weighed(method)
 
 
@@ -81,5 +87,5 @@ def test_what_another_hypothesis_found_is_tried_as_commanded_too(
     monkeypatch.setattr(inference, "search", worse)
     method = JointInference(Slippery(2), PROBLEM, CONFIG)
     next(iter(method))
-    assert method._optima[SLIPPERY].theta[0, 0] == pytest.approx(0.65, abs=0.01)
-    assert method._optima[AS_COMMANDED.name].theta[0, 0] == pytest.approx(0.65, abs=0.01)
+    assert optima_of(method)[SLIPPERY].theta[0, 0] == pytest.approx(0.65, abs=0.01)
+    assert optima_of(method)[AS_COMMANDED.name].theta[0, 0] == pytest.approx(0.65, abs=0.01)

@@ -10,9 +10,9 @@ import pytest
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from eea import (
     ConfigurationError,
-    EEAConfig,
     EngineTarget,
     JointConfig,
+    PaperConfig,
     Performed,
     RecordedLog,
     SwimLog,
@@ -27,14 +27,10 @@ from eea.core.session import streams
 
 DAMAGE = "left_pectoral:length=0.5"
 # Few starts, which a trial without noise forgives.
-QUICK = EEAConfig(
-    "joint",
-    steps=64,
-    rounds=2,
-    joint=JointConfig(
-        bodies=24, poses=24, descents=6, polished=2, restarts=0, alternatives="never"
-    ),
-)
+QUICK = JointConfig(
+    steps=64, rounds=2, bodies=24, poses=24, descents=6, polished=2, restarts=0,
+    alternatives="never",
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -114,7 +110,7 @@ def test_the_posteriors_picture_has_a_row_for_each_size_and_nuisance(estimate):
 
 
 def test_trials_of_their_own_nuisances_share_a_row():
-    config = replace(QUICK, joint=replace(QUICK.joint, per_trial=("gyro_bias",)))
+    config = replace(QUICK, per_trial=("gyro_bias",))
     figure = estimate_morphology(None, DAMAGE, config, 1, target_engine="numba").plot_posterior()
     rows = rows_of(figure.axes[1])
     assert "gyro bias z, by trial" in rows
@@ -122,7 +118,7 @@ def test_trials_of_their_own_nuisances_share_a_row():
 
 
 def test_where_no_nuisance_is_inferred_there_is_no_panel_and_no_truth_where_it_is_not_known():
-    config = replace(QUICK, joint=replace(QUICK.joint, nuisances=()), rounds=1)
+    config = replace(QUICK, nuisances=(), rounds=1)
     robot = EngineTarget(None, DAMAGE, streams(1)["target"], 64, "numba")
     figure = estimate_morphology_of(robot, config, 1).plot_posterior()
     assert len(figure.axes) == 1
@@ -131,7 +127,7 @@ def test_where_no_nuisance_is_inferred_there_is_no_panel_and_no_truth_where_it_i
 
 
 def test_without_a_posterior_there_is_no_picture_and_no_interval():
-    config = replace(QUICK, condition="none", rounds=1)
+    config = PaperConfig("none", steps=64, rounds=1)
     plain = estimate_morphology(None, DAMAGE, config, target_engine="numba")
     with pytest.raises(ConfigurationError, match="result must have a posterior to be drawn"):
         plain.plot_posterior()

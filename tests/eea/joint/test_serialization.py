@@ -168,5 +168,5 @@ def test_a_wider_interval_includes_a_narrower_one(result):
         assert (wider_low <= low).all()
         assert (high <= wider_high).all()
     assert replace(result, belief=None).belief is None
-    with pytest.raises(TargetError, match='only the condition "joint" knows how sure it is'):
+    with pytest.raises(TargetError, match='only the condition "joint" has a posterior'):
         replace(result, belief=None).interval()

@@ -9,7 +9,6 @@ import pytest
 
 from eea import (
     ConfigurationError,
-    EEAConfig,
     EngineTarget,
     JointConfig,
     JointInference,
@@ -26,13 +25,14 @@ from eea.joint.serialization import from_arrays, to_arrays
 
 STEPS = 96
 SMALL = JointConfig(
-    bodies=24, poses=12, descents=6, polished=2, restarts=0, alternatives="always", nuisances=()
-)
+    steps=STEPS, bodies=24, poses=12, descents=6, polished=2, restarts=0, alternatives="always",
+    nuisances=(),
+)  # fmt: skip
 
 
 def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -> JointPosterior:
     """Return what a target's trials tell, of the hypotheses that speak of a part."""
-    config = EEAConfig("joint", steps=STEPS, rounds=rounds, joint=replace(SMALL, **more))
+    config = replace(SMALL, rounds=rounds, **more)
     gap = RealityGap(gyro_noise=0.01)
     target = EngineTarget(None, damage, streams(1)["target"], STEPS, "numba", gap=gap)
     joint = fish_joint(fish_problem(), EngineSimulator(STEPS, threads=1))

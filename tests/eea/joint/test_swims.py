@@ -12,8 +12,8 @@ from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError
-from eea.core.config import JointConfig
-from eea.core.replay import RecordedLog
+from eea.core.config import FitConfig
+from eea.core.experiment import RecordedLog
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.log_inference import BEFORE, infer_log, log_windows
 from eea.fish.swim_log import SwimLog
@@ -21,7 +21,7 @@ from eea.fish.watch import watch_swim
 
 NOISE = 0.01
 BODY = Damage.parse("left_pectoral:length=0.6").apply(Morphology.nominal())
-PLAIN = JointConfig(alternatives="never")
+PLAIN = FitConfig(alternatives="never")
 SECOND = 100  # samples
 
 
@@ -104,7 +104,7 @@ def test_windows_are_cut_where_they_should_be() -> None:
     ("samples", "options", "says"),
     [
         (45, {"moving": True}, "trial 1 must have at least 32 samples"),
-        (300, {"joint": JointConfig(nuisances=("current",)), "moving": True}, "joint.nuisances"),
+        (300, {"joint": FitConfig(nuisances=("current",)), "moving": True}, "nuisances"),
     ],
 )
 def test_what_makes_no_sense_is_refused(samples: int, options: dict[str, Any], says: str) -> None:

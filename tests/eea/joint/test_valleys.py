@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from eea.core.bits import action_layout, model_layout
-from eea.core.config import EEAConfig, JointConfig
+from eea.core.config import JointConfig
+from eea.core.experiment import RecordedLog
+from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
-from eea.core.replay import RecordedLog
-from eea.joint.inference import JointInference
 from eea.joint.problem import JointProblem
+from eea.joint.session import JointInference
 
 SIGMA, NARROW, WIDE, MISSED = 0.01, 0.15, 0.8, 0.003
 PROBLEM = Problem(
@@ -34,7 +34,7 @@ class Robot:
 
 
 def test_what_comes_to_the_lower_valley_does_not_crowd_out_the_likelier_one() -> None:
-    config = EEAConfig("joint", steps=64, rounds=1, joint=JointConfig(noise=SIGMA, bodies=24))
+    config = JointConfig(steps=64, rounds=1, noise=SIGMA, bodies=24)
     result = JointInference(Robot(), JointProblem(PROBLEM, wheel), config).run()
     sample = result.sample(1000)
     assert 0.5 < (sample > 0.6).mean() < 1.0

@@ -1,23 +1,22 @@
-"""Binary genomes: which bits encode which variable, and what a string of bits means (Sec. 3.2).
+"""Binary genomes: how strings of bits encode the values of variables (Sec. 3.2).
 
-A genome is a row of 0s and 1s, the most significant bit of each variable first. A variable of n
-bits that reads as the whole number k has the value ``low + (high - low) * k / (2^n - 1)``, so
-that both ends of its range are reachable; a periodic one has ``low + (high - low) * k / 2^n``,
-since its ends are the same point.
+A genome is a row of 0s and 1s, the most significant bit of each variable first, in Gray code:
+neighbouring values differ in one bit, so that a mutation can always take the smallest step. A
+variable of n bits that reads as the whole number k has the value
+``low + (high - low) * k / (2^n - 1)``, so that both ends of its range are reachable; a periodic one
+has ``low + (high - low) * k / 2^n``, since its ends are the same point.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eea.core.checks import choice, finite, flag, real, whole
+from eea.core.checks import finite, flag, real, whole
 
-Coding = Literal["gray", "binary"]
 Genomes = NDArray[np.uint8]
 
 ACTION_BITS = 6  # for each servo
@@ -66,22 +65,17 @@ class BitLayout:
     ----------
     variables
         In the order of their bits.
-    coding
-        ``"gray"`` (neighbouring values differ in one bit, so a mutation can always take the
-        small step) or ``"binary"``.
 
     Examples
     --------
-    >>> layout = BitLayout([Variable("speed", 2, 0.0, 3.0)], coding="binary")
-    >>> layout.decode([[1, 0]])
+    >>> layout = BitLayout([Variable("speed", 2, 0.0, 3.0)])
+    >>> layout.decode([[1, 1]])
     array([[2.]])
     """
 
-    def __init__(self, variables: Sequence[Variable], coding: Coding = "gray") -> None:
-        choice("coding", coding, ("gray", "binary"))
+    def __init__(self, variables: Sequence[Variable]) -> None:
         whole("the number of variables", len(variables), 1)
         self.variables: tuple[Variable, ...] = tuple(variables)
-        self.coding: Coding = coding
         self.bits: int = sum(v.bits for v in self.variables)
         self.low: NDArray[np.float64] = np.array([v.low for v in self.variables])
         self.high: NDArray[np.float64] = np.array([v.high for v in self.variables])
@@ -112,9 +106,7 @@ class BitLayout:
 
     def decode(self, genomes: ArrayLike) -> NDArray[np.float64]:
         """Return the values of genomes (N, bits) as an array (N, variables)."""
-        bits = np.asarray(genomes, dtype=np.float64)
-        if self.coding == "gray":
-            bits = (bits @ self._parity) % 2.0
+        bits = (np.asarray(genomes, dtype=np.float64) @ self._parity) % 2.0
         # The greatest k may round to just above the range.
         return np.minimum(self.low + self._quantum * (bits @ self._place), self.high)
 
@@ -129,8 +121,7 @@ class BitLayout:
             k = np.rint((array[:, i] - variable.low) / variable.quantum).astype(np.int64)
             size = 2**variable.bits
             k = k % size if variable.periodic else np.clip(k, 0, size - 1)
-            if self.coding == "gray":
-                k ^= k >> 1
+            k ^= k >> 1
             columns.append((k[:, None] >> np.arange(variable.bits - 1, -1, -1) & 1).astype("u1"))
         return np.concatenate(columns, axis=1)
 
@@ -139,18 +130,16 @@ class BitLayout:
         return rng.integers(0, 2, size=(count, self.bits), dtype=np.uint8)
 
 
-def model_layout(table: Iterable[tuple[str, float, int]], coding: Coding = "gray") -> BitLayout:
+def model_layout(table: Iterable[tuple[str, float, int]]) -> BitLayout:
     """Return a layout for models from rows of (name, maximum, bits), each range [0, maximum]."""
-    return BitLayout([Variable(name, bits, 0.0, high) for name, high, bits in table], coding)
+    return BitLayout([Variable(name, bits, 0.0, high) for name, high, bits in table])
 
 
-def action_layout(
-    table: Iterable[tuple[str, float, float]], coding: Coding = "gray", bits: int = ACTION_BITS
-) -> BitLayout:
+def action_layout(table: Iterable[tuple[str, float, float]], bits: int = ACTION_BITS) -> BitLayout:
     """Return a layout for actions from rows of (servo, lowest, highest speed): 6 bits each."""
-    return BitLayout([Variable(name, bits, low, high) for name, low, high in table], coding)
+    return BitLayout([Variable(name, bits, low, high) for name, low, high in table])
 
 
-def pose_layout(names: Iterable[str], coding: Coding = "gray", bits: int = POSE_BITS) -> BitLayout:
+def pose_layout(names: Iterable[str], bits: int = POSE_BITS) -> BitLayout:
     """Return a layout for hidden angles, each over the whole turn [-pi, pi)."""
-    return BitLayout([Variable(name, bits, -np.pi, np.pi, periodic=True) for name in names], coding)
+    return BitLayout([Variable(name, bits, -np.pi, np.pi, periodic=True) for name in names])

@@ -1,0 +1,130 @@
+"""Joint inference online: perform fast commands and fit all trials, round by round."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from eea.core.angles import Floats
+from eea.core.behavior import similarity, summarize
+from eea.core.checks import instance
+from eea.core.config import JointConfig
+from eea.core.experiment import Context, RecordedLog, Target
+from eea.core.fitness import model_fitness
+from eea.core.result import RoundFit, RoundRecord
+from eea.core.session import Session, Streams, Trial, streams
+from eea.joint.commands import fast_command
+from eea.joint.inference import check_nuisances, fit
+from eea.joint.joint_posterior import JointPosterior
+from eea.joint.least_squares import Observed
+from eea.joint.problem import JointProblem
+
+MASS = 0.9  # of the intervals in the records, and of the stop rule
+
+
+class JointState(NamedTuple):
+    """The trials so far and their posterior."""
+
+    observed: Observed
+    posterior: JointPosterior | None
+
+
+class JointInference(Session[JointState]):
+    """One run of joint inference against one target; iterate over it for a record of each round.
+
+    Parameters
+    ----------
+    joint
+        The robot.
+    target, config, seed, truth
+        See :class:`eea.core.session.Session`.
+
+    Raises
+    ------
+    ConfigurationError
+        If the robot has no such nuisance, or the truth has another shape.
+
+    Examples
+    --------
+    >>> from eea.core.genome import action_layout, model_layout
+    >>> from eea.core.problem import Problem
+    >>> def wheel(bodies, nuisances, commands, angles, fine):
+    ...     turned = 0.1 * commands * np.arange(64) + angles
+    ...     return (bodies * np.sin(turned))[:, :, None]
+    >>> class Robot:
+    ...     def perform(self, command):
+    ...         felt = wheel(np.array([[0.6]]), None, command, np.array([[0.5]]), True)
+    ...         return RecordedLog(gyro=felt + np.random.default_rng(0).normal(0, 0.01, felt.shape))
+    >>> problem = Problem(
+    ...     model_layout([("radius", 1.0, 6)]), action_layout([("speed", 0.0, 2.0)]), ("angle",), 1
+    ... )
+    >>> config = JointConfig(steps=64, rounds=1)
+    >>> result = JointInference(Robot(), JointProblem(problem, wheel), config).run()
+    >>> low, high = result.interval(0.9)
+    >>> bool(low[0] < 0.6 < high[0]), bool(high[0] - low[0] < 0.01)
+    (True, True)
+    """
+
+    config: JointConfig
+
+    def __init__(
+        self,
+        target: Target,
+        joint: JointProblem,
+        config: JointConfig,
+        seed: int = 0,
+        truth: Floats | None = None,
+    ) -> None:
+        instance("config", config, JointConfig)
+        instance("joint", joint, JointProblem)
+        check_nuisances(joint, config)
+        self._joint, problem = joint, joint.problem
+        nothing = Observed(
+            np.empty((0, len(problem.actions))), np.empty((0, config.steps, problem.axes))
+        )
+        state = JointState(nothing, None)
+        super().__init__(target, problem, config, seed, truth, state, streams(seed))
+
+    def _choose(self, state: JointState, rngs: Streams) -> tuple[Floats, float | None]:
+        """Return a fast command that was performed as rarely as any."""
+        performed = state.observed.commands
+        return fast_command(self._problem.actions, performed, rngs["exploration"]), None
+
+    def _fit(self, state: JointState, trial: Trial, rngs: Streams) -> tuple[JointState, RoundFit]:
+        """Fit all trials."""
+        observed = Observed(
+            np.concatenate([state.observed.commands, trial.command[None]]),
+            np.concatenate([state.observed.signal, trial.gyro[None]]),
+        )
+        posterior = fit(observed, self._joint, self.config, rngs["estimation"], state.posterior)
+        return JointState(observed, posterior), round_fit(posterior)
+
+    def _posterior(self, state: JointState) -> JointPosterior | None:
+        return state.posterior
+
+    def _why_stop(self, state: JointState, rounds: tuple[RoundRecord, ...]) -> str | None:  # noqa: ARG002
+        """Stop once every interval is narrow and the fit leaves nothing but noise."""
+        posterior, widest = state.posterior, self.config.max_interval_width
+        if widest is None or posterior is None or not posterior.good:
+            return None
+        low, high = posterior.interval(MASS)
+        wide = ((high - low) / self._problem.models.span).max()
+        return "narrow" if wide <= widest else None
+
+
+def round_fit(posterior: JointPosterior) -> RoundFit:
+    """Return what a posterior, as of :func:`eea.joint.inference.fit`, says of the newest trial."""
+    start = posterior.warm_start
+    assert start is not None
+    best = start.optima[posterior.branches[0].hypothesis.name]
+    observed = best.observed.signal
+    simulated = summarize(RecordedLog(observed + best.residuals))
+    sim = similarity(simulated, summarize(RecordedLog(observed)))
+    return RoundFit(
+        posterior.model,
+        float(model_fitness(sim)),
+        Context(*posterior.angles(len(observed) - 1, MASS), confidence=MASS),
+        posterior.spread,
+        start.robots,
+    )
