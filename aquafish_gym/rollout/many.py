@@ -35,7 +35,7 @@ def swim_all(
         )
     functions = None if task is None else task_functions(task)
     lanes = LaneBatch(scenario, dtype, plan.substeps, threads)
-    loop = ClosedLoop(lanes, program.scratch, plan.has_goal)
+    loop = ClosedLoop(lanes, program.scratch)
     loop["fins"], loop["gain"] = fins.T / TAU, gains.T
     judge = None
     if functions is not None and task is not None:
@@ -46,18 +46,19 @@ def swim_all(
     if plan.broken_sensors:
         loop.set_noise(_drawn_noise(plan))
         loop.broken = True
+        _set_sensors(loop, slice(None), scenario)
     weights = pack_rows(program.weights, dtype, lanes.width)
     changes = {change.step: change for change in scenario.schedule}
     edges = {0, plan.steps, *(step for step in changes if step < plan.steps)}
     if judge is not None:
         edges.update(range(0, plan.steps, plan.interval))
     logs = []
-    _set_sensors(loop, slice(None), scenario)
     for begin, until in pairwise(sorted(edges)):
         if begin in changes:
             _, rows, to = changes[begin]
-            lanes.update(rows, to)
-            _set_sensors(loop, rows, to)
+            lanes.update(rows, to, keep_current=plan.flows)
+            if loop.broken:
+                _set_sensors(loop, rows, to)
         if judge is not None and begin % plan.interval == 0:
             judge.begin(begin)
         log = lanes.run(
@@ -70,7 +71,7 @@ def swim_all(
         if judge is not None and until % plan.interval == 0:
             judge.end()
     returns, diverged = loop["total"][0], lanes.diverged() | (loop["alive"][0] == 0.0)
-    end = np.where(diverged[:, None], np.nan, lanes.state()["position"])
+    end = np.where(diverged[:, None], np.nan, lanes.rows(FIELDS["position"]).T)
     return Trajectories(returns, diverged, end, _path(plan, logs) if plan.path else None)
 
 

@@ -44,8 +44,8 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> Trajectories:
             path.append(_sample(state))
             water = None if task is None else task.current(memory, t * TIMESTEP)
             if water is not None:
-                x, y, z = map(float, water)
-                world.set_current((x, y, z))
+                water = (float(water[0]), float(water[1]), float(water[2]))
+                world.set_current(water)
             turn = rotation(state.orientation)
             observation = np.array([*turn[2], *turn[1], *state.spin])
             if sensors.broken:
@@ -59,6 +59,8 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> Trajectories:
             for k in range(t, min(t + plan.interval, plan.steps)):
                 if k > t and k in changes:
                     _change(world, changes[k], sensors)
+                    if water is not None:
+                        world.set_current(water)
                 world.advance((left, right, caudal))
                 gyro.append(world.state().spin)
                 commands.append((left, right, caudal))

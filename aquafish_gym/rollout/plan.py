@@ -114,8 +114,9 @@ class Plan:
         return self.interval * TIMESTEP
 
     @property
-    def has_goal(self) -> bool:
-        return self.task is not None and self.task.has_goal
+    def flows(self) -> bool:
+        """Whether the task says how the water flows."""
+        return self.task is not None and type(self.task).current is not Task.current
 
     @property
     def broken_sensors(self) -> bool:

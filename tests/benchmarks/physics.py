@@ -78,8 +78,8 @@ def _lanes(trials: Trials, settings: Settings, dtype: str) -> Callable[[], objec
 
 def lane_widths(settings: Settings, cleanup: ExitStack) -> Group:  # noqa: ARG001
     """Return the lanes as they are on machines with narrower registers."""
-    from aquafish_gym.engines.compiled.kernel import WIDTHS
     from aquafish_gym.engines.compiled.lanes import LaneBatch, lane_width
+    from aquafish_gym.engines.compiled.recording import WIDTHS
 
     trials = random_trials(settings.robots, settings.seed)
     scenario = Scenario.create(trials.morphologies, fin_angles=trials.fin_angles)

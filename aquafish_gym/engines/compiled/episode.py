@@ -10,6 +10,8 @@ from __future__ import annotations
 from itertools import accumulate
 from typing import Any
 
+from aquafish_gym.command import reckon
+from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.physics.arithmetic import (
     Number,
@@ -27,7 +29,7 @@ from aquafish_gym.physics.layout import fetch_vector, put_vector
 _SIZES = {
     "fins": 3,  # where the controller believes the fins to be, in turns
     "gain": 3,  # by which factor it believes each servo to be faster than commanded
-    "goal": 3,  # in the world, units; of tasks that are not compiled
+    "goal": 3,  # in the world, units; set from outside of tasks that are not compiled
     "before": 3,  # where the robot was when the control step began, units
     "action": 3,  # of the control step, in [-1, 1]
     "memory": 6,  # the task's
@@ -72,14 +74,23 @@ def way_to(goal: Vector, position: Vector, up: Vector, north: Vector) -> Vector:
     )
 
 
-def faulty(
-    kept: Any, noise: Any, step: int, first: bool, up: Vector, north: Vector, gyro: Vector
+def sense(
+    kept: Any,
+    noise: Any,
+    broken: bool,
+    step: int,
+    first: bool,
+    up: Vector,
+    north: Vector,
+    gyro: Vector,
 ) -> tuple[Vector, Vector, Vector]:
-    """Return up, north and gyro as broken sensors say them: ``Sensors.say`` in any arithmetic.
+    """Return up, north and gyro as the sensors observe them: ``Sensors.say`` in any arithmetic.
 
-    ``noise`` has three rows for each control step, or none; ``first`` is whether the sensors have
-    just become as they are.
+    ``noise`` has three rows for each control step, or none; ``first`` is whether this is the first
+    observation since sensors changed.
     """
+    if not broken:
+        return up, north, gyro
     like = gyro[0]
     put_vector(kept, OBSERVED, 0, 1, up)
     put_vector(kept, OBSERVED + 3, 0, 1, north)
@@ -100,3 +111,26 @@ def faulty(
         fetch_vector(kept, OBSERVED + 3, 0, 1, like),
         fetch_vector(kept, OBSERVED + 6, 0, 1, like),
     )
+
+
+def note_action(kept: Any, action: Vector, command: Vector, position: Vector, dt: float) -> None:
+    """Keep an action and where it begins, and reckon the fins at its end by the believed gains."""
+    like = action[0]
+    fins, gain = fetch_vector(kept, FINS, 0, 1, like), fetch_vector(kept, GAIN, 0, 1, like)
+    speeds = (gain[0] * command[0], gain[1] * command[1], gain[2] * command[2])
+    put_vector(kept, FINS, 0, 1, reckon(fins, speeds, dt))
+    put_vector(kept, ACTION, 0, 1, action)
+    put_vector(kept, BEFORE, 0, 1, position)
+
+
+def note_reward(kept: Any, terms: tuple[Number, ...], velocity: Vector, spin: Vector) -> None:
+    """Add the terms of a reward, unless the robot has diverged."""
+    like = velocity[0]
+    square = dot(velocity, velocity) + dot(spin, spin)
+    alive = where_less(square, RUNAWAY, fetch(kept, ALIVE, like), 0.0)
+    total = fetch(kept, TOTAL, like)
+    reward = 0.0 * like
+    for term in terms:
+        reward = reward + term
+    put(kept, TOTAL, where_less(0.0, alive, total + reward, total))
+    put(kept, ALIVE, alive)

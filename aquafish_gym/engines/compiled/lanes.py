@@ -14,16 +14,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.api import MAXIMUM_THREADS, Settings, available_cores
 from aquafish_gym.engines.compiled import episode
-from aquafish_gym.engines.compiled.kernel import (
-    COMMANDS,
-    GYRO,
-    POSE,
-    RPY,
-    SPECTRUM,
-    Policy,
-    compile_kernel,
-)
+from aquafish_gym.engines.compiled.kernel import Policy, compile_kernel
 from aquafish_gym.engines.compiled.policies import hold, perform
+from aquafish_gym.engines.compiled.recording import CHANNELS, COMMANDS, GYRO, POSE, RPY, SPECTRUM
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.imu import ImuLog, join_logs
 from aquafish_gym.physics.kinematics import SWEEP
@@ -32,6 +25,7 @@ from aquafish_gym.physics.layout import (
     CURRENT,
     FIELDS,
     ROBOT_ROWS,
+    SERVO_GAIN,
     STATE_ROWS,
     angles_of_rows,
     condition_rows,
@@ -49,6 +43,7 @@ _RECORDS = {
     "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
     "path": RPY | GYRO | POSE | COMMANDS,
 }  # fmt: skip
+_ALL = slice(None)
 _NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
 # Under this many steps of a group, a second thread costs more than it brings.
 _WORTH_A_THREAD = 1000
@@ -91,8 +86,6 @@ class ClosedLoop:
         The robots.
     scratch
         How many numbers a robot the policy may ``put``.
-    has_goal
-        Whether robots observe the way to the goal in the table.
 
     Attributes
     ----------
@@ -105,12 +98,12 @@ class ClosedLoop:
         (B, N, 3) of the last run, if it was recorded.
     """
 
-    def __init__(self, lanes: LaneBatch, scratch: int, has_goal: bool = False) -> None:
+    def __init__(self, lanes: LaneBatch, scratch: int) -> None:
         self.functions: Any = None
         self.task: Any = ()
         self.broken = False
         self.commands: Floats | None = None
-        self._batch, self._has_goal = lanes.batch, has_goal
+        self._batch = lanes.batch
         rows = episode.ROWS + scratch
         self._episodes = np.zeros((lanes.groups, rows * lanes.width), lanes.dtype)
         self._view = self._episodes.reshape(lanes.groups, rows, lanes.width)
@@ -120,7 +113,7 @@ class ClosedLoop:
     @property
     def program(self) -> tuple[Any, ...]:
         """What the kernel takes of it."""
-        return self._episodes, self._noise, self.broken, self._has_goal
+        return self._episodes, self._noise, self.broken
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
         """Return rows (n, B) of the table by the name that ``episode.FIELDS`` has for them."""
@@ -128,20 +121,22 @@ class ClosedLoop:
         return found.reshape(found.shape[0], -1)[:, : self._batch].astype(np.float64)
 
     def __setitem__(self, name: str, rows: ArrayLike) -> None:
-        """Set rows (n, B) of the table; robots that fill up the last register get the last's."""
+        """Set rows (n, B) of the table; robots that fill up the last register stay as they are."""
         view = self._view[:, episode.FIELDS[name]]
         groups, count, width = view.shape
         table = np.broadcast_to(rows, (count, self._batch))
-        padded = np.pad(table, ((0, 0), (0, groups * width - self._batch)), "edge")
-        view[:] = padded.reshape(count, groups, width).transpose(1, 0, 2)
+        whole = self._batch // width
+        view[:whole] = table[:, : whole * width].reshape(count, whole, width).transpose(1, 0, 2)
+        if whole < groups:
+            view[whole, :, : self._batch - whole * width] = table[:, whole * width :]
 
-    def set_noise(self, noise: NDArray[np.float64] | None) -> None:
-        """Set what is added to the gyroscopes in the next control steps (K, 3, B), rad/s."""
+    def set_noise(self, noise: NDArray[np.float64]) -> None:
+        """Set what is added to the gyroscopes in each control step (K, 3, B), rad/s."""
         groups, _, width = self._view.shape
-        table = np.zeros((0, self._batch)) if noise is None else noise.reshape(-1, self._batch)
-        padded = np.pad(table, ((0, 0), (0, groups * width - self._batch)))
-        padded = padded.reshape(-1, groups, width).transpose(1, 0, 2).astype(self._episodes.dtype)
-        self._noise = np.ascontiguousarray(padded.reshape(groups, len(table) * width))
+        table = np.zeros((noise.shape[0] * 3, groups * width), self._episodes.dtype)
+        table[:, : self._batch] = noise.reshape(-1, self._batch)
+        by_group = table.reshape(-1, groups, width).transpose(1, 0, 2)
+        self._noise = np.ascontiguousarray(by_group).reshape(groups, -1)
 
 
 class LaneBatch:
@@ -171,7 +166,7 @@ class LaneBatch:
         self.threads = threads or available_cores()
         self.steps_done = 0
         nothing = np.zeros((self.groups, 0), dtype)
-        self._no_loop = (nothing, nothing, False, False)
+        self._no_loop = (nothing, nothing, False)
         parameters, conditions, states = _rows_of(scenario, rates)
         self._parameters = pack_rows(parameters, dtype, self.width)
         self._conditions = pack_rows(conditions, dtype, self.width)
@@ -182,14 +177,16 @@ class LaneBatch:
         self.update(rows, scenario)
         self._table(self._states, STATE_ROWS)[:, rows] = _rows_of(scenario)[2]
 
-    def update(self, rows: Rows, scenario: Scenario) -> None:
+    def update(self, rows: Rows, scenario: Scenario, keep_current: bool = False) -> None:
         """Give the robots ``rows`` the bodies, drag, water and servos of a scenario in mid-swim.
 
-        They stay where they are and keep their velocities.
+        They stay where they are and keep their velocities; with ``keep_current`` their water also
+        moves on as it does.
         """
         parameters, conditions, _ = _rows_of(scenario)
         self._table(self._parameters, ROBOT_ROWS)[:, rows] = parameters
-        self._table(self._conditions, CONDITION_ROWS)[:, rows] = conditions
+        first = SERVO_GAIN if keep_current else 0
+        self._table(self._conditions, CONDITION_ROWS)[first:, rows] = conditions[first:]
 
     def set_current(self, currents: NDArray[np.float64]) -> None:
         """Set the water's velocity for each robot, (B, 3), units/s in the world."""
@@ -290,7 +287,7 @@ class LaneBatch:
     def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Floats, ...]:
         return tuple(
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
-            for n, bit in ((3, RPY), (3, GYRO), (10, POSE), (3, COMMANDS))
+            for bit, n in CHANNELS.items()
         )
 
     def _pack_commands(
@@ -348,9 +345,9 @@ class LaneBatch:
             return np.zeros(self.batch, np.bool_)
         return np.logical_not(np.isfinite(self._table(self._states, STATE_ROWS)).all(axis=0))
 
-    def rows(self) -> NDArray[np.float64]:
-        """Return a copy of the states (25, B): the numbers of ``State`` in order, then rpy."""
-        return self._table(self._states, STATE_ROWS).astype(np.float64)
+    def rows(self, which: slice = _ALL) -> NDArray[np.float64]:
+        """Return a copy of (``which`` rows of) the states (25, B): those of ``State``, then rpy."""
+        return self._table(self._states, STATE_ROWS)[which].astype(np.float64)
 
     def state(self) -> dict[str, NDArray[np.float64]]:
         """Return copies of what the robots are now, (B, 3) or (B, 4) each.

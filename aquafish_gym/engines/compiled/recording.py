@@ -1,0 +1,73 @@
+"""What the compiled loop records: samples gathered in blocks, and written out to logs.
+
+A log is an array (B, channels, T). A block holds some samples of one register's robots, and stays
+in the fastest cache until it is written.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from aquafish_gym.physics import simd
+from aquafish_gym.physics.arithmetic import Number, Vector, put
+from aquafish_gym.physics.kinematics import State, joint_angles
+from aquafish_gym.physics.layout import put_vector
+
+BLOCK = 16  # samples
+WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
+
+# What to record, as bits. SPECTRUM alone is that of roll, pitch and yaw; with GYRO it is that of
+# the rates. Where GYRO alone is recorded, the attitude is computed at the end alone.
+RPY, GYRO, POSE, SPECTRUM, COMMANDS = 1, 2, 4, 8, 16
+# The channels of each log, in the order of the logs.
+CHANNELS = {RPY: 3, GYRO: 3, POSE: 10, COMMANDS: 3}
+
+
+def put_sample(
+    blocks: Any, record: int, at: int, rpy: Vector, state: State, command: Vector
+) -> None:
+    """Put sample ``at`` of a block: roll, pitch and yaw, the gyroscope, the pose, the command."""
+    if record & RPY:
+        put_vector(blocks[0], 0, at, BLOCK, rpy)
+    if record & GYRO:
+        put_vector(blocks[1], 0, at, BLOCK, state.spin)
+    if record & POSE:
+        q = state.orientation
+        put_vector(blocks[2], 0, at, BLOCK, state.position)
+        put_vector(blocks[2], 3, at, BLOCK, (q[0], q[1], q[2]))
+        put(blocks[2], 6 * BLOCK + at, q[3])
+        put_vector(blocks[2], 7, at, BLOCK, joint_angles(state))
+    if record & COMMANDS:
+        put_vector(blocks[3], 0, at, BLOCK, command)
+
+
+def write_blocks(
+    blocks: Any, logs: Any, record: int, first: int, count: int, group: int, zero: Number
+) -> None:
+    """Write ``count`` samples of every block to the logs, from sample ``first`` on."""
+    if record & RPY:
+        write_block(blocks[0], logs[0], first, count, group, zero)
+    if record & GYRO:
+        write_block(blocks[1], logs[1], first, count, group, zero)
+    if record & POSE:
+        write_block(blocks[2], logs[2], first, count, group, zero)
+    if record & COMMANDS:
+        write_block(blocks[3], logs[3], first, count, group, zero)
+
+
+def write_block(block: Any, log: Any, first: int, count: int, group: int, zero: Number) -> None:
+    """Write ``count`` samples of every channel of a group's robots to log (B, channels, T)."""
+    width = block.size // (log.shape[1] * BLOCK)
+    robot, channels, samples = group * width, log.shape[1], log.shape[2]
+    if count == BLOCK and robot + width <= log.shape[0]:
+        for channel in range(channels):
+            start = (robot * channels + channel) * samples + first
+            for k in range(0, BLOCK, width):
+                at = channel * BLOCK + k
+                simd.put_transposed(block, at, log, start + k, channels * samples, zero)
+        return
+    for lane in range(min(width, log.shape[0] - robot)):
+        for channel in range(channels):
+            at = channel * BLOCK * width + lane
+            for k in range(count):
+                log[robot + lane, channel, first + k] = block[at + k * width]

@@ -1,0 +1,173 @@
+"""Rollouts: the compiled loop, the plain loop on every engine and the environments agree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from aquafish_gym.envs.tasks import HoldStation, ReachWaypoints, SwimForward, Task
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.rollout import Trajectories, rollout
+from aquafish_gym.rollout.one import act_alone
+from aquafish_gym.scenario import Change, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.agent import ControllerAgent
+from gait.controller import Controller
+from gait.network import Senses
+from gait.rollout import program_of, random_poses
+from gait.search.templates import Template
+
+ROBOTS, SECONDS, INTERVAL = 5, 4.0, 20
+POSES = random_poses(ROBOTS, 1)
+GAINS = (0.9, 1.0, 1.1)  # what the controllers believe of the servos
+
+
+@dataclass(frozen=True)
+class OwnWaypoints(ReachWaypoints):
+    """A task of the user's own: judged outside of the compiled loop."""
+
+
+TASKS = (
+    SwimForward(seconds=SECONDS),
+    HoldStation(seconds=SECONDS, turning=0.3),
+    ReachWaypoints(seconds=SECONDS, apart=0.6, radius=0.4),
+    OwnWaypoints(seconds=SECONDS, apart=0.6, radius=0.4),
+)
+
+
+def make_controller(task: Task | None, seed: int = 3) -> Controller:
+    goal = task is not None and task.has_goal
+    template = Template.of_class("recurrent", Senses(fins=True, goal=goal), 5, INTERVAL)
+    vector = 0.5 * np.random.default_rng(seed).standard_normal(template.size)
+    return template.controller(vector, 0.7, Morphology.nominal(), 0)
+
+
+def whole() -> Scenario:
+    return Scenario.create(fin_angles=POSES)
+
+
+def broken() -> Scenario:
+    """Return robots whose bodies, servos and sensors break twice, the second time in mid-action."""
+    start = Scenario.create(
+        fin_angles=POSES, gyro_noise=[0.0, 0.3, 0.0, 0.1, 0.0], servo_gain=[1.0, 1.0, 0.7]
+    )
+    rows = np.array([1, 3, 4])
+    first = start.take(rows).copy()
+    first.servo_gain[:, 0] = 0.0
+    first.sensor_stuck[1] = [True, False] * 4 + [True]
+    first.gyro_noise[2] = 0.5
+    second = first.take([1, 2]).copy()
+    second.body[:, 0] *= 0.5
+    second.sensor_bias[0, 2:8] = 0.2
+    second.sensor_dropped[1, 3:] = True
+    changes = (Change(100, rows, first), Change(230, rows[1:], second))
+    return replace(start, schedule=changes)
+
+
+def swim(task: Task | None, scenario: Scenario, how: str = "compiled", **more: Any) -> Trajectories:
+    """Roll out the same controller, compiled or in the plain loop of an engine."""
+    program = program_of([make_controller(task)], ROBOTS)
+    policy: Any = program
+    if how != "compiled":
+        fins, gains = POSES + 0.1, np.array(GAINS)
+        policy = [act_alone(program, b, fins[b], gains) for b in range(ROBOTS)]
+        more["engine"] = how
+    if task is None:
+        more["seconds"] = SECONDS
+    return rollout(
+        policy, scenario, task, interval=INTERVAL, believed=POSES + 0.1, believed_gain=GAINS,
+        rngs=[np.random.default_rng(b) for b in range(ROBOTS)], record="path", **more,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("scenario", [whole(), broken()], ids=["whole", "broken"])
+@pytest.mark.parametrize("task", [*TASKS, None], ids=lambda task: type(task).__name__)
+def test_compiled_loop_agrees_with_the_plain_one_on_every_engine(
+    task: Task | None, scenario: Scenario
+) -> None:
+    compiled = swim(task, scenario)
+    for engine in ("numba", "pybullet"):
+        plain = swim(task, scenario, engine)
+        np.testing.assert_allclose(compiled.returns, plain.returns, atol=1e-9)
+        for name, table in vars(compiled.path).items():
+            expected = getattr(plain.path, name)
+            if name == "quaternion":  # q and -q are one attitude
+                expected = expected * np.sign((table * expected).sum(axis=2, keepdims=True))
+            np.testing.assert_allclose(table, expected, atol=1e-9, err_msg=name)
+    single = swim(task, scenario, dtype=np.float32)
+    np.testing.assert_allclose(single.returns, compiled.returns, atol=5e-3)
+    np.testing.assert_allclose(single.end, compiled.end, atol=5e-3)
+
+
+def test_own_task_gives_what_the_same_built_in_one_does() -> None:
+    built_in, own = (swim(task, broken()) for task in TASKS[2:])
+    assert np.ptp(built_in.returns) > 1.0
+    np.testing.assert_allclose(own.returns, built_in.returns, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["AquaFishStation-v0", "AquaFishWaypoint-v0"])
+def test_returns_are_those_of_the_environment(name: str) -> None:
+    env = gym.make_vec(name, num_envs=ROBOTS, dtype="float64", damage="gyro:noise=0.2;up_y:stuck@2")
+    seen, info = env.reset(seed=5)
+    task = env.unwrapped.task  # type: ignore[attr-defined]
+    agent = ControllerAgent(make_controller(task))
+    agent.reset(info)
+    returns = np.zeros(ROBOTS)
+    for _ in range(round(SECONDS / 0.2)):
+        seen, rewards, *_ = env.step(agent.act(seen))
+        returns += rewards
+    rngs = [np.random.default_rng(5 + b) for b in range(ROBOTS)]
+    poses = [rng.uniform(-np.pi, np.pi, 3) for rng in rngs]
+    start = Scenario.create(fin_angles=poses, gyro_noise=0.2)
+    stuck = start.copy()
+    stuck.sensor_stuck[:, 1] = True
+    found = rollout(
+        program_of([make_controller(task)], ROBOTS),
+        replace(start, schedule=(Change(200, np.arange(ROBOTS), stuck),)),
+        replace(task, seconds=SECONDS),
+        rngs=rngs,
+    )
+    # Observations and actions of environments are rounded to single precision.
+    np.testing.assert_allclose(found.returns, returns, atol=1e-3)
+
+
+def test_result_depends_neither_on_threads_nor_on_other_robots() -> None:
+    rows = np.tile(np.arange(ROBOTS), 9)
+    program = program_of([make_controller(TASKS[1], seed) for seed in range(9)], ROBOTS)
+    memory = np.random.default_rng(0).uniform(0.1, 0.3, (45, 3))
+    scenario = whole().take(rows)
+    one, two = (
+        rollout(program, scenario, TASKS[1], memory=memory, threads=threads) for threads in (1, 2)
+    )
+    np.testing.assert_array_equal(one.returns, two.returns)
+    some = rollout(
+        replace(program, weights=program.weights[:, 7:9]), scenario.take([7, 8]), TASKS[1],
+        memory=memory[7:9],
+    )  # fmt: skip
+    np.testing.assert_array_equal(some.returns, one.returns[7:9])
+
+
+def test_divergence_is_noted_and_ends_the_return() -> None:
+    scenario = replace(whole(), drag=np.full((ROBOTS, 2), 1e6))
+    compiled, plain = swim(TASKS[0], scenario), swim(TASKS[0], scenario, "numba")
+    assert compiled.diverged.all()
+    assert plain.diverged.all()
+    assert np.isnan(compiled.end).all()
+    assert np.isfinite(compiled.returns).all()
+    np.testing.assert_allclose(compiled.returns, plain.returns, rtol=1e-6)
+
+
+def test_what_does_not_fit_is_refused() -> None:
+    program = program_of([make_controller(TASKS[1])], ROBOTS)
+    with pytest.raises(InvalidArgumentError, match="goal"):
+        rollout(program, whole(), seconds=1.0)
+    with pytest.raises(InvalidArgumentError, match="servo_lag must be 0"):
+        rollout(program, replace(whole(), servo_lag=np.full(ROBOTS, 0.1)), TASKS[1])
+    with pytest.raises(InvalidArgumentError, match="20 steps, which must divide the 410"):
+        rollout(program, whole(), TASKS[1], seconds=4.1)
+    with pytest.raises(InvalidArgumentError, match="one kind"):
+        program_of([make_controller(TASKS[0]), make_controller(TASKS[1])], 1)
