@@ -77,7 +77,7 @@ def climb(job: Job) -> dict[str, Any]:
     far = distances([found.controller], body, poses, job.config.seconds, threads=1)
     return {
         "distance": float(far[0, 0]),
-        "cpu_seconds": spent,
+        "seconds": spent,
         "controller": found.controller.to_dict(),
     }
 
@@ -145,7 +145,7 @@ class Ceiling:
         seconds: dict[str, list[float]] = {}
         for job, result in zip(jobs, results, strict=True):
             found.setdefault((job.damage, job.search), []).append(result["distance"])
-            seconds.setdefault(job.search, []).append(result["cpu_seconds"])
+            seconds.setdefault(job.search, []).append(result["seconds"])
         rows = [["", *self.searches]]
         for damage in self.bodies:
             cells = [_cell(found[damage, name]) for name in self.searches]

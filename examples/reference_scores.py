@@ -106,13 +106,13 @@ def score(job: Job | OracleJob) -> dict[str, Any]:
     began = time.process_time()
     if isinstance(job, OracleJob):
         after = oracle(job.tier, job.episode, job.divisor)
-        return {"cpu_seconds": time.process_time() - began, "after": after}
+        return {"seconds": time.process_time() - began, "after": after}
     entry = ENTRIES[job.entry]
     controller, curve = entry.make(job.task, job.seed, job.divisor)
     seconds = time.process_time() - began
     agent = entry.fixed() if controller is None else controller
     return {
-        "cpu_seconds": seconds,
+        "seconds": seconds,
         "curve": curve,
         "controller": None if controller is None else controller.to_dict(),
         "scores": {name: play(name, agent, job.episodes) for name in IDS_OF[job.task]},
@@ -207,7 +207,7 @@ class Scores:
         for job, result in zip(jobs, results, strict=True):
             if isinstance(job, OracleJob):
                 best[job.tier].append(result["after"])
-                spent.append(result["cpu_seconds"])
+                spent.append(result["seconds"])
             else:
                 made.setdefault((job.entry, job.task), []).append(result)
         rows = [["environment", "controller", "observes", *COLUMNS, "CPU s"]]
@@ -222,7 +222,7 @@ class Scores:
                         for c in COLUMNS
                     ]
                     scored[name, entry] = intervals
-                    cpu = f"{np.mean([one['cpu_seconds'] for one in found]):.0f}"
+                    cpu = f"{np.mean([one['seconds'] for one in found]):.0f}"
                     rows.append(
                         [name, entry, ENTRIES[entry].observes, *map(_number, intervals), cpu]
                     )

@@ -4,7 +4,8 @@ A *job* is a small frozen description with a name for people and a file, relativ
 *work* is a pure function of a module that takes the job and returns a dictionary ready for JSON; it
 touches no file. So a job can run in any process of any machine, and more than once, with the same
 bytes as its result. A result is written the moment it arrives: an interruption costs the running
-jobs and no other, and the same command resumes.
+jobs and no other, and the same command resumes. Measured times are no result: what the work returns
+under ``seconds`` goes to a file beside the result's, see :func:`read_seconds`.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from aquafish_gym.runs.workers import WorkerDiedError, interrupts, workers
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 SCHEMA = "aquafish.result/1"
+SECONDS = "aquafish.seconds/1"
 TRIES = 3  # how often a job whose workers die is started
 _TICK = 0.5  # s; the longest that Ctrl-C may have to wait
 _LONGEST = 300  # characters of a reason
@@ -132,6 +134,16 @@ def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
     return _without_job(job, read_document(path, SCHEMA, "result"), f"result: {path}")
 
 
+def read_seconds(folder: Path, job: JobLike) -> Any:
+    """Return the times that a job's work measured; ``None`` without any."""
+    path = _beside(folder / job.file)
+    return read_document(path, SECONDS, "times")["seconds"] if path.exists() else None
+
+
+def _beside(path: Path) -> Path:
+    return path.with_suffix(".times.json")
+
+
 def _warm_up(
     executor: Executor, warm_up: Callable[[Sequence[Job]], object], jobs: list[Job], report: Report
 ) -> None:
@@ -191,7 +203,7 @@ class _Run:
     def _conclude(self, future: Future[Any]) -> None:
         job = self.pending.pop(future)
         try:
-            content, reason = future.result()
+            content, seconds, reason = future.result()
         except WorkerDiedError as error:
             if self.tries[job] < TRIES:
                 self.report(f"{job.name}: {error}; it starts again", False)
@@ -209,7 +221,10 @@ class _Run:
                 self._fail(job, reason)
                 return
             result = _without_job(job, decode_document(content, job.name, SCHEMA), job.name)
-            _write(self.folder / job.file, content)
+            path = self.folder / job.file
+            if seconds is not None:
+                _write(_beside(path), encode_document({"seconds": seconds}, SECONDS))
+            _write(path, content)
             self.written.add(job)
             self.report(f"{job.name}  {self.describe(result)}".rstrip(), True)
 
@@ -219,17 +234,19 @@ class _Run:
         self.report(f"failed: {sentence}", True)
 
 
-def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes | None, str]:
-    """Run a job in this process; return its file's bytes, or ``None`` and why it failed."""
+def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes | None, Any, str]:
+    """Run a job; return its file's bytes and its times, or ``None`` twice and why it failed."""
     try:
         result = work(job)
         if not isinstance(result, dict) or "job" in result:
             raise TypeError("the work must return a dictionary, without a key 'job'")
-        return encode_document({"job": job.file, **result}, SCHEMA), ""
+        result = dict(result)
+        seconds = result.pop("seconds", None)
+        return encode_document({"job": job.file, **result}, SCHEMA), seconds, ""
     except (Exception, SystemExit) as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}, line {place.lineno}"
-        return None, f"{type(error).__name__}: {error} ({where})"
+        return None, None, f"{type(error).__name__}: {error} ({where})"
 
 
 @contextmanager

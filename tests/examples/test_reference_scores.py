@@ -52,6 +52,8 @@ def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
     assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")} == before
     result = read_document(made, "aquafish.result/1", "out")
     assert set(result["scores"]["AquaFish-v0"]) == set(COLUMNS)
+    assert "seconds" not in result, "equal runs have equal results"
+    assert made.with_suffix(".times.json").exists()
 
 
 def test_damage_strikes_at_the_onset_of_the_id() -> None:
@@ -69,7 +71,7 @@ def test_a_share_is_of_the_mean_distance() -> None:
 def test_a_learned_controller_can_be_made() -> None:
     pytest.importorskip("stable_baselines3")
     entry = ENTRIES["PPO, damaged, 8 frames"]
-    controller, curve = entry.make("forward", 0, 10**6, lambda _text, _share: None)
+    controller, curve = entry.make("forward", 0, 10**6)
     assert controller is not None
     assert controller.memory
     assert np.isfinite(curve[-1][1])
@@ -79,7 +81,7 @@ def test_the_oracle_plays_the_same_episodes(tmp_path: Path) -> None:
     name, tier = "AquaFishRecovery-v0", "severe"
     left = robot_after_onset(name, tier, 0)
     assert any(np.any(left[key] != robot_after_onset(name, tier, 1)[key]) for key in left)
-    gait, _ = ENTRIES["CPG"].make("forward", 0, 10_000, lambda _text, _share: None)
+    gait, _ = ENTRIES["CPG"].make("forward", 0, 10_000)
     assert gait is not None
     after = play(name, gait, 1)[tier]["after"]
     assert np.isfinite([play_one(name, tier, gait, gait, 0), *after]).all()
