@@ -14,6 +14,8 @@ PAGES = sorted(
     for page in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
     if "_build" not in page.parts
 )
+REFERENCE = (ROOT / "docs" / "reference" / "index.rst").read_text().split("All modules")[0]
+ROLE = re.compile(r"\{py:\w+\}`~?([\w.]+)`")
 SYMBOL = re.compile(r"`((?:aquafish|aquafish_gym|eea|gait|tests)(?:\.[A-Za-z_]\w*)+)`")
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
 CODE_PATH = re.compile(r"`((?:aquafish|aquafish_gym|eea|gait|tests|examples|docs)/[\w./-]+)`")
@@ -48,7 +50,15 @@ def resolve(dotted: str) -> object:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_every_symbol_exists(page: pathlib.Path) -> None:
-    for dotted in SYMBOL.findall(page.read_text()):
+    text = page.read_text()
+    for dotted in [*SYMBOL.findall(text), *ROLE.findall(text)]:
+        resolve(dotted)
+
+
+def test_the_reference_lists_symbols_that_exist() -> None:
+    names = re.findall(r"^   (\w+(?:\.\w+)+)$", REFERENCE, re.MULTILINE)
+    assert len(names) > 20
+    for dotted in names:
         resolve(dotted)
 
 
@@ -88,8 +98,9 @@ def test_the_results_in_the_readme_are_in_the_report() -> None:
 
 @pytest.mark.parametrize("file", [*PAGES, *SOURCES], ids=lambda p: str(p.relative_to(ROOT)))
 def test_nothing_is_left_to_fill_in(file: pathlib.Path) -> None:
-    left = set(PLACEHOLDERS) & set(re.findall(r"\w+", file.read_text()))
-    assert not left
+    text = file.read_text()
+    assert not set(PLACEHOLDERS) & set(re.findall(r"\w+", text))
+    assert not re.search(r"^(<<<<<<<|>>>>>>>) ", text, re.MULTILINE), "a conflict is not resolved"
 
 
 @pytest.mark.parametrize(
