@@ -50,6 +50,11 @@ class Evaluation:
         the last value is repeated when an episode is over. NaN if the environment does not tell.
     broken
         (T, E) whether any fault was active after each step.
+
+    Examples
+    --------
+    >>> Evaluation(np.array([1.0, 3.0]), np.zeros((2, 2)), np.zeros((1, 2), bool)).mean
+    2.0
     """
 
     returns: Floats

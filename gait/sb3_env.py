@@ -1,4 +1,7 @@
-"""The batched environment as stable-baselines3 wants it; loaded by ``learner`` alone."""
+"""The batched environments as vector environments of stable-baselines3 (extra ``rl``).
+
+:class:`SB3VecEnv` adapts any of them; :class:`LaneVecEnv` observes the inputs of a controller.
+"""
 
 from __future__ import annotations
 
@@ -10,66 +13,44 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from aquafish_gym.envs.conditions import reckon
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from gait.inputs import inputs, reckoned
-from gait.network import Senses
+from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.network import GOAL_SCALE, GYRO_SCALE, Senses
 
 # Any, so that neither type checker nor reader needs torch for this one class.
 _VecEnv: Any = import_module("stable_baselines3.common.vec_env").VecEnv
 
 
-class LaneVecEnv(_VecEnv):  # type: ignore[misc]
-    """Robots of one task in the lanes, from random poses, that feel as a controller does.
-
-    An observation is a ``Controller``'s inputs, in their order (``senses.names``). Where the fins
-    are is known from where they were at first and the commands since.
+class SB3VecEnv(_VecEnv):  # type: ignore[misc]
+    """A batched environment for stable-baselines3; ``VecMonitor`` around it logs the episodes.
 
     Parameters
     ----------
-    count
-        Robots.
-    bodies
-        (M, 9) sizes of the bodies that robots have, in turn; M at most ``count``.
-    senses, clock
-        What they feel, and the frequency of their clock in Hz.
-    interval
-        For how many steps of 0.01 s an action is held.
-    task, damage
-        As the environment's.
+    envs
+        Such as ``gym.make_vec("AquaFish-v0", num_envs=64, autoreset_mode="Disabled")``.
+    observation_space
+        Of one robot; None is that of ``envs``.
 
     Attributes
     ----------
     earned
-        (count,) what each robot's last whole episode came to, its rewards times the seconds that
-        each was for: of the task "forward" units along the world's +y. NaN before.
+        (B,) the sum of the rewards times the time step in each robot's last whole episode; NaN
+        before.
     """
 
-    def __init__(
-        self,
-        count: int,
-        bodies: NDArray[np.float64],
-        senses: Senses,
-        clock: float,
-        interval: int,
-        task: object = "forward",
-        damage: object = None,
-    ) -> None:
+    def __init__(self, envs: AquaFishVectorEnv, observation_space: Box | None = None) -> None:
+        if envs.autoreset_mode is not AutoresetMode.DISABLED:
+            raise InvalidArgumentError(
+                f'autoreset_mode of envs must be "Disabled"; got {envs.autoreset_mode.value!r}'
+            )
         self.render_mode = None
-        self.earned = np.full(count, np.nan)
-        self._senses, self._clock = senses, clock
-        self._steps, self._sum = np.zeros(count), np.zeros(count)  # of the present episodes
-        self._fins = np.zeros((count, 3))
-        self._env = AquaFishVectorEnv(
-            count,
-            bodies[0] if len(bodies) == 1 else np.resize(bodies, (count, 9)),
-            damage=damage,
-            fin_angles="random",
-            frame_skip=interval,
-            task=task,
-            autoreset_mode=AutoresetMode.DISABLED,
-        )
-        space = Box(-1.0, 1.0, (len(senses.names),), np.float32)
-        super().__init__(count, space, self._env.single_action_space)
+        self.envs: AquaFishVectorEnv = envs.unwrapped
+        self.earned = np.full(envs.num_envs, np.nan)
+        self._sum = np.zeros(envs.num_envs)  # in the present episodes
+        space = observation_space or envs.single_observation_space
+        super().__init__(envs.num_envs, space, envs.single_action_space)
 
     def reset(self) -> NDArray[np.float32]:
         """Begin an episode of every robot, with the seeds given by ``seed``."""
@@ -78,28 +59,30 @@ class LaneVecEnv(_VecEnv):  # type: ignore[misc]
         return self._begin(np.ones(self.num_envs, np.bool_), seed)
 
     def _begin(self, mask: NDArray[np.bool_], seed: int | None = None) -> NDArray[np.float32]:
-        felt, info = self._env.reset(seed=seed, options={"reset_mask": mask})
-        self._steps[mask] = self._sum[mask] = 0.0
-        self._fins[mask] = info["fin_angles"][mask]
-        return self._hear(felt)
+        observations, info = self.envs.reset(seed=seed, options={"reset_mask": mask})
+        self._sum[mask] = 0.0
+        self._begun(mask, info)
+        return self._observe(observations)
 
-    def _hear(self, felt: NDArray[np.float32]) -> NDArray[np.float32]:
-        return inputs(self._senses, self._clock, felt, self._steps * self._env.dt, self._fins)
+    def _begun(self, mask: NDArray[np.bool_], info: dict[str, Any]) -> None:
+        """Note which episodes begin."""
+
+    def _observe(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return what the learner observes."""
+        return observations
 
     def step_async(self, actions: NDArray[np.float32]) -> None:
+        """Take the actions of the next step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[Any, Any, Any, list[dict[str, Any]]]:
         """Return observations, rewards, whether episodes ended, and information.
 
-        stable-baselines3 expects the new episode's first observation at once, and the old one's
-        last in its information.
+        An ended episode's last observation is in its information, as stable-baselines3 expects.
         """
-        felt, rewards, terminated, truncated, _ = self._env.step(self._actions)
-        self._steps += 1.0
-        self._sum += rewards * self._env.dt
-        self._fins = reckoned(self._fins, self._actions, self._env.dt)
-        observations, done = self._hear(felt), terminated | truncated
+        raw, rewards, terminated, truncated, _ = self.envs.step(self._actions)
+        self._sum += rewards * self.envs.dt
+        observations, done = self._observe(raw), terminated | truncated
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         if done.any():
             for i in np.flatnonzero(done):
@@ -113,13 +96,84 @@ class LaneVecEnv(_VecEnv):  # type: ignore[misc]
         """Do nothing: there is nothing to close."""
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return this environment's attribute for each robot."""
         return [getattr(self, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:  # noqa: ARG002
+        """Raise AttributeError."""
         raise AttributeError(f"{attr_name} cannot be set: the robots share one environment")
 
     def env_method(self, method_name: str, *_: Any, indices: Any = None, **__: Any) -> Any:  # noqa: ARG002
+        """Raise AttributeError."""
         raise AttributeError(f"{method_name} cannot be called: the robots share one environment")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:  # noqa: ARG002
+        """Return False for each robot."""
         return [False for _ in self._get_indices(indices)]
+
+
+class LaneVecEnv(SB3VecEnv):
+    """Robots of one task, from random poses, that observe a ``Controller``'s inputs.
+
+    Parameters
+    ----------
+    count
+        Number of robots.
+    bodies
+        (M, 9) sizes of the bodies that robots have, in turn; M at most ``count``.
+    senses, clock
+        The inputs, and the frequency of the clock in Hz.
+    interval
+        Steps of 0.01 s that an action is held.
+    task, damage
+        As the environment's.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        bodies: NDArray[np.float64],
+        senses: Senses,
+        clock: float,
+        interval: int,
+        task: object = "forward",
+        damage: object = None,
+    ) -> None:
+        self._senses, self._clock = senses, clock
+        self._steps, self._fins = np.zeros(count), np.zeros((count, 3))
+        envs = AquaFishVectorEnv(
+            count,
+            bodies[0] if len(bodies) == 1 else np.resize(bodies, (count, 9)),
+            damage=damage,
+            fin_angles="random",
+            frame_skip=interval,
+            task=task,
+            autoreset_mode=AutoresetMode.DISABLED,
+        )
+        super().__init__(envs, Box(-1.0, 1.0, (len(senses.names),), np.float32))
+
+    def _begun(self, mask: NDArray[np.bool_], info: dict[str, Any]) -> None:
+        self._steps[mask] = 0.0
+        self._fins[mask] = info["fin_angles"][mask]
+
+    def step_async(self, actions: NDArray[np.float32]) -> None:
+        """Take the actions of the next step, and track the fins by dead reckoning."""
+        super().step_async(actions)
+        a, b, c = self._fins.T
+        left, right, caudal = np.clip(actions, -1.0, 1.0, dtype=np.float64).T
+        fins = reckon((a, b, c), (left, right, caudal), self.envs.dt)
+        self._fins, self._steps = np.stack(fins, axis=1), self._steps + 1.0
+
+    def _observe(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the inputs (B, I), as ``network.observe`` states them."""
+        senses, times = self._senses, self._steps * self.envs.dt
+        turns = np.outer(times, TAU * self._clock * np.arange(1, senses.clock + 1))
+        angles = np.hstack([turns, self._fins]) if senses.fins else turns
+        waves = np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(times), -1)
+        gyro = np.clip(observations[:, 6:9] / GYRO_SCALE, -1.0, 1.0)
+        imu = [observations[:, :6], gyro] if senses.imu else []
+        goal = []
+        if senses.goal:
+            way = observations[:, -3:]
+            goal = [way / np.sqrt(np.square(way).sum(axis=1, keepdims=True) + GOAL_SCALE**2)]
+        return np.hstack([*imu, waves, *goal], dtype=np.float32, casting="same_kind")

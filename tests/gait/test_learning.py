@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -115,6 +116,17 @@ def test_robots_observe_a_controllers_inputs(senses: Senses) -> None:
     assert np.ptp(far) > 1e-2
 
 
+def test_ppo_learns_on_an_adapted_batch() -> None:
+    sb3 = pytest.importorskip("stable_baselines3")
+    adapter = importlib.import_module("gait.sb3_env").SB3VecEnv
+    envs = gym.make_vec("AquaFish-v0", num_envs=4, autoreset_mode="Disabled")
+    model = sb3.PPO("MlpPolicy", adapter(envs), n_steps=100, batch_size=100, n_epochs=1, seed=0)
+    model.learn(400)
+    assert np.isfinite(model.env.earned).all()
+    with pytest.raises(InvalidArgumentError, match="autoreset_mode of envs must be"):
+        adapter(gym.make_vec("AquaFish-v0", num_envs=4))
+
+
 def test_vector_env_has_the_librarys_interface() -> None:
     env = robots(2, Senses())
     env.seed(5)
@@ -133,14 +145,14 @@ def test_vector_env_has_the_librarys_interface() -> None:
 def test_diverged_robot_restarts_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     env = robots(3, Senses(False, 1))
     env.reset()
-    step = env._env.step
+    step = env.envs.step
     env.step(np.zeros((3, 3), np.float32))
 
     def diverging(actions: NDArray[np.float32]) -> tuple[Any, ...]:
         observed, rewards, terminated, truncated, info = step(actions)
         return observed, rewards, terminated | (np.arange(3) == 1), truncated, info
 
-    monkeypatch.setattr(env._env, "step", diverging)
+    monkeypatch.setattr(env.envs, "step", diverging)
     observed, _, done, infos = env.step(np.zeros((3, 3), np.float32))
     assert done.tolist() == [False, True, False]
     assert not infos[1]["TimeLimit.truncated"]
@@ -188,7 +200,7 @@ def test_robots_have_the_bodies_of_a_sample_in_turn(tmp_path: Path) -> None:
     env = importlib.import_module("gait.sb3_env").LaneVecEnv
     dealt = env(3, body_array(bodies), Senses(), 0.7, 100)
     dealt.reset()
-    _, _, _, _, info = dealt._env.step(np.zeros((3, 3), np.float32))
+    _, _, _, _, info = dealt.envs.step(np.zeros((3, 3), np.float32))
     np.testing.assert_array_equal(info["morphology"], body_array([*bodies, HALF]))
     poses = random_poses(32, stream(7, 1))
     far = swim_all([found.controller], np.resize(body_array(bodies), (32, 9)), poses)
