@@ -1,11 +1,10 @@
-"""What is known after a fit: a mixture of normal shapes, cut off at the bounds, over its optima."""
+"""The posterior of one hypothesis: a mixture of truncated normal distributions at its optima."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,11 +13,10 @@ from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import ConfigurationError, brief, finite, real, whole
 from eea.joint.truncated_normal import BoxNormal
 
-SCHEMA = "eea.posterior/1"
-DRAWS = 4096  # that summaries are made of: a 5% quantile is then one of 4.3 to 5.7%
+DRAWS = 4096  # for summaries: a 5% quantile is then one of 4.3 to 5.7%
 #: Two equal normal densities have two peaks only if their centres are more than two sd apart.
 APART = 2.0
-PILED = 1.25  # times denser at a bound than at the far end: the interval reaches the bound
+PILED = 1.25  # ratio of the densities at a bound and at the far end, above which it is one-sided
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,12 +35,11 @@ class Mode:
     """
 
     theta: Floats  #: (P,): shares of ranges, and rad where circular.
-    #: (P, P), the Hessian at ``theta``: J^T J / sigma^2 and the prior's precision. It may be
-    #: singular: what the data do not tell is uniform over its range.
+    #: (P, P), the Hessian at ``theta``: J^T J / sigma^2 plus the prior's precision. It may be
+    #: singular: parameters without information are uniform over their ranges.
     information: Floats
-    cost: float  #: -log posterior at ``theta``, up to a constant that all modes share.
-    #: (P,), its slope: nonzero where a bound holds the optimum, positive at a lower one. Zero if
-    #: not given.
+    cost: float  #: -log posterior at ``theta``, up to a constant common to all modes.
+    #: (P,), the gradient: nonzero where a bound holds the optimum. Zero if not given.
     gradient: Floats = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
@@ -65,10 +62,10 @@ class Mode:
 
 
 def distinct(modes: Sequence[Mode], circular: NDArray[np.bool_]) -> tuple[Mode, ...]:
-    """Return the modes, best first, without those that another one's shape includes.
+    """Return the modes, best first, without duplicates.
 
-    A mode is a better one's duplicate if the better one's quadratic puts it within two sd. Along
-    what the data do not tell all is near, so that an absent fin's angles do not multiply bodies.
+    A mode is a duplicate if a better one's quadratic puts it within two standard deviations. Along
+    directions without information everything is near, so an absent fin's angles are one mode.
     """
     kept: list[Mode] = []
     for mode in sorted(modes, key=lambda m: m.cost):
@@ -85,11 +82,10 @@ def distinct(modes: Sequence[Mode], circular: NDArray[np.bool_]) -> tuple[Mode, 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """A mixture of truncated Laplace approximations, uniform prior inside the bounds.
+    """A mixture of truncated Laplace approximations, with a uniform prior inside the bounds.
 
-    A mode's weight is the integral of its shape over the box: exp(-cost), times the volume
-    det(information)^(-1/2), times the share of the normal that lies inside (MacKay 2003, ch. 27;
-    Bornkamp 2011 for mixtures). Duplicates of an optimum are merged.
+    A mode's weight is its integral over the box: exp(-cost), times det(information)^(-1/2), times
+    the share of the normal distribution inside (MacKay 2003, ch. 27; Bornkamp 2011 for mixtures).
 
     Raises
     ------
@@ -101,7 +97,7 @@ class Posterior:
     >>> mode = Mode([0.02, 0.5], [[400.0, 0.0], [0.0, 0.0]], cost=0.0)
     >>> found = Posterior(("width", "thickness"), [0, 0], [1, 1], [False, False], [mode])
     >>> low, high = found.interval(0.9)
-    >>> np.round(high - low, 1)  # of the thickness nothing is known
+    >>> np.round(high - low, 1)  # there is no information on the thickness
     array([0.1, 0.9])
     """
 
@@ -141,7 +137,7 @@ class Posterior:
 
     @cached_property
     def components(self) -> tuple[BoxNormal, ...]:
-        """Each mode's shape; an angle's box is the turn around it, not yet wrapped."""
+        """Each mode's distribution; an angle's box is the turn around it, not yet wrapped."""
         shapes = []
         for mode in self.modes:
             low = np.where(self.circular, mode.theta - np.pi, self.low)
@@ -159,9 +155,8 @@ class Posterior:
     def log_evidence(self) -> float:
         """Log of the integral of exp(-cost) over the box, all modes together.
 
-        It compares hypotheses about the same data, whose costs share one constant: each ranges over
-        its own parameters, so that what one does not need it pays for (Occam's factor, MacKay ch.
-        28). The prior's density is the caller's to add: uniform on shares it is 1, on angles 1/2pi.
+        It compares hypotheses about the same data (MacKay, ch. 28). The caller adds the prior's
+        density: 1 for uniform shares, 1/2pi for angles.
         """
         return float(np.logaddexp.reduce(self._log_masses))
 
@@ -183,16 +178,15 @@ class Posterior:
 
     @cached_property
     def draws(self) -> Floats:
-        """The (4096, P) draws that every summary is made of, always the same."""
+        """The (4096, P) draws that all summaries use, always the same."""
         return self.sample(DRAWS, np.random.default_rng(0))
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends, (P,) and (P,), of each parameter's interval: see ``intervals``."""
+        """Return the ends, (P,) and (P,), of each parameter's interval: see :func:`intervals`."""
         return intervals(self.draws, self.low, self.high, self.circular, mass)
 
     def median(self) -> Floats:
-        """Return the point estimate, (P,): the median, which errs least in Eq. 4's absolute error;
-        an angle's circular mean."""
+        """Return the medians (P,), which minimise Eq. 4's error; circular means of angles."""
         middle = np.median(self.draws, axis=0)
         return np.where(self.circular, self._mean_angles, middle)
 
@@ -218,80 +212,17 @@ class Posterior:
         draws = self.draws
         return np.where(self.circular, wrap(draws - self._mean_angles), draws - draws.mean(axis=0))
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON; ``weights`` are there to be read."""
-        return {
-            "schema": SCHEMA,
-            "names": list(self.names),
-            **{name: array.tolist() for name, array in self.arrays().items()},
-        }
-
-    @classmethod
-    def from_dict(cls, document: Mapping[str, Any]) -> Posterior:
-        """Return the posterior that ``to_dict`` described.
-
-        Raises
-        ------
-        ConfigurationError
-            If the schema is another, or an entry is missing or wrong.
-        """
-        if document.get("schema") != SCHEMA:
-            raise ConfigurationError(
-                f"schema must be {SCHEMA!r}; got {brief(document.get('schema'))}"
-            )
-        return cls.from_arrays(document.get("names", ()), document)
-
-    def arrays(self) -> dict[str, NDArray[Any]]:
-        """Return everything but the names as arrays of numbers, for an npz archive."""
-        return {
-            "low": self.low,
-            "high": self.high,
-            "circular": self.circular,
-            "theta": np.array([mode.theta for mode in self.modes]),
-            "information": np.array([mode.information for mode in self.modes]),
-            "gradient": np.array([mode.gradient for mode in self.modes]),
-            "cost": np.array([mode.cost for mode in self.modes]),
-            "weights": self.weights,
-        }
-
-    @classmethod
-    def from_arrays(cls, names: Sequence[str], arrays: Mapping[str, ArrayLike]) -> Posterior:
-        """Return the posterior of ``names`` that ``arrays`` described.
-
-        Raises
-        ------
-        ConfigurationError
-            If an array is missing or wrong.
-        """
-        needed = ("low", "high", "circular", "theta", "information", "gradient", "cost")
-        for name in needed:
-            if name not in arrays:
-                raise ConfigurationError(f"{name} must be there; got {brief(sorted(arrays))}")
-        size = len(names)
-        theta = finite("theta", arrays["theta"], (None, size))
-        count = len(theta)
-        information = finite("information", arrays["information"], (count, size, size))
-        gradient = finite("gradient", arrays["gradient"], (count, size))
-        cost = finite("cost", arrays["cost"], (count,))
-        modes = tuple(
-            Mode(*of_one)
-            for of_one in zip(theta, information, cost.tolist(), gradient, strict=True)
-        )
-        low, high = (finite(end, arrays[end], (size,)) for end in ("low", "high"))
-        return cls(tuple(names), low, high, np.asarray(arrays["circular"]), modes)
-
 
 def intervals(
     draws: ArrayLike, low: ArrayLike, high: ArrayLike, circular: ArrayLike, mass: float = 0.9
 ) -> tuple[Floats, Floats]:
-    """Return the ends, (P,) and (P,), of intervals that each hold ``mass`` of a parameter's draws.
+    """Return the ends, (P,) and (P,), of intervals that each hold a share ``mass`` of the draws.
 
-    They are equal-tailed: unlike the shortest, such an interval means the same in any unit or power
-    of a size, and its ends are as steady as quantiles. But it never reaches a bound, and so would
-    never hold a fin that is gone. Where the density is higher at a bound than at the far end of the
-    90% that begin there, the interval begins at the bound. Either way it holds ``mass``, and a
-    wider interval includes a narrower one. An angle's is the shortest arc, from low in [-pi, pi) to
-    high, maybe beyond pi.
+    They are equal-tailed, which does not depend on the unit. But an equal-tailed interval never
+    reaches a bound, and so never holds a missing fin: where the density is higher at a bound than
+    at the far end of the 90% that begin there, the interval begins at the bound. A wider interval
+    includes a narrower one. An angle's is the shortest arc, from low in [-pi, pi) to high, which
+    may exceed pi.
 
     Parameters
     ----------
@@ -307,7 +238,7 @@ def intervals(
     Raises
     ------
     ConfigurationError
-        If ``mass`` is no share, or a shape is not as said.
+        If ``mass`` is not in [0, 1], or a shape is wrong.
 
     Examples
     --------

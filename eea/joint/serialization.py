@@ -1,7 +1,7 @@
-"""A belief as a few arrays of numbers, and back: for a file that needs no pickle.
+"""A joint posterior as a few arrays of numbers, and back: for a file without pickle.
 
-What is no array (names, ranges, hypotheses, the verdict) is JSON in the array ``header``. The
-modes of all branches stand one after another, each branch's as long as its parameters are many.
+The array ``header`` is JSON: names, ranges, hypotheses and the goodness of fit. The modes of all
+hypotheses follow one another in flat arrays.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, TargetError, brief, whole
-from eea.core.config import MAXIMUM_ROUNDS
+from eea.core.checks import ConfigurationError, TargetError, brief, flag, instance, real, whole
+from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_STEPS
 from eea.core.genome import BitLayout, Variable
 from eea.core.problem import Problem
 from eea.joint.goodness_of_fit import Goodness
@@ -27,42 +27,49 @@ from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Nuisance, Part
 
 SCHEMA = "eea.belief/1"
-#: Every array of an archive, and how many dimensions each has.
+#: Every array, and its number of dimensions.
 ARRAYS = {"header": 1, "theta": 1, "information": 1, "gradient": 1, "cost": 1}
 MOST_HEADER, MOST_SLOTS = 2**22, 10**7  # bytes; numbers that all trials are simulated with
+LEAST_SIGMA = 1e-300
 
 
-def to_arrays(belief: JointPosterior) -> dict[str, NDArray[Any]]:
-    """Return all of a belief but the simulator, which ``from_arrays`` reads back exactly.
+def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
+    """Return all of a posterior except its simulator and warm start, for :func:`from_arrays`.
 
     Returns
     -------
     dict
         ``header``, UTF-8 of JSON as bytes, and float64 ``theta`` and ``gradient`` (P, ...),
-        ``information`` (P * P, ...) and ``cost`` (1, ...) of every mode, in their order, flat.
+        ``information`` (P * P, ...) and ``cost`` (1, ...) of all modes in order, flat.
     """
-    joint = belief.branches[0].parameters.joint
-    modes = [mode for branch in belief.branches for mode in branch.posterior.modes]
+    parameters = posterior.branches[0].parameters
+    joint, problem = parameters.joint, parameters.joint.problem
+    modes = [mode for branch in posterior.branches for mode in branch.posterior.modes]
     header = {
         "schema": SCHEMA,
-        "problem": _problem_to_dict(joint.problem),
+        "problem": {
+            "models": [asdict(variable) for variable in problem.models.variables],
+            "actions": [asdict(variable) for variable in problem.actions.variables],
+            "hidden": problem.hidden,
+            "axes": problem.axes,
+        },
         "nuisances": [
             asdict(n) | {"sd": None if math.isinf(n.sd) else n.sd} for n in joint.nuisances
         ],
         "hypotheses": [asdict(hypothesis) for hypothesis in joint.hypotheses],
         "parts": {name: asdict(part) for name, part in joint.parts.items()},
-        "sigma": belief.sigma,
-        "samples": belief.samples,
-        "goodness": asdict(belief.goodness),
-        "trials": belief.branches[0].parameters.trials,
+        "sigma": posterior.sigma,
+        "samples": posterior.samples,
+        "goodness": asdict(posterior.goodness),
+        "trials": parameters.trials,
         "branches": [
             {
                 "hypothesis": branch.hypothesis.name,
                 "probability": branch.probability,
-                "parameters": list(branch.parameters.names),
+                "parameters": branch.parameters.names,
                 "modes": len(branch.posterior.modes),
             }
-            for branch in belief.branches
+            for branch in posterior.branches
         ],
     }
     text = json.dumps(header, allow_nan=False).encode()
@@ -70,42 +77,24 @@ def to_arrays(belief: JointPosterior) -> dict[str, NDArray[Any]]:
         "header": np.frombuffer(text, np.uint8),
         "theta": np.concatenate([mode.theta for mode in modes]),
         "information": np.concatenate([mode.information.ravel() for mode in modes]),
-        "gradient": np.concatenate([_slope(mode) for mode in modes]),
+        "gradient": np.concatenate([mode.gradient for mode in modes]),
         "cost": np.array([mode.cost for mode in modes]),
     }
 
 
 def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
-    """Return the belief that ``to_arrays`` wrote; it can do all but simulate.
+    """Return the posterior that :func:`to_arrays` wrote; it can do everything except simulate.
 
     Raises
     ------
     ConfigurationError
-        If an array is missing, or they do not describe a belief.
+        If an array is missing, or they do not describe a posterior.
     """
     try:
         header = json.loads(np.asarray(arrays["header"], np.uint8)[:MOST_HEADER].tobytes())
-        if header["schema"] != SCHEMA:
-            raise ConfigurationError(
-                f"its schema must be {SCHEMA}; it is {brief(header['schema'])}"
-            )
-        joint = _joint(header)
-        whole("its number of trials", header["trials"], 1, MAXIMUM_ROUNDS)
-        slots = len(joint.problem.models) + len(joint.nuisances) + len(joint.problem.hidden)
-        whole("its numbers in all trials", slots * header["trials"], 1, MOST_SLOTS)
-        flat = {
-            name: np.array(arrays[name], np.float64)
-            for name in ("theta", "information", "gradient", "cost")
-        }
-        branches = tuple(_branch(row, joint, header["trials"], flat) for row in header["branches"])
-        if not branches or any(len(rest) for rest in flat.values()):
-            raise ConfigurationError("its arrays must hold as many numbers as its header says")
-        shares = np.array([branch.probability for branch in branches], dtype=np.float64)
-        if not (shares >= 0.0).all() or not 0.5 < shares.sum() < 1.5:
-            raise ConfigurationError(f"its probabilities must sum to 1; got {brief(shares)}")
-        whole("its samples", header["samples"], 0)
-        goodness = Goodness(**header["goodness"])
-        return JointPosterior(branches, goodness, float(header["sigma"]), header["samples"])
+        return _read(
+            header, {name: np.array(arrays[name], np.float64) for name in list(ARRAYS)[1:]}
+        )
     except ConfigurationError as error:
         raise ConfigurationError(f"an archive of a posterior is wrong: {error}") from None
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
@@ -114,47 +103,56 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
         ) from None
 
 
-def _problem_to_dict(problem: Problem) -> dict[str, Any]:
-    return {
-        "models": [asdict(variable) for variable in problem.models.variables],
-        "actions": [asdict(variable) for variable in problem.actions.variables],
-        "hidden": list(problem.hidden),
-        "axes": problem.axes,
-    }
+def _read(header: Mapping[str, Any], flat: dict[str, Floats]) -> JointPosterior:
+    if header["schema"] != SCHEMA:
+        raise ConfigurationError(f"its schema must be {SCHEMA}; it is {brief(header['schema'])}")
+    joint, trials = _joint(header), header["trials"]
+    whole("its number of trials", trials, 1, MAXIMUM_ROUNDS)
+    slots = len(joint.problem.models) + len(joint.nuisances) + len(joint.problem.hidden)
+    whole("its numbers in all trials", slots * trials, 1, MOST_SLOTS)
+    branches = tuple(_branch(row, joint, trials, flat) for row in header["branches"])
+    if not branches or any(len(rest) for rest in flat.values()):
+        raise ConfigurationError("its arrays must hold as many numbers as its header says")
+    if not 0.5 < sum(branch.probability for branch in branches) < 1.5:
+        raise ConfigurationError("its probabilities must sum to 1")
+    real("its sigma", header["sigma"], LEAST_SIGMA)
+    whole("its samples", header["samples"], 0, trials * MAXIMUM_STEPS * joint.problem.axes)
+    goodness = _goodness(header["goodness"])
+    return JointPosterior(branches, goodness, float(header["sigma"]), header["samples"])
+
+
+def _goodness(row: Mapping[str, Any]) -> Goodness:
+    found = Goodness(**row)
+    real("its rms", found.rms, 0.0)
+    for name in ("whiteness_p", "peak_p", "p", *(["size_p"] if found.size_p is not None else [])):
+        real(f"its {name}", getattr(found, name), 0.0, 1.0)
+    flag("its good", found.good)
+    instance("its verdict", found.verdict, str)
+    return found
 
 
 def _joint(header: Mapping[str, Any]) -> JointProblem:
-    told = header["problem"]
+    row = header["problem"]
     models, actions = (
-        BitLayout([Variable(**variable) for variable in told[part]])
+        BitLayout([Variable(**variable) for variable in row[part]])
         for part in ("models", "actions")
     )
     nuisances = [
-        Nuisance(**row | {"sd": math.inf if row["sd"] is None else row["sd"]})
-        for row in header["nuisances"]
+        Nuisance(**one | {"sd": math.inf if one["sd"] is None else one["sd"]})
+        for one in header["nuisances"]
     ]
     hypotheses = [
-        Hypothesis(
-            row["name"],
-            row["fixed"],
-            tuple(row["shared_angles"]),
-            tuple(row.get("freed", ())),
-            row.get("part", ""),
-        )
-        for row in header["hypotheses"]
+        Hypothesis(**one | {name: tuple(one[name]) for name in ("shared_angles", "freed")})
+        for one in header["hypotheses"]
     ]
-    return JointProblem(
-        Problem(models, actions, tuple(told["hidden"]), told["axes"]),
-        _no_simulator,
-        tuple(nuisances),
-        tuple(hypotheses),
-        {name: _part(row) for name, row in header["parts"].items()},
-    )
-
-
-def _part(row: Mapping[str, Any]) -> Part:
-    area = None if row["area"] is None else (row["area"][0], row["area"][1])
-    return Part(dict(row["sizes"]), area, row["hint"])
+    parts = {
+        name: Part(
+            dict(one["sizes"]), one["area"] and (one["area"][0], one["area"][1]), one["hint"]
+        )
+        for name, one in header["parts"].items()
+    }
+    problem = Problem(models, actions, tuple(row["hidden"]), row["axes"])
+    return JointProblem(problem, _no_simulator, tuple(nuisances), tuple(hypotheses), parts)
 
 
 def _no_simulator(*_: Any, **__: Any) -> NDArray[Any]:
@@ -164,10 +162,11 @@ def _no_simulator(*_: Any, **__: Any) -> NDArray[Any]:
 def _branch(
     row: Mapping[str, Any], joint: JointProblem, trials: int, flat: dict[str, Floats]
 ) -> HypothesisPosterior:
-    """Return a branch, and take its numbers from the front of the arrays."""
+    """Return a hypothesis's posterior, and take its numbers from the front of the arrays."""
     known = {h.name: h for h in (AS_COMMANDED, *joint.hypotheses)}
     hypothesis, names = known[row["hypothesis"]], tuple(row["parameters"])
     whole("a branch's number of modes", row["modes"], 1)
+    real("a branch's probability", row["probability"], 0.0, 1.0)
     own = {n.group for n in joint.nuisances if f"{n.name}@1" in names}
     inferred = own | {n.group for n in joint.nuisances if n.name in names}
     parameters = Parameters.of(joint, trials, inferred, hypothesis, own)
@@ -188,8 +187,3 @@ def _take(flat: dict[str, Floats], name: str, count: int) -> Floats:
     if len(front) < count:
         raise ConfigurationError(f"its {name} must hold as many numbers as its header says")
     return front
-
-
-def _slope(mode: Mode) -> Floats:
-    assert mode.gradient is not None
-    return mode.gradient

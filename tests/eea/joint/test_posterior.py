@@ -1,16 +1,12 @@
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from eea.core.angles import circular_distance
 from eea.core.checks import ConfigurationError
 from eea.joint.posterior import Mode, Posterior
-from linear_worlds import EFFECTS, fit, observe
+from linear_worlds import fit, observe
 from tests.inference.calibration import coverage, rank_uniformity, ranks
 
 REPLICATES = 200
@@ -168,50 +164,9 @@ def test_a_better_optimum_is_the_one_that_stays():
     assert Posterior(("a",), [0], [1], [False], modes).modes == (modes[1],)
 
 
-@given(st.integers(0, 10**6))
-@settings(max_examples=10)
-def test_a_posterior_survives_json_and_arrays_to_the_bit(seed):
-    rng = np.random.default_rng(seed)
-    felt = EFFECTS @ rng.random(4) + rng.normal(size=4)
-    found = fit(EFFECTS, felt, np.zeros(4), np.ones(4), np.array([False, False, False, True]))
-    document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
-    assert document["schema"] == "eea.posterior/1"
-    for again in (
-        Posterior.from_dict(document),
-        Posterior.from_arrays(found.names, found.arrays()),
-    ):
-        assert again.draws.tobytes() == found.draws.tobytes()
-        assert again.names == found.names
-        assert again.to_dict() == found.to_dict()
-
-
-def test_arrays_are_numbers():
-    found = observe(np.full(4, 0.5), np.random.default_rng(0))
-    assert {array.dtype.kind for array in found.arrays().values()} <= set("fiub")
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"schema": "eea.posterior/2"}, "schema must be 'eea.posterior/1'"),
-        ({"cost": None}, "cost must be"),
-        ({"theta": [[0.5, 0.5, 0.5, 7.0]]}, r"theta of gain must be in \[0, 1\]; got 7"),
-        ({"theta": [[0.5]]}, "theta must have shape"),
-        ({"circular": [0, 0, 0, 0]}, "circular must be 4 truths"),
-        ({"theta": [], "information": [], "gradient": [], "cost": []}, "must have shape"),
-    ],
-)
-def test_a_wrong_document_is_refused(change, said):
-    found = observe(np.full(4, 0.5), np.random.default_rng(0))
-    with pytest.raises(ConfigurationError, match=said):
-        Posterior.from_dict(found.to_dict() | change)
-
-
-def test_a_missing_entry_is_named():
-    document = observe(np.full(4, 0.5), np.random.default_rng(0)).to_dict()
-    del document["information"]
-    with pytest.raises(ConfigurationError, match="information must be there"):
-        Posterior.from_dict(document)
+def test_mode_outside_its_bounds_is_refused():
+    with pytest.raises(ConfigurationError, match=r"theta of a must be in \[0, 1\]; got 7"):
+        Posterior(("a",), [0], [1], [False], [Mode([7.0], [[1.0]], 0.0)])
 
 
 @pytest.mark.parametrize(
