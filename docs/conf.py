@@ -65,6 +65,8 @@ myst_substitutions = {
     "tiers": tiers(),
 }
 autodoc_member_order = "bysource"
+# Modules that need the extra "rl" are described without it.
+autodoc_mock_imports = ["sb3_contrib", "stable_baselines3", "torch"]
 autodoc_typehints_format = "short"
 default_role = "code"
 napoleon_attr_annotations = False  # an array's shape says more than its type

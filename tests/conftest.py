@@ -6,12 +6,11 @@ from __future__ import annotations
 import fcntl
 import hashlib
 import os
+import signal
 import subprocess
 import sys
-import tempfile
 from collections.abc import Generator
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -22,6 +21,9 @@ from aquafish_gym.utils.validation import EngineUnavailableError
 # A shared machine may stall any example; time is no property under test here.
 settings.register_profile("shared-machine", deadline=None)
 settings.load_profile("shared-machine")
+
+# A parent may have had this process ignore Ctrl-C, which some tests send.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -68,7 +70,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _kernels_compile_once() -> None:
+def _kernels_compile_once(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Let one of the parallel test processes compile a kernel, and the others wait for its cache.
 
     Compiling takes most of a cold run's time, and numba has no lock across processes.
@@ -78,7 +80,7 @@ def _kernels_compile_once() -> None:
     from numba.core.dispatcher import Dispatcher
 
     compile_now = Dispatcher.compile
-    place = Path(tempfile.gettempdir()) / f"aquafish-kernels-{os.getuid()}"
+    place = tmp_path_factory.getbasetemp().parent / "kernels"
     place.mkdir(exist_ok=True)
 
     def compile_alone(self: Any, signature: Any) -> Any:

@@ -1,11 +1,16 @@
-"""Refusing bad settings in sentences that name them; the core cannot borrow the fish's checks."""
+"""Checks of settings, whose messages name the setting, what was expected and what came.
+
+The core knows no robot, so it cannot use ``aquafish_gym.utils.validation``.
+"""
 
 from __future__ import annotations
 
 import difflib
 import math
-import re
+import numbers
+import sys
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,83 +32,72 @@ class TargetError(RuntimeError):
 
 
 def brief(value: object) -> str:
-    """Return what came, for a message: its ``repr`` on one line, cut short."""
+    """Return the ``repr`` of a value on one line, at most 80 characters."""
     try:
-        text = re.sub(r"\n\s*", " ", repr(value))
+        text = " ".join(repr(value).split())
     except (ValueError, RecursionError):  # too many digits, too deep
         text = f"a {type(value).__name__} too long to show"
     return text if len(text) <= 80 else text[:77] + "..."
 
 
+def _require(sound: bool, argument: str, expected: str, value: object, hint: str = "") -> None:
+    if not sound:
+        raise ConfigurationError(f"{argument} must be {expected}; got {brief(value)}{hint}")
+
+
 def choice(argument: str, value: object, choices: Iterable[str]) -> None:
-    """Refuse ``value`` unless it is one of ``choices``; the nearest one is offered."""
+    """Refuse ``value`` unless it is one of ``choices``; the message offers the nearest."""
     known = list(choices)
-    if isinstance(value, str) and value in known:
-        return
     close = difflib.get_close_matches(str(value)[:80], known, n=1, cutoff=0.4)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise ConfigurationError(
-        f"{argument} must be one of {', '.join(known)}; got {brief(value)}{hint}"
-    )
+    sound = isinstance(value, str) and value in known
+    _require(sound, argument, f"one of {', '.join(known)}", value, hint)
 
 
 def flag(argument: str, value: object) -> None:
     """Refuse ``value`` unless it is True or False."""
-    if not isinstance(value, bool):
-        raise ConfigurationError(f"{argument} must be True or False; got {brief(value)}")
+    _require(isinstance(value, bool), argument, "True or False", value)
 
 
 def instance(argument: str, value: object, kind: type) -> None:
     """Refuse ``value`` unless it is a ``kind``."""
-    if not isinstance(value, kind):
-        raise ConfigurationError(f"{argument} must be of type {kind.__name__}; got {brief(value)}")
+    _require(isinstance(value, kind), argument, f"of type {kind.__name__}", value)
 
 
 def at_most(argument: str, value: float, bound: str, limit: float) -> None:
-    """Refuse a ``value`` above the ``limit`` that another setting, ``bound``, is for it."""
-    if value > limit:
-        raise ConfigurationError(f"{argument} must be at most {bound}, {limit}; got {brief(value)}")
+    """Refuse a ``value`` above the ``limit``, which is the setting ``bound``."""
+    _require(value <= limit, argument, f"at most {bound}, {limit}", value)
 
 
-def whole(argument: str, value: object, low: int, high: int | None = None) -> None:
+def whole(argument: str, value: Any, low: int, high: int | None = None) -> None:
     """Refuse ``value`` unless it is a whole number in [``low``, ``high``]."""
-    # numpy counts spans of time among its integers.
     number = isinstance(value, int | np.integer) and not isinstance(value, bool | np.timedelta64)
-    if not number or value < low or (high is not None and value > high):  # type: ignore[operator]
-        most = "" if high is None else f" and at most {high}"
-        raise ConfigurationError(
-            f"{argument} must be a whole number of at least {low}{most}; got {brief(value)}"
-        )
+    sound = number and low <= value and (high is None or value <= high)
+    most = "" if high is None else f" and at most {high}"
+    _require(sound, argument, f"a whole number of at least {low}{most}", value)
 
 
-def real(argument: str, value: object, low: float, high: float = math.inf) -> None:
+def real(argument: str, value: Any, low: float, high: float = math.inf) -> None:
     """Refuse ``value`` unless it is a finite number in [``low``, ``high``]."""
-    kinds = int | float | np.integer | np.floating
-    try:
-        number = isinstance(value, kinds) and not isinstance(value, bool | np.timedelta64)
-        sound = number and math.isfinite(value) and low <= value <= high  # type: ignore[arg-type,operator]
-    except OverflowError:  # a whole number beyond every float
-        sound = False
-    if not sound:
-        span = f"of at least {low:g}" if math.isinf(high) else f"in [{low:g}, {high:g}]"
-        raise ConfigurationError(f"{argument} must be a finite number {span}; got {brief(value)}")
+    number = isinstance(value, numbers.Real) and not isinstance(value, bool | np.timedelta64)
+    sound = number and abs(value) <= sys.float_info.max and low <= value <= high
+    span = f"of at least {low:g}" if math.isinf(high) else f"in [{low:g}, {high:g}]"
+    _require(sound, argument, f"a finite number {span}", value)
 
 
 def finite(argument: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:
     """Return ``value`` as a finite float64 array of ``shape``; ``None`` is any length."""
     try:
         given = np.asarray(value)
-        if given.dtype.kind not in "iuf" or np.ma.is_masked(value):
-            raise TypeError
-        array = np.array(given, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError):
-        raise ConfigurationError(f"{argument} must be numbers; got {brief(value)}") from None
-    words = ["any" if n is None else str(n) for n in shape]
-    wanted = f"({words[0]},)" if len(words) == 1 else f"({', '.join(words)})"
-    if array.ndim != len(shape) or any(
-        n is not None and n != m for n, m in zip(shape, array.shape, strict=True)
-    ):
+    except (TypeError, ValueError):
+        given = np.array(None)
+    _require(given.dtype.kind in "iuf" and not np.ma.is_masked(value), argument, "numbers", value)
+    array = np.array(given, dtype=np.float64)
+    fits = array.ndim == len(shape) and all(
+        n in (None, m) for n, m in zip(shape, array.shape, strict=True)
+    )
+    wanted = str(tuple("any" if n is None else n for n in shape)).replace("'", "")
+    if not fits:
         raise ConfigurationError(f"{argument} must have shape {wanted}; got {array.shape}")
-    if not np.isfinite(array).all():
-        raise ConfigurationError(f"{argument} must be finite; got {brief(array)}")
+    _require(bool(np.isfinite(array).all()), argument, "finite", array)
     return array
