@@ -11,7 +11,6 @@ from eea.core.checks import ConfigurationError, TargetError
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)
 COMMANDS: Commands = {
     "run": ("eea.cli.run:Run", "let a damaged robot infer its own body"),
-    "recover": ("eea.cli.run:Recover", "the same, with the settings of the recovery"),
     "infer": ("eea.cli.infer:Infer", "infer the body from a recorded swim, with its uncertainty"),
     "watch": ("eea.cli.watch:Watch", "detect a change of the body in a recorded swim"),
     "study": ("eea.cli.study:StudyCommand", "replicates for the paper's figures"),

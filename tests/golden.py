@@ -202,9 +202,8 @@ CONTROLLER = document("controller.json")
 COMMANDS: dict[str, tuple[Callable[[Path], None], Callable[[Path], Any]]] = {
     **{
         f"run {condition}": (eea(*RUN, "--condition", condition), RESULT)
-        for condition in ("none", "ideal", "in-band", "out-of-band", "joint")
+        for condition in ("none", "ideal", "in-band", "out-of-band", "joint", "recovery")
     },
-    "run recovery": (eea("recover", *RUN[1:]), RESULT),
     "infer": (
         eea("infer", "--log", str(ROOT / "examples" / "logs" / "swim.csv")),
         document("result.json"),

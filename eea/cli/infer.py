@@ -1,4 +1,4 @@
-"""The command ``python -m eea infer``: from a recorded swim, a file alone, to a body."""
+"""The command ``aquafish infer``: from a recorded swim in a file to a body with intervals."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-from rich.console import Console
 from tyro.conf import arg
 
 from aquafish_gym.command_line import BodyFile, Threads, read_morphology
@@ -16,12 +15,14 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.validation import one_of
-from eea.cli.outcome import belief_words, draw_posterior, outcome_words, size_table, write_outcome
+from eea.cli.outcome import belief_lines, draw_outcome, file_lines, size_table, write_outcome
+from eea.cli.progress import plain_console
 from eea.core.config import FitConfig
 from eea.core.session import streams
 from eea.fish import infer_log, read_log
-from eea.fish.log_inference import log_nuisances, log_windows
+from eea.fish.log_inference import log_nuisances
 from eea.fish.swim_log import SwimLog
+from eea.fish.windows import log_windows
 
 KIND = "a body inferred from a recorded swim"
 CHECKS = (
@@ -32,45 +33,44 @@ CHECKS = (
 
 @dataclass(frozen=True)
 class Infer:
-    """From a recorded swim, what is the body, and how sure is that?
+    """Infer the body from a recorded swim, with its uncertainty.
 
-    The log has a row for each sample of the gyroscope, as CSV with the columns time (s), gyro_x,
+    The log has a row for each sample of the gyroscope: CSV with the columns time (s), gyro_x,
     gyro_y, gyro_z (rad/s about the body's axes: x right, y forward, z up), left_pectoral,
-    right_pectoral (rev/s), caudal (Hz): what the servos did from that time on; and trial, a number,
-    where there are several. Or as npz with the arrays time, gyro, commands and trial. More is in
-    docs/howto/logs.md.
+    right_pectoral (rev/s), caudal (Hz), which are the commands executed from that time on; and
+    trial, a number, if there are several. Or npz with the arrays time, gyro, commands and trial.
+    docs/howto/logs.md has more.
 
-    It prints each size with its 90% interval, what else was inferred, and what cannot be told. Into
-    --out go result.json, morphology.json, posterior.npz, posterior.png and bodies.json, as run
-    writes them.
+    It prints each size with its 90% interval, the nuisances and what remains uncertain. Into --out
+    go result.json, morphology.json, posterior.npz, posterior.png and bodies.json, as of run.
     """
 
     log: Annotated[Path, arg(metavar="FILE", help="The recorded swim: a .csv or a .npz.")]
     out: Annotated[
         Path | None,
-        arg(metavar="DIR", help="Directory for the results; without it, they are only printed."),
+        arg(metavar="DIR", help="Directory for the results; without it they are only printed."),
     ] = None
-    #: How each trial's record begins: at rest, or already moving, as in ordinary swimming.
+    #: Whether each trial's record begins at rest, or in ordinary swimming.
     start: Literal["rest", "moving"] = "rest"
-    #: Standard deviation of the gyroscope's noise, rad/s, if known; None has it estimated.
+    #: Standard deviation of the gyroscope's noise, rad/s; None to estimate it.
     noise: float | None = None
-    #: Which of current, drag, servo_gain, gyro_bias and lag may differ from the models' world; by
-    #: default all. "--nuisances" alone is none.
+    #: Nuisances to infer, of current, drag, servo_gain, gyro_bias and lag; all by default, none for
+    #: "--nuisances" alone.
     nuisances: tuple[str, ...] | None = None
-    seed: int = 0  #: Everything random follows from it.
+    seed: int = 0  #: Seed of everything random.
     truth: BodyFile = None
     threads: Threads = None
 
     def execute(self) -> None:
-        """Infer, and say what was found; if an option is wrong nothing has been written."""
+        """Infer and print the report; nothing is written if an option is wrong."""
         log, moving = read_log(self.log), self.start == "moving"
         remarks = log_windows(log, moving).remarks
         for name in self.nuisances or ():
             one_of("nuisances", name, log_nuisances(moving))
         joint = FitConfig(noise=self.noise, nuisances=self.nuisances)
         truth = None if self.truth is None else read_morphology(self.truth, "truth")
-        streams(self.seed)
-        console = Console(highlight=False, soft_wrap=True, markup=False)
+        streams(self.seed)  # refuses a wrong seed
+        console = plain_console()
         for sentence in remarks:
             console.print(sentence)
         with ExitStack() as stack:
@@ -82,21 +82,24 @@ class Infer:
                 result = infer_log(
                     log, joint, self.seed, truth, moving=moving, threads=self.threads
                 )
-            for line in [*size_table(result), *belief_words(result)]:
-                console.print(line)
+            lines = [*size_table(result), *belief_lines(result)]
             if self.out is not None:
                 write_outcome(self.out, result)
-                draw_posterior(self.out, result)
-                for line in [*outcome_words(self.out, result), f"written to {self.out}"]:
-                    console.print(line)
+                draw_outcome(self.out, result, rounds=False)
+                lines += [*file_lines(self.out, result), f"written to {self.out}"]
+            for line in lines:
+                console.print(line)
         if result.belief is not None and not result.belief.good:
             console.print(CHECKS)
 
     def _write_manifest(
         self, folder: Path, log: SwimLog, joint: FitConfig, truth: Morphology | None
     ) -> None:
+        digest = hashlib.sha256()  # of its numbers, the same from CSV as from npz
+        for part in (log.time, log.gyro, log.commands, log.trial):
+            digest.update(part.tobytes())
         settings = {
-            "log": _stamp(log),
+            "log": digest.hexdigest()[:16],
             "start": self.start,
             "joint": asdict(joint),
             "seed": self.seed,
@@ -104,11 +107,3 @@ class Infer:
         }
         others = sorted(path.name for path in folder.iterdir() if path.name != LOCK)
         write_manifest(folder, KIND, settings, others)
-
-
-def _stamp(log: SwimLog) -> str:
-    """Return which log this is: a hash of its numbers, the same from CSV as from npz."""
-    digest = hashlib.sha256()
-    for part in (log.time, log.gyro, log.commands, log.trial):
-        digest.update(part.tobytes())
-    return digest.hexdigest()[:16]

@@ -1,57 +1,71 @@
-"""What a finished inference leaves: its files in a folder, and what is said of it."""
+"""The files and the printed report of a finished inference."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
 from aquafish_gym.runs.storage import write_document
 from eea.core.result import SCHEMA, Result
 from eea.fish import save_posterior
 
-RESULT, MODEL, PICTURE = "result.json", "morphology.json", "rounds.png"
+RESULT, TIMES, MODEL, PICTURE = "result.json", "times.json", "morphology.json", "rounds.png"
 POSTERIOR, BODIES, MARGINALS = "posterior.npz", "bodies.json", "posterior.png"
-SAMPLED = 50  # bodies: as many as a gait's evolution takes for the price of one
+SAMPLED = 50  # bodies from the posterior
 MASS = 0.9  # of the intervals that are printed
+SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
 
 
 def write_outcome(folder: Path, result: Result) -> None:
-    """Put a result, and the body that it comes to, in the place of what was there."""
-    write_document(folder / RESULT, result.to_dict(), SCHEMA)
+    """Write a result and its body, and for joint inference the posterior and bodies drawn from it.
+
+    Equal runs give equal files but for times.json, the seconds after which each round ended.
+    """
+    document = result.to_dict()
+    seconds = [record.pop("seconds") for record in document["rounds"]]
+    write_document(folder / RESULT, document, SCHEMA)
+    write_document(folder / TIMES, {"seconds": seconds})
     if result.rounds:
         write_document(folder / MODEL, Morphology.from_array(result.model).to_dict())
-        if result.belief is not None:
-            save_posterior(folder / POSTERIOR, result.belief)
-            write_bodies(folder / BODIES, result.sample(SAMPLED, result.seed))
-    else:
-        for name in (MODEL, PICTURE, POSTERIOR, BODIES, MARGINALS):
-            (folder / name).unlink(missing_ok=True)
+    if result.rounds and result.belief is not None:
+        save_posterior(folder / POSTERIOR, result.belief)
+        write_bodies(folder / BODIES, result.sample(SAMPLED, result.seed))
 
 
-def draw_posterior(folder: Path, result: Result) -> None:
-    """Draw what is believed, where that is known."""
+def remove_outcome(folder: Path) -> None:
+    """Remove the files of an earlier run."""
+    for name in (RESULT, TIMES, MODEL, PICTURE, POSTERIOR, BODIES, MARGINALS):
+        (folder / name).unlink(missing_ok=True)
+
+
+def draw_outcome(folder: Path, result: Result, rounds: bool = True) -> None:
+    """Draw the fitness of each round, and for joint inference the posterior."""
+    from aquafish_gym.rendering.pictures import save_figure
+    from eea.fish.plots import fitness_figure, posterior_figure
+
+    if rounds:
+        save_figure(fitness_figure(result), folder / PICTURE)
     if result.belief is not None:
-        from aquafish_gym.rendering.pictures import save_figure
-        from eea.fish.posterior_figure import posterior_figure
-
         save_figure(posterior_figure(result), folder / MARGINALS)
 
 
-def outcome_words(folder: Path, result: Result) -> list[str]:
-    """Return what the files are for."""
-    model, bodies = folder / MODEL, folder / BODIES
-    said = [f"the body found is {model}, for python -m gait evolve --morphology {model}"]
+def file_lines(folder: Path, result: Result) -> list[str]:
+    """Return lines that name the body's files, with the command that uses them."""
+    evolve = "aquafish evolve --morphology"
+    lines = [f"the inferred body is in {folder / MODEL}; a gait for it: {evolve} {folder / MODEL}"]
     if result.belief is not None:
-        said.append(
-            f"{SAMPLED} bodies that the trials allow are {bodies}, for "
-            f"python -m gait evolve --morphology {bodies}"
+        bodies = folder / BODIES
+        lines.append(
+            f"{SAMPLED} bodies from the posterior are in {bodies}; one gait for all: "
+            f"{evolve} {bodies}"
         )
-    return said
+    return lines
 
 
 def size_table(result: Result) -> list[str]:
-    """Return the sizes found, how sure they are, and the true ones and OBJ_FIT where known."""
+    """Return the inferred sizes, with intervals, the true sizes and OBJ_FIT where known."""
     columns = [[f" {size:6.3f}" for size in result.model]]
     heading = f"{'in units of 5 cm':26s}  found"
     if result.belief is not None:
@@ -61,30 +75,48 @@ def size_table(result: Result) -> list[str]:
         heading += "    true"
         columns.append([f"  {size:6.3f}" for size in result.truth])
     rows = zip(result.layout.names, *columns, strict=True)
-    said = [heading.rstrip(), *(f"{name:26s}{''.join(cells)}" for name, *cells in rows)]
+    lines = [heading.rstrip(), *(f"{name:26s}{''.join(cells)}" for name, *cells in rows)]
     if result.truth is not None:
-        said.append(
+        lines.append(
             f"OBJ_FIT {result.objective_fitness:.2f}; the true body scores 1, "
             f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}"
         )
-    return said
+    return lines
 
 
-def belief_words(result: Result) -> list[str]:
-    """Return what else was inferred, what cannot be told, and whether the fit explains all."""
+def damage_lines(intact: Morphology, damage: Damage, result: Result) -> list[str]:
+    """Return a line for each size that the damage changed, and one for all other faults.
+
+    For example ``left flipper: half its length, found 0.79 where it was 1.60``.
+    """
+    assert result.truth is not None
+    sizes = zip(DIMENSIONS, intact.to_array(), result.truth, result.model, strict=True)
+    lines = []
+    for dimension, before, after, found in sizes:
+        if after != before:
+            share = after / before if before else float("inf")
+            words = SHARE_WORDS.get(round(share, 6), f"{share:.0%} of")
+            what = f"{FIN_WORDS[dimension.fin]}: {words} its {dimension.size}"
+            lines.append(f"{what}, found {found:.2f} where it was {before:.2f}")
+    others = Damage(tuple(fault for fault in damage if fault.words or fault.when))
+    return lines + ([others.in_words(intact)] if others else []) or ["nothing was broken"]
+
+
+def belief_lines(result: Result) -> list[str]:
+    """Return the posterior of the nuisances, the findings, and whether the fit is good."""
     if result.belief is None:
         return []
-    said = []
+    lines = []
     if result.truth is not None:
         low, high = result.interval(MASS)
-        kept = int(((low <= result.truth) & (result.truth <= high)).sum())
-        said.append(f"the {MASS:.0%} intervals hold {kept} of the {len(low)} true sizes")
+        inside = int(((low <= result.truth) & (result.truth <= high)).sum())
+        lines.append(f"the {MASS:.0%} intervals contain {inside} of the {len(low)} true sizes")
     rows = result.belief.table(MASS)
     others = [name for name in rows if name not in result.layout.names and "@" not in name]
     if others:
-        said.append(f"{'besides the body':26s} {'found':>6s}  {MASS:.0%} interval")
-    said += [f"{name:26s} {rows[name][0]:z6.3f}{_ends(*rows[name][1:])}" for name in others]
-    return [*said, *dict.fromkeys([*result.belief.findings, result.belief.verdict])]
+        lines.append(f"{'besides the body':26s} {'found':>6s}  {MASS:.0%} interval")
+    lines += [f"{name:26s} {rows[name][0]:z6.3f}{_ends(*rows[name][1:])}" for name in others]
+    return [*lines, *dict.fromkeys([*result.belief.findings, result.belief.verdict])]
 
 
 def _ends(low: float, high: float) -> str:

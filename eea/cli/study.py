@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal
 
 import tyro
 from tyro.conf import arg
@@ -23,14 +23,16 @@ from aquafish_gym.runs.jobs import finished, run_jobs
 from aquafish_gym.runs.manifest import lock
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.runs.workers import check_workers
-from eea.cli.arms import ArmSettings, Figure, asked_arms, refuse_empty
-from eea.core.config import Condition
+from eea.cli.options import AlgorithmOptions
+from eea.core.checks import ConfigurationError
+from eea.core.config import Condition, Config, config_for
 from eea.fish import Orientation, RealityGap
 from eea.study.folder import extended, write_description
-from eea.study.presets import smoke
+from eea.study.presets import FIGURE_ARMS, FIGURES, smoke
 from eea.study.replicate import World, rehearse, replicate
 from eea.study.study import Study
 
+Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
 Format = Literal["png", "pdf", "svg"]
 _PAPERS_STEPS = (128, 256, 512, 1024)
 
@@ -61,7 +63,7 @@ class StudyCommand:
     seed: Annotated[int, arg(aliases=("--first-seed",))] = 0
     #: Commands that the target performs in each replicate; 25 by default, for smoke 3.
     rounds: int | None = None
-    settings: Annotated[ArmSettings, arg(name="")] = field(default_factory=ArmSettings)
+    settings: Annotated[AlgorithmOptions, arg(name="")] = field(default_factory=AlgorithmOptions)
     damage: AnyDamage = "none"
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "numba"
@@ -89,15 +91,12 @@ class StudyCommand:
         InvalidArgumentError, ConfigurationError
             If an option is wrong, or no arm is selected.
         """
-        small, figure = self.preset == "smoke", self.figure
-        if small and figure is None and self.conditions is None:
-            figure = ("all",)
-        arms = asked_arms(figure, self.conditions)
+        for name, values in (("steps", self.steps), ("format", self.format)):
+            if values == ():
+                raise ConfigurationError(f"--{name} must have one value or more; got none")
+        small, arms = self.preset == "smoke", self._arms()
         if small:
             arms = {name: smoke(arm) for name, arm in arms.items()}
-        if self.steps is not None:
-            refuse_empty("--steps", self.steps, "whole numbers")
-        refuse_empty("--format", self.format, f"of {', '.join(get_args(Format))}")
         return Study(
             arms=self.settings.over(arms),
             steps=self.steps or ((128,) if small else _PAPERS_STEPS),
@@ -113,6 +112,18 @@ class StudyCommand:
                 self.gap,
             ),
         )
+
+    def _arms(self) -> dict[str, Config]:
+        """Return the arms of the paper's figures or of the conditions, by name."""
+        figure = self.figure
+        if self.preset == "smoke" and figure is None and self.conditions is None:
+            figure = ("all",)
+        if bool(figure) == bool(self.conditions):
+            raise ConfigurationError("either --figure or --conditions must have one value or more")
+        if figure:
+            names = FIGURE_ARMS if "all" in figure else figure
+            return {FIGURE_ARMS[name]: FIGURES[f"fig{name}"] for name in names}
+        return {condition: config_for(condition) for condition in self.conditions or ()}
 
     def execute(self) -> None:
         """Make the replicates that are missing, and write the study's report.

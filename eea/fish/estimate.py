@@ -1,11 +1,10 @@
-"""The algorithm bound to the fish: from commands and IMU logs to a body."""
+"""The methods bound to the fish: from commands and IMU logs to a body."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
-from html import escape
-from typing import TYPE_CHECKING, Any, Unpack
+from dataclasses import dataclass
+from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
@@ -26,9 +25,6 @@ from eea.fish.gap import RealityGap
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.target import NO_GAP, EngineTarget, Orientation
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 Progress = Callable[[RoundRecord], None]
 
 
@@ -44,13 +40,13 @@ def fish_actions() -> BitLayout:
 
 
 def fish_problem() -> Problem:
-    """Return the fish as the algorithm sees it: nine sizes, three servos, fins, and IMU axes."""
+    """Return the fish as a problem: nine sizes, three servos, fins, and IMU axes."""
     return Problem(fish_models(), fish_actions(), hidden=FINS, axes=3)
 
 
 @dataclass(repr=False)
 class MorphologyEstimate(Result):
-    """A run's result, with its conclusion as a body.
+    """The result of a run, with the inferred body.
 
     Examples
     --------
@@ -64,56 +60,27 @@ class MorphologyEstimate(Result):
     True
     """
 
+    @classmethod
+    def of(cls, result: Result) -> MorphologyEstimate:
+        """Return a result of the fish as an estimate."""
+        return cls(**vars(result))
+
     @property
     def morphology(self) -> Morphology:
         """The last round's best model."""
         return Morphology.from_array(self.model)
 
-    def plot(self) -> Figure:
-        """Return a matplotlib figure of OBJ_FIT, where the truth is known, and MOD_FIT by round."""
-        from eea.fish.run_figure import fitness_figure
-
-        return fitness_figure(self)
-
-    def plot_posterior(self) -> Figure:
-        """Return a matplotlib figure of what is believed of sizes and nuisances.
-
-        The condition joint alone has it; others raise ConfigurationError.
-        """
-        from eea.fish.posterior_figure import posterior_figure
-
-        return posterior_figure(self)
-
     def __repr__(self) -> str:
         config, done = self.config, len(self.rounds)
-        said = f"{config.condition}, {done} round{'' if done == 1 else 's'} of {config.steps} steps"
-        said += f", seed {self.seed}"
+        text = f"{config.condition}, {done} round{'' if done == 1 else 's'} of {config.steps} steps"
+        text += f", seed {self.seed}"
         if self.rounds:
-            said += f"; MOD_FIT {self.rounds[-1].model_fitness:.3f}"
+            text += f"; MOD_FIT {self.rounds[-1].model_fitness:.3f}"
         if self.objective_fitness is not None:
-            said += f", OBJ_FIT {self.objective_fitness:.3f}"
+            text += f", OBJ_FIT {self.objective_fitness:.3f}"
         if self.belief is not None:
-            said += f", 90% intervals {100 * self.width():.2g}% of the ranges wide"
-        return f"MorphologyEstimate({said})"
-
-    def _repr_html_(self) -> str:
-        """Return the sizes found as a table, with how sure they are and the truth where known."""
-        columns: dict[str, list[str]] = {}
-        if self.rounds:
-            columns["found"] = [f"{size:.3f}" for size in self.model]
-        if self.belief is not None:
-            ends = zip(*self.interval(), strict=True)
-            columns["90% interval"] = [f"{low:.3f} to {high:.3f}" for low, high in ends]
-        if self.truth is not None:
-            columns["true"] = [f"{size:.3f}" for size in self.truth]
-        head = "".join(f"<th>{name}</th>" for name in ["units of 5 cm", *columns])
-        rows = "".join(
-            f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>"
-            for row in zip(self.layout.names, *columns.values(), strict=True)
-        )
-        said = [] if self.belief is None else [*self.belief.findings, self.belief.verdict]
-        words = "".join(f"<p>{escape(sentence)}</p>" for sentence in dict.fromkeys(said))
-        return f"<p>{escape(repr(self))}</p><table><tr>{head}</tr>{rows}</table>{words}"
+            text += f", 90% intervals {100 * self.width():.2g}% of the ranges wide"
+        return f"MorphologyEstimate({text})"
 
 
 def fish_eea(
@@ -123,26 +90,25 @@ def fish_eea(
     truth: Morphology | ArrayLike | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> Session[Any]:
-    """Return the method of ``config.condition``, ready to iterate, bound to a target and the fish.
+    """Return a session of the method of ``config.condition`` with a target and the fish.
 
     Parameters
     ----------
     target
-        Whatever performs commands: an ``EngineTarget`` or a robot in a tank.
+        Performs commands: an ``EngineTarget``, or a robot in a tank.
     config, seed
         Settings, and the replicate's seed.
     truth
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
         (x, y, z), or nine numbers.
     **simulator
-        engine, dtype, current, substeps, threads of the candidates; see ``EngineSimulator``,
-        and it and ``EEA`` for the errors.
+        See ``EngineSimulator``; it and ``EEA`` state the errors.
     """
     config = checked_config(config)
     engine, problem = EngineSimulator(config.steps, **simulator), fish_problem()
     body = None if truth is None else Morphology.coerce(truth).to_array()
     if isinstance(config, JointConfig):
-        # scipy's statistics come with it: importing this room stays quick.
+        # scipy.stats is imported here to keep `import eea` quick.
         from eea.fish.joint import fish_joint
         from eea.joint.session import JointInference
 
@@ -158,29 +124,25 @@ def estimate_morphology_of(
     truth: Morphology | ArrayLike | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
-    """Model any target that performs commands, a physical robot for example.
+    """Infer the body of any target that performs commands, such as a physical robot.
 
-    Ctrl-C passes through as KeyboardInterrupt, and nothing is returned then; ``progress`` has
-    been given every completed round. To keep the result, or to go on later, iterate over
-    ``fish_eea`` instead: its ``.result`` is readable after every round.
+    Ctrl-C raises KeyboardInterrupt and nothing is returned. To keep the complete rounds, or to
+    continue later, iterate over ``fish_eea``, whose ``.result`` is readable after every round.
 
     Parameters
     ----------
     target
         Implements ``perform(command)``, which returns a log with ``gyro`` of shape (steps, 3) or
-        (1, steps, 3).
-        If it executed another command than it was asked for, it returns
-        ``eea.Performed(log, command)``.
+        (1, steps, 3). If it executed another command, it returns ``eea.Performed(log, command)``.
     progress
         Called with each round's record.
     config
-        Settings; None for those recommended, joint inference from three trials.
+        Settings; None for joint inference from three trials.
     seed, truth, **simulator
         See ``fish_eea``.
     """
     session = fish_eea(target, checked_config(config), seed, truth, **simulator)
-    result = session.run(progress)
-    return MorphologyEstimate(**{f.name: getattr(result, f.name) for f in fields(result)})
+    return MorphologyEstimate.of(session.run(progress))
 
 
 def estimate_from_logs(
@@ -192,15 +154,14 @@ def estimate_from_logs(
     truth: Morphology | ArrayLike | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
-    """Model a robot from a recorded session, without the robot.
+    """Infer the body of a robot from a recorded session.
 
     Parameters
     ----------
     commands
-        What the robot executed, shape (E, 3), rev/s, rev/s and Hz.
+        The executed commands, shape (E, 3), rev/s, rev/s and Hz.
     logs
-        What it logged, one trial each; see ``estimate_morphology_of``. ``SwimLog.trials``
-        gives both of a file.
+        A log for each; see ``estimate_morphology_of``. ``SwimLog.trials`` returns both.
     config
         Settings; None for joint inference, with as many rounds as logs, of the logs' length.
     seed, progress, truth, **simulator
@@ -234,30 +195,25 @@ def estimate_morphology(
     gap: RealityGap = NO_GAP,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
-    """Let a damaged fish work out its own body, from blind trials only.
+    """Let a simulated, damaged fish infer its own body from a few trials.
 
     Parameters
     ----------
     target_morphology
         The body before the damage; None is the nominal one.
     damage
-        What broke, as ``"left_pectoral:length=0.5"``; None is nothing.
+        Its damage, as ``"left_pectoral:length=0.5"``; None is none.
     config
-        Settings; None for those recommended, joint inference from three trials. The paper's are
-        ``PaperConfig()``, Out-of-Band Inference from 25.
+        Settings; None for joint inference from three trials. The paper's are ``PaperConfig()``,
+        Out-of-Band Inference from 25.
     seed, progress
-        Everything random follows from the seed; see ``estimate_morphology_of``.
+        The seed of everything random; see ``estimate_morphology_of``.
     target_engine
-        Where the target swims, "auto" being PyBullet where it is installed; the candidates swim
-        in ``engine``.
-    target_orientation
-        How the target's body lies when a trial begins; see ``EngineTarget``.
-    gap
-        How the target's world differs from the candidates'.
+        The target's engine; "auto" is PyBullet where it is installed.
+    target_orientation, gap
+        See ``EngineTarget``.
     **simulator
-        engine, dtype, current, substeps, threads; see ``EngineSimulator``. The current and the
-        substeps hold for the target too.
-
+        See ``EngineSimulator``. The current and the substeps hold for the target too.
     """
     settings = checked_config(config)
     target = EngineTarget(

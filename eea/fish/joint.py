@@ -78,7 +78,7 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 
 
 @dataclass(frozen=True)
-class Swims:
+class SwimWindows:
     """Windows of swims as a joint problem's commands: an array (E,) of what happened in each.
 
     Its fields are the ``series`` of commands (K, 3), each held for ``interval`` samples, of which
@@ -111,12 +111,12 @@ def fish_signal(
     angles: Floats,
     fine: bool,
     simulator: EngineSimulator,
-    swims: Swims | None = None,
+    swims: SwimWindows | None = None,
 ) -> NDArray[np.floating]:
     """Return what the gyroscope says (B, T, 3) in rad/s; see ``eea.joint.problem.Simulate``.
 
     Where ``simulator`` has a current of its own, the inferred one comes on top. With ``swims``,
-    ``commands`` are of ``Swims.array``.
+    ``commands`` are of ``SwimWindows.array``.
     """
     reactive = nuisances[:, REACTIVE] > 0.5
     signal: NDArray[np.floating] | None = None
@@ -164,7 +164,7 @@ def fish_signal(
 
 
 def fish_joint(
-    problem: Problem, simulator: EngineSimulator, swims: Swims | None = None
+    problem: Problem, simulator: EngineSimulator, swims: SwimWindows | None = None
 ) -> JointProblem:
     """Return the fish for joint inference, simulated as ``simulator`` says.
 

@@ -1,4 +1,4 @@
-"""A swim that was recorded: when, what the gyroscope said, and what the servos were told."""
+"""A recorded swim: times, gyroscope readings and executed commands."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, fits, integer
 from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
 from eea.core.experiment import RecordedLog
@@ -19,10 +19,9 @@ from eea.core.replay import ReplayTarget
 
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 COLUMNS = ("time", *GYRO, *SERVOS)  # of a table; "trial" may follow
-UNITS = ("rev/s", "rev/s", "Hz")
 FASTEST = 10.0  # rad/s: of 20,000 random bodies at full speed none turns faster than 4.3
 SLOWEST = 20.0  # samples a second: a tail at 1 Hz beats 20 times
-MOST_GAP = 0.2  # s: what was commanded meanwhile is anybody's guess
+MOST_GAP = 0.2  # s between two rows of a trial
 FEWEST = 32  # samples of a trial
 
 
@@ -30,17 +29,16 @@ FEWEST = 32  # samples of a trial
 class SwimLog:
     """A recorded swim, of one trial or several.
 
-    The gyroscope's sample of a row is what it said at the row's time; the row's command is what
-    the servos did from then until the next row. A trial begins at its first row. A robot that
-    ``aquafish_gym.simulate`` simulates for T steps of 0.01 s therefore has T + 1 rows: the first,
-    at rest, with the first command, and one after each step.
+    A row has the gyroscope's reading at its time, and the command that the servos execute from then
+    until the next row. A trial begins at its first row. A simulation of T steps of 0.01 s thus has
+    T + 1 rows: the first at rest with the first command, and one after each step.
 
     Raises
     ------
     InvalidArgumentError
-        If something is not as stated below; it names the row, from 1, and the column. Trials of
-        fewer than 32 rows are refused, fewer than 20 rows a second, gaps of more than 0.2 s, and
-        rates that no such fish reaches, of which most are in degrees/s.
+        If a field is not as stated below; it names the row, from 1, and the column. A trial must
+        have 33 rows or more, 20 a second or more, and no gap of more than 0.2 s; rates must be
+        possible for this fish, which those in degrees/s mostly are not.
 
     Examples
     --------
@@ -49,9 +47,9 @@ class SwimLog:
     (1, (0.64,))
     """
 
-    time: Floats  #: (T,) in s; it grows within a trial.
+    time: Floats  #: (T,) in s, increasing within a trial.
     gyro: Floats  #: (T, 3) in rad/s about the body's axes: x right, y forward, z up.
-    #: (T, 3): left and right flipper in rev/s, tail in Hz; what they did rather than were told.
+    #: (T, 3): left and right flipper in rev/s, tail in Hz, as executed.
     commands: Floats
     #: (T,) the number of the trial that each row is of, in blocks; one trial if not given.
     trial: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
@@ -66,35 +64,35 @@ class SwimLog:
             object.__setattr__(self, name, value)
         object.__setattr__(self, "trial", trial)
         if not count:
-            raise InvalidArgumentError("there must be rows; there is none")
+            raise InvalidArgumentError("time must have at least one row; it has none")
         _check_time(time, self.blocks, trial)
-        _check_rates(gyro)
-        _check_servos(commands)
+        rates = f"at most {FASTEST:g} rad/s, which no such fish exceeds (not degrees/s)"
+        _refuse(np.abs(gyro) > FASTEST, gyro, GYRO, rates)
+        outside = (commands < COMMAND_LOW) | (commands > COMMAND_HIGH)
+        _refuse(outside, commands, SERVOS, "in [-0.5, 0.5] rev/s, caudal in [0, 1] Hz")
 
     @classmethod
     def of_trials(
         cls, commands: Sequence[ArrayLike], logs: Sequence[Log], moving: bool = False
     ) -> SwimLog:
-        """Return the log of trials that were sampled each 0.01 s, as simulated ones are.
+        """Return the log of trials sampled every 0.01 s, as simulated ones are.
 
         Parameters
         ----------
         commands
-            Of each trial the one that it holds, (3,) in rev/s, rev/s and Hz, or those (T, 3) in
-            force in the 0.01 s that end with its samples.
+            For each trial the command that it holds, (3,) in rev/s, rev/s and Hz, or a command
+            for each sample, (T, 3), executed in the 0.01 s before it.
         logs
-            As many, with ``gyro`` (T, 3), as ``estimate_from_logs`` takes them; a swim of
-            ``gait.swim`` is one.
+            As many logs with ``gyro`` (T, 3); see ``estimate_from_logs``.
         moving
-            Whether the trials begin in mid-swim, a trial's first row being its first sample;
-            else it is the rest from which it began.
+            Whether the trials begin in mid-swim; otherwise a row at rest precedes the samples.
 
         Raises
         ------
         ConfigurationError, TargetError, InvalidArgumentError
             If commands and logs are not equally many or long, or one is no log of this fish.
         """
-        ReplayTarget(np.zeros((len(commands), 3)), logs)  # refuses what is not equally many
+        ReplayTarget(np.zeros((len(commands), 3)), logs)  # checks that there are equally many
         time, gyro, told = [], [], []
         for number, (command, log) in enumerate(zip(commands, logs, strict=True), 1):
             samples = gyro_samples(log, axes=3, source=f"trial {number}")[0]
@@ -128,18 +126,18 @@ class SwimLog:
 
     @property
     def seconds(self) -> tuple[float, ...]:
-        """How long each trial lasts."""
+        """The duration of each trial, s."""
         return tuple(float(np.ptp(self.time[rows])) for rows in self.blocks)
 
     def name(self, index: int) -> str:
-        """Return what a trial, from 0, is called: by its own number."""
+        """Return the name of a trial, counted from 0, by its own number."""
         return f"trial {self.trial[self.blocks[index].start]}"
 
     def trials(self, steps: int) -> tuple[Floats, list[RecordedLog]]:
         """Return commands (E, 3) and logs of ``steps`` samples of 0.01 s, for any condition.
 
-        The gyroscope's samples are interpolated linearly where they were not taken each 0.01 s,
-        which makes the noise of neighbours alike: ``infer_log`` looks at the log as it is.
+        Readings at other times are interpolated linearly, which correlates their noise;
+        ``infer_log`` uses them as they are.
 
         Raises
         ------
@@ -157,8 +155,7 @@ class SwimLog:
                 )
             if (told[:-1] != told[0]).any():
                 raise InvalidArgumentError(
-                    f"{self.name(index)} must hold one command; it changes, which only joint "
-                    "inference follows: infer_log"
+                    f"{self.name(index)} must hold one command; it changes (use infer_log)"
                 )
             felt = np.stack([np.interp(ends, time, axis) for axis in self.gyro[rows].T], axis=1)
             held.append(told[0])
@@ -167,26 +164,29 @@ class SwimLog:
 
 
 def _ends(count: int) -> Floats:
-    """Return when steps end (count,), in s, from 0: as people write them, 0.07 rather than more."""
+    """Return when steps end (count,), in s, from 0, rounded to what people write."""
     return np.round(TIMESTEP * np.arange(count), 9)
 
 
 def _rows(
     argument: str, value: ArrayLike, shape: tuple[int | None, ...], columns: Sequence[str]
 ) -> Floats:
-    """Return a signal as an array that may be written to by nobody; its first NaN is named."""
+    """Return a signal as a read-only array; the row and column of a NaN are named."""
     array = np.asarray(value)
-    if array.dtype.kind == "f" and not np.isfinite(array).all():
-        row = int(np.argwhere(~np.isfinite(array))[0][0])
-        column = int(np.argwhere(~np.isfinite(array))[0][1]) if array.ndim > 1 else 0
-        name = columns[column] if column < len(columns) else f"column {column + 1}"
-        raise InvalidArgumentError(
-            f"row {row + 1}: {name} is {array.reshape(len(array), -1)[row, column]}, and must be "
-            "a finite number; leave such rows away"
-        )
+    if array.dtype.kind == "f" and fits(array.shape, shape):
+        _refuse(~np.isfinite(array), array, columns, "finite")
     found = finite_array(argument, value, shape)
     found.setflags(write=False)
     return found
+
+
+def _refuse(wrong: NDArray[np.bool_], values: Floats, columns: Sequence[str], wanted: str) -> None:
+    """Raise an InvalidArgumentError for the first wrong entry (T,) or (T, columns)."""
+    where = np.argwhere(wrong)
+    if len(where):
+        place = tuple(where[0].tolist())
+        name = f"row {place[0] + 1}: {columns[place[-1] if len(place) > 1 else 0]}"
+        raise InvalidArgumentError(f"{name} must be {wanted}; got {values[place]:g}")
 
 
 def _trial_numbers(trial: ArrayLike, count: int) -> NDArray[np.int64]:
@@ -194,20 +194,11 @@ def _trial_numbers(trial: ArrayLike, count: int) -> NDArray[np.int64]:
         return np.ones(count, dtype=np.int64)
     given = finite_array("trial", trial, (count,))
     numbers = given.astype(np.int64)
-    broken = np.flatnonzero(given != numbers)
-    if len(broken):
-        raise InvalidArgumentError(
-            f"row {broken[0] + 1}: trial must be a whole number; got {given[broken[0]]:g}"
-        )
+    _refuse(given != numbers, given, ("trial",), "a whole number")
     begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
-    seen: set[int] = set()
-    for row in begins.tolist():
-        if int(numbers[row]) in seen:
-            raise InvalidArgumentError(
-                f"row {row + 1}: trial {numbers[row]} begins again after it had ended; "
-                "the rows of a trial must follow one another"
-            )
-        seen.add(int(numbers[row]))
+    first = {number: row for row, number in zip(begins[::-1], numbers[begins[::-1]], strict=True)}
+    again = np.array([first[number] for number in numbers[begins]]) != begins
+    _refuse(np.isin(np.arange(count), begins[again]), given, ("trial",), "in blocks of rows")
     return numbers
 
 
@@ -218,46 +209,13 @@ def _check_time(time: Floats, blocks: Sequence[slice], trial: NDArray[np.int64])
             raise InvalidArgumentError(
                 f"{name} must have at least {FEWEST + 1} rows; it has {len(steps) + 1}"
             )
-        back = np.flatnonzero(steps <= 0.0)
-        if len(back):
-            row = rows.start + int(back[0]) + 1
-            what = "stands still at" if time[row] == time[row - 1] else "goes back to"
-            raise InvalidArgumentError(
-                f"row {row + 1}: time {what} {time[row]:g} s within {name}; "
-                "if another trial begins there, number the trials in a column trial"
-            )
         typical = float(np.median(steps))
         if typical > 1.0 / SLOWEST:
-            hint = "; is time in milliseconds? It must be in s" if typical >= 1.0 else ""
             raise InvalidArgumentError(
-                f"{name} must have at least {SLOWEST:g} rows a second; it has one in "
-                f"{typical:g} s{hint}"
+                f"{name} must have at least {SLOWEST:g} rows a second, with time in s; it has one "
+                f"in {typical:g} s"
             )
-        gaps = np.flatnonzero(steps > MOST_GAP)
-        if len(gaps):
-            row = rows.start + int(gaps[0]) + 1
-            raise InvalidArgumentError(
-                f"row {row + 1}: there is a gap of {time[row] - time[row - 1]:.2g} s before it, "
-                f"and at most {MOST_GAP:g} s are allowed within a trial; give what follows a "
-                "trial's number of its own"
-            )
-
-
-def _check_rates(gyro: Floats) -> None:
-    fast = np.argwhere(np.abs(gyro) > FASTEST)
-    if len(fast):
-        row, axis = fast[0].tolist()
-        raise InvalidArgumentError(
-            f"row {row + 1}: {GYRO[axis]} is {gyro[row, axis]:g} rad/s, and no such fish turns "
-            f"faster than {FASTEST:g}; is this in degrees/s? Then multiply by pi / 180"
-        )
-
-
-def _check_servos(commands: Floats) -> None:
-    outside = np.argwhere((commands < COMMAND_LOW) | (commands > COMMAND_HIGH))
-    if len(outside):
-        row, servo = outside[0].tolist()
-        raise InvalidArgumentError(
-            f"row {row + 1}: {SERVOS[servo]} must lie in [{COMMAND_LOW[servo]:g}, "
-            f"{COMMAND_HIGH[servo]:g}] {UNITS[servo]}; got {commands[row, servo]:g}"
-        )
+        wrong = np.zeros(len(time), dtype=np.bool_)
+        wrong[rows.start + 1 : rows.stop] = (steps <= 0.0) | (steps > MOST_GAP)
+        wanted = f"later than the row before within {name}, by at most {MOST_GAP:g} s"
+        _refuse(wrong, time, ("time",), wanted)

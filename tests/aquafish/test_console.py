@@ -27,8 +27,6 @@ def test_help_lists_every_command_and_loads_nothing_heavy() -> None:
 def test_its_commands_are_those_of_the_packages() -> None:
     theirs = {name: place for name, (place, _) in eea.__main__.COMMANDS.items()}
     theirs |= {name: f"gait.cli:{place.__name__}" for name, (place, _) in gait.cli.COMMANDS.items()}
-    # As eea run, with the case study's settings: under aquafish, recover is all of that study.
-    del theirs["recover"]
     assert theirs.items() <= {name: place for name, (place, _) in COMMANDS.items()}.items()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Damage, Morphology
-from eea import infer_log, read_log, save_posterior, write_log
+from eea import SwimLog, infer_log, load_posterior, read_log, save_posterior, watch_swim, write_log
 from eea.__main__ import main
 from eea.core.config import FitConfig
 from tests.eea.joint.test_swims import BODY, swim
@@ -60,3 +60,18 @@ def test_what_is_no_posterior_is_refused(
     words = ["watch", "--log", str(tmp_path / "swim.csv")]
     assert main([*words, "--posterior", str(tmp_path / "other.npz")]) == 2
     assert "posterior" in capsys.readouterr().err
+
+
+def test_the_seconds_of_all_trials_count(belief: Path) -> None:
+    first, second = swim(5, 320), swim(7, 320)
+    log = SwimLog(
+        np.concatenate([first.time, second.time]),
+        np.concatenate([first.gyro, second.gyro]),
+        np.concatenate([first.commands, second.commands]),
+        np.repeat([1, 2], [len(first.time), len(second.time)]),
+    )
+    watched = watch_swim(log, load_posterior(belief), threads=1)
+    assert len(watched.looks) == 4
+    lasted = float(np.ptp(first.time))
+    np.testing.assert_allclose(watched.time, [1.2, 2.2, lasted + 1.2, lasted + 2.2], atol=0.02)
+    assert str(watched).startswith(f"{watched.time[-1]:.4g} s of swimming, 4 windows")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ from scipy.stats import kstest
 
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.engines.compiled.single import CompiledWorld
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError
 from eea.core.config import FitConfig
@@ -29,14 +31,15 @@ def swim(seed: int, samples: int, become: Morphology | None = None, at: int = 0)
     """Return a swim of brisk commands at 4 Hz, in which the robot may become another."""
     rng, world = np.random.default_rng(seed), CompiledWorld()
     left, right, phase = rng.uniform(-np.pi, np.pi, 3).tolist()
-    world.reset(BODY.to_array(), (left, right, phase), (0.0, 0.0, 0.0))
+    scenario = Scenario.create(BODY, fin_angles=(left, right, phase))
+    world.reset(scenario)
     commands = np.repeat(
         rng.uniform([-0.5, -0.5, 0.5], [0.5, 0.5, 1.0], (-(-samples // 25), 3)), 25, axis=0
     )[:samples]
     gyro = []
     for t, (left, right, caudal) in enumerate(commands.tolist()):
         if become is not None and t == at:
-            world.become(become.to_array())
+            world.update(replace(scenario, body=become.to_array()[None]))
         world.advance((left, right, caudal))
         gyro.append(world.state().spin)
     felt = RecordedLog(np.array(gyro) + rng.normal(0.0, NOISE, (samples, 3)))

@@ -3,15 +3,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from matplotlib.figure import Figure
 
-from aquafish_gym.rendering.pictures import save_figure
-from aquafish_gym.utils.validation import UnknownNameError
 from eea.core.checks import ConfigurationError
 from eea.core.config import PaperConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
-from eea.fish.run_figure import fitness_figure
+from eea.fish.plots import fitness_figure
 from fake_fish import STEPS, fake_eea
 
 QUICK = PaperConfig(
@@ -55,37 +52,6 @@ def test_a_fitness_below_zero_is_said_to_be_cut():
     assert [text.get_text() for text in axes.texts] == ["cut at 0: MOD_FIT falls to -3.25"]
 
 
-def test_a_picture_appears_whole_or_not_at_all(tmp_path, monkeypatch):
-    path = tmp_path / "a.png"
-    path.write_bytes(b"old")
-    result = fake_eea(QUICK).run()
-
-    def fail(_figure, file, **_options):
-        file.write(b"half")
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(Figure, "savefig", fail)
-        with pytest.raises(KeyboardInterrupt):
-            save_figure(fitness_figure(result), path)
-    assert path.read_bytes() == b"old"
-    with pytest.raises(UnknownNameError, match=r"suffix must be one of .*; did you mean '.png'"):
-        save_figure(fitness_figure(result), tmp_path / "a.pmg")
-    save_figure(fitness_figure(result), path)
-    assert path.read_bytes().startswith(b"\x89PNG")
-    assert list(tmp_path.iterdir()) == [path]
-
-
 def test_nothing_to_draw_is_refused():
     with pytest.raises(ConfigurationError, match="at least one round"):
         fitness_figure(fake_eea(QUICK).result)
-
-
-def test_a_picture_is_written_without_touching_global_state(tmp_path):
-    import matplotlib
-
-    backend = matplotlib.rcParams["backend"]
-    for name in ("a.png", "a.svg", "a.pdf"):
-        save_figure(fitness_figure(fake_eea(QUICK).run()), tmp_path / name)
-        assert (tmp_path / name).stat().st_size > 1000
-    assert matplotlib.rcParams["backend"] == backend
