@@ -5,26 +5,17 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-# Name -> where its class is, loaded only when it is asked for, and what it does.
+# Name -> where its class is, loaded only when it is run; and a summary.
 COMMANDS = {
-    "recover": (
-        "aquafish.recovery.command:Recover",
-        "the case study: break a fish, let it model itself, evolve a gait, and score it",
-    ),
-    "run": ("eea.cli.run:Run", "let a damaged fish work out its own body, as the paper"),
-    "infer": (
-        "eea.cli.infer:Infer",
-        "from a recorded swim, a file alone, to the body and how sure that is",
-    ),
-    "watch": (
-        "eea.cli.watch:Watch",
-        "is a recorded swim still that of the body that was inferred?",
-    ),
-    "study": ("eea.cli.study:StudyCommand", "replicates of the paper's figures"),
-    "plot": ("eea.cli.study:Plot", "write a study's tables and figures again"),
-    "evolve": ("gait.cli:Evolve", "evolve a gait for a body"),
+    "recover": ("aquafish.recovery.command:Recover", "the case study: damage, self-model, gait"),
+    "run": ("eea.cli.run:Run", "let a damaged robot infer its own body"),
+    "infer": ("eea.cli.infer:Infer", "infer the body from a recorded swim, with its uncertainty"),
+    "watch": ("eea.cli.watch:Watch", "detect a change of the body in a recorded swim"),
+    "evolve": ("gait.cli:Evolve", "evolve a gait for a body, or for a sample of bodies"),
     "transfer": ("gait.cli:TransferCommand", "swim a gait on another body"),
-    "baseline": ("gait.cli:BaselineCommand", "train a learner of stable-baselines3"),
+    "baseline": ("gait.cli:BaselineCommand", "learn a task with PPO of stable-baselines3"),
+    "study": ("eea.cli.study:StudyCommand", "replicates for the paper's figures"),
+    "plot": ("eea.cli.study:Plot", "write a study's tables and figures again"),
 }
 
 

@@ -1,22 +1,24 @@
-"""What knowing, guessing and inferring the fins' angles give (Secs. 4.1 to 4.4); joint inference.
+"""Compare known, assumed and inferred fin angles (Secs. 4.1 to 4.4), and joint inference.
 
-    python examples/compare_conditions.py --seeds 5
+    python examples/compare_conditions.py --replicates 5
 
-Each condition models the same damaged robots, which hide the same fin angles from all of them.
+Each condition models the same damaged robots with the same hidden fin angles.
 """
 
 from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 from rich.table import Table
+from tyro.conf import arg
 
 from aquafish_gym import Damage
-from aquafish_gym.command_line import BAD_INPUT, run_command_line
+from aquafish_gym.command_line import BAD_INPUT, TargetEngine, run_command_line
 from aquafish_gym.utils.validation import integer
 from eea import (
     CONDITIONS,
@@ -32,22 +34,21 @@ class CompareConditions:
     """Compare the conditions on a damaged robot."""
 
     damage: str = "left_pectoral:length=0.5"
-    """What breaks."""
+    """Damage of the robot."""
     steps: int = 256
     """Length of a trial in steps of 0.01 s, a power of two."""
     rounds: int = 10
     """Trials on the damaged robot, one a round."""
     seed: int = 0
-    """The first replicate's seed."""
-    seeds: int = 5
-    """Replicates, with seeds from `seed` upwards."""
-    target_engine: str = "auto"
-    """Where the damaged robot swims: pybullet, numba, or auto, the first that is installed."""
+    """Seed of the first replicate."""
+    replicates: Annotated[int, arg(aliases=("--seeds",))] = 5
+    """Replicates, with seeds from --seed upwards."""
+    target_engine: TargetEngine = "auto"
 
     def execute(self) -> None:
         """Run and print one table."""
         integer("seed", self.seed, 0)
-        integer("seeds", self.seeds, 1)
+        integer("replicates", self.replicates, 1)
         damage = Damage.coerce(self.damage)
         configs = {
             name: config_for(name, steps=self.steps, rounds=self.rounds)
@@ -56,7 +57,7 @@ class CompareConditions:
         table = Table(title=f"OBJ_FIT after {self.rounds} trials of {self.steps * 0.01:g} s")
         for column in ("condition", "mean", "SD", "least", "random body", "mid-range body"):
             table.add_column(column, justify="left" if column == "condition" else "right")
-        seeds = range(self.seed, self.seed + self.seeds)
+        seeds = range(self.seed, self.seed + self.replicates)
         for name, config in configs.items():
             found: list[MorphologyEstimate] = [
                 estimate_morphology(None, damage, config, seed, target_engine=self.target_engine)

@@ -1,11 +1,10 @@
-"""What a gait for a sample of a self-model's posterior is worth, against one for a single body.
+"""Compare gaits for a sample of a posterior with gaits for its median body.
 
     python examples/compare_gaits.py
 
-Ten robots, each damaged in another way, make one trial with a noisy gyroscope. Joint inference says
-which bodies they may have become, and gaits are searched for the median of these bodies, for fifty
-draws, and for the true body. Each then swims on the true body. What was done is kept: the same
-command goes on.
+Ten robots with the held-out damages perform one trial with a noisy gyroscope. Gaits are evolved for
+the median body of the joint posterior, for fifty draws from it, and for the true body, and swim on
+the true body. The same command resumes.
 """
 
 from __future__ import annotations
@@ -13,13 +12,13 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from tyro.conf import arg
 
-from aquafish.batch import do_table
 from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command_line import Out, run_command_line
@@ -28,6 +27,7 @@ from eea import JointConfig
 from eea.core import streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from gait import EvolveConfig, distances, evolve_gait, random_poses
+from tables import do_table
 
 BODIES, POSES = 50, 32
 ORACLE = "the true body"
@@ -39,7 +39,7 @@ KINDS = (ONE, "fifty draws, mean", "fifty draws, 20% quantile")
 class Job:
     """One gait for one robot."""
 
-    seed: int  # of the robot's damage and of everything random
+    seed: int  # of the damage and of all random streams
     kind: str
     noise: float
     trials: int
@@ -52,7 +52,7 @@ class Job:
 
     @property
     def file(self) -> str:
-        """Its result's, in the run's folder."""
+        """The path of its result in the run's folder."""
         how = "oracle" if self.kind == ORACLE else f"{self.noise:g}-{KINDS.index(self.kind)}"
         return f"runs/{self.seed:03d}/{how}.json"
 
@@ -79,33 +79,33 @@ def compare(job: Job) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class CompareGaits:
-    """Compare gaits for one body with gaits for a sample of a posterior; print and keep a table."""
+    """Compare gaits for a sample of a posterior with gaits for its median body, in a table."""
 
     out: Out = Path("out/compare_gaits")
     noise: tuple[float, ...] = (0.03, 0.1)
-    """Standard deviations of the gyroscope's noise, rad/s."""
+    """Standard deviations of the gyroscope noise, rad/s."""
     trials: int = 1
-    """How many each robot makes, of 2.56 s."""
-    seeds: int = len(DAMAGES)
-    """Robots, with seeds from 0 upwards; so many have damages of their own."""
+    """Trials of each robot, of 2.56 s."""
+    replicates: Annotated[int, arg(aliases=("--seeds",))] = len(DAMAGES)
+    """Robots, with seeds from 0 upwards; the damages repeat after ten."""
     gait: EvolveConfig = field(default_factory=lambda: EvolveConfig(search="cma", threads=1))
     workers: int | None = None
     """Processes; every core if not given."""
 
     def jobs(self) -> list[Job]:
-        """Return all that is to be done."""
-        for name in ("trials", "seeds"):
+        """Return all jobs."""
+        for name in ("trials", "replicates"):
             integer(name, getattr(self, name), 1)
         noises = finite_array("noise", self.noise, (None,), 0.0, 10.0, "rad/s").tolist()
         return [
             Job(seed, kind, noise, self.trials, replace(self.gait, seed=seed, aggregate=how))
-            for seed in range(self.seeds)
+            for seed in range(self.replicates)
             for kind, noise in [(ORACLE, 0.0), *((kind, one) for one in noises for kind in KINDS)]
             for how in ("quantile" if kind == KINDS[2] else "mean",)
         ]
 
     def execute(self) -> None:
-        """Do what is missing, print a table, and write it to table.md."""
+        """Run the missing jobs, print a table, and write it to table.md."""
         jobs = self.jobs()
         whole = {"seed": None, "generations": self.gait.plan.generations}
         settings = {"trials": self.trials, "gait": {**self.gait.settings, **whole}}
@@ -123,14 +123,14 @@ class CompareGaits:
         rows = [["noise, rad/s", "gait for", "OBJ_FIT", "mean", "share, median", "share, least"]]
         for noise in self.noise:
             for kind in KINDS:
-                found = [far[seed, kind, noise] for seed in range(self.seeds)]
-                best = [far[seed, ORACLE, 0.0]["distance"] for seed in range(self.seeds)]
+                found = [far[seed, kind, noise] for seed in range(self.replicates)]
+                best = [far[seed, ORACLE, 0.0]["distance"] for seed in range(self.replicates)]
                 distance = np.array([one["distance"] for one in found])
                 share = distance / best
                 fitness = np.median([one["objective_fitness"] for one in found])
-                said = [f"{fitness:.3f}", f"{distance.mean():.2f}"]
-                said += [f"{value:.0%}" for value in (np.median(share), share.min())]
-                rows.append([f"{noise:g}", kind, *said])
+                cells = [f"{fitness:.3f}", f"{distance.mean():.2f}"]
+                cells += [f"{value:.0%}" for value in (np.median(share), share.min())]
+                rows.append([f"{noise:g}", kind, *cells])
         return [*rows, ["", ORACLE, "1.000", f"{np.mean(best):.2f}", "100%", "100%"]]
 
 

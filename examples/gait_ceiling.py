@@ -1,9 +1,9 @@
-"""How far can this body swim? Every class of controllers, what it senses, and how it is searched.
+"""How far bodies can swim, by controller class, senses and search.
 
-    python examples/gait_ceiling.py --seeds 10 --others 1
+    python examples/gait_ceiling.py --replicates 10 --others 1
 
-A robot that is whole and a dozen damaged ones each get gaits from many searches, and each gait
-swims from 32 fin poses that no search has seen. What was done is kept: the same command goes on.
+Gaits for the whole robot and a dozen damaged ones are evolved by many searches. Each gait swims
+from 32 initial poses that no search has seen. The same command resumes.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from aquafish.batch import do_table
 from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import integer
 from gait import EvolveConfig, distances, evolve_gait, random_poses
+from tables import do_table, shortened
 
 BODIES = ("none", "left_pectoral:length=0.5", "caudal:missing", *DAMAGES)
 POSES = 32
@@ -60,7 +60,7 @@ class Job:
 
     @property
     def file(self) -> str:
-        """Its result's, in the run's folder."""
+        """The path of its result in the run's folder."""
         body, search = (
             "".join(c if c.isalnum() else "-" for c in text) for text in (self.damage, self.search)
         )
@@ -68,7 +68,7 @@ class Job:
 
 
 def climb(job: Job) -> dict[str, Any]:
-    """Search, and return how far the gait swims from poses that it has not seen, ready for JSON."""
+    """Run a search; return the gait's mean distance from poses that it has not seen."""
     body = Damage.parse(job.damage).apply(Morphology.nominal())
     began = time.process_time()
     found = evolve_gait(body, job.config)
@@ -84,11 +84,11 @@ def climb(job: Job) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Ceiling:
-    """Search for gaits of a whole robot and a dozen damaged ones; print and keep a table."""
+    """Search gaits for the whole robot and damaged ones, in a table."""
 
     out: Out = Path("out/ceiling")
-    seeds: int = 10
-    """Replicates of the searches that are recommended."""
+    replicates: Annotated[int, tyro.conf.arg(aliases=("--seeds",))] = 10
+    """Replicates of the recommended searches."""
     others: int = 1
     """Replicates of the others."""
     searches: Annotated[
@@ -96,37 +96,33 @@ class Ceiling:
     ] = tuple(SEARCHES)
     bodies: tuple[str, ...] = BODIES
     """Damages, or none."""
-    shorter: int = 1
-    """Divide all generations by this, to see whether it works."""
+    budget_divisor: int = 1
+    """Divide all generations by this, for a quick look."""
     workers: int | None = None
     """Processes; every core if not given."""
 
     def jobs(self) -> list[Job]:
-        """Return all that is to be done, what matters most first."""
-        for name in ("seeds", "others", "shorter"):
+        """Return all jobs, the most important first."""
+        for name in ("replicates", "others", "budget_divisor"):
             integer(name, getattr(self, name), 1)
         return [
-            Job(damage, name, seed, self._config(SEARCHES[name], seed))
-            for seed in range(max(self.seeds, self.others))
+            Job(
+                damage,
+                name,
+                seed,
+                shortened(replace(SEARCHES[name], seed=seed), self.budget_divisor),
+            )
+            for seed in range(max(self.replicates, self.others))
             for damage in self.bodies
             for name in self.searches
-            if seed < (self.seeds if name in RECOMMENDED else self.others)
+            if seed < (self.replicates if name in RECOMMENDED else self.others)
         ]
 
-    def _config(self, config: EvolveConfig, seed: int) -> EvolveConfig:
-        plan, brief = config.plan, self.shorter
-        fewer: dict[str, Any] = {"generations": max(1, plan.generations // brief)}
-        if plan.cma_generations:
-            fewer["cma_generations"] = plan.cma_generations // brief
-        if plan.random_candidates:
-            fewer["random_candidates"] = max(plan.restarts, plan.random_candidates // brief)
-        return replace(config, seed=seed, threads=1, **fewer)
-
     def execute(self) -> None:
-        """Do what is missing, print a table, and write it to table.md."""
+        """Run the missing jobs, print a table, and write it to table.md."""
         jobs = self.jobs()
         settings = {
-            "shorter": self.shorter,
+            "divisor": self.budget_divisor,
             "searches": {k: asdict(c) for k, c in SEARCHES.items()},
         }
         rows = do_table(

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from aquafish.batch import in_small
 from aquafish.recovery.held_out import damage_of
+from aquafish.recovery.warm_up import warmup_config
 from aquafish_gym import Morphology
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core import JointConfig, PaperConfig, Result, streams
@@ -210,7 +210,7 @@ def warm_up(jobs: Sequence[GapJob]) -> None:
 @cache
 def _warm_up(world: str, method: str, settings: Settings) -> None:
     brief = replace(settings.gait, generations=1, population=10, poses=1, seconds=0.1)
-    eea, joint = in_small(settings.eea), in_small(settings.joint)
+    eea, joint = warmup_config(settings.eea), warmup_config(settings.joint)
     assert isinstance(eea, PaperConfig)
     assert isinstance(joint, JointConfig)
     small = GapJob(

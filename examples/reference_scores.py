@@ -29,7 +29,6 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from aquafish.batch import do_table
 from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.rendering.pictures import save_figure
@@ -39,6 +38,7 @@ from gait.learning import LearningConfig, load_extra
 from score_entries import ENTRIES, ORACLE_CONFIG, RECOVERY, oracle
 from score_episodes import COLUMNS, play
 from score_figures import curves_figure, scores_figure
+from tables import do_table
 
 # A task that controllers are made for, and the ids that they then play.
 MadeFor = Literal["forward", "station", "waypoint"]

@@ -19,6 +19,7 @@ from gait.evaluation import Agent
 from gait.evolve import Evolved, evolve_gait
 from gait.learning import LearningConfig, train
 from score_episodes import play_one, robot_after_onset
+from tables import shortened
 
 # Of an entry's making: after so many actions of all robots, their mean reward times the time step;
 # or after so many generations, the best gait's score.
@@ -94,17 +95,6 @@ class Entry:
                 evolved = evolve(replace(config, task=task, seed=seed), divisor)
                 return evolved.controller, [(r.generation + 1, r.final) for r in evolved.history]
         return None, ()
-
-
-def shortened(config: EvolveConfig, divisor: int) -> EvolveConfig:
-    """Return a search with 1/``divisor`` of the generations, on one thread."""
-    plan = config.plan
-    fewer: dict[str, Any] = {"generations": max(1, plan.generations // divisor)}
-    if plan.cma_generations:
-        fewer["cma_generations"] = max(1, plan.cma_generations // divisor)
-    if plan.random_candidates:
-        fewer["random_candidates"] = max(plan.restarts, plan.random_candidates // divisor)
-    return replace(config, threads=1, **fewer)
 
 
 def evolve(

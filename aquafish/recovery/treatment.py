@@ -9,7 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish.batch import in_small
+from aquafish.recovery.warm_up import warmup_config
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
@@ -262,7 +262,7 @@ def warm_up(jobs: Sequence[Treatment]) -> None:
     fins = EvolveConfig(search="cma", restarts=1, random_candidates=10, senses=senses, **few)
     models: tuple[Config, ...] = (PaperConfig(steps=steps), JointConfig(steps=steps))
     for name, gait, model in zip(("out-of-band", "joint-fins"), (neat, fins), models, strict=True):
-        treat(replace(small, treatment=name, gait=gait, eea=in_small(model)))
+        treat(replace(small, treatment=name, gait=gait, eea=warmup_config(model)))
 
 
 def _finite(distances: NDArray[np.float64]) -> list[float]:
