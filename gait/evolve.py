@@ -20,7 +20,7 @@ from gait.config import CMA_POPULATION
 from gait.config import EvolveConfig as EvolveConfig
 from gait.controller import Controller
 from gait.files import run_folder
-from gait.fitness import Scorer, Swims, draw_swims, every_pair, worth
+from gait.fitness import Scorer, Swims, draw_swims, every_pair, penalize_diverged
 from gait.history import FILES, History, Scores, finalists_of, read_checkpoint
 from gait.history import Generation as Generation
 from gait.rollout import ZERO_POSE, lane_world, random_poses, stream
@@ -224,7 +224,7 @@ class _Trials:
     def _swim(self, controllers: Sequence[Controller], swims: Swims) -> NDArray[np.float64]:
         c = self._config
         if self._scorer is not None:
-            return worth(self._scorer(controllers, *swims), c.episode_seconds)
+            return penalize_diverged(self._scorer(controllers, *swims), c.episode_seconds)
         seed = zlib.crc32(swims.poses.tobytes())  # new random tasks with new poses
         return swim_scores(
             controllers, swims, c.task, seconds=c.seconds, world=self._world, seed=seed,

@@ -1,12 +1,9 @@
-"""What a gait is worth: over several bodies and poses, of which each swim has its own pair.
+"""The swims that score a gait: pairs of a body and a pose.
 
-Of Q swims of a controller, each from one of q poses on one of m bodies, with variances of the
-distance between bodies, between poses, and of what is left, the variance of the mean is
-``between bodies / m + between poses / q + rest / Q``. At Q swims, whatever they cost, it is least
-where m and q are as large as can be: no body swims twice while another has not swum, and no two
-swims share a pose. So swims are pairs, and not every pose on every body. All controllers of a
-generation swim the same pairs (common random numbers), so that what an easy body or a good pose
-gives, it gives to all of them, and does not count among them.
+The variance of a controller's mean over Q swims, of m bodies and q poses, is
+``between bodies / m + between poses / q + rest / Q``. For a given Q it is least if every swim has a
+pose of its own, and a body of its own as far as there are enough. All controllers of a generation
+swim the same pairs (common random numbers), so that an easy pair favours none of them.
 """
 
 from __future__ import annotations
@@ -23,19 +20,18 @@ from aquafish_gym.world_config import WorldConfig
 from gait.controller import Controller
 from gait.rollout import SECONDS, ZERO_POSE, swim_all
 
-# How far P controllers swim, the i-th time on the i-th of bodies (Q, 9) from the i-th of poses
-# (Q, 3): distances (P, Q).
+# Returns distances (P, Q) of P controllers in Q swims, of the i-th body (Q, 9) from the i-th pose
+# (Q, 3).
 Scorer = Callable[
     [Sequence[Controller], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
 ]
 
-# A robot that left the finite numbers is worse than any that swam, backwards or not: it scores
-# as if it had swum backwards at this speed (units/s), faster than any body does.
+# A diverged robot scores as if it had swum backwards at this speed (units/s), faster than any does.
 DIVERGED_SPEED = -5.0
 
 
 class Swims(NamedTuple):
-    """Q swims that each of some controllers takes: bodies (Q, 9), and poses (Q, 3) in rad."""
+    """Bodies (Q, 9) and initial poses (Q, 3), in rad, of Q swims."""
 
     bodies: NDArray[np.float64]
     poses: NDArray[np.float64]
@@ -44,13 +40,13 @@ class Swims(NamedTuple):
 def draw_swims(
     bodies: NDArray[np.float64], poses: NDArray[np.float64], source: np.random.SeedSequence
 ) -> Swims:
-    """Give each of poses (Q, 3) one of bodies (M, 9), at random, none more often than needed."""
+    """Return swims from poses (Q, 3), with bodies (M, 9) dealt at random and equally often."""
     order = np.random.default_rng(source).permutation(len(bodies))
     return Swims(bodies[np.resize(order, len(poses))], poses)
 
 
 def every_pair(bodies: NDArray[np.float64], poses: NDArray[np.float64]) -> Swims:
-    """Return the M x Q swims of bodies (M, 9) from each of poses (Q, 3), those of a body in a row.
+    """Return the M x Q swims of each body (M, 9) from each pose (Q, 3), body by body.
 
     Examples
     --------
@@ -60,8 +56,8 @@ def every_pair(bodies: NDArray[np.float64], poses: NDArray[np.float64]) -> Swims
     return Swims(np.repeat(bodies, len(poses), axis=0), np.tile(poses, (len(bodies), 1)))
 
 
-def worth(distances: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
-    """Return distances of swims of so many seconds, with what a diverged robot's counts as."""
+def penalize_diverged(distances: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
+    """Return distances swum in ``seconds``, with ``DIVERGED_SPEED`` for robots that diverged."""
     return np.where(np.isfinite(distances), distances, DIVERGED_SPEED * seconds)
 
 
@@ -73,31 +69,23 @@ def distances(
     threads: int | None = None,
     world: WorldConfig | None = None,
 ) -> NDArray[np.float64]:
-    """Return how far each controller swims on each body, in the mean over some poses.
-
-    All swims are one batch of the lanes, in float32: what a choice of trials asks that shall tell
-    which of several gaits is the one for the robot.
+    """Return the mean distance of each controller on each body over some poses, in float32.
 
     Parameters
     ----------
     controllers
-        K of them.
+        K controllers.
     bodies
-        M of them: one as ``Morphology.coerce`` takes it, a list of such, or (M, 9) sizes.
+        M bodies: one as ``Morphology.coerce`` takes it, a list of such, or (M, 9) sizes.
     poses
-        (Q, 3) initial left and right pectoral angle and caudal phase, rad, the same for all.
-    seconds
-        How long a swim lasts, in s.
-    threads
-        None takes every core; no result depends on it.
-    world
-        The water and the servos, without a lag; None is ``WorldConfig()``.
+        (Q, 3) initial left and right pectoral angle and caudal phase, rad.
+    seconds, threads, world
+        As of :func:`gait.swim_all`.
 
     Returns
     -------
     ndarray
-        (K, M) in units of 5 cm, as :func:`gait.swim_all` measures them. A robot that diverged
-        counts as one that swam backwards at 5 units/s.
+        (K, M) in units of 5 cm. A diverged robot counts as one that swam backwards at 5 units/s.
 
     Raises
     ------
@@ -117,5 +105,6 @@ def distances(
     if not len(angles):
         raise InvalidArgumentError("poses must be one or more; got none")
     swims = every_pair(sizes, angles)
-    far = worth(swim_all(controllers, *swims, seconds, threads=threads, world=world), seconds)
+    found = swim_all(controllers, *swims, seconds, threads=threads, world=world)
+    far = penalize_diverged(found, seconds)
     return np.asarray(far.reshape(len(controllers), len(sizes), len(angles)).mean(axis=2))

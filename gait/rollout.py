@@ -1,4 +1,4 @@
-"""Swimming under a controller: whole populations in the lanes, or one robot in any engine."""
+"""Swims of controllers: a population in the compiled engine, or one robot in any engine."""
 
 from __future__ import annotations
 
@@ -26,9 +26,8 @@ MAXIMUM_POSES = 10_000
 MAXIMUM_THREADS = 1024
 ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 
-# "gait" in ASCII. The environments' and the estimation's random streams follow from the bare
-# seed, and one seed often serves them all: without this, a run's random poses would be the very
-# angles that the target hides, or that a baseline was trained from.
+# "gait" in ASCII. One seed often serves the environments and the estimation, too, whose streams
+# follow from the bare seed: without this a run's poses would be the angles that the target hides.
 _GAIT = 0x67616974
 
 
@@ -41,17 +40,16 @@ class Swim:
     time
         (T,) in s.
     position
-        (T, 3) of the capsule's centre in the world, units of 5 cm; it starts at the origin.
+        (T, 3) of the capsule's centre in the world, units of 5 cm, from the origin.
     quaternion
         (T, 4) from body to world, (x, y, z, w).
     fin_angles
         (T, 3) left and right pectoral angle and caudal phase, in rad.
     current
-        The water's own velocity in the world, in units/s.
+        Velocity of the water in the world, in units/s.
     gyro, commands
-        (N, 3) what the gyroscope said at the end of each 0.01 s, rad/s about the body's axes, and
-        the command in force until then, rev/s, rev/s and Hz; None of a swim that was read from a
-        file.
+        (N, 3) gyroscope at the end of each 0.01 s, rad/s about the body's axes, and the command
+        until then, rev/s, rev/s and Hz; None for a swim read from a file.
 
     Examples
     --------
@@ -70,11 +68,9 @@ class Swim:
 
     @property
     def distance(self) -> float:
-        """Progress forward through the water, in units; NaN if the robot diverged.
+        """Distance along the world's +y relative to the water, in units; NaN if it diverged.
 
-        That is along the world's +y, less what the water itself has drifted: a gait is not better
-        for a current that carries it. (It starts at rest over ground, so that a current from behind
-        costs it something at first.) The path in ``position`` is over ground.
+        A gait gains nothing from a current that carries it. ``position`` is over ground.
         """
         return float(self.position[-1, 1] - self.current[1] * self.time[-1])
 
@@ -83,7 +79,7 @@ class Swim:
 
 
 def stream(seed: int, *key: int) -> np.random.SeedSequence:
-    """Return the random stream that goes by ``key`` in this package, for a seed."""
+    """Return this package's random stream ``key`` of a seed."""
     return np.random.SeedSequence([_GAIT, integer("seed", seed, 0, MAXIMUM_SEED)], spawn_key=key)
 
 
@@ -105,38 +101,33 @@ def swim_all(
     believed: ArrayLike | None = None,
     believed_gain: ArrayLike = (1.0, 1.0, 1.0),
 ) -> NDArray[np.float64]:
-    """Return how far each controller swims from each pose, all at once in the lanes.
-
-    Bodies and poses go in pairs, the i-th body from the i-th pose, so that several bodies cost no
-    more than one; ``fitness.every_pair`` makes the pairs of each body with each pose.
+    """Return how far each controller swims in each swim, in one batch of the compiled engine.
 
     Parameters
     ----------
     controllers
-        P of them.
+        P controllers.
     morphologies
-        Q bodies, or one for all poses: one as ``Morphology.coerce`` takes it, a list of such, or
-        (Q, 9) sizes.
+        Q bodies, or one for all: one as ``Morphology.coerce`` takes it, a list, or (Q, 9) sizes.
     fin_angles
         (Q, 3) initial left and right pectoral angle and caudal phase, rad; (1, 3) for all bodies.
+        The i-th body swims from the i-th pose; see also ``fitness.every_pair``.
     seconds
-        How long they swim.
+        Length of a swim.
     dtype
         ``"float32"`` or ``"float64"``.
     threads
-        None takes every core; no result depends on it.
+        None uses every core; no result depends on it.
     world
         The water and the servos, without a lag; None is ``WorldConfig()``.
     believed, believed_gain
-        What controllers that feel their fins are told of them: where they stand at first, (Q, 3) or
-        (1, 3) in rad, None for the truth, and how much faster each servo is than told, (3,) or
-        (Q, 3).
+        What controllers that sense their fins assume: initial angles (Q, 3) or (1, 3) in rad, None
+        for the true ones, and servo gains (3,) or (Q, 3).
 
     Returns
     -------
     ndarray
-        (P, Q) progress through the water along the world's +y (see :class:`Swim`), in units of
-        5 cm; NaN where a robot diverged.
+        (P, Q) ``Swim.distance`` in units of 5 cm; NaN where a robot diverged.
 
     Raises
     ------
@@ -191,10 +182,7 @@ def swim_all(
 
 
 def program_of(controllers: Sequence[Controller], swims: int) -> Program:
-    """Return P controllers of one kind as a program of P Q robots: each in Q swims in a row.
-
-    Raises InvalidArgumentError if they are of several kinds.
-    """
+    """Return a program of P Q robots for P controllers of one kind, each in Q swims in a row."""
     if len({c.kind for c in controllers}) != 1:
         raise InvalidArgumentError("controllers must be one or more of one kind")
     first, nodes = controllers[0], max(c.nodes for c in controllers)
@@ -213,7 +201,7 @@ def program_of(controllers: Sequence[Controller], swims: int) -> Program:
 def _beliefs(
     poses: NDArray[np.float64], swims: int, believed: ArrayLike | None, gain: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return what controllers believe of their fins in each swim: angles (Q, 3), gains (Q, 3)."""
+    """Return the assumed fin angles (Q, 3) and servo gains (Q, 3) of each swim."""
     rows = {
         "believed": finite_array(
             "believed", poses if believed is None else believed, (None, 3), unit="rad"
@@ -239,32 +227,31 @@ def swim(
     believed: ArrayLike | None = None,
     believed_gain: ArrayLike = (1.0, 1.0, 1.0),
 ) -> Swim:
-    """Swim one robot and return its path.
+    """Return the path of one robot.
 
     Parameters
     ----------
     controller
-        A function from observation and time to an action (see ``gait.Policy``), or whatever has
-        a method ``policy`` that returns one: an evolved network, a trained baseline, your own.
+        A function from observation and time to an action (see ``gait.Policy``), or an object with
+        a method ``policy`` that returns one: an evolved or learned controller, or your own.
     morphology
-        The body it steers; whatever ``Morphology.coerce`` takes.
+        Its body, as ``Morphology.coerce`` takes it.
     fin_angles
         (3,) initial left and right pectoral angle and caudal phase, rad.
     engine
-        ``"pybullet"``, ``"numba"`` for the same robot in the lanes, in float64, or ``"auto"``:
-        PyBullet where it is installed.
+        ``"pybullet"``, ``"numba"`` (compiled, float64), or ``"auto"``: PyBullet if installed.
     seconds
-        How long it swims.
+        Length of the swim.
     world
-        What the water and the servos are like; None is ``WorldConfig()``.
+        The water and the servos; None is ``WorldConfig()``.
     believed, believed_gain
-        What a controller that feels its fins is told of them: where they stand at first, (3,) in
-        rad, None for the truth, and how much faster each servo (3,) is than told.
+        What a controller that senses its fins assumes: initial angles (3,) in rad, None for the
+        true ones, and servo gains (3,).
 
     Raises
     ------
-    InvalidArgumentError, UnknownNameError
-        If an argument does not fit, or the controller answers with no action.
+    InvalidArgumentError
+        If an argument does not fit, or the controller returns no action.
     EngineUnavailableError
         If the engine's package is missing.
     """
@@ -297,16 +284,16 @@ def swim(
 
 
 def lane_world(world: WorldConfig | None) -> WorldConfig:
-    """Return a world that the lanes have, or raise InvalidArgumentError; None is the default."""
+    """Return a world without a lag, which batches do not have; None is the default."""
     world = world or WorldConfig()
     if world.lag:
         raise InvalidArgumentError(
-            f"world.lag must be 0 where many swim at once; got {world.lag:g} s. gait.swim has lags"
+            f"world.lag must be 0 in a batch; got {world.lag:g} s. gait.swim has lags"
         )
     return world
 
 
 def step_count(seconds: float) -> int:
-    """Return how many physics steps a time is: one or more, and an hour at most."""
+    """Return the physics steps in a time, which is at most an hour."""
     time = float(finite_array("seconds", seconds, (), TIMESTEP, 3600.0, "s"))
     return round(time / TIMESTEP)

@@ -18,7 +18,7 @@ from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import MAXIMUM_SEED, Controller
-from gait.fitness import Swims, worth
+from gait.fitness import Swims, penalize_diverged
 from gait.rollout import SECONDS, program_of, swim_all
 
 
@@ -43,7 +43,7 @@ def swim_scores(
     else:
         found = perform(controllers, *swims, task=task, damage=damage, seed=seed, threads=threads)
         seconds = TASKS[task].seconds
-    return worth(found, seconds)
+    return penalize_diverged(found, seconds)
 
 
 def perform(

@@ -8,7 +8,7 @@ import pytest
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import fitness
-from gait.fitness import DIVERGED_SPEED, distances, draw_swims, every_pair, worth
+from gait.fitness import DIVERGED_SPEED, distances, draw_swims, every_pair, penalize_diverged
 from gait.rollout import random_poses, stream, swim_all
 from gait_fakes import make_controller
 
@@ -86,7 +86,7 @@ def test_a_robot_that_diverged_has_swum_backwards(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setattr(fitness, "swim_all", sick)
     found = distances([make_controller()], BODIES[:2], POSES[:2], seconds=3.0)
     np.testing.assert_array_equal(found, [[(1.0 + 3 * DIVERGED_SPEED) / 2, 3.0]])
-    assert worth(np.array([np.inf]), 2.0) == 2 * DIVERGED_SPEED
+    assert penalize_diverged(np.array([np.inf]), 2.0) == 2 * DIVERGED_SPEED
 
 
 def test_bad_arguments_are_refused_by_name() -> None:
