@@ -187,8 +187,8 @@ class Controller:
         senses, ends = self.senses, padded._ends
         return np.array(
             [
-                senses.imu, senses.clock, senses.fins, senses.goal, len(senses.names),
-                padded.nodes, remembers, self.output == "clip", len(ends), *ends,
+                *senses.layout, len(senses.names), padded.nodes, remembers,
+                self.output == "clip", len(ends), *ends,
             ],
             np.int64,
         )  # fmt: skip

@@ -51,6 +51,11 @@ class Senses:
     goal: bool = False  #: The way to a goal in body axes; only a task with a goal has one.
 
     @property
+    def layout(self) -> tuple[int, ...]:
+        """The first numbers of a controller's layout, see :func:`respond`."""
+        return (int(self.imu), self.clock, int(self.fins), int(self.goal))
+
+    @property
     def names(self) -> tuple[str, ...]:
         """The inputs, in the order of the weights."""
         axes = [f"{what}_{axis}" for what in ("up", "north", "gyro") for axis in "xyz"]

@@ -13,11 +13,11 @@ from gymnasium.spaces import Box
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from aquafish_gym.envs.conditions import reckon
+from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.network import GOAL_SCALE, GYRO_SCALE, Senses
+from gait.network import Senses, observe
 
 # Any, so that neither type checker nor reader needs torch for this one class.
 _VecEnv: Any = import_module("stable_baselines3.common.vec_env").VecEnv
@@ -159,21 +159,21 @@ class LaneVecEnv(SB3VecEnv):
     def step_async(self, actions: NDArray[np.float32]) -> None:
         """Take the actions of the next step, and track the fins by dead reckoning."""
         super().step_async(actions)
-        a, b, c = self._fins.T
         left, right, caudal = np.clip(actions, -1.0, 1.0, dtype=np.float64).T
-        fins = reckon((a, b, c), (left, right, caudal), self.envs.dt)
-        self._fins, self._steps = np.stack(fins, axis=1), self._steps + 1.0
+        speeds, dt = servo_speeds((left, right, caudal)), self.envs.dt
+        self._fins = np.stack(reckon(_columns(self._fins), speeds, TAU * dt), axis=1)
+        self._steps += 1.0
 
     def _observe(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Return the inputs (B, I), as ``network.observe`` states them."""
-        senses, times = self._senses, self._steps * self.envs.dt
-        turns = np.outer(times, TAU * self._clock * np.arange(1, senses.clock + 1))
-        angles = np.hstack([turns, self._fins]) if senses.fins else turns
-        waves = np.stack([np.sin(angles), np.cos(angles)], axis=2).reshape(len(times), -1)
-        gyro = np.clip(observations[:, 6:9] / GYRO_SCALE, -1.0, 1.0)
-        imu = [observations[:, :6], gyro] if senses.imu else []
-        goal = []
-        if senses.goal:
-            way = observations[:, -3:]
-            goal = [way / np.sqrt(np.square(way).sum(axis=1, keepdims=True) + GOAL_SCALE**2)]
-        return np.hstack([*imu, waves, *goal], dtype=np.float32, casting="same_kind")
+        """Return the inputs (B, I)."""
+        seen = observations.astype(np.float64)
+        up, north, gyro, way = (_columns(seen[:, i:][:, :3]) for i in (0, 3, 6, seen.shape[1] - 3))
+        turns, fins = self._clock * self.envs.dt * self._steps, _columns(self._fins / TAU)
+        values = np.empty((len(self._senses.names), self.num_envs))
+        observe(values, self._senses.layout, turns, up, north, gyro, fins, way)
+        return np.ascontiguousarray(values.T, np.float32)
+
+
+def _columns(table: NDArray[np.float64]) -> Vector:
+    x, y, z = table.T
+    return (x, y, z)
