@@ -37,7 +37,7 @@ for _id, _kwargs in IDS.items():
     if _id not in _gymnasium.registry:
         _gymnasium.register(
             id=_id,
-            entry_point="aquafish_gym.envs.aquafish:AquaFishEnv",
+            entry_point="aquafish_gym.envs.env:AquaFishEnv",
             vector_entry_point="aquafish_gym.envs.vector:AquaFishVectorEnv",
             kwargs=_kwargs,
         )

@@ -111,7 +111,7 @@ class Scenario:
         """Return a scenario of checked ``fields`` (B, ...), "body" among them, and of defaults."""
         batch = len(fields["body"])
         missing: dict[str, Any] = {
-            name: np.broadcast_to(field.default, (batch, *field.row))
+            name: np.full((batch, *field.row), field.default)
             for name, field in _FIELDS.items()
             if name not in fields
         }
@@ -230,7 +230,8 @@ def broadcast(tables: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
             f"{', '.join(most)} and {last} must be equally many, or one for all; "
             f"got {', '.join(str(len(table)) for table in tables.values())}"
         )
+    # Repeating is several times faster than broadcasting and copying.
     return {
-        name: np.ascontiguousarray(np.broadcast_to(table, (batch, *table.shape[1:])))
+        name: np.ascontiguousarray(table if len(table) == batch else table.repeat(batch, axis=0))
         for name, table in tables.items()
     }

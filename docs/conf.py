@@ -61,7 +61,7 @@ myst_enable_extensions = ["colon_fence", "dollarmath", "substitution"]
 myst_heading_anchors = 3
 # Gymnasium's environments are described in Markdown, tables and all: those pages show it as it is.
 myst_substitutions = {
-    "aquafish_v0": docstring("aquafish_gym/envs/aquafish.py", "AquaFishEnv"),
+    "aquafish_v0": docstring("aquafish_gym/envs/env.py", "AquaFishEnv"),
     "tiers": tiers(),
 }
 autodoc_member_order = "bysource"

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
-from aquafish_gym.envs.conditions import check_conditions
-from aquafish_gym.envs.course import Course
+from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import TASKS, check_task
 from aquafish_gym.rollout import rollout
-from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import MAXIMUM_SEED, Controller
@@ -97,46 +95,20 @@ def perform(
     dt = program.interval * TIMESTEP
     bodies, poses = np.broadcast_to(bodies, (swims, 9)), np.broadcast_to(poses, (swims, 3))
     rngs = [np.random.default_rng(first + q) for q in range(swims)]
-    drawn = [
-        check_conditions(body, damage, (0.0, 0.0, 0.0), pose, judged.seconds).draw(
-            rng, dt, judged.begin
-        )
-        for body, pose, rng in zip(bodies, poses, rngs, strict=True)
+    config = check_episode(None, damage, (0.0, 0.0, 0.0), "zero", judged.seconds)
+    configs = [
+        config.with_options({"morphology": body, "fin_angles": pose})
+        for body, pose in zip(bodies, poses, strict=True)
     ]
-    one_each = Scenario.concatenate(
-        [_scenario(course, angles, program.interval) for course, angles, _ in drawn]
-    )
+    scenario, memory = begin_episodes(configs, rngs, judged.begin, program.interval)
     found = rollout(
         program,
-        one_each.take(np.tile(np.arange(swims), len(controllers))),
+        scenario.take(np.tile(np.arange(swims), len(controllers))),
         judged,
-        memory=[memory for _, _, memory in drawn] * len(controllers),
+        memory=np.tile(memory, (len(controllers), 1)),
         rngs=[copy.deepcopy(rng) for _ in controllers for rng in rngs],
         dtype=dtype,
         threads=threads,
     )
     scores = np.where(found.diverged, np.nan, found.returns * dt)
     return scores.reshape(len(controllers), swims)
-
-
-def _scenario(course: Course, angles: NDArray[np.float64], interval: int) -> Scenario:
-    """Return one robot's scenario."""
-    parts = [
-        Scenario.fill(
-            {
-                "body": effect.body.to_array()[None],
-                "fin_angles": angles[None],
-                "servo_gain": np.array([effect.gains]),
-                "gyro_noise": np.array([effect.noise]),
-                "sensor_bias": np.array([effect.biases]),
-                "sensor_stuck": np.array([effect.stuck]),
-                "sensor_dropped": np.array([effect.dropped]),
-            }
-        )
-        for effect in course.effects
-    ]
-    changes = zip(course.begins[1:], parts[1:], strict=True)
-    only = np.zeros(1, np.intp)
-    return replace(
-        parts[0], schedule=tuple(Change(begin * interval, only, to) for begin, to in changes)
-    )

@@ -12,26 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aquafish_gym.damage import (
-    CHANNELS,
-    TIERS,
-    ChannelBias,
-    ChannelDropped,
-    ChannelStuck,
-    Damage,
-    Effect,
-    Fault,
-    FinEntangled,
-    FinMissing,
-    FinScaled,
-    GyroNoise,
-    RandomFaults,
-    ServoDead,
-    ServoGain,
-    ServoSeized,
-)
-from aquafish_gym.envs.course import course_of
+from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier
+from aquafish_gym.damage.faults import PARTS
+from aquafish_gym.damage.schedule import edit_each
 from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 
 fins, channels = st.sampled_from(FINS), st.sampled_from(CHANNELS)
@@ -49,24 +34,31 @@ def at_any_time(*kinds: st.SearchStrategy[Fault]) -> st.SearchStrategy[Fault]:
     )
 
 
-shrinking = (
-    st.builds(FinScaled, fins, st.sampled_from(SIZES), st.floats(0.0, 1.0)),
-    st.builds(FinMissing, fins),
+def faults_of(part: str, word: str) -> st.SearchStrategy[Fault]:
+    """Return every fault of a part and a word, with any number that it takes."""
+    kind = PARTS[part][word]
+    low, high = (-2.0, 2.0) if word == "bias" else (kind.low, min(kind.high, 1e9))
+    if kind.takes_number is False:
+        return st.just(Fault(part, word))
+    numbers = st.floats(low, high)
+    if kind.takes_number is None:
+        return st.none().map(lambda _: Fault(part, word))
+    return numbers.map(lambda number: Fault(part, word, number))
+
+
+shrinking = st.one_of(
+    *(
+        st.builds(Fault, fins, st.just(word), *([st.floats(0.0, 1.0)] * (word != "missing")))
+        for word in (*SIZES, "missing")
+    )
 )
-others = (
-    st.builds(FinEntangled, fins, st.floats(0.0, 1.0)),
-    st.builds(ServoGain, fins, st.floats(-2.0, 2.0)),
-    st.builds(ServoSeized, fins),
-    st.builds(ServoDead, fins),
-    st.builds(GyroNoise, st.floats(0.0, 100.0)),
-    st.builds(ChannelBias, channels, st.floats(-2.0, 2.0)),
-    st.builds(ChannelStuck, channels),
-    st.builds(ChannelDropped, channels),
-    st.builds(RandomFaults, st.sampled_from(list(TIERS))),
+tiers = st.builds(Fault, st.just("random"), st.sampled_from(list(TIERS)))
+others = st.one_of(
+    tiers, *(faults_of(part, word) for part in ("caudal", "gyro", "up_x") for word in PARTS[part])
 )
-at_an_angle = st.builds(ServoSeized, fins, st.floats(-math.pi, math.pi))
-smaller = st.lists(st.one_of(shrinking), max_size=4).map(lambda f: Damage(tuple(f)))
-damages = st.lists(at_any_time(*shrinking, *others) | at_an_angle, max_size=4).map(
+at_an_angle = st.builds(Fault, fins, st.just("seized"), st.floats(-math.pi, math.pi))
+smaller = st.lists(shrinking, max_size=4).map(lambda f: Damage(tuple(f)))
+damages = st.lists(at_any_time(shrinking, others) | at_an_angle, max_size=4).map(
     lambda f: Damage(tuple(f))
 )
 
@@ -85,8 +77,8 @@ def test_a_broken_body_is_never_larger(damage: Damage) -> None:
     whole, broken = Morphology.nominal(), damage.apply(Morphology.nominal())
     assert (broken.to_array() <= whole.to_array()).all()
     for fault in damage:
-        if isinstance(fault, FinMissing):
-            assert getattr(broken, fault.fin) == (0.0, 0.0, 0.0)
+        if fault.word == "missing":
+            assert getattr(broken, fault.part) == (0.0, 0.0, 0.0)
 
 
 def test_each_size_stands_on_its_own_axis() -> None:
@@ -99,7 +91,7 @@ def test_each_size_stands_on_its_own_axis() -> None:
 
 
 def test_several_faults_join_in_any_form() -> None:
-    expected = Damage((FinScaled("left_pectoral", "length", 0.5), FinMissing("caudal")))
+    expected = Damage((Fault("left_pectoral", "length", 0.5), Fault("caudal", "missing")))
     assert Damage.parse(" left_pectoral : length = .5 , caudal:missing") == expected
     assert Damage.coerce(list(expected.faults)) == expected
     assert Damage.coerce([expected.faults[0], {"kind": "FinMissing", "fin": "caudal"}]) == expected
@@ -124,12 +116,12 @@ def test_several_faults_join_in_any_form() -> None:
         ("caudal:missing@5-2", "the earliest and the latest; got 5 and 2"),
         ("caudal:missing@1e9", r"damage onset must lie in"),
         ("caudal:seized=1@3", "has an angle only from the beginning"),
-        ("caudal:seized=4", "damage angle of caudal:seized must lie in"),
+        ("caudal:seized=4", "damage caudal:seized must lie in"),
         ("caudal:weka=0.5", "did you mean 'weak'"),
         ("caudal:dead=1", "takes no number"),
         ("caudal:weak", "needs a number"),
-        ("caudal:weak=3", "damage gain of caudal:weak must lie in"),
-        ("caudal:entangled=2", "damage share of caudal:entangled must lie in"),
+        ("caudal:weak=3", "damage caudal:weak must lie in"),
+        ("caudal:entangled=2", "damage caudal:entangled must lie in"),
         ("gyro:noise=-1", "damage gyro:noise must lie in"),
         ("gyro_w:stuck", "did you mean 'gyro_"),
         ("up_x:bias=3", "damage up_x:bias must lie in"),
@@ -166,35 +158,15 @@ def test_a_fin_that_outgrows_its_range_is_refused() -> None:
         Damage.parse("left_pectoral:length=2").apply(Morphology.nominal())
 
 
-@pytest.mark.parametrize("value", [3, 0.5, [3], [["caudal:length=x"]], {"fin": "caudal"}, b"x"])
-def test_other_things_are_refused(value: object) -> None:
-    with pytest.raises(InvalidArgumentError):
-        Damage.coerce(value)
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["", "{", "3", "{}", "[3]", '[{"kind": "FinMissing"}]', '[{"kind": "FinMissing", "fin": 3}]',
-     '[{"kind": "FinMissing", "fin": "caudal", "more": 1}]', '[{"kind": "FinScalde"}]'],
-)  # fmt: skip
-def test_bad_json_is_refused(text: str) -> None:
-    with pytest.raises(InvalidArgumentError):
-        Damage.from_json(text)
-
-
-@pytest.mark.parametrize(
-    "text", [None, 3, "[" * 100_000, "1" * 5000, b"\xff", "{}", '{"caudal": [0, 0, 0]}']
-)
-def test_what_is_no_json_of_a_body_or_a_damage_is_a_sentence(text: object) -> None:
-    for read, name in ((Morphology.from_json, "morphology"), (Damage.from_json, "damage")):
-        with pytest.raises(InvalidArgumentError, match=name):
-            read(text)  # type: ignore[arg-type]
-
-
-def test_sizes_of_too_many_digits_are_a_sentence() -> None:
-    huge = json.dumps({**Morphology.nominal().to_dict(), "caudal": [10**400, 0, 0]})
-    with pytest.raises(InvalidArgumentError, match=r"morphology\.caudal must be numbers"):
-        Morphology.from_json(huge)
+def test_too_many_faults_are_refused_at_once() -> None:
+    text = ";".join(["caudal:missing"] * 50_000)
+    for value in (
+        text,
+        [Fault("caudal", "missing")] * 101,
+        Damage.parse("gyro:noise=1").to_list() * 101,
+    ):
+        with pytest.raises(InvalidArgumentError, match="at most 100 faults of one robot; got"):
+            Damage.coerce(value)
 
 
 @given(st.text(max_size=30))
@@ -203,20 +175,17 @@ def test_any_text_parses_or_is_refused(text: str) -> None:
         assert isinstance(Damage.parse(text), Damage)
 
 
-@pytest.mark.parametrize("factor", [-1.0, math.nan, math.inf, "x", None])
-def test_bad_factors_are_refused(factor: object) -> None:
-    with pytest.raises(InvalidArgumentError, match="damage factor of caudal:length"):
-        FinScaled("caudal", "length", factor)  # type: ignore[arg-type]
-
-
-def test_unknown_names_are_refused() -> None:
-    with pytest.raises(UnknownNameError):
-        FinMissing("tail")
+def test_faults_of_unknown_parts_and_kinds_are_refused() -> None:
+    for wrong in (("tail", "missing"), ("caudal", "noise"), ("random", "light")):
+        with pytest.raises(UnknownNameError):
+            Fault(*wrong)
+    for written in ({"kind": "FinScalde"}, {"kind": "FinMissing", "fin": "caudal", "more": 1}):
+        with pytest.raises(InvalidArgumentError):
+            Damage.coerce(written)
     with pytest.raises(InvalidArgumentError, match="made of faults"):
         Damage(("caudal:missing",))  # type: ignore[arg-type]
     with pytest.raises(InvalidArgumentError, match="must be a row of faults"):
-        Damage(FinMissing("caudal"))  # type: ignore[arg-type]
-    assert isinstance(FinMissing("caudal"), Fault)
+        Damage(Fault("caudal", "missing"))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -242,19 +211,19 @@ def test_unknown_names_are_refused() -> None:
         (
             "left_pectoral:reversed@3;right_pectoral:weak=0.4;caudal:seized=0.5;caudal:seized",
             "servo of the left flipper: turns the other way, from 3 s on; servo of the right "
-            "flipper: turns at 0.4 times what it is told; servo of the tail: seized at 0.5 rad; "
+            "flipper: turns at 0.4 times its command; servo of the tail: seized at 0.5 rad; "
             "servo of the tail: seized",
         ),
         (
             "gyro:noise=0.02;gyro_y:bias=-0.1;north_z:bias=0.1;up_y:dropped;random:mild@2-8+3",
-            "gyro: noise of 0.02 rad/s; gyro_y: says 0.1 rad/s too little; north_z: says 0.1 too "
-            "much; up_y: says 0; mild damage that chance decides, from some time between 2 and 8 s "
+            "gyro: noise of 0.02 rad/s; gyro_y: reads 0.1 rad/s too low; north_z: reads 0.1 too "
+            "high; up_y: reads 0; random mild damage, from some time between 2 and 8 s "
             "on, for 3 s",
         ),
     ],
 )
-def test_damage_is_said_in_words(damage: str, words: str) -> None:
-    assert Damage.parse(damage).in_words(Morphology.nominal()) == words
+def test_damage_is_described(damage: str, words: str) -> None:
+    assert Damage.parse(damage).describe(Morphology.nominal()) == words
 
 
 @pytest.mark.parametrize("damage", ["caudal:dead", "gyro:noise=0.1", "caudal:missing@0.0+3"])
@@ -264,7 +233,7 @@ def test_no_body_has_what_is_not_of_its_sizes_or_does_not_last(damage: str) -> N
         InvalidArgumentError, match=r"must be of its fins' sizes.*; got " + damage[:6]
     ):
         Damage.parse(broken).apply(Morphology.nominal())
-    assert Damage.parse(broken).effect(Morphology.nominal()).body.left_pectoral == (0, 0, 0)
+    assert Damage.parse(broken).body(Morphology.nominal()).left_pectoral == (0, 0, 0)
 
 
 def test_an_estimate_within_the_tolerance_is_no_damage() -> None:
@@ -283,67 +252,119 @@ def test_a_body_reads_back_from_its_json_exactly() -> None:
     assert Morphology.from_json(body.to_json()) == body
 
 
-def test_what_happens_at_sea_is_one_fault_or_two_in_different_fins() -> None:
+def test_random_fins_are_one_or_two_with_one_fault_each() -> None:
     drawn = [Damage.random(np.random.default_rng(seed)) for seed in range(300)]
     assert {len(damage) for damage in drawn} == {1, 2}
     for damage in drawn:
-        assert len({fault.fin for fault in damage}) == len(damage)
-        body, healthy = damage.apply(Morphology.nominal()).to_array(), Morphology.nominal()
-        assert (body <= healthy.to_array()).all()
-        assert (body != healthy.to_array()).any()
-        assert Damage.parse(str(damage)) == damage
-    missing = np.mean([isinstance(fault, FinMissing) for damage in drawn for fault in damage])
+        assert len({fault.part for fault in damage}) == len(damage)
+        body, healthy = damage.apply(NOMINAL).to_array(), NOMINAL.to_array()
+        assert (body <= healthy).all()
+        assert (body != healthy).any()
+    missing = np.mean([fault.word == "missing" for damage in drawn for fault in damage])
     assert missing == pytest.approx(0.25, abs=0.06)
-    assert {fault.fin for damage in drawn for fault in damage} == set(FINS)
-    again = Damage.random(np.random.default_rng(3))
-    assert again == drawn[3]
+    assert Damage.random(np.random.default_rng(3)) == drawn[3]
 
 
 NOMINAL = Morphology.nominal()
 
 
-def effect(text: str) -> Effect:
-    return Damage.parse(text).effect(NOMINAL)
+def broken(text: str) -> Scenario:
+    return Damage.parse(text).edit(Scenario.create())
 
 
-def test_each_word_says_what_the_robot_is() -> None:
-    assert effect("none") == Effect(NOMINAL)
-    robot = effect("left_pectoral:weak=0.5;left_pectoral:weak=0.5;right_pectoral:reversed")
-    assert (robot.gains, robot.faults, robot.body) == ((0.25, -1.0, 1.0), 3, NOMINAL)
-    robot = effect("left_pectoral:seized;right_pectoral:seized=1.5;caudal:dead")
-    assert (robot.gains, robot.stands) == ((0.0,) * 3, (None, 1.5, "anywhere"))
-    assert effect("gyro:noise=0.03;gyro:noise=0.04").noise == pytest.approx(0.05)
-    robot = effect("gyro_y:bias=0.2;gyro_y:bias=-0.05;up_x:stuck;north_z:dropped")
-    rows = zip(robot.biases, robot.stuck, robot.dropped, strict=True)
-    told = dict(zip(CHANNELS, rows, strict=True))
-    assert told.pop("gyro_y") == (pytest.approx(0.15), False, False)
-    assert (told.pop("up_x"), told.pop("north_z")) == ((0.0, True, False), (0.0, False, True))
-    assert set(told.values()) == {(0.0, False, False)}
+def test_faults_edit_their_fields() -> None:
+    whole = Scenario.create()
+    robot = broken("left_pectoral:weak=0.5;left_pectoral:weak=0.5;right_pectoral:reversed")
+    assert robot.servo_gain.tolist() == [[0.25, -1.0, 1.0]]
+    assert robot.faults.tolist() == [3]
+    assert (robot.body == whole.body).all()
+    robot = broken("left_pectoral:seized;right_pectoral:seized=1.5;caudal:dead")
+    assert robot.servo_gain.tolist() == [[0.0] * 3]
+    np.testing.assert_array_equal(robot.fin_angles, [[0.0, 1.5, np.nan]])
+    assert broken("gyro:noise=0.03;gyro:noise=0.04").gyro_noise == pytest.approx(0.05)
+    robot = broken("gyro_y:bias=0.2;gyro_y:bias=-0.05;up_x:stuck;north_z:dropped")
+    bias = dict(zip(CHANNELS, robot.sensor_bias[0], strict=True))
+    assert bias.pop("gyro_y") == pytest.approx(0.15)
+    assert not any(bias.values())
+    assert np.flatnonzero(robot.sensor_stuck).tolist() == [CHANNELS.index("up_x")]
+    assert np.flatnonzero(robot.sensor_dropped).tolist() == [CHANNELS.index("north_z")]
+    assert not whole.sensor_bias.any(), "the whole robot stays whole"
+
+
+@given(st.lists(st.tuples(st.integers(0, 50), st.none() | st.integers(1, 20)), max_size=5))
+def test_fault_holds_in_control_steps_that_begin_at_its_onset_or_later(
+    times: list[tuple[int, int | None]],
+) -> None:
+    """Onsets and durations in hundredths of a second, control steps of seven of them."""
+    faults = [
+        f"gyro_x:bias={2.0**-i}@{onset / 100}" + ("" if lasts is None else f"+{lasts / 100}")
+        for i, (onset, lasts) in enumerate(times)
+    ]
+    scenario = Damage.parse(";".join(faults)).edit(Scenario.create(), hold=7)
+    stages = {0: scenario} | {change.step: change.to for change in scenario.schedule}
+    assert all(step % 7 == 0 for step in stages)
+    for step in range(0, 84, 7):
+        expected = sum(
+            2.0**-i
+            for i, (onset, lasts) in enumerate(times)
+            if onset <= step
+            # It holds in one control step at least.
+            and (lasts is None or step < onset + lasts or step - 7 < onset)
+        )
+        now = stages[max(begin for begin in stages if begin <= step)]
+        assert now.sensor_bias[0, CHANNELS.index("gyro_x")] == expected
+
+
+def test_each_robot_may_have_damage_of_its_own() -> None:
+    texts = ["caudal:missing@1", "none", "gyro:noise=0.1@1+1;caudal:weak=0.5"]
+    robots = Scenario.create(np.tile(NOMINAL.to_array(), (3, 1)))
+    together = edit_each(robots, [Damage.parse(text) for text in texts])
+    for i, text in enumerate(texts):
+        alone, one = broken(text), together.take(i)
+        pairs = [(alone, one), *zip(alone.schedule, one.schedule, strict=True)]
+        for mine, other in pairs:
+            mine, other = (getattr(each, "to", each) for each in (mine, other))
+            for name, table in mine.arrays().items():
+                np.testing.assert_array_equal(table, other.arrays()[name], name)
 
 
 def test_what_hangs_on_a_fin_makes_it_wider_within_its_range() -> None:
-    assert effect("left_pectoral:entangled=0.5").body.left_pectoral == (0.7, 1.6, 0.1)
-    assert effect("caudal:entangled=1").body.caudal == (0.4, 1.4, 1.0)
+    assert Damage.parse("left_pectoral:entangled=0.5").apply(NOMINAL).left_pectoral == (
+        0.7,
+        1.6,
+        0.1,
+    )
+    assert Damage.parse("caudal:entangled=1").apply(NOMINAL).caudal == (0.4, 1.4, 1.0)
 
 
 @given(damages)
 def test_what_is_drawn_leaves_nothing_to_chance_and_has_a_time(damage: Damage) -> None:
-    drawn = damage.drawn(np.random.default_rng(0))
+    drawn = damage.sample(np.random.default_rng(0))
     assert not drawn.is_random
-    assert drawn.drawn(np.random.default_rng(1)) is drawn
-    assert drawn == damage.drawn(np.random.default_rng(0))
+    assert drawn.sample(np.random.default_rng(1)) is drawn
+    assert drawn == damage.sample(np.random.default_rng(0))
     assert all(fault.span[0] < fault.span[1] for fault in drawn)
 
 
-def test_what_is_left_to_chance_must_be_drawn() -> None:
+def test_random_damage_must_be_sampled_first() -> None:
     for text, sentence in (
         ("random:mild", "random:mild is left"),
         ("caudal:dead@1-2", "its onset"),
     ):
-        with pytest.raises(InvalidArgumentError, match=f"{sentence}.* draw it first"):
-            course_of(Damage.parse(text), NOMINAL, 0.05)
-    with pytest.raises(InvalidArgumentError, match="draw it first"):
+        with pytest.raises(InvalidArgumentError, match=f"{sentence}.* sample it first"):
+            broken(text)
+    with pytest.raises(InvalidArgumentError, match="sample it first"):
         Damage.parse("random:mild").apply(NOMINAL)
+
+
+def test_added_tier_is_understood(monkeypatch: pytest.MonkeyPatch) -> None:
+    flippers = ("left_pectoral", "right_pectoral")
+    clipped = Tier(1, (Chance("length", 1.0, 0.3, 0.5, flippers),))
+    monkeypatch.setitem(TIERS, "clipped", clipped)
+    rng = np.random.default_rng(0)
+    drawn = [Damage.parse("random:clipped").sample(rng).faults[0] for _ in range(20)]
+    assert {fault.part for fault in drawn} == set(flippers)
+    assert all(0.3 <= fault.amount <= 0.5 for fault in drawn)
 
 
 @pytest.mark.parametrize("tier", TIERS)
@@ -351,17 +372,16 @@ def test_a_tier_draws_what_its_table_says(tier: str) -> None:
     count, chances = TIERS[tier]
     assert sum(chance.weight for chance in chances) == pytest.approx(1.0)
     damage, rng = Damage.parse(f"random:{tier}@2-8+3"), np.random.default_rng(0)
-    drawn = [damage.drawn(rng) for _ in range(1000)]
+    drawn = [damage.sample(rng) for _ in range(1000)]
     seen: dict[str, list[float]] = {chance.word: [] for chance in chances}
     for one in drawn:
         assert len(one) == count
         assert len({str(fault).partition(":")[0] for fault in one}) == count
         assert {fault.span for fault in one} == {one.faults[0].span}
         assert 2.0 <= one.faults[0].span[0] <= 8.0
-        one.effect(NOMINAL)  # fits
+        one.edit(Scenario.create())  # fits
         for fault in one:
-            word, _, number = fault.what.partition(":")[2].partition("=")
-            seen[word].append(abs(float(number)) if number else 0.0)
+            seen[fault.word].append(abs(fault.amount))
     for chance in chances:
         numbers = seen[chance.word]
         assert len(numbers) / (1000 * count) == pytest.approx(chance.weight, abs=0.04)

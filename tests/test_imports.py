@@ -14,7 +14,7 @@ HEAVY = ("matplotlib", "mujoco", "pybullet", "stable_baselines3", "torch")
 MODULES = (
     "aquafish_gym",
     "aquafish_gym.engines.bullet.world",
-    "aquafish_gym.envs.aquafish",
+    "aquafish_gym.envs.env",
     "eea",
     "eea.__main__",
     "gait",

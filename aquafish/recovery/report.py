@@ -188,7 +188,7 @@ def _damage_in_words(report: dict[str, Any]) -> str:
         return f"Each replicate has another damage: {', '.join(f'`{d}`' for d in each)}."
     damage = Damage.parse(report["config"]["damage"])
     body = Morphology.coerce(report["config"]["morphology"])
-    return f"Damage: {damage.in_words(body)} (`{damage}`)."
+    return f"Damage: {damage.describe(body)} (`{damage}`)."
 
 
 def headline(report: dict[str, Any]) -> list[str]:

@@ -1,55 +1,31 @@
-"""What is broken: a robot with faults is another robot.
-
-In text a fault is ``part:word`` or ``part:word=number``, and faults are joined by ``;`` or ``,``:
-``left_pectoral:length=0.5; caudal:missing``. With ``@onset`` and ``+duration``, in seconds, it does
-not last from the beginning to the end of an episode, ``caudal:seized@4+2``; and with a dash chance
-decides when it strikes, ``random:moderate@2-8``.
-"""
+"""The damage of a robot: its faults, and how they edit its scenario."""
 
 from __future__ import annotations
 
 import json
-import re
+import math
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
-from functools import reduce
+from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from typing import Any, Self
 
 import numpy as np
 
-from aquafish_gym.damage.effect import Effect
-from aquafish_gym.damage.fault import Fault
-from aquafish_gym.damage.fins import FinEntangled, FinMissing, FinScaled, OfSizes
-from aquafish_gym.damage.sensors import ChannelBias, ChannelDropped, ChannelStuck, GyroNoise
-from aquafish_gym.damage.servos import ServoDead, ServoGain, ServoSeized
-from aquafish_gym.damage.tiers import TIERS, RandomFaults, broken_fins
-from aquafish_gym.damage.words import MEANT, WORDS, Word
-from aquafish_gym.morphology import Morphology, change_in_words
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, one_of, parse_json
+from aquafish_gym.damage.faults import PARTS, RANDOM, Fault, fault_from_dict
+from aquafish_gym.damage.parse import check_count, faults_from_text
+from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
+from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
 
-_KINDS: dict[str, Any] = {
-    kind.__name__: kind
-    for kind in (
-        FinScaled, FinMissing, FinEntangled, ServoGain, ServoSeized,
-        ServoDead, GyroNoise, ChannelBias, ChannelStuck,
-        ChannelDropped, RandomFaults,
-    )
-}  # fmt: skip
-_RANDOM = {tier: Word(lambda _part, tier=tier: RandomFaults(tier)) for tier in TIERS}
-_WORDS = {**WORDS, "random": _RANDOM}
-# Numbers may have a sign of their own only behind an e.
-_TIME = r"[^-+@]+?(?:[eE][-+]?\d+)?"
-_WHEN = re.compile(
-    rf"(?P<what>[^@]*)(?:@(?P<onset>{_TIME})(?:-(?P<latest>{_TIME}))?(?:\+(?P<duration>{_TIME}))?)?"
-)
+SCALED = 0.2, 0.9  # of what a size was, where any fin may break
 
 
 @dataclass(frozen=True)
 class Damage:
     """Everything that is broken, in the order in which it is applied.
 
-    What it cannot be made of, InvalidArgumentError says, and for a name UnknownNameError.
+    What it cannot be made of raises InvalidArgumentError, an unknown name UnknownNameError.
 
     Examples
     --------
@@ -66,6 +42,7 @@ class Damage:
         # Faults have an order, which sets lack, and an end, which generators may lack.
         if not isinstance(self.faults, list | tuple):
             raise InvalidArgumentError(f"damage must be a row of faults; got {brief(self.faults)}")
+        check_count(len(self.faults))
         for fault in self.faults:
             if not isinstance(fault, Fault):
                 raise InvalidArgumentError(f"damage must be made of faults; got {brief(fault)}")
@@ -73,20 +50,16 @@ class Damage:
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """Read faults joined by ``;`` or ``,``; no text, or ``none``, is no damage."""
-        if not isinstance(text, str):
-            raise InvalidArgumentError(f"damage must be text to be parsed; got {brief(text)}")
-        if text.strip().lower() in ("", "none"):
-            return cls()
-        return cls(tuple(_read_fault(part) for part in text.replace(",", ";").split(";")))
+        """Return the damage of faults joined by ``;`` or ``,``; empty text or ``none`` is none."""
+        return cls(faults_from_text(text))
 
     @classmethod
     def coerce(cls, value: object) -> Damage:
-        """Make one from whatever a user may mean.
+        """Return damage from whatever a user may mean.
 
-        ``None`` is no damage; text is parsed; a fault is itself; a mapping is read as
-        ``to_list`` or ``dataclasses.asdict`` wrote it; a list or tuple is of faults, or of such
-        mappings. One of texts or of damages is refused, as it might be of several robots.
+        ``None`` is no damage; text is parsed; a fault is itself; a mapping is read as ``to_list``
+        or ``dataclasses.asdict`` wrote it; a list or tuple is of faults, or of such mappings. One
+        of texts or of damages is refused, as it might be of several robots.
         """
         try:
             return cls._coerce(value)
@@ -107,8 +80,9 @@ class Damage:
             case {"faults": list() | tuple() as faults, **others} if not others:
                 return cls._coerce(faults)
             case Mapping():
-                return cls((_fault_from_dict(value),))
+                return cls((fault_from_dict(value),))
             case list() | tuple() if cls.is_list_of_faults(value):
+                check_count(len(value))
                 return cls(tuple(chain.from_iterable(map(cls._coerce, value))))
             case list() | tuple():
                 raise InvalidArgumentError(
@@ -120,56 +94,95 @@ class Damage:
 
     @staticmethod
     def is_list_of_faults(value: object) -> bool:
-        """Whether it is what one robot's faults are listed in, and no damages of several robots."""
+        """Return whether a value lists one robot's faults, and not damages of several robots."""
         return isinstance(value, list | tuple) and all(
-            isinstance(one, Fault) or (isinstance(one, Mapping) and "kind" in one) for one in value
+            isinstance(one, Fault)
+            or (isinstance(one, Mapping) and ("kind" in one or "part" in one))
+            for one in value
         )
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> Self:
-        """Return fins that broke at sea: one or two, equally likely, each with one fault.
+        """Return one or two broken fins, equally likely, each with one fault.
 
-        A fin is missing one time in four; else its length, width or thickness is 0.2 to 0.9 of what
-        it was, uniformly. (``Damage.parse("random:moderate").drawn(rng)`` breaks servos, too.)
+        A fin is missing one time in four; else its length, width or thickness is multiplied by 0.2
+        to 0.9, uniformly. (``Damage.parse("random:moderate").sample(rng)`` breaks servos, too.)
 
         Examples
         --------
         >>> len(Damage.random(np.random.default_rng(0))) in (1, 2)
         True
         """
-        return cls(broken_fins(rng))
+        faults = []
+        for fin in rng.permutation(FINS)[: rng.integers(1, 3)].tolist():
+            missing, size, factor = rng.random() < 0.25, rng.choice(SIZES), rng.uniform(*SCALED)
+            faults.append(Fault(fin, "missing") if missing else Fault(fin, str(size), factor))
+        return cls(tuple(faults))
 
     @property
     def is_random(self) -> bool:
-        """Whether it leaves something to chance, so that it must be drawn."""
+        """Whether it must be sampled before it can be applied."""
         return any(fault.is_random for fault in self.faults)
 
-    def drawn(self, rng: np.random.Generator) -> Self:
-        """Return what it comes to in one episode, where it leaves something to chance.
+    def sample(self, rng: np.random.Generator) -> Self:
+        """Return the damage of one episode, with random faults and onsets drawn.
 
         Examples
         --------
-        >>> str(Damage.parse("caudal:missing@2-8").drawn(np.random.default_rng(0)))
+        >>> str(Damage.parse("caudal:missing@2-8").sample(np.random.default_rng(0)))
         'caudal:missing@5.821770123928726'
         """
         if not self.is_random:
             return self
-        return type(self)(tuple(chain.from_iterable(f.drawn(rng) for f in self.faults)))
+        return type(self)(tuple(chain.from_iterable(_sample(f, rng) for f in self.faults)))
 
-    def effect(self, morphology: Morphology) -> Effect:
-        """Return what a robot is with every fault, one after another, whenever they strike.
+    def edit(self, scenario: Scenario, hold: int = 1) -> Scenario:
+        """Return a scenario with this damage: faults at the start, the others in its schedule.
+
+        Parameters
+        ----------
+        scenario
+            B robots without a schedule. All are damaged alike.
+        hold
+            Physics steps of 0.01 s in a control step. A fault holds in the control steps that begin
+            at its onset or later, and in one at least.
 
         Raises
         ------
         InvalidArgumentError
-            If a fault does not fit the body, or is left to chance.
+            If a fault does not fit a body, or is random.
+        """
+        if not self.faults:
+            return scenario
+        spans = [_steps(fault, TIMESTEP * hold) for fault in self.faults]
+        begins = sorted({0, *(step for span in spans for step in span if step is not None)})
+        rows, stages = np.arange(len(scenario)), []
+        for begin in begins:
+            active = [
+                fault
+                for fault, (first, end) in zip(self.faults, spans, strict=True)
+                if first <= begin and (end is None or begin < end)
+            ]
+            stages.append(_break(scenario, active))
+        schedule = tuple(
+            Change(begin * hold, rows, stage)
+            for begin, stage in zip(begins[1:], stages[1:], strict=True)
+        )
+        return replace(stages[0], schedule=schedule)
+
+    def body(self, morphology: Morphology) -> Morphology:
+        """Return a body with every fault of its fins, whenever they begin.
+
+        Raises
+        ------
+        InvalidArgumentError
+            If a fault does not fit the body, or is random.
         """
         if not isinstance(morphology, Morphology):
             raise InvalidArgumentError(
                 f"damage is applied to a Morphology; got {brief(morphology)}"
             )
-        whole = Effect(morphology, faults=len(self.faults))
-        return reduce(lambda robot, fault: fault.strike(robot), self.faults, whole)
+        return Morphology.from_array(_break(Scenario.create(morphology), self.faults).body[0])
 
     def apply(self, morphology: Morphology) -> Morphology:
         """Return the damaged body: the fins with every fault, one after another.
@@ -177,10 +190,10 @@ class Damage:
         Raises
         ------
         InvalidArgumentError
-            If something else than sizes is broken, or not always, which no body says; and as
-            :meth:`effect`, whose ``body`` is that with all faults of the fins.
+            If something besides sizes is broken, or not always, which a body cannot express; and
+            as :meth:`body`.
         """
-        body = self.effect(morphology).body
+        body = self.body(morphology)
         for fault in self.split()[1]:
             raise InvalidArgumentError(
                 "damage of a body must be of its fins' sizes, and last throughout; got "
@@ -189,7 +202,7 @@ class Damage:
         return body
 
     def split(self) -> tuple[Self, Self]:
-        """Return what makes another body throughout, and all else.
+        """Return the damage that only changes the body, throughout, and the rest.
 
         Examples
         --------
@@ -197,35 +210,31 @@ class Damage:
         >>> str(body), str(rest)
         ('caudal:length=0.5', 'caudal:weak=0.5')
         """
-        always = [
-            isinstance(fault, OfSizes) and fault.onset == 0.0 and fault.duration is None
-            for fault in self.faults
-        ]
-        body, rest = (
-            tuple(fault for fault, own in zip(self.faults, always, strict=True) if own is wanted)
-            for wanted in (True, False)
-        )
-        return type(self)(body), type(self)(rest)
+        parts: tuple[list[Fault], list[Fault]] = ([], [])
+        for fault in self.faults:
+            lasting = fault.changes_body and fault.onset == 0.0 and fault.duration is None
+            parts[0 if lasting else 1].append(fault)
+        return type(self)(tuple(parts[0])), type(self)(tuple(parts[1]))
 
-    def in_words(self, morphology: Morphology) -> str:
-        """Return what it does to a robot of this body, the body as :func:`change_in_words` does.
+    def describe(self, morphology: Morphology) -> str:
+        """Return what it does to a robot of this body, in words; see :func:`change_in_words`.
 
         Examples
         --------
-        >>> Damage.parse("left_pectoral:length=0.5").in_words(Morphology.nominal())
+        >>> Damage.parse("left_pectoral:length=0.5").describe(Morphology.nominal())
         'left flipper: half its length, 0.80 where it was 1.60'
-        >>> Damage.parse("caudal:missing; caudal:dead@4+2").in_words(Morphology.nominal())
+        >>> Damage.parse("caudal:missing; caudal:dead@4+2").describe(Morphology.nominal())
         'tail: missing; servo of the tail: dead, from 4 to 6 s'
         """
-        said, was = [], morphology
+        phrases, before = [], morphology
         for when, together in groupby(self.faults, lambda fault: fault.when):
             faults = tuple(together)
-            body = Damage(tuple(f for f in faults if isinstance(f, OfSizes))).effect(was).body
-            parts = [change_in_words(was, body)] if body != was else []
-            parts += [fault.words for fault in faults if fault.words]
-            said += [f"{part}, {when}" if when else part for part in parts]
-            was = body
-        return "; ".join(said) or change_in_words(morphology, was)
+            after = Damage(tuple(f for f in faults if f.changes_body)).body(before)
+            parts = [change_in_words(before, after)] if after != before else []
+            parts += [fault.phrase for fault in faults if fault.phrase]
+            phrases += [f"{part}, {when}" if when else part for part in parts]
+            before = after
+        return "; ".join(phrases) or change_in_words(morphology, before)
 
     def __iter__(self) -> Iterator[Fault]:
         return iter(self.faults)
@@ -238,7 +247,7 @@ class Damage:
 
     def to_list(self) -> list[dict[str, Any]]:
         """Return the faults as objects ready for JSON."""
-        return [asdict(fault) for fault in self.faults]
+        return [fault.to_dict() for fault in self.faults]
 
     def to_json(self) -> str:
         """Return one line of JSON that ``from_json`` reads back exactly."""
@@ -246,60 +255,44 @@ class Damage:
 
     @classmethod
     def from_json(cls, text: str) -> Damage:
-        """Read what ``to_list`` gives, as JSON; anything else is refused."""
+        """Return damage from the JSON of ``to_list``; anything else is refused."""
         faults = parse_json("damage", text)
         if not isinstance(faults, list) or not all(isinstance(f, dict) for f in faults):
             raise InvalidArgumentError("a damage's JSON must be a list of faults")
         return cls.coerce(faults)
 
 
-def _read_fault(text: str) -> Fault:
-    when = _WHEN.fullmatch(text.strip())
-    part, colon, what = (one.strip() for one in (when["what"] if when else "").partition(":"))
-    if not when or not colon or not what:
-        raise InvalidArgumentError(
-            "damage must be written part:word=number, as left_pectoral:length=0.5 or "
-            "caudal:missing, with @onset+duration in s where it does not last throughout; got "
-            f"{brief(text.strip())}"
-        )
-    made = _make(one_of("damage part", part, _WORDS), *what.partition("="))
-    times = {name: when[name] for name in ("onset", "latest", "duration") if when[name]}
-    if not times:
-        return made
-    read = {name: _read_number(f"damage {name}", digits) for name, digits in times.items()}
-    onset = (read["onset"], read["latest"]) if "latest" in read else read["onset"]
-    return replace(made, onset=onset, duration=read.get("duration"))
+def _break(scenario: Scenario, faults: list[Fault] | tuple[Fault, ...]) -> Scenario:
+    """Return a scenario in which faults are active from the start."""
+    broken = scenario.copy()
+    for fault in faults:
+        fault.edit(vars(broken))
+    broken.faults[:] += len(faults)
+    return broken
 
 
-def _make(part: str, word: str, equals: str, digits: str) -> Fault:
-    word = one_of("damage", word.strip(), _WORDS[part], MEANT)
-    damage, (make, takes) = f"damage {part}:{word}", _WORDS[part][word]
-    if not equals:
-        if takes:
-            raise InvalidArgumentError(f"{damage} needs a number, for example {part}:{word}=0.5")
-        return make(part)
-    number = _read_number(damage, digits)
-    if takes is False:
-        raise InvalidArgumentError(f"{damage} takes no number; got {number:g}")
-    return make(part, number)
+def _steps(fault: Fault, dt: float) -> tuple[int, int | None]:
+    """Return the first control step that a fault affects, and the first one after it, if any."""
+    onset, end = fault.span
+    first = math.ceil(onset / dt - 1e-9)  # rounding makes no step of its own
+    return first, None if math.isinf(end) else max(first + 1, math.ceil(end / dt - 1e-9))
 
 
-def _read_number(damage: str, digits: str) -> float:
-    try:
-        return float(digits)
-    except ValueError:
-        got = brief(digits.strip())
-        raise InvalidArgumentError(f"{damage} needs a number; got {got}") from None
-
-
-def _fault_from_dict(written: Mapping[str, Any]) -> Fault:
-    kind = _KINDS[one_of("damage kind", written.get("kind"), _KINDS)]
-    try:
-        fault: Fault = kind(**{name: value for name, value in written.items() if name != "kind"})
-    except TypeError:
-        names = ", ".join(one.name for one in fields(kind) if one.init)
-        raise InvalidArgumentError(
-            f"damage of kind {kind.__name__} must have the fields {names}; "
-            f"got {brief(dict(written))}"
-        ) from None
-    return fault
+def _sample(fault: Fault, rng: np.random.Generator) -> list[Fault]:
+    """Return a fault with its onset drawn; of a tier, faults of different parts that begin then."""
+    if isinstance(fault.onset, tuple):
+        fault = replace(fault, onset=float(rng.uniform(*fault.onset)))
+    if fault.part != RANDOM:
+        return [fault]
+    tier, whole, found = TIERS[fault.word], list(PARTS), []
+    weights = [chance.weight for chance in tier.chances]
+    for _ in range(tier.parts):
+        chance = tier.chances[rng.choice(len(weights), p=weights)]
+        word, fitting = chance.word, chance.parts or whole
+        part = str(rng.choice([part for part in whole if word in PARTS[part] and part in fitting]))
+        number = float(rng.uniform(chance.low, chance.high))
+        number *= int(rng.choice((-1, 1))) if word == "bias" else 1
+        takes = PARTS[part][word].takes_number
+        found.append(replace(fault, part=part, word=word, number=number if takes else None))
+        whole.remove(part)
+    return found

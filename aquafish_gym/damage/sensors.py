@@ -1,125 +1,73 @@
-"""What the inertial measurement unit can suffer."""
+"""The observations of broken sensors."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from aquafish_gym.damage.effect import CHANNELS, Effect
-from aquafish_gym.damage.fault import Fault, named, set_number
-from aquafish_gym.utils.validation import one_of
+from aquafish_gym.scenario import CHANNELS, Scenario
 
-MOST_SPIN = 100.0  # rad/s, of the gyroscope's noise and bias
-
-
-@dataclass(frozen=True)
-class GyroNoise(Fault):
-    """The gyroscope is noisy: ``deviation`` in rad/s, independent in each observation and axis."""
-
-    deviation: float
-    kind: str = named("GyroNoise")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        set_number(self, "deviation", 0.0, MOST_SPIN, "rad/s", of="gyro:noise")
-
-    @property
-    def what(self) -> str:
-        """See :class:`Fault`."""
-        return f"gyro:noise={self.deviation!r}"
-
-    @property
-    def words(self) -> str:
-        """See :class:`Fault`."""
-        return f"gyro: noise of {self.deviation:g} rad/s"
-
-    def strike(self, robot: Effect) -> Effect:
-        """Return the robot with that noise, and what it had."""
-        return replace(robot, noise=float(np.hypot(robot.noise, self.deviation)))
+Floats = NDArray[np.float64]
+Observations = NDArray[np.floating]
+Rows = NDArray[np.intp]
+GYRO = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
 
 
-@dataclass(frozen=True)
-class _OfChannel(Fault):
-    channel: str
+class Sensors:
+    """The sensors of B robots, which may observe something else than the truth.
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        one_of("channel", self.channel, CHANNELS)
+    ``broken`` is whether any of them ever did; where none did, nothing is computed. They observe
+    numbers of type ``dtype``.
+    """
 
-    @property
-    def index(self) -> int:
-        """Of the channel."""
-        return CHANNELS.index(self.channel)
+    def __init__(self, count: int, dtype: type[np.floating] = np.float32) -> None:
+        channels = (count, len(CHANNELS))
+        self.broken = False
+        self._noise: Floats = np.zeros(count)
+        self._biases = np.zeros(channels, dtype)
+        self._stuck, self._dropped = np.zeros(channels, np.bool_), np.zeros(channels, np.bool_)
+        self._fresh = np.zeros(channels, np.bool_)  # stuck from the next observation on
+        self._held = np.zeros(channels, dtype)
 
-
-@dataclass(frozen=True)
-class ChannelBias(_OfChannel):
-    """A channel of the sensor says ``by`` too much: rad/s of the gyroscope, else without a unit."""
-
-    by: float
-    kind: str = named("ChannelBias")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        most = MOST_SPIN if self.channel.startswith("gyro") else 2.0
-        set_number(self, "by", -most, most, of=f"{self.channel}:bias")
-
-    @property
-    def what(self) -> str:
-        """See :class:`Fault`."""
-        return f"{self.channel}:bias={self.by!r}"
-
-    @property
-    def words(self) -> str:
-        """See :class:`Fault`."""
-        unit = " rad/s" if self.channel.startswith("gyro") else ""
-        return (
-            f"{self.channel}: says {abs(self.by):g}{unit} too {'much' if self.by > 0 else 'little'}"
+    def update(self, rows: Rows, scenario: Scenario) -> None:
+        """Set the sensors of robots ``rows`` (n,) from a scenario of n, for later observations."""
+        sensor: tuple[NDArray[Any], ...] = (
+            scenario.gyro_noise,
+            scenario.sensor_bias,
+            scenario.sensor_stuck,
+            scenario.sensor_dropped,
         )
+        if not self.broken and not any(part.any() for part in sensor):
+            return
+        self.broken = True
+        self._fresh[rows] = scenario.sensor_stuck & ~self._stuck[rows]
+        tables: tuple[NDArray[Any], ...] = (self._noise, self._biases, self._stuck, self._dropped)
+        for table, value in zip(tables, sensor, strict=True):
+            table[rows] = value
 
-    def strike(self, robot: Effect) -> Effect:
-        """Return the robot with that bias, and what it had."""
-        return robot.having("biases", self.index, robot.biases[self.index] + self.by)
+    def reset(self, rows: Rows) -> None:
+        """Forget the observations of these robots: an episode begins."""
+        self._stuck[rows] = False
 
+    def observe(
+        self, truth: Observations, limits: Floats, rngs: Sequence[np.random.Generator], rows: Rows
+    ) -> Observations:
+        """Return the observations (n, k) of the robots ``rows``, which begin with ``CHANNELS``.
 
-@dataclass(frozen=True)
-class ChannelStuck(_OfChannel):
-    """A channel of the sensor repeats what it said when that began."""
-
-    kind: str = named("ChannelStuck")
-
-    @property
-    def what(self) -> str:
-        """See :class:`Fault`."""
-        return f"{self.channel}:stuck"
-
-    @property
-    def words(self) -> str:
-        """See :class:`Fault`."""
-        return f"{self.channel}: stuck"
-
-    def strike(self, robot: Effect) -> Effect:
-        """Return the robot with that channel."""
-        return robot.having("stuck", self.index, True)
-
-
-@dataclass(frozen=True)
-class ChannelDropped(_OfChannel):
-    """A channel of the sensor says nothing but 0."""
-
-    kind: str = named("ChannelDropped")
-
-    @property
-    def what(self) -> str:
-        """See :class:`Fault`."""
-        return f"{self.channel}:dropped"
-
-    @property
-    def words(self) -> str:
-        """See :class:`Fault`."""
-        return f"{self.channel}: says 0"
-
-    def strike(self, robot: Effect) -> Effect:
-        """Return the robot with that channel."""
-        return robot.having("dropped", self.index, True)
+        ``truth`` is what whole sensors would observe; ``rngs`` are of all B robots.
+        """
+        observed = truth.copy()
+        felt = observed[:, : len(CHANNELS)]  # a view
+        felt += self._biases[rows]
+        for i, robot in enumerate(rows.tolist()):
+            if self._noise[robot]:
+                felt[i, GYRO] += rngs[robot].normal(0.0, self._noise[robot], 3)
+        np.clip(observed, -limits, limits, out=observed)
+        self._held[rows] = np.where(self._fresh[rows], felt, self._held[rows])
+        self._fresh[rows] = False
+        np.copyto(felt, self._held[rows], where=self._stuck[rows])
+        felt[self._dropped[rows]] = 0.0
+        return observed

@@ -1,29 +1,21 @@
-"""Damage that chance decides: how much breaks in each tier."""
+"""The tiers of random damage: how much breaks in each."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from typing import NamedTuple
-
-import numpy as np
-
-from aquafish_gym.damage.effect import Effect
-from aquafish_gym.damage.fault import Fault, named
-from aquafish_gym.damage.fins import FinMissing, FinScaled
-from aquafish_gym.damage.words import WORDS
-from aquafish_gym.morphology import FINS, SIZES
-from aquafish_gym.utils.validation import InvalidArgumentError, one_of
-
-SCALED = 0.2, 0.9  # of what a size was, where any fin may break
 
 
 class Chance(NamedTuple):
-    """One way to break: the word for it, how likely it is, and between which numbers."""
+    """One way to break: its word, its weight, the range of its number, and which parts it breaks.
+
+    Without ``parts`` it breaks any part that its word fits.
+    """
 
     word: str
     weight: float
     low: float = 0.0
     high: float = 0.0
+    parts: tuple[str, ...] = ()
 
 
 class Tier(NamedTuple):
@@ -33,7 +25,8 @@ class Tier(NamedTuple):
     chances: tuple[Chance, ...]
 
 
-# The only statement of the tiers; docs/environments/damage.md shows this table.
+#: The only statement of the tiers, which docs/environments/damage.md shows. A tier that is added
+#: here is understood as ``random:NAME``.
 TIERS: dict[str, Tier] = {
     "mild": Tier(1, (
         Chance("length", 0.25, 0.7, 0.9),
@@ -64,64 +57,3 @@ TIERS: dict[str, Tier] = {
         Chance("dropped", 0.15),
     )),
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class RandomFaults(Fault):
-    """What chance breaks, drawn anew for each episode: ``random:mild``, moderate or severe."""
-
-    tier: str
-    kind: str = named("RandomFaults")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        one_of("tier", self.tier, TIERS)
-
-    @property
-    def what(self) -> str:
-        """See :class:`~aquafish_gym.damage.Fault`."""
-        return f"random:{self.tier}"
-
-    @property
-    def words(self) -> str:
-        """See :class:`~aquafish_gym.damage.Fault`."""
-        return f"{self.tier} damage that chance decides"
-
-    @property
-    def is_random(self) -> bool:
-        """Always."""
-        return True
-
-    def strike(self, robot: Effect) -> Effect:  # noqa: ARG002
-        """Refuse: what breaks is not known before it is drawn."""
-        raise InvalidArgumentError(f"damage {self} is left to chance: draw it first (Damage.drawn)")
-
-    def drawn(self, rng: np.random.Generator) -> tuple[Fault, ...]:
-        """Return faults of different parts, which strike together."""
-        tier, struck = TIERS[self.tier], self.at(rng)
-        weights = [chance.weight for chance in tier.chances]
-        whole = list(WORDS)
-        found = []
-        for _ in range(tier.parts):
-            word, _, low, high = tier.chances[rng.choice(len(weights), p=weights)]
-            part = str(rng.choice([part for part in whole if word in WORDS[part]]))
-            number = float(rng.uniform(low, high) * (rng.choice((-1, 1)) if word == "bias" else 1))
-            make, takes = WORDS[part][word]
-            fault = make(part, number) if takes else make(part)
-            found.append(replace(fault, onset=struck.onset, duration=struck.duration))
-            whole.remove(part)
-        return tuple(found)
-
-
-def broken_fins(rng: np.random.Generator) -> tuple[Fault, ...]:
-    """Return one fin or two broken, equally likely, each with one fault.
-
-    A fin is missing one time in four; else its length, width or thickness is 0.2 to 0.9 of what
-    it was, uniformly.
-    """
-    fins = rng.permutation(FINS)[: rng.integers(1, 3)].tolist()
-    faults: list[Fault] = []
-    for fin in fins:
-        missing, size, factor = rng.random() < 0.25, rng.choice(SIZES), rng.uniform(*SCALED)
-        faults.append(FinMissing(fin) if missing else FinScaled(fin, str(size), factor))
-    return tuple(faults)

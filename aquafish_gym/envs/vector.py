@@ -13,15 +13,16 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.damage import Damage, Effect
+from aquafish_gym.command import reckon, servo_speeds
+from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
-from aquafish_gym.envs import conditions
-from aquafish_gym.envs.course import NEVER, Course, Rows, Sensors
+from aquafish_gym.envs import episode
+from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
 from aquafish_gym.envs.tasks import Step, check_task, check_water
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Number, Vector, subtract
+from aquafish_gym.physics.arithmetic import TAU, Number, Vector, subtract
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.scenario import Scenario
@@ -43,7 +44,7 @@ SPEEDS = slice(FIELDS["velocity"].start, GYRO.stop)
 
 
 class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
-    """Many of :class:`~aquafish_gym.envs.aquafish.AquaFishEnv` in the lanes of one engine.
+    """Many of :class:`~aquafish_gym.envs.env.AquaFishEnv` in the lanes of one engine.
 
     ``gym.make_vec("AquaFish-v0", num_envs=64)`` makes one. Spaces, rewards, start, end and
     ``info`` are the single environment's, with a leading axis; each key of ``info`` has its
@@ -115,44 +116,39 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             )
         self.render_mode = check_render_mode(render_mode)
         self.task = check_task(task)
-        self._observe_fins, self._reckons = conditions.check_observe_fins(observe_fins)
-        self.frame_skip = conditions.check_frame_skip(frame_skip, self.task.seconds)
+        self._observe_fins, self._reckons = episode.check_observe_fins(observe_fins)
+        self.frame_skip = episode.check_frame_skip(frame_skip, self.task.seconds)
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": max(1, round(1 / self.dt)),
             "autoreset_mode": self.autoreset_mode,
         }
-        self._limits = conditions.limits(self._observe_fins, self.task.has_goal)
-        space = conditions.observation_space(self._observe_fins, self.task.has_goal)
+        self._limits = episode.limits(self._observe_fins, self.task.has_goal)
+        space = episode.observation_space(self._observe_fins, self.task.has_goal)
         self.single_observation_space = space
-        self.single_action_space = conditions.action_space()
+        self.single_action_space = episode.action_space()
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-        start = conditions.check_conditions(None, None, current, "zero", self.task.seconds)
+        start = episode.check_episode(None, None, current, "zero", self.task.seconds)
         check_water(self.task, start.current)
         several = _of_each(
             {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}, self.num_envs
         )
-        self._starts = _with_options([start] * self.num_envs, several)
-        # Of the present episodes: what the robots are, since when, and what the task remembers.
-        effects = [Effect(one.morphology) for one in self._starts]
-        self._courses = [Course((effect,), (0,)) for effect in effects]
-        self._truth = {
-            name: np.stack([effect.truth[name] for effect in effects]) for name in effects[0].truth
+        self._configs = _with_options([start] * self.num_envs, several)
+        fields = {
+            "body": np.array([config.morphology.to_array() for config in self._configs]),
+            "current": np.tile(start.current, (self.num_envs, 1)),
         }
-        self._changes: Counts = np.full(self.num_envs, NEVER)
+        scenario = Scenario.fill(fields, flag("reactive", reactive))
+        self._robots = Robots(scenario, self.frame_skip)
         self._memory: Floats = np.zeros((0, self.num_envs))
-        self._sensors = Sensors(self.num_envs)
-        currents = np.broadcast_to(start.current, (self.num_envs, 3))
-        fields = {"body": self._truth["morphology"], "current": currents}
-        self._scenario = Scenario.fill(fields, flag("reactive", reactive))
         self._lanes = LaneBatch(
-            self._scenario,
+            scenario,
             getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
             threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         )
-        # The states (25, num_envs) that are now, or were before a robot diverged.
+        # The present states (25, num_envs), or the last ones before a robot diverged.
         self._now = self._lanes.rows()
         self._last = round(self.task.seconds / self.dt)
         if max_episode_steps is not None:
@@ -187,14 +183,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             mask = _check_mask(options["reset_mask"], self.num_envs)
         if not self._begun and not mask.all():
             raise ResetNeeded("the first reset must be of every robot")
-        starts = self._chosen(mask, options)  # may refuse: nothing has changed until here
+        configs = self._chosen(mask, options)  # may refuse: nothing has changed until here
         if not self._rngs:
             self._rngs = [seeding.np_random(s)[0] for s in seeds]
         else:
             for i in np.flatnonzero(mask).tolist():
                 if seeds[i] is not None:
                     self._rngs[i] = seeding.np_random(seeds[i])[0]
-        self._begin(mask, starts)
+        self._begin(mask, configs)
         self._begun = True
         self._look(np.flatnonzero(mask))
         return self._seen.copy(), _masked(self._info(self._now) | self._nothing(), mask)
@@ -208,34 +204,21 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             If the actions are not finite numbers of that shape, before the first reset, or after
             an episode's end with autoreset disabled.
         """
-        checked = conditions.check_action(actions, (self.num_envs, 3))
+        checked = episode.check_action(actions, (self.num_envs, 3))
         over = self._steps == self._last
         if not self._begun or (over.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        water = self.task.current(tuple(self._memory), self._steps * self.dt)
-        if water is not None:
-            self._lanes.set_current(self._of_all("current", water, 3).T)
-        gains = _three(self._truth["servo_gain"].T)
-        commands = np.array(conditions.servo_speeds(_three(checked.T), gains)).T
-        lost = self._lanes.advance(commands, self.frame_skip).diverged
-        before, now = self._now, self._lanes.rows()
-        with np.errstate(over="ignore", invalid="ignore"):
-            lost |= ~(np.square(now[SPEEDS]).sum(axis=0) < RUNAWAY)
-        # Robots that diverged stay at what was last good; a robot whose episode was over has
-        # swum for nothing, and begins anew.
-        diverged = lost & ~over
-        reckoned = conditions.reckon(_three(self._reckoned), _three(checked.T), self.dt)
-        self._reckoned = np.where(lost, self._reckoned, reckoned)
-        if lost.any():
-            now[:, lost] = before[:, lost]
-        self._now = now
+        action, before = _three(checked.T), self._now
+        # A robot whose episode was over has swum for nothing, and begins the next one.
+        diverged = self._simulate(action) & ~over
         self._steps += 1
         self._steps[diverged] = self._last
-        terms = self._judge(before, _three(checked.T), diverged | over)
+        terms = self._reward(before, action, diverged | over)
+        self._change(diverged | over)
         reward = sum(terms.values(), np.zeros(self.num_envs))
         if over.any():
             self._begin(over, self._chosen(over))
-            before[:, over] = now[:, over]
+            before[:, over] = self._now[:, over]
         self._look(self._everyone)
         ended = self._steps == self._last
         everyone = np.ones(self.num_envs, np.bool_)
@@ -244,8 +227,29 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             last = self._seen.copy()
             self._begin(ended, self._chosen(ended))
             self._look(np.flatnonzero(ended))
-            info = _put_final(info, self._info(now) | self._nothing(), last, ended)
+            info = _put_final(info, self._info(self._now) | self._nothing(), last, ended)
         return self._seen.copy(), reward, diverged, ended & ~diverged, info
+
+    def _simulate(self, action: Vector) -> Mask:
+        """Swim one step; return which robots diverged, which keep their last states."""
+        water = self.task.current(tuple(self._memory), self._steps * self.dt)
+        if water is not None:
+            self._lanes.set_current(self._of_all("current", water, 3).T)
+        # The lanes' own gains are 1: their product would be of single precision.
+        gains = _three(self._robots.now.servo_gain.T)
+        speeds = servo_speeds(action)
+        turned = [gain * speed for gain, speed in zip(gains, speeds, strict=True)]
+        lost = self._lanes.advance(np.array(turned).T, self.frame_skip).diverged
+        before, now = self._now, self._lanes.rows()
+        with np.errstate(over="ignore", invalid="ignore"):
+            lost |= ~(np.square(now[SPEEDS]).sum(axis=0) < RUNAWAY)
+        if self._reckons:
+            reckoned = reckon(_three(self._reckoned), speeds, TAU * self.dt)
+            self._reckoned = np.where(lost, self._reckoned, reckoned)
+        if lost.any():
+            now[:, lost] = before[:, lost]
+        self._now = now
+        return lost
 
     def _of_all(self, method: str, values: Sequence[Number], count: int) -> Floats:
         """Return what a task's method gave, (count, num_envs); a number is every robot's."""
@@ -270,80 +274,60 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         zeros = np.zeros(self.num_envs)
         return dict.fromkeys(self.task.reward_terms(self._taken(self._now, (zeros,) * 3)), zeros)
 
-    def _judge(self, before: Floats, action: Vector, bad: Mask) -> dict[str, Floats]:
-        """Return what a step is worth; what is remembered and broken is then as it is after it."""
+    def _reward(self, before: Floats, action: Vector, bad: Mask) -> dict[str, Floats]:
+        """Return the terms of the reward, 0 under ``bad``, and let the task remember the step."""
         step = self._taken(before, action)
-        shape = (self.num_envs,)
         terms = {
-            name: np.where(bad, 0.0, np.broadcast_to(value, shape))
+            name: np.where(bad, 0.0, np.broadcast_to(value, bad.shape))
             for name, value in self.task.reward_terms(step).items()
         }
         if len(self._memory):
             remembered = self._of_all("remember", self.task.remember(step), len(self._memory))
             self._memory = np.where(bad, self._memory, remembered)
-        changed = (self._changes == self._steps) & ~bad
-        if changed.any():
-            old = self._truth["morphology"].copy()
-            self._enter(np.flatnonzero(changed))
-            other = changed & (self._truth["morphology"] != old).any(axis=1)
-            if other.any():
-                self._lanes.update(other, self._robots(other))
         return terms
 
-    def _enter(self, robots: Rows) -> None:
-        """Have robots be as damage makes them from the present step of their episodes on."""
-        alike: dict[tuple[int, int], list[int]] = {}  # many have one course, and its steps at once
-        for i, step in zip(robots.tolist(), self._steps[robots].tolist(), strict=True):
-            alike.setdefault((id(self._courses[i]), step), []).append(i)
-        for (_, step), those in alike.items():
-            course = self._courses[those[0]]
-            effect = course.at(step)
-            self._changes[those] = course.next(step)
-            self._sensors.become(those, effect)
-            for name, value in effect.truth.items():
-                self._truth[name][those] = value
+    def _change(self, bad: Mask) -> None:
+        """Let robots become what their schedules say, except those under ``bad``."""
+        changed = (self._robots.next_change == self._steps) & ~bad
+        if changed.any():
+            self._robots.change(np.flatnonzero(changed))
+            self._lanes.update(changed, self._lane_robots(changed))
 
-    def _chosen(
-        self, mask: Mask, options: dict[str, Any] | None = None
-    ) -> list[conditions.Conditions]:
-        """Return how the robots under ``mask`` shall begin."""
+    def _lane_robots(self, mask: Mask) -> Scenario:
+        robots = self._robots.now.take(mask)
+        return replace(robots, servo_gain=np.ones_like(robots.servo_gain))
+
+    def _chosen(self, mask: Mask, options: dict[str, Any] | None = None) -> list[EpisodeConfig]:
+        """Return the configurations of the next episodes of the robots under ``mask``."""
         if options is None:
-            return [self._starts[i] for i in np.flatnonzero(mask).tolist()]
+            return [self._configs[i] for i in np.flatnonzero(mask).tolist()]
         if not isinstance(options, Mapping):
             raise InvalidArgumentError(f"options must be a dictionary; got {brief(options)}")
         several = _of_each(options, self.num_envs)
         several.pop("reset_mask", None)
         chosen = np.flatnonzero(mask).tolist()
         return _with_options(
-            [self._starts[i] for i in chosen],
+            [self._configs[i] for i in chosen],
             {name: values if len(values) == 1 else [values[i] for i in chosen]
              for name, values in several.items()},
         )  # fmt: skip
 
-    def _begin(self, mask: Mask, starts: list[conditions.Conditions]) -> None:
-        """Put the robots under ``mask`` back to their starts."""
-        chosen = np.flatnonzero(mask).tolist()
-        angles, memories = np.empty((len(chosen), 3)), []
-        for row, (i, start) in enumerate(zip(chosen, starts, strict=True)):
-            drawn = start.draw(self._rngs[i], self.dt, self.task.begin)
-            self._courses[i], angles[row], memory = drawn
-            memories.append(memory)
+    def _begin(self, mask: Mask, configs: list[EpisodeConfig]) -> None:
+        """Put the robots under ``mask`` at the start of new episodes."""
+        chosen = np.flatnonzero(mask)
+        rngs = [self._rngs[i] for i in chosen.tolist()]
+        start, memories = episode.begin_episodes(configs, rngs, self.task.begin, self.frame_skip)
         self._steps[mask] = 0
-        self._sensors.reset(chosen)
-        self._enter(np.flatnonzero(mask))
-        remembered = np.array(memories, np.float64).reshape(len(chosen), -1)
-        if remembered.shape[1] != len(self._memory):
-            self._memory = np.zeros((remembered.shape[1], self.num_envs))
-        self._memory[:, mask] = remembered.T
-        self._reckoned[:, mask] = angles.T
-        self._lanes.restart(mask, replace(self._robots(mask), fin_angles=angles))
+        self._robots.start(chosen, start)
+        if memories.shape[1] != len(self._memory):
+            self._memory = np.zeros((memories.shape[1], self.num_envs))
+        self._memory[:, mask] = memories.T
+        self._reckoned[:, mask] = start.fin_angles.T
+        self._lanes.restart(mask, self._lane_robots(mask))
         self._now[:, mask] = self._lanes.rows()[:, mask]
 
-    def _robots(self, mask: Mask) -> Scenario:
-        return replace(self._scenario.take(mask), body=self._truth["morphology"][mask])
-
     def _look(self, rows: Rows) -> None:
-        """Have these robots feel what is now."""
+        """Let these robots observe the present state."""
         now, way = self._now[:, rows], None
         if self.task.has_goal:
             goal = self.task.goal(tuple(self._memory[:, rows]))
@@ -351,18 +335,19 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         fins = None
         if self._observe_fins:
             fins = self._reckoned[:, rows] if self._reckons else angles_of_rows(now)
-        seen = conditions.observe(now[QUATERNION], now[GYRO], fins, way)
-        if self._sensors.broken:
-            seen = self._sensors.say(seen, self._limits, self._rngs, rows)
+        seen = episode.observe(now[QUATERNION], now[GYRO], fins, way)
+        sensors = self._robots.sensors
+        if sensors.broken:
+            seen = sensors.observe(seen, self._limits, self._rngs, rows)
         self._seen[rows] = seen
 
     def _info(self, before: Floats) -> Info:
-        """Return what is to be told, after a step from the states ``before``."""
+        """Return ``info`` after a step from the states ``before``."""
         here, there = _three(before[POSITION]), _three(self._now[POSITION].copy())
-        return conditions.motion_info(here, there, self.dt) | {
+        return episode.motion_info(here, there, self.dt) | {
             "diverged": np.zeros(self.num_envs, np.bool_),
             "fin_angles": angles_of_rows(self._now).T.copy(),
-            **{name: value.copy() for name, value in self._truth.items()},
+            **self._robots.truth(),
         }
 
     def render(self) -> tuple[Any, ...] | None:
@@ -371,7 +356,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             return None
         now = self._now
         robots = (
-            self._truth["morphology"],
+            self._robots.now.body,
             now[POSITION].T,
             now[QUATERNION].T,
             angles_of_rows(now).T,
@@ -418,10 +403,10 @@ def _has_rows(value: object) -> bool:
 
 
 def _with_options(
-    starts: list[conditions.Conditions], several: Mapping[str, list[Any]]
-) -> list[conditions.Conditions]:
+    starts: list[EpisodeConfig], several: Mapping[str, list[Any]]
+) -> list[EpisodeConfig]:
     """Return starts with options, of which each has one value for all or one for each start."""
-    made: dict[tuple[int, ...], conditions.Conditions] = {}
+    made: dict[tuple[int, ...], EpisodeConfig] = {}
     found = []
     for i, start in enumerate(starts):
         options = {name: values[i % len(values)] for name, values in several.items()}

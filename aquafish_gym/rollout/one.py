@@ -7,12 +7,10 @@ import math
 import numpy as np
 
 from aquafish_gym.command import lane_servo_speeds, reckon, scale_action
-from aquafish_gym.damage import Effect
+from aquafish_gym.damage.sensors import Sensors
 from aquafish_gym.engines.worlds import World, make_world
-from aquafish_gym.envs.course import Sensors
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector, subtract
 from aquafish_gym.physics.kinematics import State, rotation, to_body
 from aquafish_gym.rollout.plan import Act, Floats, Path, Plan, Program, Trajectories
@@ -36,7 +34,7 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> Trajectories:
     gyro: list[Vector] = []
     commands: list[Vector] = []
     try:
-        _become(sensors, now)
+        sensors.update(_ONLY, now)
         for t in range(0, plan.steps, plan.interval):
             if t in changes:
                 _change(world, changes[t], sensors)
@@ -49,7 +47,7 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> Trajectories:
             turn = rotation(state.orientation)
             observation = np.array([*turn[2], *turn[1], *state.spin])
             if sensors.broken:
-                observation = sensors.say(observation[None], _LIMITS, rng, _ONLY)[0]
+                observation = sensors.observe(observation[None], _LIMITS, rng, _ONLY)[0]
             if task is not None and task.has_goal:
                 way = to_body(turn, subtract(task.goal(memory), state.position))
                 limited = np.clip(way, -GOAL_RANGE, GOAL_RANGE)
@@ -94,20 +92,9 @@ def _sample(state: State) -> tuple[float, ...]:
 
 
 def _change(world: World, to: Scenario, sensors: Sensors) -> None:
-    """Let the robot be otherwise from now on."""
+    """Let the robot and its sensors become what a schedule says."""
     world.update(to)
-    _become(sensors, to)
-
-
-def _become(sensors: Sensors, robot: Scenario) -> None:
-    effect = Effect(
-        Morphology.from_array(robot.body[0]),
-        noise=float(robot.gyro_noise[0]),
-        biases=tuple(robot.sensor_bias[0].tolist()),
-        stuck=tuple(robot.sensor_stuck[0].tolist()),
-        dropped=tuple(robot.sensor_dropped[0].tolist()),
-    )
-    sensors.become([0], effect)
+    sensors.update(_ONLY, to)
 
 
 def _triple(row: Floats) -> tuple[float, float, float]:

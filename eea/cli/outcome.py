@@ -98,8 +98,8 @@ def damage_lines(intact: Morphology, damage: Damage, result: Result) -> list[str
             words = SHARE_WORDS.get(round(share, 6), f"{share:.0%} of")
             what = f"{FIN_WORDS[dimension.fin]}: {words} its {dimension.size}"
             lines.append(f"{what}, found {found:.2f} where it was {before:.2f}")
-    others = Damage(tuple(fault for fault in damage if fault.words or fault.when))
-    return lines + ([others.in_words(intact)] if others else []) or ["nothing was broken"]
+    others = Damage(tuple(fault for fault in damage if fault.phrase or fault.when))
+    return lines + ([others.describe(intact)] if others else []) or ["nothing was broken"]
 
 
 def belief_lines(result: Result) -> list[str]:

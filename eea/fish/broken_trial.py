@@ -1,4 +1,4 @@
-"""A trial of a broken fish: what its servos do, what breaks meanwhile, what its sensor says."""
+"""A trial of a broken fish: where its fins begin, and the log of its broken sensors."""
 
 from __future__ import annotations
 
@@ -7,86 +7,72 @@ from dataclasses import replace
 
 import numpy as np
 
-from aquafish_gym.damage import CHANNELS, Effect
+from aquafish_gym.damage import CHANNELS, Damage
+from aquafish_gym.damage.sensors import GYRO, Sensors
 from aquafish_gym.engines.worlds import Triple
-from aquafish_gym.envs.course import GYRO, Course, Sensors
 from aquafish_gym.imu import ImuLog, unwrap_rpy
 from aquafish_gym.physics.attitude import attitude, rotations
-from aquafish_gym.scenario import Change, Scenario, check_row
+from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats, wrap
 
-_ATTITUDE = slice(0, GYRO.start)  # the channels that say where up and north are
+_ATTITUDE = slice(0, GYRO.start)  # the channels of up and north
 _ONLY = np.zeros(1, np.intp)
 
 
-def broken(scenario: Scenario, course: Course) -> Scenario:
-    """Return a scenario of one robot as a course of damage has it, in steps of 0.01 s.
+def initial_angles(angles: Floats, first: Floats, damage: Damage) -> Floats:
+    """Return the fin angles (3,) in rad at which a trial begins.
 
-    Raises InvalidArgumentError if a servo is faster than worlds allow.
+    A fin whose servo turns, or has no power, begins where it was drawn, at ``angles`` (3,); one
+    whose servo is seized at its angle, or else where it was in the ``first`` trial (3,).
     """
-    found = []
-    for effect in course.effects:
-        gains = check_row("servo_gain", scenario.servo_gain[0] * effect.gains)[None]
-        found.append(replace(scenario, body=effect.body.to_array()[None], servo_gain=gains))
-    only = np.zeros(1, np.intp)
-    changes = zip(course.begins[1:], found[1:], strict=True)
-    return replace(found[0], schedule=tuple(Change(step, only, to) for step, to in changes))
+    broken = damage.edit(Scenario.fill({"body": np.zeros((1, 9)), "fin_angles": first[None]}))
+    found = broken.fin_angles[0]  # NaN without power
+    seized = (broken.servo_gain[0] == 0.0) & ~np.isnan(found)
+    return np.where(seized, np.where(found == first, first, wrap(found)), angles)
 
 
-def placed(angles: Floats, effect: Effect, first: Floats) -> Floats:
-    """Return fin angles (3,) in rad at which a trial begins: those of servos that turn as given.
-
-    Of those that do not, one that is dead stands anywhere, as given, and one that is seized where
-    it was seized, or else where it stood in the ``first`` trial (3,).
-    """
-    found = angles.copy()
-    for fin, (gain, stands) in enumerate(zip(effect.gains, effect.stands, strict=True)):
-        if stands is None and gain == 0.0:
-            found[fin] = first[fin]
-        elif isinstance(stands, float):
-            found[fin] = wrap(np.array(stands))
-    return found
-
-
-def as_said(
-    log: ImuLog, course: Course, start: Floats, resting: Triple, rng: np.random.Generator
+def apply_sensor_faults(
+    log: ImuLog, scenario: Scenario, start: Floats, resting: Triple, rng: np.random.Generator
 ) -> ImuLog:
-    """Return a log (1, T, 3) as a broken sensor says it.
+    """Return a log (1, T, 3) as broken sensors record it.
 
-    The attitude is the one that fits best what the sensor says of up and north: Wahba's problem,
+    The attitude is the one that best fits the observed directions up and north: Wahba's problem,
     solved by singular values (Markley 1988).
 
     Parameters
     ----------
     log
         Roll, pitch, yaw and gyro.
-    course
-        In steps of 0.01 s.
+    scenario
+        Of the trial's one robot.
     start
         (3, 3) from body to world when the trial begins.
     resting
-        What the gyroscope says then, rad/s.
+        The gyroscope's reading then, rad/s.
     rng
         Of the noise.
     """
-    wrong = [np.abs([e.biases, e.stuck, e.dropped]).max(axis=0) for e in course.effects]
-    spoilt = np.max(wrong, axis=0) > 0
-    noisy = any(effect.noise for effect in course.effects)
-    if log.rpy is None or log.gyro is None or log.diverged.any() or not (spoilt.any() or noisy):
+    stages = {0: scenario} | {change.step: change.to for change in scenario.schedule}
+    wrong = [
+        (one.sensor_bias != 0.0) | one.sensor_stuck | one.sensor_dropped for one in stages.values()
+    ]
+    broken = np.any(wrong, axis=(0, 1))
+    noisy = any(one.gyro_noise.any() for one in stages.values())
+    if log.rpy is None or log.gyro is None or log.diverged.any() or not (broken.any() or noisy):
         return log
     turns = np.concatenate([start[None], rotations(np.asarray(log.rpy[0], np.float64))])
     felt = np.concatenate([np.array(resting)[None], log.gyro[0]])
     truth = np.concatenate([turns[:, 2], turns[:, 1], felt], axis=1)
-    sensors, said = Sensors(1, np.float64), np.empty_like(truth)
+    sensors, observed = Sensors(1, np.float64), np.empty_like(truth)
     unlimited = np.full(len(CHANNELS), np.inf)
     for step in range(len(truth)):
-        if step in course.begins:
-            sensors.become([0], course.at(step))
-        said[step] = sensors.say(truth[step : step + 1], unlimited, [rng], _ONLY)[0]
+        if step in stages:
+            sensors.update(_ONLY, stages[step])
+        observed[step] = sensors.observe(truth[step : step + 1], unlimited, [rng], _ONLY)[0]
     rpy = log.rpy
-    if spoilt[_ATTITUDE].any():
-        rpy = rpy_of([start, *_fitting(said[1:, 0:3], said[1:, 3:6])])
-    return replace(log, rpy=rpy, gyro=said[None, 1:, GYRO])
+    if broken[_ATTITUDE].any():
+        rpy = rpy_of([start, *_fitting(observed[1:, 0:3], observed[1:, 3:6])])
+    return replace(log, rpy=rpy, gyro=observed[None, 1:, GYRO])
 
 
 def rpy_of(turns: Sequence[Floats]) -> Floats:

@@ -12,15 +12,14 @@ from aquafish_gym.command import check_commands
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import MAXIMUM_SUBSTEPS, simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
-from aquafish_gym.envs.course import course_of
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.attitude import rotations
-from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
+from aquafish_gym.scenario import Scenario, check_row
 from aquafish_gym.utils.validation import finite_array, integer
 from eea.core.angles import Floats
 from eea.core.checks import choice, instance
-from eea.fish.broken_trial import as_said, broken, placed, rpy_of
+from eea.fish.broken_trial import apply_sensor_faults, initial_angles, rpy_of
 from eea.fish.gap import RealityGap
 
 Orientation = Literal["upright", "heading", "attitude"]
@@ -88,7 +87,7 @@ class EngineTarget:
     damage
         What is broken.
     morphology
-        The body with every fault of its fins, whenever they strike.
+        The body with every fault of its fins, whenever they begin.
     engine
         The engine's own name, never ``"auto"``.
 
@@ -125,18 +124,19 @@ class EngineTarget:
         instance("gap", gap, RealityGap)
         choice("orientation", orientation, ("upright", "heading", "attitude"))
         self.damage, whole = Damage.coerce(damage), Morphology.coerce(morphology)
-        self._course = course_of(self.damage, whole, TIMESTEP)
-        self.morphology: Morphology = self.damage.effect(whole).body
+        self.morphology: Morphology = self.damage.body(whole)
         self.engine: str = resolve_engine("engine", engine)
         self._rng = np.random.default_rng() if rng is None else rng
         self._gap = gap
         shared = finite_array("current", current, (3,), unit="units/s")
         integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
         self._substeps = integer("substeps", substeps * gap.substeps, 1, MAXIMUM_SUBSTEPS)
-        world = gap.edit(Scenario.create(whole, current=shared))
-        check_row("current", world.current[0])
-        self._scenario, self._steps = broken(world, self._course), steps
-        self._simulate(np.zeros(3), np.zeros(3), world.current[0])  # or refuses to
+        self._world, self._steps = gap.edit(Scenario.create(whole, current=shared)), steps
+        check_row("current", self._world.current[0])
+        broken = self.damage.edit(self._world)
+        for stage in (broken, *(change.to for change in broken.schedule)):
+            check_row("servo_gain", stage.servo_gain[0])
+        self._simulate(np.zeros(3), replace(broken, fin_angles=np.zeros((1, 3))))  # may refuse
         self._orientation = orientation
         self._start_angles = np.zeros(3)
         self._first_angles: Floats | None = None
@@ -147,23 +147,23 @@ class EngineTarget:
         # From a hash of the angles: they stay the same whatever else is random.
         entropy = drawn.view(np.uint64)
         start = random_orientation(self._orientation, np.random.default_rng(entropy))
-        noise, broken = (
+        noise, faults = (
             np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(i,))) for i in (1, 2)
         )
         angles = self._gap.placed(drawn)
         if self._first_angles is None:
             self._first_angles = angles
-        angles = self._start_angles = placed(angles, self._course.effects[0], self._first_angles)
-        water = start.T @ self._scenario.current[0]  # as seen from that start
-        log = self._simulate(command, angles, water)
+        angles = self._start_angles = initial_angles(angles, self._first_angles, self.damage)
+        water = start.T @ self._world.current[0]  # as seen from that start
+        broken = self.damage.edit(replace(self._world, current=water[None]))
+        log = self._simulate(command, replace(broken, fin_angles=angles[None]))
         if self._orientation != "upright":
             log = turn_log(log, start)
         log = self._gap.felt(log, noise)
-        return as_said(log, self._course, start, self._gap.gyro_bias, broken)
+        return apply_sensor_faults(log, broken, start, self._gap.gyro_bias, faults)
 
-    def _simulate(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
+    def _simulate(self, command: Floats, scenario: Scenario) -> ImuLog:
         # In the compiled engine too the target is computed in double precision: it plays nature.
-        scenario = replace(self._scenario, fin_angles=angles[None], current=current[None])
         return simulate_scenario(
             scenario, check_commands(command), self._steps, self.engine, "float64", self._substeps
         )

@@ -136,7 +136,7 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     try:
         damage = Damage.from_json(json.dumps(header["target_damage"]))
         morphology = Morphology.coerce(header["target_morphology"])
-        truth = damage.effect(morphology).body.to_array()
+        truth = damage.body(morphology).to_array()
     except (InvalidArgumentError, KeyError) as error:
         raise DamagedFileError(f"{path / STUDY} does not state the target: {error}") from None
     sizes = zip(DIMENSIONS, morphology.to_array().tolist(), strict=True)

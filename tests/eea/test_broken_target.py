@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Damage, Morphology, simulate
-from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.physics.attitude import rotations
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import EngineTarget, RealityGap
@@ -140,8 +140,8 @@ def test_a_stuck_channel_begins_with_what_the_gap_makes_of_rest():
 @pytest.mark.parametrize(
     ("damage", "said"),
     [
-        ("random:mild", r"left to chance: draw it first \(Damage\.drawn\)"),
-        ("caudal:missing@1-2", r"leaves its onset to chance: draw it first \(Damage\.drawn\)"),
+        ("random:mild", r"left to chance: sample it first \(Damage\.sample\)"),
+        ("caudal:missing@1-2", r"leaves its onset to chance: sample it first \(Damage\.sample\)"),
         ("caudal:weak=2;caudal:weak=1.5", r"servo_gain\[2\] must lie in \[-2, 2\]; got 3"),
     ],
 )

@@ -166,7 +166,7 @@ def test_a_body_is_read_from_a_file(tmp_path):
 def test_damage_and_what_was_found_of_it_are_in_words():
     def lines(damage, model=None):
         what = Damage.parse(damage)
-        truth = what.effect(Morphology.nominal()).body.to_array()
+        truth = what.body(Morphology.nominal()).to_array()
         stub = type("Found", (Result,), {"model": truth if model is None else np.array(model)})
         return damage_lines(
             Morphology.nominal(), what, stub(PaperConfig(), 0, fish_models(), truth)

@@ -19,7 +19,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import aquafish_gym  # noqa: F401
 from aquafish_gym.engines.compiled import lanes
-from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import Step, Task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -88,15 +88,6 @@ def test_it_is_gymnasiums_sync_of_single_environments(mode: AutoresetMode) -> No
     theirs.close()
 
 
-def test_single_precision_stays_close() -> None:
-    envs = [make(dtype=d) for d in ("float32", "float64")]
-    for env in envs:
-        env.reset(seed=0)
-    for action in actions(1, 40):
-        a, b = (env.step(action)[0] for env in envs)
-    np.testing.assert_allclose(a, b, rtol=0, atol=1e-3)
-
-
 def test_observations_and_infos_are_not_reused() -> None:
     env = make()
     seen, info = env.reset(seed=0)
@@ -140,20 +131,6 @@ def test_a_copy_swims_on_as_the_original_does(
     for action in actions(8, 9):
         same(env.step(action), other.step(action))
     same(env.reset(), other.reset())
-
-
-def test_environments_side_by_side_do_not_touch() -> None:
-    kwargs: list[dict[str, Any]] = [{"damage": "caudal:missing"}, {"current": (0.3, 0.0, 0.0)}]
-    alone = []
-    for i in range(2):
-        env = make(**kwargs[i])
-        alone.append([env.reset(seed=i), *(env.step(action) for action in actions(i, 10))])
-    both = [make(**each) for each in kwargs]
-    for i in range(2):
-        same(both[i].reset(seed=i), alone[i][0])
-    for t in range(10):
-        for i in range(2):
-            same(both[i].step(actions(i, 10)[t]), alone[i][t + 1])
 
 
 def test_what_was_returned_is_the_callers() -> None:
@@ -332,37 +309,6 @@ def test_seeds_are_for_the_robots_that_are_reset() -> None:
     a, b = (env.reset()[1]["fin_angles"] for env in (ours, theirs))
     np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)
     theirs.close()
-
-
-def test_every_robot_has_a_frame() -> None:
-    env = make(num_envs=2, render_mode="rgb_array")
-    env.reset()
-    frames = env.render()
-    assert frames is not None
-    assert [f.shape for f in frames] == [(480, 640, 3)] * 2
-    assert make().render() is None
-
-
-@pytest.mark.parametrize(
-    ("kwargs", "sentence"),
-    [
-        ({"num_envs": 0}, "num_envs must be"),
-        ({"engine": "pybullet"}, "vectorization_mode"),
-        ({"engine": "nmba"}, "did you mean 'numba'"),
-        ({"dtype": "float16"}, "dtype must be one of"),
-        ({"autoreset_mode": "Next"}, "did you mean 'NextStep'"),
-        ({"threads": 0}, "threads must be"),
-        ({"render_mode": "human"}, "shows one robot"),
-        ({"morphology": [[0.0] * 9] * 2}, "one for all robots or num_envs = 3"),
-        ({"morphology": [[0.0] * 9, [0.0] * 9, [-1.0] * 9]}, "must lie in"),
-        ({"frame_skip": True}, "frame_skip must be"),
-        ({"frame_skip": 150}, "frame_skip must divide 2000"),
-        ({"observe_fins": "no"}, "observe_fins must be True, False or"),
-    ],
-)
-def test_bad_arguments_are_refused(kwargs: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(InvalidArgumentError, match=sentence):
-        AquaFishVectorEnv(**{"num_envs": COUNT, **kwargs})
 
 
 def test_bad_actions_and_masks_are_refused() -> None:

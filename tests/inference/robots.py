@@ -8,6 +8,7 @@ from scipy.stats import truncnorm
 
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
+from aquafish_gym.scenario import Scenario
 from eea.core.experiment import Performed
 from eea.fish.estimate import fish_actions
 from eea.fish.gap import RealityGap
@@ -91,10 +92,10 @@ class Robot(EngineTarget):
         self.logs.append(log.gyro[0])
         return Performed(log, command)
 
-    def _simulate(self, command: Floats, angles: Floats, current: Floats) -> ImuLog:
+    def _simulate(self, command: Floats, scenario: Scenario) -> ImuLog:
         if self.setting.world == "mujoco":
-            return simulate_mujoco(self.body, command, angles, self.setting.steps)
-        return super()._simulate(command, angles, current)
+            return simulate_mujoco(self.body, command, scenario.fin_angles[0], self.setting.steps)
+        return super()._simulate(command, scenario)
 
     @property
     def observed(self) -> Observed:

@@ -21,7 +21,7 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.api import simulate, simulate_scenario
 from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.engines.compiled.single import STATE, CompiledWorld
-from aquafish_gym.envs.aquafish import AquaFishEnv
+from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import layout

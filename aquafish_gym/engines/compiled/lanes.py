@@ -183,7 +183,8 @@ class LaneBatch:
         They stay where they are and keep their velocities; with ``keep_current`` their water also
         moves on as it does.
         """
-        parameters, conditions, _ = _rows_of(scenario)
+        parameters = robot_parameters(scenario.body, scenario.drag)
+        conditions = condition_rows(scenario.current, scenario.servo_gain, len(scenario))
         self._table(self._parameters, ROBOT_ROWS)[:, rows] = parameters
         first = SERVO_GAIN if keep_current else 0
         self._table(self._conditions, CONDITION_ROWS)[first:, rows] = conditions[first:]

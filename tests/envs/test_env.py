@@ -22,23 +22,15 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import aquafish_gym
-from aquafish_gym.command import scale_action
-from aquafish_gym.engines.compiled.single import CompiledWorld, compile_single
-from aquafish_gym.envs.aquafish import AquaFishEnv
-from aquafish_gym.envs.conditions import (
-    check_action,
-    check_single_action,
-    observation_space,
-    observe,
-    servo_speeds,
-)
+from aquafish_gym.command import scale_action, servo_speeds
+from aquafish_gym.engines.compiled.single import CompiledWorld
+from aquafish_gym.envs.env import AquaFishEnv
+from aquafish_gym.envs.episode import check_action, check_single_action, observation_space, observe
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.physics import compiling
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
-    UnknownNameError,
 )
 
 ENGINES = ("numba", "pybullet")
@@ -107,23 +99,6 @@ def test_both_engines_are_the_same_environment() -> None:
         np.testing.assert_allclose(ia["fin_angles"], ib["fin_angles"], rtol=0, atol=1e-9)
     for env in envs:
         env.close()
-
-
-def test_reactive_water_is_another_water_and_the_same_in_every_environment() -> None:
-    actions = np.random.default_rng(0).uniform(-1, 1, (20, 3)).astype(np.float32)
-
-    def seen(**kwargs: Any) -> Any:
-        env = make(**kwargs)
-        env.reset(seed=0)
-        return np.array([env.step(action)[0] for action in actions])
-
-    drag, water = seen(engine="numba"), seen(engine="numba", reactive=True)
-    assert abs(water - drag).max() > 0.01
-    np.testing.assert_allclose(seen(engine="pybullet", reactive=True), water, atol=1e-6)
-    many = gym.make_vec("AquaFish-v0", num_envs=2, dtype="float64", reactive=True)
-    many.reset(seed=0)
-    rows = np.array([many.step(np.stack([action, action]))[0][0] for action in actions])
-    np.testing.assert_array_equal(rows, water)
 
 
 @pytest.mark.parametrize("frame_skip", [5, 8, 100, 2000])
@@ -290,28 +265,6 @@ def test_a_copy_swims_on_as_the_original_does(clone: Callable[[gym.Env], gym.Env
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_environments_side_by_side_do_not_touch(engine: str) -> None:
-    settings: list[dict[str, Any]] = [
-        {"damage": "caudal:length=0.5"},
-        {"current": (0.3, 0.0, 0.0), "frame_skip": 8},
-    ]
-    actions = np.random.default_rng(4).uniform(-1, 1, (12, 2, 3)).astype(np.float32)
-    alone = []
-    for i, kwargs in enumerate(settings):
-        env = make(engine=engine, **kwargs)
-        alone.append([env.reset(seed=i), *(env.step(action[i]) for action in actions)])
-        env.close()
-    both = [make(engine=engine, **kwargs) for kwargs in settings]
-    for i, env in enumerate(both):
-        same(env.reset(seed=i), alone[i][0])
-    for t, action in enumerate(actions):
-        for i, env in enumerate(both):
-            same(env.step(action[i]), alone[i][t + 1])
-    for env in both:
-        env.close()
-
-
-@pytest.mark.parametrize("engine", ENGINES)
 def test_what_was_returned_is_the_callers(engine: str) -> None:
     """Writing into it changes nothing, and nothing is written into it."""
     env, other = make(engine=engine), make(engine=engine)
@@ -358,12 +311,6 @@ def test_one_robot_is_the_batchs_in_double_precision_to_the_last_bit() -> None:
             )
 
 
-def test_the_compiled_loop_is_never_older_than_its_physics() -> None:
-    """numba's cache goes by what the loop closes over; see ``compiling.source_stamp``."""
-    closed_over = [cell.cell_contents for cell in compile_single().py_func.__closure__]
-    assert compiling.source_stamp(compile_single) in closed_over
-
-
 @given(
     hnp.arrays(st.sampled_from([np.float32, np.float64]), 3, elements=st.floats(-2, 2, width=32))
 )
@@ -382,77 +329,6 @@ def test_a_pybullet_environment_stays_in_its_process() -> None:
         pickle.dumps(env)
     env.close()
     env.close()
-
-
-def test_workers_may_each_have_a_pybullet_environment() -> None:
-    vector = gym.make_vec("AquaFish-v0", num_envs=2, vectorization_mode="async")
-    single = make(engine="pybullet")
-    vector.reset(seed=0)
-    single.reset(seed=1)
-    seen, *_ = vector.step(np.stack([GO, GO]))
-    expected, *_ = single.step(GO)
-    assert (seen[1] == expected).all()
-    assert (seen[0] != seen[1]).any()
-    vector.close()
-    single.close()
-
-
-@pytest.mark.parametrize(
-    ("kwargs", "sentence"),
-    [
-        ({"engine": "bullet"}, "did you mean 'pybullet'"),
-        ({"damage": "left_pectorl:missing"}, "did you mean 'left_pectoral'"),
-        ({"damage": "left_pectoral:length=2"}, "left_pectoral.length"),
-        ({"morphology": {"tail": (1, 1, 1)}}, "morphology fin must be one of"),
-        ({"morphology": [-1.0] * 9}, "must lie in"),
-        ({"morphology": [1.0] * 8}, r"shape \(9,\)"),
-        ({"current": (0.0, 0.0)}, "current must have shape"),
-        ({"current": (0.0, math.nan, 0.0)}, "current must be finite"),
-        ({"fin_angles": "randon"}, "did you mean 'random'"),
-        ({"fin_angles": (0.0, 1.0)}, "fin_angles must have shape"),
-        ({"frame_skip": 0}, "frame_skip must be a whole number"),
-        ({"frame_skip": 2.5}, "frame_skip must be a whole number"),
-        ({"frame_skip": 7}, "frame_skip must divide 2000.*; got 7; the nearest are 5 and 8"),
-        ({"frame_skip": 1999}, "the nearest are 1000 and 2000"),
-        ({"observe_fins": "no"}, "observe_fins must be True, False or \"reckoned\"; got 'no'"),
-        ({"task": "forwards"}, "did you mean 'forward'"),
-        ({"task": 3}, "task must be a Task or one of forward, .*; got 3"),
-        ({"render_mode": "rgb"}, "did you mean 'rgb_array'"),
-    ],
-)
-def test_bad_arguments_are_refused(kwargs: dict[str, Any], sentence: str) -> None:
-    with pytest.raises(InvalidArgumentError, match=sentence):
-        AquaFishEnv(**{"engine": "numba", **kwargs})
-
-
-@pytest.mark.parametrize(
-    ("options", "sentence"),
-    [
-        ({"fin_angels": "zero"}, "did you mean 'fin_angles'"),
-        ({"damage": "caudal:broken"}, "damage must be one of"),
-        ({"morphology": [9.0] * 9}, "must lie in"),
-        ({"reset_mask": [True]}, "options must be one of"),
-        ("zero", "options must be a dictionary"),
-    ],
-)
-def test_bad_options_are_refused(options: Any, sentence: str) -> None:
-    with pytest.raises(InvalidArgumentError, match=sentence):
-        make().reset(options=options)
-
-
-@pytest.mark.parametrize("seed", [1.5, -1, "1"])
-def test_bad_seeds_are_refused(seed: Any) -> None:
-    with pytest.raises(InvalidArgumentError, match="seed must be a whole number"):
-        make().reset(seed=seed)
-
-
-def test_weights_and_flags_may_be_numpys() -> None:
-    env = make(task=SwimForward(ctrl_weight=np.array(0.5, np.float32)), observe_fins=np.bool_(True))
-    assert env.observation_space.shape == (15,)
-    env.reset()
-    reward = env.step(GO)[4]["reward_ctrl"]
-    assert type(reward) is float
-    assert reward == pytest.approx(-0.5 * float((GO.astype(float) ** 2).sum()))
 
 
 ENV = AquaFishEnv(engine="numba")
@@ -501,20 +377,3 @@ def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(EngineUnavailableError, match="no display"):
         gym.make("AquaFish-v0", engine="numba", render_mode="human")
     assert make().metadata["render_modes"] == ["rgb_array"]
-
-
-def test_frames_follow_the_robot() -> None:
-    env = make(render_mode="rgb_array")
-    env.reset()
-    first = env.render()
-    for _ in range(20):
-        env.step(GO)
-    second = env.render()
-    assert first.shape == second.shape == (480, 640, 3)
-    assert (first != second).any()
-    assert make().render() is None
-
-
-def test_engine_name_is_checked_like_any_name() -> None:
-    with pytest.raises(UnknownNameError):
-        AquaFishEnv(engine=3)  # type: ignore[arg-type]

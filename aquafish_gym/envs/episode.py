@@ -1,40 +1,42 @@
-"""What the single and the batched environment share: arguments, senses, start, information."""
+"""What the single and the batched environment share: arguments, starts, observations, info."""
 
 from __future__ import annotations
 
 import math
 from bisect import bisect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache
 from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym import command
 from aquafish_gym.damage import Damage
-from aquafish_gym.envs.course import Course, course_of
+from aquafish_gym.damage.schedule import edit_each
+from aquafish_gym.damage.sensors import Sensors
 from aquafish_gym.envs.tasks import Memory
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import TAU, Number, Vector
-from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
+from aquafish_gym.physics.arithmetic import Number, Vector
+from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
 Triple = tuple[float, float, float]
 
+NEVER = 2**62
 RECKONED = "reckoned"
 OPTIONS = ("fin_angles", "morphology", "damage")
 
 
 @dataclass(frozen=True)
-class Conditions:
-    """The robot, its water and how its fins stand at first; from :func:`check_conditions`.
+class EpisodeConfig:
+    """What an episode begins with; made by :func:`check_episode`.
 
-    ``fin_angles`` is ``"random"`` or three angles in rad; an episode lasts so many ``seconds``.
+    ``fin_angles`` is ``"random"`` or three angles in rad; ``seconds`` is the episode's length.
     """
 
     morphology: Morphology
@@ -43,18 +45,8 @@ class Conditions:
     current: Triple
     seconds: float
 
-    @cached_property
-    def _courses(self) -> dict[float, Course]:
-        return {}
-
-    def _course(self, dt: float) -> Course:
-        # To hash a damage for every robot would take longer than all else that a reset does.
-        if dt not in self._courses:
-            self._courses[dt] = course_of(self.damage, self.morphology, dt)
-        return self._courses[dt]
-
-    def with_options(self, options: object, also: tuple[str, ...] = ()) -> Conditions:
-        """Return one episode's, with the options of ``reset``; those in ``also`` are not read."""
+    def with_options(self, options: object, also: tuple[str, ...] = ()) -> EpisodeConfig:
+        """Return it with the options of ``reset``; those in ``also`` are not read."""
         if options is None:
             return self
         if not isinstance(options, Mapping):
@@ -74,43 +66,112 @@ class Conditions:
                     f"damage must strike before the episode ends at {self.seconds:g} s; got {fault}"
                 )
         if not found.damage.is_random:
-            course_of(found.damage, found.morphology, 1.0)  # raises if it does not fit the body
+            body = found.morphology.to_array()[None]
+            found.damage.edit(Scenario.fill({"body": body}))  # raises if it does not fit
         return found
 
-    def draw(
-        self, rng: np.random.Generator, dt: float, begin: Callable[[np.random.Generator], Memory]
-    ) -> tuple[Course, Floats, Memory]:
-        """Return what happens in an episode of steps of ``dt`` s, angles (3,) in rad, and a memory.
 
-        That is what ``begin`` draws. Damage draws after it, so that from one seed a broken robot is
-        to do what a whole one is.
-        """
-        if isinstance(self.fin_angles, str):
-            angles = rng.uniform(-math.pi, math.pi, 3)
-        else:
-            angles = np.array(self.fin_angles)
-        memory = begin(rng)
-        if self.damage.is_random:
-            course = course_of(self.damage.drawn(rng), self.morphology, dt)
-        else:
-            course = self._course(dt)
-        for fin, stands in enumerate(course.effects[0].stands):
-            if stands is not None:
-                random = isinstance(stands, str)
-                angles[fin] = rng.uniform(-math.pi, math.pi) if random else stands
-        return course, angles, memory
-
-
-def check_conditions(
+def check_episode(
     morphology: object, damage: object, current: ArrayLike, fin_angles: object, seconds: float
-) -> Conditions:
-    """Return conditions from an environment's arguments."""
-    water = finite_array("current", current, (3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s")
-    x, y, z = water.tolist()
-    whole = Conditions(Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), (x, y, z), seconds)
+) -> EpisodeConfig:
+    """Return the configuration of an environment's arguments."""
+    x, y, z = check_row("current", current).tolist()
+    whole = EpisodeConfig(Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), (x, y, z), seconds)
     return whole.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )
+
+
+def begin_episodes(
+    configs: Sequence[EpisodeConfig],
+    rngs: Sequence[np.random.Generator],
+    begin: Callable[[np.random.Generator], Memory],
+    hold: int,
+    reactive: bool = False,
+) -> tuple[Scenario, Floats]:
+    """Return a scenario of n robots, schedule included, and their tasks' memories (n, M).
+
+    Each robot draws its fin angles, then its task's memory (``begin``), then its damage: a seed
+    gives the same task with and without damage. ``hold`` is how many steps of 0.01 s an action is
+    held.
+    """
+    angles, memories, damages = np.empty((len(configs), 3)), [], []
+    for row, config, rng in zip(angles, configs, rngs, strict=True):
+        random = isinstance(config.fin_angles, str)
+        row[:] = rng.uniform(-math.pi, math.pi, 3) if random else config.fin_angles
+        memories.append(begin(rng))
+        damages.append(config.damage.sample(rng))
+    fields = {
+        "body": np.array([config.morphology.to_array() for config in configs]),
+        "fin_angles": angles,
+        "current": np.array([config.current for config in configs]),
+    }
+    scenario = edit_each(Scenario.fill(fields, reactive), damages, hold)
+    for robot, fin in np.argwhere(np.isnan(scenario.fin_angles)).tolist():
+        scenario.fin_angles[robot, fin] = rngs[robot].uniform(-math.pi, math.pi)
+    return scenario, np.array(memories, np.float64).reshape(len(configs), -1)
+
+
+class Robots:
+    """What B robots are now, and when damage changes that: a scenario that is played.
+
+    Attributes
+    ----------
+    now
+        The scenario (B robots) as it is.
+    next_change
+        (B,) the control step in which each robot changes next; ``NEVER`` if it does not.
+    sensors
+        What broken sensors make of observations.
+    """
+
+    def __init__(self, scenario: Scenario, hold: int) -> None:
+        self.now = scenario.copy()
+        self.next_change = np.full(len(scenario), NEVER)
+        self.sensors = Sensors(len(scenario))
+        self._hold = hold
+        # For each robot: control step, scenario and row in it, of the changes to come.
+        self._changes: list[list[tuple[int, Scenario, int]]] = [[] for _ in range(len(scenario))]
+
+    def start(self, rows: Rows, scenario: Scenario) -> None:
+        """Let the robots ``rows`` (n,) begin a scenario of n."""
+        for robot in rows.tolist():
+            self._changes[robot] = []
+        for step, changed, to in scenario.schedule:
+            for i, robot in enumerate(rows[changed].tolist()):
+                self._changes[robot].append((step // self._hold, to, i))
+        self.sensors.reset(rows)
+        self._set(rows, scenario)
+
+    def change(self, rows: Rows) -> None:
+        """Let the robots ``rows`` (n,) change as their schedules say next."""
+        together: dict[int, tuple[Scenario, list[int], list[int]]] = {}
+        for robot in rows.tolist():
+            _, to, i = self._changes[robot].pop(0)
+            _, robots, sources = together.setdefault(id(to), (to, [], []))
+            robots.append(robot)
+            sources.append(i)
+        for to, robots, sources in together.values():
+            self._set(np.array(robots), to.take(sources))
+
+    def _set(self, rows: Rows, scenario: Scenario) -> None:
+        for name, table in self.now.arrays().items():
+            table[rows] = vars(scenario)[name]
+        self.sensors.update(rows, scenario)
+        changes = self._changes
+        self.next_change[rows] = [changes[i][0][0] if changes[i] else NEVER for i in rows.tolist()]
+
+    def truth(self) -> dict[str, NDArray[Any]]:
+        """Return copies of what damage makes of the robots, by its names in ``info``."""
+        now = self.now
+        return {
+            "faults": now.faults.copy(),
+            "morphology": now.body.copy(),
+            "servo_gain": now.servo_gain.copy(),
+            "sensor_noise": now.gyro_noise.copy(),
+            "sensor_bias": now.sensor_bias.copy(),
+            "sensor_lost": now.sensor_stuck | now.sensor_dropped,
+        }
 
 
 def check_fin_angles(value: object) -> str | Triple:
@@ -147,7 +208,7 @@ def check_action(action: object, shape: tuple[int, ...]) -> Floats:
 
 
 def check_single_action(action: object) -> Triple:
-    """Return ``check_action(action, (3,))`` as plain floats, which one robot is quicker with."""
+    """Return ``check_action(action, (3,))`` as plain floats, with which one robot is faster."""
     if type(action) is np.ndarray and action.shape == (3,) and action.dtype.char in "fd":
         left, right, caudal = action.tolist()
         # NaN fails this, too, and is refused below.
@@ -157,14 +218,8 @@ def check_single_action(action: object) -> Triple:
     return (left, right, caudal)
 
 
-def servo_speeds(action: Vector, gains: Vector) -> Vector:
-    """Return the speeds of servos with these gains, rev/s, rev/s and Hz, for an action."""
-    left, right, caudal = command.servo_speeds(action)
-    return (gains[0] * left, gains[1] * right, gains[2] * caudal)
-
-
 def check_observe_fins(value: object) -> tuple[bool, bool]:
-    """Return whether the fins' angles are observed, and whether as reckoned rather than as true."""
+    """Return whether fin angles are observed, and whether reckoned rather than true."""
     if isinstance(value, str) and value == RECKONED:
         return True, True
     if not isinstance(value, bool | np.bool_):
@@ -174,11 +229,6 @@ def check_observe_fins(value: object) -> tuple[bool, bool]:
     return bool(value), False
 
 
-def reckon(angles: Vector, action: Vector, dt: float) -> Vector:
-    """Return fin angles, rad, after ``dt`` s of an action, if the servos do as commanded."""
-    return command.reckon(angles, command.servo_speeds(action), TAU * dt)
-
-
 def action_space() -> Box[np.float32]:
     """Return the space of actions: three servos in [-1, 1]."""
     return Box(-1.0, 1.0, (3,), np.float32)
@@ -186,7 +236,7 @@ def action_space() -> Box[np.float32]:
 
 @cache
 def limits(observe_fins: bool, has_goal: bool) -> Floats:
-    """Return what no observation can exceed: up, north, gyro, the fins' sines and cosines, goal."""
+    """Return the largest values of an observation: up, north, gyro, fins, goal."""
     most = [1.0] * 6 + [np.float32(GYRO_RANGE)] * 3  # the space's bound
     most += [1.0] * 6 * observe_fins + [GOAL_RANGE] * 3 * has_goal
     found = np.array(most, np.float64)
@@ -206,11 +256,11 @@ def observe(
     fin_angles: ArrayLike | None = None,
     way: Vector | None = None,
 ) -> NDArray[np.float32]:
-    """Return what the robot feels, shape (9,), or more with the fins' angles or a goal.
+    """Return the observation of whole sensors, (9,), or more with the fins' angles or a goal.
 
-    Every number may be a row (B,) instead; the answer is then (B, 9) or more. What leaves the
-    observation space saturates. The quaternion is x, y, z, w, from body to world; the gyro about
-    the body's axes, rad/s; the angles in rad; ``way`` is where the goal is from here, in the world.
+    Every number may be a row (B,) instead; the result is then (B, 9) or more. Values saturate at
+    the bounds of the observation space. The quaternion is x, y, z, w, from body to world; the gyro
+    about the body's axes, rad/s; the angles in rad; ``way`` leads to the goal, in the world.
     """
     x, y, z, w = quaternion
     xx, yz, wx = x * x, y * z, w * x
@@ -231,7 +281,7 @@ def observe(
 
 
 def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
-    """Return where the robot is and how fast it got there, in numbers or rows (B,)."""
+    """Return the ``info`` of positions and mean velocities, in numbers or rows (B,)."""
     x, y, z = after
     square = x * x + y * y + z * z
     root = math.sqrt if isinstance(square, float) else np.sqrt

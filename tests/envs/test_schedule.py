@@ -14,11 +14,10 @@ from hypothesis import strategies as st
 
 from aquafish_gym.damage import CHANNELS, Damage
 from aquafish_gym.engines.worlds import WORLDS, make_world
-from aquafish_gym.envs.aquafish import AquaFishEnv
-from aquafish_gym.envs.conditions import GYRO_RANGE
-from aquafish_gym.envs.course import course_of
+from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.imu import GYRO_RANGE
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -43,29 +42,6 @@ def swim(env: AquaFishEnv, steps: int, seed: int = 0) -> list[tuple[Any, dict[st
         observation, *_, info = env.step(rng.uniform(-1, 1, 3).astype(np.float32))
         found.append((observation, info))
     return found
-
-
-@given(st.lists(st.tuples(st.integers(0, 50), st.none() | st.integers(1, 20)), max_size=5))
-def test_a_step_is_broken_if_it_begins_at_the_onset_or_later(
-    times: list[tuple[int, int | None]],
-) -> None:
-    """Onsets and durations in hundredths of a second, steps of seven of them."""
-    faults = [
-        f"gyro_x:bias={2.0**-i}@{onset / 100}" + ("" if lasts is None else f"+{lasts / 100}")
-        for i, (onset, lasts) in enumerate(times)
-    ]
-    course = course_of(Damage.parse(";".join(faults)), NOMINAL, 0.07)
-    for step in range(12):
-        expected = sum(
-            2.0**-i
-            for i, (onset, lasts) in enumerate(times)
-            if onset <= 7 * step
-            # It breaks one step at least.
-            and (lasts is None or 7 * step < onset + lasts or 7 * (step - 1) < onset)
-        )
-        assert course.at(step).biases[CHANNELS.index("gyro_x")] == expected
-        until = min(course.next(step), 12)
-        assert all(course.at(between) is course.at(step) for between in range(step, until))
 
 
 def test_what_breaks_in_mid_swim_is_told_and_comes_back() -> None:
@@ -112,17 +88,6 @@ def test_a_robot_becomes_another_where_it_is_and_as_it_moves(engine: str) -> Non
         np.testing.assert_allclose(other, path("numba", BROKEN), rtol=0, atol=1e-9)
 
 
-@pytest.mark.parametrize("engine", WORLDS)
-def test_water_may_begin_to_flow(engine: str) -> None:
-    world = make_world(engine, Scenario.create())
-    world.advance((0.0, 0.0, 0.0), 100)
-    assert np.abs(world.state().position).max() < 1e-9
-    world.set_current((0.0, 0.5, 0.0))
-    world.advance((0.0, 0.0, 0.0), 200)
-    assert world.state().position[1] > 0.03
-    world.close()
-
-
 def test_a_seized_servo_stands_where_it_is_told_or_where_it_stood() -> None:
     found = swim(make(damage="left_pectoral:seized=1.0;right_pectoral:seized@1", frame_skip=25), 8)
     angles = np.array([info["fin_angles"] for _, info in found])
@@ -137,15 +102,6 @@ def test_a_dead_servo_stands_elsewhere_in_each_episode() -> None:
     phases = [{round(float(i["fin_angles"][2]), 9) for _, i in swim(env, 3, s)} for s in range(5)]
     assert [len(phase) for phase in phases] == [1] * 5
     assert len(set.union(*phases)) == 5
-
-
-def test_a_reversed_servo_turns_the_other_way() -> None:
-    found, other = (
-        swim(make(damage=damage, frame_skip=25, fin_angles="zero"), 1)[1][1]["fin_angles"]
-        for damage in ("left_pectoral:reversed", None)
-    )
-    assert found[0] == pytest.approx(-other[0])
-    assert found[1] == other[1]
 
 
 def test_a_sensor_says_what_its_faults_make_of_the_truth() -> None:
@@ -303,11 +259,6 @@ def test_what_would_strike_after_the_end_is_refused(damage: str) -> None:
         with pytest.raises(InvalidArgumentError, match="before the episode ends at 20 s; got"):
             make("AquaFish-v0", damage=damage)
         make("AquaFishRecovery-v0", damage=damage)
-
-
-def test_a_fault_shorter_than_a_step_breaks_one() -> None:
-    found = swim(make(damage="gyro:noise=0.3@1.05+0.1"), 10)
-    assert [int(info["faults"]) for _, info in found] == [0] * 6 + [1] + [0] * 4
 
 
 def test_a_current_beside_the_tasks_own_is_refused() -> None:

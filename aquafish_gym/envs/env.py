@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -10,13 +9,13 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.damage import Effect
-from aquafish_gym.engines.api import TIMESTEP, check_engine
+from aquafish_gym.command import reckon, servo_speeds
+from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World, make_world
-from aquafish_gym.envs import conditions
-from aquafish_gym.envs.course import Sensors
+from aquafish_gym.envs import episode
 from aquafish_gym.envs.tasks import Memory, Step, check_task, check_water
-from aquafish_gym.physics.arithmetic import Vector, subtract
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.arithmetic import TAU, Vector, subtract
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.rendering import (
     RENDER_MODES,
@@ -25,7 +24,7 @@ from aquafish_gym.rendering import (
     render_pose,
     usable_modes,
 )
-from aquafish_gym.scenario import Scenario
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
@@ -38,9 +37,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Description
 
     A capsule-shaped robot hangs weightless in water, moved by two pectoral flippers, which turn
-    right round, and a tail fin, which sweeps from side to side. It is to swim forward, or what
-    else its `task` is. What makes it hard is what it does not know: where its fins stand, what is
-    broken, and what will break.
+    right round, and a tail fin, which sweeps from side to side. The goal is set by `task`; by
+    default, to swim forward. The task is hard because the robot does not know its fins' angles,
+    what is broken, and what will break.
 
     It is the robot of the Estimation-Exploration Algorithm's studies of damage recovery. Drag
     is quadratic and scale-free; the unit of length is 5 cm. Axes: x to the right, y forward, z
@@ -48,8 +47,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Action Space
 
-    The action space is a `Box(-1, 1, (3,), float32)`: the three servos' speeds. What lies
-    outside is clipped; NaN is refused.
+    The action space is a `Box(-1, 1, (3,), float32)`: the three servos' speeds. Values outside
+    are clipped; NaN is refused.
 
     | Num | Action | Control Min | Control Max | Unit at -1 and 1 |
     |-----|--------|-------------|-------------|------------------|
@@ -59,14 +58,13 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Observation Space
 
-    What an inertial measurement unit gives: which way is up, which way is north (the world's y,
-    where the robot faces at the start), and its gyro, all in the robot's own axes. Up and north
-    hold the same as roll, pitch and yaw without their jumps, as an accelerometer and a compass
-    measure them. Velocity and damage are never observed, and where the robot is only where the
-    task has a goal: then as what a beacon there would tell. The fins' angles are hidden; with
-    `observe_fins=True` they are as a sensor would tell, with `"reckoned"` as who is told how they
-    stood at first can reckon from the commands, and wrong once a servo does not as it is told.
-    Broken sensors of the unit say something else.
+    The output of an inertial measurement unit: the directions up and north (the world's y, where
+    the robot faces at the start) and the gyro, all in the robot's own axes. Up and north hold the
+    same as roll, pitch and yaw without their jumps, as an accelerometer and a compass measure
+    them. Velocity, position and damage are never observed; a task with a goal adds the way to it.
+    The fins' angles are hidden. `observe_fins=True` adds the true angles; `"reckoned"` integrates
+    the commands from the true initial angles and is wrong under servo faults. Broken sensors
+    change the observation.
 
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
@@ -80,7 +78,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Rewards
 
     The reward is the sum of its terms, all of them in `info` (0 at a reset, so that its keys are
-    always the same). Of the task "forward" they are:
+    always the same). The terms of the task "forward" are:
 
     - *reward_forward*: the mean speed along the world's y over the step, in units/s.
     - *reward_ctrl*: minus 1e-4 times the sum of the squares of the action.
@@ -89,17 +87,16 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     `info` also holds `x_position`, `y_position`, `z_position` (units), `x_velocity`,
     `y_velocity`, `z_velocity` (means over the step, units/s), `distance_from_origin`,
-    `diverged`, and the truth that is hidden from the observation, in numbers: `fin_angles` (left,
-    right angle and tail phase, rad), `faults` (how many things are broken now), `morphology` (the
-    nine sizes of the body as it is), `servo_gain` (speed is gain times command), `sensor_noise`
-    (of the gyro, rad/s), and of channels 0-8 `sensor_bias` and `sensor_lost` (stuck or dropped).
+    `diverged`, and hidden truth in numbers: `fin_angles` (left, right angle and tail phase, rad),
+    `faults` (how many are active), `morphology` (the nine sizes of the present body), `servo_gain`
+    (speed over command), `sensor_noise` (of the gyro, rad/s), and for channels 0-8 `sensor_bias`
+    and `sensor_lost` (stuck or dropped).
 
     ## Starting State
 
-    At rest at the origin, upright, facing along y. `fin_angles` says how the fins stand:
-    `"random"` (uniform on the circle, drawn anew at every reset, since nobody knows where the fins
-    of a robot at sea are), `"zero"` (flippers straight back, tail straight and about to sweep) or
-    three angles in rad.
+    At rest at the origin, upright, facing along y. The fins start as `fin_angles` sets them:
+    `"random"` (uniform on the circle, drawn at every reset), `"zero"` (flippers straight back,
+    tail straight and about to sweep) or three angles in rad.
 
     `reset(options=...)` takes `fin_angles`, `morphology` and `damage` for that episode alone.
 
@@ -107,9 +104,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ### Termination
 
-    Only if the simulation diverges, which was seen of bodies with each size at an end of its range
-    in a current of 20 units/s along every axis, at one start in 2000, and else never. `info` then
-    has `diverged` true, the reward is 0 and the observation is the last good one.
+    Only if the simulation diverges. This was seen at one start in 2000 with every size at an end
+    of its range in a current of 20 units/s along every axis, and never otherwise. `info` then has
+    `diverged` true, the reward is 0 and the observation is the last good one.
 
     ### Truncation
 
@@ -137,9 +134,9 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     | `task` | str or Task | `"forward"` | or `"station"`, `"waypoint"`, `"recovery"`, a Task |
     | `reactive` | bool | `False` | whether the water also has added mass; see `simulate` |
 
-    An environment on the engine numba can be pickled and copied, also in mid-episode, and goes on
-    as the original does. One on PyBullet belongs to its process: once reset, it cannot be pickled,
-    and after a fork it refuses to work.
+    An environment on the engine numba can be pickled and copied, also in mid-episode, and then
+    behaves as the original. One on PyBullet belongs to its process: once reset, it cannot be
+    pickled, and after a fork it refuses to work.
 
     ## Version History
 
@@ -170,33 +167,32 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         reactive: bool = False,
     ) -> None:
         self.task = check_task(task)
-        self._conditions = conditions.check_conditions(
+        self._config = episode.check_episode(
             morphology, damage, current, fin_angles, self.task.seconds
         )
-        check_water(self.task, self._conditions.current)
+        check_water(self.task, self._config.current)
         self._engine = check_engine(engine)
-        self._observe_fins, self._reckons = conditions.check_observe_fins(observe_fins)
+        self._observe_fins, self._reckons = episode.check_observe_fins(observe_fins)
         self._reactive = flag("reactive", reactive)
-        self.frame_skip = conditions.check_frame_skip(frame_skip, self.task.seconds)
+        self.frame_skip = episode.check_frame_skip(frame_skip, self.task.seconds)
         self.render_mode = check_render_mode(render_mode)
-        # The class says which modes there are, the environment which of them work here.
-        fps = max(1, round(1 / self.dt))
-        self.metadata = {"render_modes": usable_modes(), "render_fps": fps}
-        self.action_space = conditions.action_space()
-        space = conditions.observation_space(self._observe_fins, self.task.has_goal)
-        self.observation_space = space
+        # The class states which modes there are, the environment which of them work here.
+        self.metadata = {
+            "render_modes": usable_modes(), "render_fps": max(1, round(1 / self.dt))
+        }  # fmt: skip
+        self.action_space = episode.action_space()
+        self.observation_space = episode.observation_space(self._observe_fins, self.task.has_goal)
+        self._limits = episode.limits(self._observe_fins, self.task.has_goal)
         self._world: World | None = None
         self._window: Window | None = None
         self._steps = self._last = 0
-        self._sensors = Sensors(1)
-        chance = np.random.default_rng(0)
-        self._course, *_ = self._conditions.draw(chance, self.dt, self.task.begin)
-        self._effect = self._course.effects[0]
+        self._robots = episode.Robots(Scenario.create(self._config.morphology), self.frame_skip)
+        self._read_robot()
         self._memory: Memory = ()
-        # What is now, or was before the robot diverged.
-        self._fin_angles: conditions.Triple = (0.0, 0.0, 0.0)
+        # The present state, or the last one before the robot diverged.
+        self._fin_angles: Vector = (0.0, 0.0, 0.0)
         self._reckoned: Vector = self._fin_angles
-        self._state = at_rest(self._fin_angles)
+        self._state = at_rest((0.0, 0.0, 0.0))
 
     @property
     def dt(self) -> float:
@@ -206,44 +202,32 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; the seed is for what is left to chance.
+        """Begin an episode; the seed is for its random choices.
 
         ``options`` are ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
         """
         number = None if seed is None else integer("seed", seed, 0)
-        episode = self._conditions.with_options(options)  # may refuse
+        config = self._config.with_options(options)  # may refuse
         super().reset(seed=number)
-        drawn = episode.draw(self.np_random, self.dt, self.task.begin)
-        self._course, angles, self._memory = drawn
-        start = Scenario.fill(
-            {
-                "body": self._course.effects[0].body.to_array()[None],
-                "fin_angles": angles[None],
-                "current": np.array([episode.current]),
-            },
-            self._reactive,
+        start, memories = episode.begin_episodes(
+            [config], [self.np_random], self.task.begin, self.frame_skip, self._reactive
         )
-        self._start = start
+        self._memory = tuple(memories[0].tolist())
         if self._world is None:
             self._world = make_world(self._engine, start)
         else:
             self._world.reset(start)
+        self._robots.start(ONLY, start)
+        self._read_robot()
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
         self._reckoned = self._fin_angles
         self._steps, self._last = 0, round(self.task.seconds / self.dt)
-        self._sensors.reset([0])
-        self._enter(self._course.effects[0])
         here = self._state.position
         if self.render_mode == "human":
             self.render()
         still = Step(here, here, self._state.orientation, (0.0, 0.0, 0.0), self._memory, self.dt)
         nothing = dict.fromkeys(self.task.reward_terms(still), 0.0)
-        return self._observation(), self._info(here, here) | nothing
-
-    def _enter(self, effect: Effect) -> None:
-        """Have the robot be as damage makes it from now on."""
-        self._effect = effect
-        self._sensors.become([0], effect)
+        return self._observe(), self._info(here) | nothing
 
     def step(
         self, action: NDArray[np.float32]
@@ -255,77 +239,100 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         InvalidArgumentError, ResetNeeded
             If the action is not three finite numbers, or the episode is over.
         """
-        checked = conditions.check_single_action(action)
-        world, task = self._world, self.task
-        if world is None or self._steps == self._last:
-            raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
-        water = task.current(self._memory, self._steps * self.dt)
-        if water is not None:
-            x, y, z = map(float, water)
-            world.set_current((x, y, z))
-        world.advance(conditions.servo_speeds(checked, self._effect.gains), self.frame_skip)
-        self._steps += 1
+        checked = episode.check_single_action(action)
         before = self._state.position
-        diverged = world.diverged
-        if not diverged:
-            self._state, self._fin_angles = world.state(), world.fin_angles
-            self._reckoned = conditions.reckon(self._reckoned, checked, self.dt)
-        here = self._state.position
-        step = Step(before, here, self._state.orientation, checked, self._memory, self.dt)
-        terms = {name: float(value) for name, value in task.reward_terms(step).items()}
+        diverged = self._simulate(checked)
+        terms = self._reward(before, checked, diverged)
         if diverged:
-            self._steps, terms = self._last, dict.fromkeys(terms, 0.0)
-        else:
-            self._memory = task.remember(step)
-            effect = self._course.at(self._steps)
-            if effect is not self._effect:
-                if effect.body != self._effect.body:
-                    world.update(replace(self._start, body=effect.body.to_array()[None]))
-                self._enter(effect)
-        info = self._info(before, here)
+            self._steps = self._last
+        elif self._steps == self._next_change:
+            self._change()
+        info = self._info(before)
         info.update(terms)
         info["diverged"] = diverged
         if self.render_mode == "human":
             self.render()
         truncated = self._steps == self._last and not diverged
-        return self._observation(), sum(terms.values()), diverged, truncated, info
+        return self._observe(), sum(terms.values()), diverged, truncated, info
 
-    def _observation(self) -> Observation:
+    def _simulate(self, action: Vector) -> bool:
+        """Swim one step; return whether the robot diverged, and then keep its last state."""
+        world = self._world
+        if world is None or self._steps == self._last:
+            raise ResetNeeded("the episode is over or has not begun: call reset() before step()")
+        water = self.task.current(self._memory, self._steps * self.dt)
+        if water is not None:
+            x, y, z = map(float, water)
+            world.set_current((x, y, z))
+        speeds = servo_speeds(action)
+        world.advance(speeds, self.frame_skip)
+        self._steps += 1
+        diverged = world.diverged
+        if not diverged:
+            self._state, self._fin_angles = world.state(), world.fin_angles
+            if self._reckons:
+                self._reckoned = reckon(self._reckoned, speeds, TAU * self.dt)
+        return diverged
+
+    def _reward(self, before: Vector, action: Vector, diverged: bool) -> dict[str, float]:
+        """Return the terms of the reward, and let the task remember the step."""
+        state = self._state
+        step = Step(before, state.position, state.orientation, action, self._memory, self.dt)
+        terms = {name: float(value) for name, value in self.task.reward_terms(step).items()}
+        if diverged:
+            return dict.fromkeys(terms, 0.0)
+        self._memory = self.task.remember(step)
+        return terms
+
+    def _change(self) -> None:
+        """Let the robot become what its schedule says."""
+        self._robots.change(ONLY)
+        self._read_robot()
+        if self._world is not None:
+            self._world.update(self._robots.now)
+
+    def _observe(self) -> Observation:
         state, way = self._state, None
         if self.task.has_goal:
             way = subtract(self.task.goal(self._memory), state.position)
         fins = None
         if self._observe_fins:
             fins = self._reckoned if self._reckons else self._fin_angles
-        seen = conditions.observe(state.orientation, state.spin, fins, way)
-        if not self._sensors.broken:
-            return seen
-        most = conditions.limits(self._observe_fins, self.task.has_goal)
-        said: Observation = self._sensors.say(seen[None], most, [self.np_random], ONLY)[0]
-        return said
+        truth = episode.observe(state.orientation, state.spin, fins, way)
+        sensors = self._robots.sensors
+        if not sensors.broken:
+            return truth
+        observed: Observation = sensors.observe(
+            truth[None], self._limits, [self.np_random], ONLY
+        )[0]  # fmt: skip
+        return observed
 
-    def _info(self, before: Vector, after: Vector) -> dict[str, Any]:
-        return conditions.motion_info(before, after, self.dt) | {
+    def _read_robot(self) -> None:
+        self._truth = {name: np.array(rows[0]) for name, rows in self._robots.truth().items()}
+        self._next_change = int(self._robots.next_change[0])
+
+    def _info(self, before: Vector) -> dict[str, Any]:
+        return episode.motion_info(before, self._state.position, self.dt) | {
             "diverged": False,
             "fin_angles": np.array(self._fin_angles),
-            **{name: value.copy() for name, value in self._effect.truth.items()},
+            **{name: value.copy() for name, value in self._truth.items()},
         }
 
     def render(self) -> Any:
         """Return a frame (480, 640, 3) uint8, or show it in the window; None without a mode."""
         if self.render_mode is None:
             return None
+        body = Morphology.from_array(self._robots.now.body[0])
         pose = (self._state.position, self._state.orientation)
-        angles = self._fin_angles
         if self.render_mode == "human":
             if self._window is None:
                 self._window = Window()
-            self._window.show(self._effect.body, pose, angles)
+            self._window.show(body, pose, self._fin_angles)
             return None
-        return render_pose(self._effect.body, pose, angles)
+        return render_pose(body, pose, self._fin_angles)
 
     def close(self) -> None:
-        """Give back what the engine and the window hold; closing twice does no harm."""
+        """Free what the engine and the window hold; closing twice does no harm."""
         if self._world is not None:
             self._world.close()
             self._world = None
