@@ -15,18 +15,18 @@ import sys
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future
+from concurrent.futures import CancelledError, Executor, Future, wait
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Any, Protocol, TypeVar
 
 from aquafish_gym.runs.storage import (
-    CannotWriteError,
     DamagedFileError,
     decode_document,
     encode_document,
     read_document,
     write_bytes,
+    write_document,
 )
 from aquafish_gym.runs.workers import WorkerDiedError, interrupts, workers
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -35,9 +35,11 @@ SCHEMA = "aquafish.result/1"
 SECONDS = "aquafish.seconds/1"
 TRIES = 3  # how often a job whose workers die is started
 _TICK = 0.5  # s; the longest that Ctrl-C may have to wait
+_PATIENCE = 3.0  # s; a warm-up that takes longer is reported
 _LONGEST = 300  # characters of a reason
 
-Report = Callable[[str, bool], None]
+Answer = tuple[bytes | None, Any, str]  # a result's file, its times, and why there is none
+Report = Callable[[str, int], None]  # a line, and by how many jobs the bar advances
 
 
 class JobLike(Protocol):
@@ -95,17 +97,28 @@ def run_jobs(
             print(f"damaged: {folder / job.file}; {job.name} runs again", file=sys.stderr)
     if not missing:
         return []
-    written: set[Job] = set()
+    left, failures = len(missing), []
     try:
-        with interrupts(), workers(count, scheduler) as executor, _progress(len(missing)) as report:
+        with interrupts(), workers(count, scheduler) as executor, _progress(left) as report:
             if warm_up is not None:
                 _warm_up(executor, warm_up, missing, report)
-            return _Run(work, folder, executor, report, describe, written).run(missing)
+            for job, (content, seconds, reason) in _run_all(executor, work, missing, report):
+                left -= 1
+                if content is None:
+                    failures.append(f"{job.name}: {' '.join(reason.split())[:_LONGEST]}")
+                    report(f"failed: {failures[-1]}", 1)
+                    continue
+                result = _without_job(job, decode_document(content, job.name, SCHEMA), job.name)
+                path = folder / job.file
+                if seconds is not None:
+                    write_document(_beside(path), {"seconds": seconds}, SECONDS)
+                write_bytes(path, content)
+                report(f"{job.name}  {describe(result)}".rstrip(), 1)
     except KeyboardInterrupt:
-        left = len(missing) - len(written)
         raise KeyboardInterrupt(
             f"interrupted with {left} of {len(jobs)} jobs to do; the same command resumes"
         ) from None
+    return failures
 
 
 def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
@@ -147,94 +160,59 @@ def _beside(path: Path) -> Path:
 def _warm_up(
     executor: Executor, warm_up: Callable[[Sequence[Job]], object], jobs: list[Job], report: Report
 ) -> None:
-    report("warming up: the first run on a machine compiles, for a minute or two", False)
     future = executor.submit(warm_up, jobs)
+    if not wait([future], _PATIENCE).done:
+        report("warming up: the first run on a machine compiles, for a minute or two", 0)
     try:
-        while True:
-            try:
-                future.result(timeout=_TICK)
-                return
-            except TimeoutError:
-                if future.done():
-                    raise
+        future.result()
     except WorkerDiedError as error:
         raise OSError(f"no job was started: {error}") from None
 
 
-class _Run:
-    """One call of :func:`run_jobs`."""
+def _run_all(
+    executor: Executor, work: Callable[[Job], dict[str, Any]], jobs: Sequence[Job], report: Report
+) -> Iterator[tuple[Job, Answer]]:
+    """Yield each job when it ends, with what :func:`run_job` returned."""
+    ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+    pending: dict[Future[Any], Job] = {}
+    tries: Counter[Job] = Counter()
 
-    def __init__(
-        self,
-        work: Callable[[Any], dict[str, Any]],
-        folder: Path,
-        executor: Executor,
-        report: Report,
-        describe: Callable[[dict[str, Any]], str],
-        written: set[Any],
-    ) -> None:
-        self.work, self.folder, self.executor = work, folder, executor
-        self.report, self.describe, self.written = report, describe, written
-        self.ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        self.pending: dict[Future[Any], Any] = {}
-        self.tries: Counter[Any] = Counter()
-        self.failures: list[str] = []
+    def submit(job: Job) -> None:
+        tries[job] += 1
+        future = executor.submit(run_job, work, job)
+        pending[future] = job
+        future.add_done_callback(ended.put)
 
-    def run(self, jobs: Sequence[Any]) -> list[str]:
-        try:
-            for job in jobs:
-                self._submit(job)
-            while self.pending:
-                try:
-                    self._conclude(self.ended.get(timeout=_TICK))
-                except queue.Empty:
+    try:
+        for job in jobs:
+            submit(job)
+        while pending:
+            try:
+                future = ended.get(timeout=_TICK)
+            except queue.Empty:
+                continue
+            job = pending.pop(future)
+            try:
+                answer = future.result()
+            except WorkerDiedError as error:
+                if tries[job] < TRIES:
+                    report(f"{job.name}: {error}; it starts again", 0)
+                    submit(job)
                     continue
-        finally:
-            for future in self.pending:
-                future.cancel()
-        return self.failures
-
-    def _submit(self, job: Any) -> None:
-        self.tries[job] += 1
-        future = self.executor.submit(run_job, self.work, job)
-        self.pending[future] = job
-        future.add_done_callback(self.ended.put)
-
-    def _conclude(self, future: Future[Any]) -> None:
-        job = self.pending.pop(future)
-        try:
-            content, seconds, reason = future.result()
-        except WorkerDiedError as error:
-            if self.tries[job] < TRIES:
-                self.report(f"{job.name}: {error}; it starts again", False)
-                self._submit(job)
-            else:
-                self._fail(job, f"{error}, {TRIES} times")
-        except CancelledError:
-            raise OSError("the workers have gone") from None
-        except OSError as error:
-            raise OSError(f"no process can start: {error.strerror or error}") from error
-        except Exception as error:  # such as dask's KilledWorker, which has advice to add
-            self._fail(job, f"{type(error).__name__}: {error}".partition(". ")[0])
-        else:
-            if content is None:
-                self._fail(job, reason)
-                return
-            result = _without_job(job, decode_document(content, job.name, SCHEMA), job.name)
-            path = self.folder / job.file
-            if seconds is not None:
-                _write(_beside(path), encode_document({"seconds": seconds}, SECONDS))
-            _write(path, content)
-            self.written.add(job)
-            self.report(f"{job.name}  {self.describe(result)}".rstrip(), True)
-
-    def _fail(self, job: Any, reason: str) -> None:
-        sentence = f"{job.name}: {' '.join(reason.split())[:_LONGEST]}"
-        self.failures.append(sentence)
-        self.report(f"failed: {sentence}", True)
+                answer = None, None, f"{error}, {TRIES} times"
+            except CancelledError:
+                raise OSError("the workers have gone") from None
+            except OSError as error:
+                raise OSError(f"no process can start: {error.strerror or error}") from error
+            except Exception as error:  # such as dask's KilledWorker, which has advice to add
+                answer = None, None, f"{type(error).__name__}: {error}".partition(". ")[0]
+            yield job, answer
+    finally:
+        for future in pending:
+            future.cancel()
 
 
-def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes | None, Any, str]:
+def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> Answer:
     """Run a job; return its file's bytes and its times, or ``None`` twice and why it failed."""
     try:
         result = work(job)
@@ -268,7 +246,7 @@ def _progress(total: int) -> Iterator[Report]:
     with Progress(*columns, text, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
 
-        def report(text: str, ended: bool) -> None:
+        def report(text: str, ended: int) -> None:
             nonlocal done
             done += ended
             bar.update(task, completed=done, description=text)
@@ -284,14 +262,6 @@ def _without_job(job: JobLike, document: dict[str, Any], name: str) -> dict[str,
     if document.pop("job", None) != job.file:
         raise DamagedFileError(f"{name} holds the result of another job than {job.name}")
     return document
-
-
-def _write(path: Path, content: bytes) -> None:
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise CannotWriteError(f"cannot create {path.parent}: {error.strerror}") from error
-    write_bytes(path, content)
 
 
 def _check_files(jobs: Sequence[JobLike]) -> None:
