@@ -1,4 +1,4 @@
-"""Controllers of every class swim side by side, and feel what they say they feel."""
+"""Classes of controllers and their senses: batches agree with single swims."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ def make(name: str, seed: int = 0, **changes: Any) -> Controller:
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("changes", [{}, {"output": "clip"}, {"interval": 20}])
-def test_alone_or_side_by_side_it_is_the_same_swim(name: str, changes: dict[str, Any]) -> None:
-    """The lanes run the very functions that one robot in plain Python does."""
+def test_batch_agrees_with_single_swims(name: str, changes: dict[str, Any]) -> None:
     controllers = [make(name, seed, **changes) for seed in range(3)]
     others = [make("linear"), make("mlp", 1)]
     found = swim_all([*controllers, *others], BODY, POSES, 2.0, "float64", threads=1)
@@ -44,7 +43,7 @@ def test_alone_or_side_by_side_it_is_the_same_swim(name: str, changes: dict[str,
 
 
 @pytest.mark.parametrize("name", NAMES)
-def test_json_keeps_everything(name: str) -> None:
+def test_json_round_trip(name: str) -> None:
     controller = make(name, 1, output="clip", interval=7)
     text = json.dumps(controller.to_dict(), allow_nan=False)
     again = Controller.from_dict(json.loads(text))
@@ -54,8 +53,7 @@ def test_json_keeps_everything(name: str) -> None:
 
 
 @pytest.mark.parametrize("gain", [1.0, 0.9])
-def test_fins_are_where_the_commands_have_brought_them(gain: float) -> None:
-    """A controller that says where it believes its fins are is right, if its belief is."""
+def test_fins_are_tracked_by_dead_reckoning(gain: float) -> None:
     senses = Senses(imu=False, clock=0, fins=True)
     weights = np.zeros((3, 9))
     weights[np.arange(3), [0, 3, 4]] = 0.1  # the sine of one, the cosine of another
@@ -80,8 +78,7 @@ def scaled(action: Any) -> Any:
     return scale_action(action)
 
 
-def test_what_it_is_told_of_its_fins_is_all_that_it_knows() -> None:
-    """It swims by its belief, not by the truth."""
+def test_controller_uses_the_assumed_fin_angles() -> None:
     controller = make("recurrent", 1)
     right = swim_all([controller], BODY, POSES, 2.0, threads=1)
     wrong = swim_all([controller], BODY, POSES, 2.0, threads=1, believed=POSES + 1.0)
@@ -99,7 +96,7 @@ def test_what_it_is_told_of_its_fins_is_all_that_it_knows() -> None:
     assert told.distance == pytest.approx(float(wrong[0, 0]), abs=1e-3)
 
 
-def test_a_new_swim_remembers_nothing_of_the_last_one() -> None:
+def test_memory_starts_at_zero_in_each_swim() -> None:
     controller = make("recurrent", 2)
     first, second = (swim(controller, BODY, engine="numba", seconds=1.0) for _ in range(2))
     assert first.distance == second.distance
@@ -116,7 +113,7 @@ def test_a_new_swim_remembers_nothing_of_the_last_one() -> None:
         ({"believed": np.full((3, 3), np.nan)}, "believed must be finite"),
     ],
 )
-def test_a_bad_belief_is_refused(wrong: dict[str, Any], says: str) -> None:
+def test_bad_assumed_angles_are_refused(wrong: dict[str, Any], says: str) -> None:
     with pytest.raises(InvalidArgumentError, match=says):
         swim_all([make("linear")], BODY, POSES, 1.0, **wrong)
 
@@ -134,6 +131,6 @@ def test_a_bad_belief_is_refused(wrong: dict[str, Any], says: str) -> None:
         ({"senses": {"imu": 1, "clock": 1, "fins": False}}, r"controller\.senses\.imu must be"),
     ],
 )
-def test_a_broken_network_is_refused(changes: dict[str, Any], says: str) -> None:
+def test_bad_network_is_refused(changes: dict[str, Any], says: str) -> None:
     with pytest.raises(InvalidArgumentError, match=says):
         make("recurrent", 0, **changes)

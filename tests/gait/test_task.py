@@ -33,7 +33,7 @@ def make(senses: Senses, seed: int, interval: int = 20) -> Controller:
     return template.controller(vector, 0.7, BODY, 0)
 
 
-def test_to_swim_forward_is_the_lanes_swim() -> None:
+def test_forward_task_is_swim_all() -> None:
     """But for the little price of effort, which this task leaves out."""
     controllers = [make(Senses(fins=True), seed) for seed in range(2)]
     task = SwimForward(seconds=4.0, ctrl_weight=0.0)
@@ -55,7 +55,7 @@ def test_agent_acts_as_one_policy_for_each_robot() -> None:
         seen, *_ = env.step(action)
 
 
-def test_what_is_left_to_chance_follows_from_the_seed_and_is_shared() -> None:
+def test_random_tasks_follow_from_the_seed() -> None:
     controllers = [make(Senses(goal=True), seed) for seed in (0, 0, 1)]
     one = perform(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=5)
     again = perform(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=5)
@@ -68,7 +68,7 @@ def test_what_is_left_to_chance_follows_from_the_seed_and_is_shared() -> None:
         perform(controllers, [BODY, BODY], POSES, task="waypoint")
 
 
-def test_a_task_is_evolved_and_goes_on_to_the_same_bytes(tmp_path: Path) -> None:
+def test_task_is_evolved_and_resumes_to_the_same_bytes(tmp_path: Path) -> None:
     config = EvolveConfig(
         search="cma", controller="linear", task="station", interval=500, restarts=1,
         random_candidates=2, generations=3, population=10, poses=1,

@@ -1,4 +1,4 @@
-"""A gait on its own body and on another."""
+"""Comparison of a gait on its own body and on another."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def test_distances_are_those_of_single_swims() -> None:
     assert len(document["native"]["random_distances"]) == len(document["poses"]) == 3
 
 
-def test_a_target_is_whatever_makes_a_body() -> None:
+def test_target_is_anything_that_makes_a_body() -> None:
     config = TransferConfig(poses=1, seconds=0.1, target_engine="numba")
     one, other = (
         transfer(make_controller(), body, config).target
@@ -94,13 +94,6 @@ def test_custom_controller_is_transferred() -> None:
     np.testing.assert_array_equal(both.target.random_distances, far)
 
 
-def test_a_network_and_its_policy_alone_swim_alike() -> None:
-    controller = make_controller()
-    one = swim(controller, None, engine="numba", seconds=1.0)
-    other = swim(controller.policy(), None, engine="numba", seconds=1.0)
-    np.testing.assert_array_equal(one.position, other.position)
-
-
 @pytest.mark.parametrize(
     ("controller", "message"),
     [
@@ -115,7 +108,7 @@ def test_bad_policy_is_refused(controller: Any, message: str) -> None:
         swim(controller, None, engine="numba", seconds=0.1)
 
 
-def test_a_controller_without_a_body_needs_one() -> None:
+def test_native_body_is_required() -> None:
     with pytest.raises(InvalidArgumentError, match="native must be given"):
         transfer(constant(0.0, 0.0, 1.0), None, QUICK)
 
@@ -137,7 +130,7 @@ def test_paths_are_drawn_from_above(tmp_path: Path) -> None:
     assert (tmp_path / "history.png").stat().st_size > 1000
 
 
-def test_a_robot_that_diverged_is_null_in_json() -> None:
+def test_diverged_distance_is_null_in_json() -> None:
     from gait.rollout import Swim
     from gait.transfer import Scored, Transfer
 
