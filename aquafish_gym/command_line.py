@@ -96,9 +96,6 @@ TargetEngine = Annotated[
     Literal["auto", "pybullet", "numba"],
     arg(help="Engine of the target; auto is PyBullet where it is installed, else numba."),
 ]
-ModelEngine = Annotated[
-    Literal["numba", "auto", "pybullet"], arg(help="Engine of the candidate models.")
-]
 Threads = Annotated[int | None, arg(help="Cores to use; None for all. No result depends on it.")]
 
 
