@@ -17,7 +17,9 @@ BLOCK = re.compile(
 )
 # The quick run searches less. It compares the output of a block that it changed without numbers.
 SMALLER = {
-    'search="cma"': 'search="cma", generations=1, random_candidates=6, restarts=1, poses=2',
+    "EvolveConfig(seed=0": (
+        "EvolveConfig(generations=1, random_candidates=6, restarts=1, poses=2, seed=0"
+    ),
     "PaperConfig(rounds=3)": "PaperConfig(rounds=1)",
     "learn(4096)": "learn(2048)",
 }
