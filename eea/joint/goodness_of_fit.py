@@ -1,4 +1,4 @@
-"""Does the best fit explain what was felt? A test with a stated false-alarm rate."""
+"""Goodness of fit: tests whether residuals are noise, at a stated rate of false alarms."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import chdtrc, log_ndtr
 
-from eea.core.checks import ConfigurationError, brief, finite, real, whole
+from eea.core.angles import Floats
+from eea.core.checks import ConfigurationError, brief, finite
 
-Floats = NDArray[np.float64]
-
-LAGS = 10  # samples, over which residuals are held against one another
-ALARM = 1e-3  # the false-alarm rate
+LAGS = 10  # samples
+ALARM = 1e-3  # rate of false alarms
+FLOOR = 1e-6  # rad/s: residuals of a smaller rms are rounding
 
 
 @dataclass(frozen=True)
 class Goodness:
-    """How well the best fit explains the logs.
+    """The result of :func:`goodness_of_fit`.
 
     Examples
     --------
@@ -32,14 +32,14 @@ class Goodness:
     noise: neighbouring samples correlate by 0.68 (p < 1e-6)
     """
 
-    rms: float  #: Of the residuals, in their unit.
-    #: The chance of residuals as large from noise of the known sd; None if it is not known.
+    rms: float  #: Of the residuals, rad/s.
+    #: The p-values of: size, from noise of the known sd (None if it is unknown), correlation in
+    #: time from white noise, and the largest residual from normal noise.
     size_p: float | None
-    #: The chance of residuals as correlated in time from white noise.
     whiteness_p: float
-    peak_p: float  #: The chance of a largest residual as large from normal noise.
-    p: float  #: Of all together (Bonferroni): the chance of an alarm at this level.
-    good: bool  #: Whether ``p`` is at least the alarm's rate.
+    peak_p: float
+    p: float  #: Of all together (Bonferroni).
+    good: bool  #: Whether ``p`` is at least the rate of false alarms.
     verdict: str  #: In a sentence.
 
 
@@ -48,67 +48,54 @@ def goodness_of_fit(
     parameters: int,
     sigma: float | None = None,
     *,
-    floor: float = 1e-6,
-    lags: int = LAGS,
     alarm: float = ALARM,
 ) -> Goodness:
-    """Test residuals for being but noise: whiteness, the largest, and size if the sd is known.
+    """Test residuals (E, T, axes), rad/s, for being white noise.
 
-    Size: the sum of squares over sigma^2 against chi-square of as many degrees as samples less
-    parameters; too large is bad. Whiteness: a portmanteau test (Ljung and Box 1978) of the
-    autocorrelations, averaged over trials and axes first, where a model's errors add up and noise
-    does not. A fit takes from white noise what its P parameters can imitate, and what is left of N
-    samples correlates, by P / (N - P) on average at most, negatively where the parameters' effects
-    are slow against the lags. So much is forgiven to a negative correlation: without it, 27
-    parameters of 3072 samples triple the false alarms. The two are joined by Bonferroni, twice the
-    smaller chance. Of 6000 white residuals 0.10% raised an alarm at the rate of 0.1%, of those of a
-    fit fewer.
+    Size: the sum of squares over sigma^2 against chi-square with as many degrees of freedom as
+    samples minus parameters. Whiteness: a portmanteau test (Ljung and Box 1978) of the
+    autocorrelations, averaged over trials and axes, where a model's errors add up. A fit of P
+    parameters leaves N white samples with correlations of -P / (N - P) at most on average, by
+    which negative correlations are corrected: otherwise 27 parameters of 3072 samples triple the
+    false alarms. Peak: the largest residual against normal noise. The three are joined by
+    Bonferroni. Of 6000 white residuals 0.10% raised an alarm at a rate of 0.1%.
 
     Parameters
     ----------
     residuals
-        (E, T, axes), or E arrays (T, axes) of different lengths: felt less predicted, rad/s.
+        Arrays (T, axes), one a trial.
     parameters
-        How many were fitted, in all.
+        Number of fitted parameters.
     sigma
-        The noise's sd if known, rad/s.
-    floor
-        Residuals of a smaller rms are rounding, rad/s: a perfect fit, whatever their shape.
-    lags
-        Of the whiteness test, in samples.
+        Standard deviation of the noise if known, rad/s.
     alarm
-        The rate of false alarms, of correct models called wrong.
+        Rate of false alarms.
 
     Raises
     ------
     ConfigurationError
-        If residuals are not finite, too short for the lags, or fewer than the parameters.
+        If residuals are not finite, not longer than the lags, or fewer than the parameters.
     """
     trials = _trials(residuals)
-    whole("parameters", parameters, 0)
-    whole("lags", lags, 1)
-    real("floor", floor, 0.0)
-    real("alarm", alarm, 0.0, 1.0)
     count = sum(trial.size for trial in trials)
-    if count <= parameters or min(map(len, trials)) <= lags:
+    if count <= parameters or min(map(len, trials)) <= LAGS:
         raise ConfigurationError(
-            f"residuals must outnumber parameters, {parameters}, and each trial lags, {lags}; "
+            f"residuals must outnumber parameters, {parameters}, and each trial lags, {LAGS}; "
             f"got {count} in trials of {min(map(len, trials))} samples or more"
         )
     squares = sum(float((trial**2).sum()) for trial in trials)
     rms = (squares / count) ** 0.5
-    if rms <= floor:
+    if rms <= FLOOR:
         words = f"the best fit explains all that was felt, to rounding ({rms:.1g} rad/s)"
         return Goodness(rms, sigma and 1.0, 1.0, 1.0, 1.0, good=True, verdict=words)
     size_p = None
     if sigma is not None:
-        real("sigma", sigma, np.finfo(float).tiny)
         size_p = float(chdtrc(count - parameters, squares / sigma**2))
-    shares, spread = autocorrelation(trials, lags, floor)
-    forgiven = parameters / (count - parameters)
-    excess = np.where(shares > 0.0, shares, np.minimum(shares + forgiven, 0.0))
-    whiteness_p = float(chdtrc(lags, float(((excess / spread) ** 2).sum())))
-    peak, off = _largest(trials, floor)
+    shares, spread = autocorrelation(trials, LAGS, FLOOR)
+    corrected = np.minimum(shares + parameters / (count - parameters), 0.0)
+    excess = np.where(shares > 0.0, shares, corrected)
+    whiteness_p = float(chdtrc(LAGS, float(((excess / spread) ** 2).sum())))
+    peak, off = _largest(trials, FLOOR)
     peak_p = min(1.0, float(2.0 * count * np.exp(log_ndtr(-peak))))
     chances = [whiteness_p, peak_p] + ([] if size_p is None else [size_p])
     p = min(1.0, len(chances) * min(chances))
@@ -135,8 +122,8 @@ def autocorrelation(
 ) -> tuple[Floats, Floats]:
     """Return the autocorrelations at lags 1 to ``lags`` over trials and axes, and white noise's sd.
 
-    Both have shape (lags,). About zero, not the mean: a constant residual is an error, too. Each
-    trial's axis counts by its length, whatever its size; those of an rms up to ``floor`` do not.
+    Both have shape (lags,). They are about zero, not the mean: a constant residual is an error. A
+    trial's axis is weighted by its length; one with an rms up to ``floor`` is left out.
     """
     above, weight, variance = np.zeros(lags), 0.0, np.zeros(lags)
     for trial in _trials(residuals):
@@ -164,10 +151,10 @@ def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:
 
 
 def effective_count(residuals: Sequence[ArrayLike] | NDArray[np.float64]) -> float:
-    """Return how many independent samples correlated ``residuals`` are worth, N at most.
+    """Return the effective number of independent samples of ``residuals``, N at most.
 
-    N / (1 + 2 (r1 + r2 + ...)), the autocorrelations up to the first that is not positive (Geyer
-    1992). Where a model errs, intervals that take sigma times sqrt(N / this) are nearer the truth.
+    It is N / (1 + 2 (r1 + r2 + ...)), with the autocorrelations up to the first that is not
+    positive (Geyer 1992).
 
     Examples
     --------

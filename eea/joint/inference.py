@@ -12,9 +12,10 @@ from scipy.special import log_ndtr
 from eea.core.angles import Floats
 from eea.core.checks import choice, finite
 from eea.core.config import FitConfig
+from eea.joint.diagnostics import groups
 from eea.joint.goodness_of_fit import Goodness, effective_count, goodness_of_fit
 from eea.joint.initialization import pose
-from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart, groups
+from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
 from eea.joint.least_squares import Observed
 from eea.joint.parameters import SURE, Parameters
 from eea.joint.posterior import Mode, Posterior
@@ -202,7 +203,7 @@ class _Task:
         return {
             name
             for name, part in zip(self.joint.parts, groups(self.joint), strict=True)
-            if part.area and least[[part.indices[side] for side in part.area]].min() < ABSENT
+            if part.area and min(least[side.place] for side in part.area) < ABSENT
         }
 
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import whole
-from eea.joint.diagnostics import Group, findings
+from eea.joint.diagnostics import findings, groups
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, intervals
-from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
+from eea.joint.problem import AS_COMMANDED, Hypothesis
 from eea.joint.search import Optima
 
 SAMPLES = 4000  # that medians and intervals are taken from
@@ -189,16 +189,3 @@ class JointPosterior:
             "dimensions": list(best.joint.problem.models.names),
             "modes": {b.hypothesis.name: b.modes() for b in self.branches},
         }
-
-
-def groups(joint: JointProblem) -> list[Group]:
-    """Return the robot's parts as the findings take them."""
-    models, found = joint.problem.models, []
-    for name, part in joint.parts.items():
-        indices = tuple(models.names.index(dimension) for dimension in part.dimensions)
-        low, high = (tuple(ends[list(indices)].tolist()) for ends in (models.low, models.high))
-        area = None
-        if part.area is not None:
-            area = (part.labels.index(part.area[0]), part.labels.index(part.area[1]))
-        found.append(Group(f"the {name}", part.labels, indices, low, high, area, part.hint))
-    return found

@@ -71,7 +71,7 @@ def test_rounding_is_a_perfect_fit_whatever_its_shape():
     assert fit.good
     assert fit.p == 1.0
     assert "to rounding" in fit.verdict
-    assert not goodness_of_fit(drift, 27, None, floor=1e-9).good
+    assert not goodness_of_fit(100 * drift, 27, None).good
     assert goodness_of_fit(np.zeros(SHAPE), 27, SIGMA).good
 
 
@@ -117,8 +117,6 @@ def test_alternating_samples_are_worth_no_more_than_their_number():
         (np.zeros((1, 20, 1)), {"parameters": 20}, "outnumber parameters, 20"),
         (np.full((1, 20, 1), np.nan), {}, "residuals must be finite"),
         (np.zeros((0, 20, 1)), {}, "residuals must hold samples"),
-        (np.ones((1, 20, 1)), {"sigma": 0.0}, "sigma must be"),
-        (np.ones((1, 20, 1)), {"lags": 0}, "lags must be"),
     ],
 )
 def test_what_cannot_be_tested_is_refused(residuals, settings, said):
