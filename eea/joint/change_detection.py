@@ -1,13 +1,13 @@
-"""Is it still my body? A running check of what is felt against what is believed.
+"""Change detection: tests whether windows of a swim still fit the posterior of the body.
 
-Each window is explained anew, with all that is believed as the prior, so that neither an unknown
-start nor what the belief leaves open counts as a change. For the right body
+Each window is fitted with the posterior as the prior, so that neither its unknown initial state nor
+the posterior's uncertainty counts as a change. For the same body
 
     2 cost = sum of r^2 / sigma^2 + the prior's squared distance  ~  chi-square,
 
-of as many degrees of freedom as the window has numbers, less the hidden angles, which have no
-prior, or somewhat less: what a window begins with varies less than its prior. Where sigma was
-itself found from N numbers the ratio has an F distribution.
+with as many degrees of freedom as the window has samples, minus the hidden angles, which have no
+prior. The true number is slightly smaller, since initial states vary less than their priors. Where
+sigma was estimated from N samples, the ratio has an F distribution.
 """
 
 from __future__ import annotations
@@ -27,39 +27,39 @@ from eea.joint.least_squares import COARSE, FINE, Misfit, Observed, descend
 from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
 
-ALARM = 1e-6  # the chance of a false alarm in each window
-EFFORTS = (64, 512, 4096)  # random starts, one after another until one explains the window
-UNSUSPICIOUS = 1e-2  # a chance that needs no closer look
+ALARM = 1e-6  # probability of a false alarm in each window
+EFFORTS = (64, 512, 4096)  # numbers of random starts, until one explains the window
+UNSUSPICIOUS = 1e-2  # p-value above which a window is not examined further
 STARTS, DRAWS = 6, 4000
-LEAST_SD = 1e-6  # of a range: what is known better is known
+LEAST_SD = 1e-6  # of a range
 
 
 class WindowTest(NamedTuple):
-    """What a window looks like to one who believes to know the body."""
+    """The test of one window."""
 
-    p: float  #: The chance of so bad a fit with the body that is believed in.
-    same: bool  #: Whether it is no less than the chance of a false alarm.
-    excess: float  #: What the fit leaves, as a multiple of what it would on average.
+    p: float  #: The p-value of the fit, if the body is the same.
+    same: bool  #: Whether it is at least the probability of a false alarm.
+    excess: float  #: The cost relative to its mean for the same body.
 
 
 class ChangeDetector:
-    """Holds windows of a swim against a belief, each by itself.
+    """Tests windows of a swim against a posterior, each by itself.
 
     Parameters
     ----------
     joint
-        The robot as it begins in mid-swim: what a trial begins with are nuisances that are
-        ``start``. What the belief says of its other nuisances holds, by name.
+        The robot in mid-swim, with ``start`` nuisances for the initial state. Its other nuisances
+        have their posterior, by name.
     belief
-        What is believed of the body. The most probable hypothesis counts.
+        The posterior, of which the most probable hypothesis is used.
     alarm
-        The chance of a false alarm in each window.
+        Probability of a false alarm in each window.
     seed
-        Of the starting points that are tried.
+        Of the starting points.
 
     Examples
     --------
-    See ``eea.watch_swims``, which watches the fish.
+    See ``eea.watch_swim``.
     """
 
     def __init__(
@@ -81,20 +81,12 @@ class ChangeDetector:
         information = plain.prior_information.copy()
         covariance = np.cov(theta, rowvar=False) + LEAST_SD**2 * np.eye(count)
         information[:count, :count] = np.linalg.inv(covariance)
-        turning = plain.circular[:count]  # a seized servo's angle: it may have been moved since
+        turning = plain.circular[:count]  # a seized servo's angle may have changed since
         information[:count][turning] = information[:, :count][:, turning] = 0.0
         self._one = replace(plain, prior_mean=mean, prior_information=information)
 
     def look(self, commands: NDArray[Any], signal: Floats) -> WindowTest:
-        """Return what one window looks like.
-
-        Parameters
-        ----------
-        commands
-            (1, ...), what ``joint.simulate`` takes of one trial.
-        signal
-            (T, axes), finite.
-        """
+        """Test one window with commands (1, ...) and a finite signal (T, axes)."""
         signal = finite("signal", signal, (None, self._one.joint.problem.axes))
         observed = Observed(commands, signal[None])
         angles = len(self._one.joint.problem.hidden)
@@ -112,7 +104,7 @@ class ChangeDetector:
         return WindowTest(p, p >= self.alarm, ratio)
 
     def _explained(self, observed: Observed, effort: int) -> float:
-        """Return the least cost found from so many random starts."""
+        """Return the least cost found from ``effort`` random starts."""
         one, sigma = self._one, self._sigma
         typical, each = one.into_bounds(one.prior_mean[None]), -(-effort // STARTS)
         starts = np.concatenate(

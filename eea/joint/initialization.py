@@ -1,8 +1,8 @@
-"""Where descents begin: random bodies, poses, and what a descent cannot reach by itself.
+"""Starting points of descents: random bodies and poses, and jumps between valleys.
 
-A descent ends in the valley that it began in. A slow fin that began on the other side of its cycle
-moves almost alike, so that a trial's angles have several; and a lag has one at every sample, since
-the robot starts with a jerk that a sample either feels or does not.
+A descent ends in the valley in which it begins. A trial's angles have several, as a slow fin on the
+other side of its cycle moves almost alike. A lag has one at each sample: the robot starts with a
+jerk that a sample either contains or not.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from eea.joint.least_squares import COARSE, Misfit, Observed, Precision, descend
 from eea.joint.parameters import Parameters
 
 SCANNED = Precision(fine=False, stride=4, difference=0.0)
-EVERY = Precision(fine=False, stride=1, difference=0.0)  # a jerk is felt by one sample
-SCANNED_TRIALS = 4  # of a session; what ranks bodies need not be all of it
+EVERY = Precision(fine=False, stride=1, difference=0.0)  # a jerk is in one sample
+SCANNED_TRIALS = 4  # that rank the bodies
 SHARED_VALUES = 16  # tried for an angle that all trials share
 HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 32, 4, 20.0, 16
 
@@ -69,7 +69,7 @@ def latin_hypercube(count: int, width: int, rng: np.random.Generator) -> Floats:
 def pose(
     parameters: Parameters, observed: Observed, theta: Floats, count: int, rng: np.random.Generator
 ) -> Floats:
-    """Return vectors (S, P) with what each trial began with the best of ``count`` random ones."""
+    """Return vectors (S, P) with the best of ``count`` random initial states of each trial."""
     return _pose(parameters, observed, theta, count, rng, range(len(observed)))[0]
 
 
@@ -81,7 +81,7 @@ def _pose(
     rng: np.random.Generator,
     trials: range,
 ) -> tuple[Floats, Floats]:
-    """Return vectors with the best angles for some trials, and their sum of squares there."""
+    """Return vectors with the best initial states for some trials, and their sums of squares."""
     misfit = Misfit(parameters, observed, SCANNED)
     angles = parameters.angle_entries(0)
     common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
@@ -120,7 +120,7 @@ def _drawn(
     shape: tuple[int, ...],
     rng: np.random.Generator,
 ) -> Floats:
-    """Return draws (*shape, len(entries)) from the prior of entries that are no angles."""
+    """Return draws (*shape, len(entries)) from the prior of entries other than angles."""
     mean, precision = parameters.prior_mean[entries], parameters.prior_precision[entries]
     told = precision > 0.0
     normal = mean + rng.standard_normal((*shape, len(entries))) / np.sqrt(
@@ -177,7 +177,7 @@ def relined(
 ) -> Floats:
     """Return vectors (H, P) like those given (S, P), but in another valley of a nuisance.
 
-    Of each vector the best ``each`` for a nuisance with ``valleys``, all else held.
+    For each vector and each nuisance with ``valleys`` they are the best ``each`` ones.
     """
     found = [np.empty((0, len(parameters)))]
     for entry, tried in _lined(parameters):
@@ -191,7 +191,7 @@ def relined(
 def aligned(
     parameters: Parameters, observed: Observed, theta: Floats, sigma: float
 ) -> tuple[Floats, Floats]:
-    """Return vectors (S, P) with each nuisance that has ``valleys`` in its best, and costs (S,)."""
+    """Return vectors (S, P) with each nuisance in its best valley, and costs (S,)."""
     pick = np.arange(len(theta))
     cost = np.zeros(len(theta))
     for entry, tried in _lined(parameters):
@@ -216,7 +216,7 @@ def _along(
     entry: int,
     tried: Floats,
 ) -> tuple[Floats, Floats]:
-    """Return vectors (S, 1 + V, P), as they are and with an entry's other values, and costs."""
+    """Return vectors (S, 1 + V, P), as given and with an entry's ``tried`` values, and costs."""
     line = np.repeat(theta[:, None], len(tried) + 1, axis=1)
     line[:, 1:, entry] = tried
     flat = line.reshape(-1, len(parameters))

@@ -1,17 +1,17 @@
-"""Damped least squares for many starting points in lockstep: one batch of robots an iteration.
+"""Bounded Levenberg-Marquardt least squares for many starting points, one batch an iteration.
 
-Levenberg and Marquardt's method with bounds. The misfit of a vector theta is -log posterior up to
-a constant, for white noise of standard deviation sigma::
+The cost of a vector theta is -log posterior up to a constant, for white noise of standard deviation
+sigma::
 
     cost = sum over trials, samples and axes of r^2 / (2 sigma^2) + prior cost
 
-and its derivatives are forward differences. A trial's own angles touch that trial alone, so a
-trial needs a column for each of its slots, not for each parameter.
+Derivatives are forward differences. A trial's own angles affect that trial alone, so a trial needs
+a column for each of its slots, not for each parameter.
 
-Where data tell little the valleys are long, narrow and curved, and straight steps must be short
-there. So in double precision a step v bends with the valley, by half its geodesic acceleration a,
-which one more robot a trial gives (M. K. Transtrum and J. P. Sethna, "Improvements to the
-Levenberg-Marquardt algorithm for nonlinear least-squares minimization", 2012)::
+With little information valleys are long, narrow and curved. In double precision a step v therefore
+follows the valley by half its geodesic acceleration a, which costs one more robot a trial (M. K.
+Transtrum and J. P. Sethna, "Improvements to the Levenberg-Marquardt algorithm for nonlinear
+least-squares minimization", 2012)::
 
     A v = -gradient,    A a = -J^T r'',    r'' = 2 ((r(theta + h v) - r) / h - J v) / h
 """
@@ -33,17 +33,17 @@ AFTER_FAILURE = 30.0
 FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-12, 1e10
 LARGEST_SHARE, LARGEST_TURN = 0.3, 0.7  # of a step: share of a range, rad
 LOOK_AHEAD = 0.1  # h, of a step
-MOST_BEND = 0.75  # 2 |a| / |v|: what bends more is not followed
+MOST_BEND = 0.75  # 2 |a| / |v|, above which the acceleration is ignored
 ENOUGH = 2  # small decreases in a row end a descent
-MOST_ROBOTS = 2**15  # a batch, so that a fit of many trials needs no more memory than one of few
+MOST_ROBOTS = 2**15  # in a batch, which limits memory
 
 
 class Precision(NamedTuple):
-    """How finely a stage of the search simulates and differentiates."""
+    """The precision of one stage of the search."""
 
     fine: bool  #: Double precision.
-    stride: int  #: Every how many samples are looked at.
-    difference: float  #: The forward difference's step, as a share of a range or in rad.
+    stride: int  #: Every ``stride``-th sample is compared.
+    difference: float  #: Step of the forward differences, as a share of a range or in rad.
 
 
 COARSE = Precision(fine=False, stride=2, difference=2e-3)
@@ -51,15 +51,15 @@ FINE = Precision(fine=True, stride=1, difference=1e-6)
 
 
 class Fitted(NamedTuple):
-    """Where S descents ended: theta (S, P), and the sum of squared residuals (S,) there."""
+    """The ends of S descents."""
 
-    theta: Floats
-    squares: Floats
+    theta: Floats  #: (S, P)
+    squares: Floats  #: Sum of squared residuals, (S,).
     cost: Floats  #: -log posterior (S,), up to a constant.
 
 
 class Linear(NamedTuple):
-    """The misfit near S vectors, as a quadratic in theta."""
+    """The linearisation at S vectors."""
 
     squares: Floats  #: Sum of squared residuals, (S,).
     gradient: Floats  #: Of half of it, (S, P).
@@ -80,7 +80,7 @@ class Observed:
 
 
 class Misfit:
-    """How far simulated trials are from those observed, at one precision."""
+    """The differences between simulated and observed trials, at one precision."""
 
     def __init__(
         self,
@@ -106,14 +106,11 @@ class Misfit:
 
     @property
     def count(self) -> int:
-        """How many samples are compared, of all trials and axes."""
+        """Number of samples that are compared, of all trials and axes."""
         return self._wanted[self._trials].size
 
     def differences(self, local: Floats, trials: NDArray[np.intp]) -> NDArray[np.floating]:
-        """Return simulated less observed (S, E, C, M) of slots (S, E, C, W), of ``trials`` (E,).
-
-        They are of the simulation's own precision.
-        """
+        """Return simulated minus observed (S, E, C, M) for slots (S, E, C, W) of ``trials``."""
         robots = local.reshape(-1, local.shape[-1])
         which = np.broadcast_to(trials[:, None], local.shape[:-1]).reshape(-1)
         parts = []
@@ -135,7 +132,7 @@ class Misfit:
         return apart
 
     def residuals(self, theta: Floats) -> NDArray[np.floating]:
-        """Return simulated less observed (S, E, M) of vectors (S, P)."""
+        """Return simulated minus observed (S, E, M) for vectors (S, P)."""
         local = self.parameters.local(theta)[:, self._trials]
         return self.differences(local[:, :, None], self._trials)[:, :, 0]
 
@@ -148,7 +145,7 @@ class Misfit:
     def jacobian(self, theta: Floats) -> tuple[Floats, Floats]:
         """Return residuals (S, E, M) and their derivatives (S, E, F, M) by the free slots.
 
-        Of what a robot that left the finite numbers says nothing is finite: it counts as zero.
+        The derivatives of a robot that diverged are zero.
         """
         parameters, free = self.parameters, self._free
         local = parameters.local(theta)[:, self._trials]
@@ -192,7 +189,7 @@ class Misfit:
         return pulled
 
     def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
-        """Return J^T r'' (S, P), what steps (S, P) from vectors (S, P) bend by."""
+        """Return J^T r'' (S, P) of steps (S, P) from vectors (S, P)."""
         entries = self.parameters.slots[self._trials][:, self._free]
         taken = np.where(entries == FIXED, 0.0, step[:, entries])  # (S, E, F)
         straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
@@ -206,9 +203,9 @@ class Misfit:
 def descend(
     misfit: Misfit, theta: Floats, sigma: float, iterations: int, tolerance: float
 ) -> Fitted:
-    """Go downhill from vectors (S, P), each until it gains less than ``tolerance`` of its cost.
+    """Descend from vectors (S, P), each until it gains less than ``tolerance`` of its cost.
 
-    ``sigma`` is the noise's standard deviation, which weighs the signal against the prior.
+    ``sigma`` is the standard deviation of the noise, which weighs the signal against the prior.
     """
     parameters, per_square = misfit.parameters, 0.5 / sigma**2
     theta = parameters.into_bounds(theta)
@@ -246,7 +243,7 @@ def descend(
         factor = np.where(better, np.array(FACTORS)[best], AFTER_FAILURE)
         damping[live] = np.maximum(damping[live] * factor, LEAST_DAMPING)
         small[live] = np.where(better & (gain >= tolerance), 0, small[live] + 1)
-        # What fails does so with too little damping: that is no sign of having arrived.
+        # Failures with too little damping are no sign of convergence.
         small[live] = np.where(better | (damping[live] > 1.0), small[live], small[live] - 1)
         going = (small[live] < ENOUGH) & (damping[live] < MOST_DAMPING) & (cost[live] > 0.0)
         live = live[going]
@@ -267,7 +264,7 @@ def _stepped(
     diagonal = np.einsum("lpp->lp", normal)
     scale = np.maximum(diagonal, FLOOR * diagonal.max(axis=1, keepdims=True))
     scale = np.maximum(scale, np.finfo(float).tiny)
-    # At a bound that the descent would leave the box by, nothing moves.
+    # Parameters at a bound do not move out of the box.
     held = (theta <= parameters.low) & (gradient > 0) | (theta >= parameters.high) & (gradient < 0)
     held |= ~misfit.movable
     free = ~held

@@ -1,4 +1,4 @@
-"""One vector for all that is unknown: which entry is what, and what each trial takes from it."""
+"""The vector of all unknowns, and the numbers that each trial takes from it."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SURE = 1e12  # the prior's precision of a dimension that a hypothesis fixes, whi
 
 
 class Inputs(NamedTuple):
-    """What the simulator takes, (S, E, width) each, for S vectors and E trials."""
+    """The simulator's inputs, (S, E, width) each, for S vectors and E trials."""
 
     bodies: Floats
     nuisances: Floats
@@ -28,24 +28,24 @@ class Inputs(NamedTuple):
 class Parameters:
     """The unknowns of E trials as one vector theta (P,).
 
-    First the body's dimensions and the nuisances of all trials, as shares of their ranges in
-    [0, 1], then each trial's own nuisances (shares) and hidden angles (rad, any turn of them).
-    A **slot** is one of the W numbers that a trial is simulated with: body, nuisances, angles.
+    First come the body's dimensions and the nuisances common to all trials, as shares of their
+    ranges in [0, 1], then each trial's own nuisances (shares) and hidden angles (rad). A **slot**
+    is one of the W numbers that a trial is simulated with: body, nuisances, angles.
 
     Attributes
     ----------
     names
         Of the entries; those of trial e end in ``@e``, from 1.
     low, high
-        Their bounds (P,); infinite for angles.
+        Bounds (P,); infinite for angles.
     circular
-        Which (P,) are angles.
+        Whether each entry (P,) is an angle.
     prior_mean, prior_precision
-        The normal prior of each (P,), in these units; precision 0 is a uniform one.
+        The normal prior of each entry (P,); precision 0 is uniform.
     prior_information
-        (P, P), its inverse covariance: the precisions, but where several go together.
+        (P, P), the prior's inverse covariance.
     slots
-        (E, W) the entry that each trial's slot takes its value from, or ``FIXED``.
+        (E, W) the entry of which each trial's slot takes the value, or ``FIXED``.
     """
 
     joint: JointProblem
@@ -70,9 +70,9 @@ class Parameters:
         hypothesis: Hypothesis = AS_COMMANDED,
         per_trial: Collection[str] = (),
     ) -> Parameters:
-        """Lay out the unknowns of so many trials; nuisances not of ``groups`` are nominal.
+        """Return the unknowns of a number of trials.
 
-        Of those groups that are ``per_trial`` too, each trial has its own values.
+        Nuisances outside ``groups`` are nominal; those in ``per_trial`` groups vary by trial.
         """
         models, hidden = joint.problem.models, joint.problem.hidden
         entries: list[tuple[str, float, float]] = []  # name, prior mean, prior precision
@@ -143,7 +143,7 @@ class Parameters:
 
     @property
     def body(self) -> int:
-        """How many entries, the first, are the body's."""
+        """Number of the body's entries, which come first."""
         return len(self.joint.problem.models)
 
     def local(self, theta: Floats) -> Floats:
@@ -152,7 +152,7 @@ class Parameters:
         return values
 
     def inputs(self, local: Floats) -> Inputs:
-        """Return what the simulator takes for slots (..., W), in natural units."""
+        """Return the simulator's inputs for slots (..., W), in natural units."""
         natural = self._offset + self._span * local
         edges = np.cumsum([self.body, len(self.joint.nuisances)])
         return Inputs(*np.split(natural, edges, axis=-1))
@@ -179,7 +179,7 @@ class Parameters:
         return np.flatnonzero([name in switches for name in self.names])
 
     def start_slots(self) -> NDArray[np.intp]:
-        """Return which slots are what a trial begins with besides its angles."""
+        """Return which slots are a trial's initial state, except the angles."""
         starts = (n.start for n in self.joint.nuisances)
         return self.body + np.flatnonzero(np.fromiter(starts, dtype=np.bool_))
 

@@ -1,4 +1,4 @@
-"""What joint inference is told of a robot: a core ``Problem``, its nuisances, and how it moves."""
+"""A robot for joint inference: a core ``Problem``, nuisances, hypotheses and a simulator."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from eea.core.problem import Problem
 
 
 class Simulate(Protocol):
-    """How the robot would move: a whole batch a call."""
+    """A simulator of batches of trials."""
 
     def __call__(
         self, bodies: Floats, nuisances: Floats, commands: Floats, angles: Floats, fine: bool
@@ -23,19 +23,18 @@ class Simulate(Protocol):
         """Return the signal (B, T, axes) of B trials.
 
         ``bodies`` (B, n) and ``commands`` (B, c) are in the problem's units, ``nuisances`` (B, k)
-        in those of its nuisances and their order, the hidden ``angles`` (B, h) in rad. Instead of
-        a command each, ``commands`` holds whatever array of B was observed: series of them, say.
-        ``fine`` asks for double precision; else what is fastest will do. No trial may depend on
-        the others, and one that left the finite numbers answers with some that are not.
+        in their own units and order, the hidden ``angles`` (B, h) in rad. ``commands`` may be
+        another array of B rows, such as series. ``fine`` requests double precision. No trial may
+        depend on the others; one that diverges gives a signal that is not finite.
         """
 
 
 @dataclass(frozen=True)
 class Nuisance:
-    """One number that the robot's motion depends on besides its body: a plugin.
+    """One number besides the body that the robot's motion depends on.
 
-    The prior is a normal one about ``nominal``, cut off at the ends of the range; with ``sd``
-    infinite it is uniform there. Nuisances of one ``group`` are inferred together or not at all.
+    The prior is a normal distribution about ``nominal``, truncated to the range; with an infinite
+    ``sd`` it is uniform. Nuisances of one ``group`` are inferred together or not at all.
 
     Raises
     ------
@@ -52,15 +51,14 @@ class Nuisance:
     low: float
     high: float
     nominal: float  #: Its value where it is not inferred.
-    sd: float = math.inf  #: Of the prior.
-    group: str = ""  #: Its own name if not given.
-    #: Whether it is nominal, and not inferred, unless a hypothesis says otherwise.
-    switch: bool = False
-    #: Whether it is what a trial begins with, as the hidden angles are: each trial has its own, and
-    #: it is always inferred.
+    sd: float = math.inf  #: Standard deviation of the prior.
+    group: str = ""  #: By default its own name.
+    switch: bool = False  #: Whether it is nominal unless a hypothesis changes it.
+    #: Whether it is part of a trial's initial state, like the hidden angles: always inferred, for
+    #: each trial.
     start: bool = False
-    #: Into how many parts of equal width its range falls, such that a descent does not get from
-    #: one to the next: each is tried. 0 where a descent finds the best by itself.
+    #: Number of equal parts of its range between which a descent cannot move, so that each is
+    #: tried; 0 where a descent finds the best.
     valleys: int = 0
 
     def __post_init__(self) -> None:
@@ -78,7 +76,7 @@ class Nuisance:
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """Something that may be the case or not, such as a seized servo: compared by evidence.
+    """An alternative such as a seized servo, compared with others by evidence.
 
     Examples
     --------
@@ -86,40 +84,27 @@ class Hypothesis:
     ()
     """
 
-    name: str  #: A clause, as a person would say it.
-    #: Dimensions and nuisances that then have a value.
+    name: str  #: A clause, for people.
+    #: Values of dimensions and nuisances that it fixes.
     fixed: Mapping[str, float] = field(default_factory=dict)
-    #: Hidden angles that are then the same in all trials.
-    shared_angles: tuple[str, ...] = ()
-    #: Switches that are then inferred, with the prior that they have.
-    freed: tuple[str, ...] = ()
-    part: str = ""  #: The name of the part that it is about, if it is about one.
+    shared_angles: tuple[str, ...] = ()  #: Hidden angles that are then the same in all trials.
+    freed: tuple[str, ...] = ()  #: Switches that are then inferred.
+    part: str = ""  #: The name of the part that it concerns, if any.
 
 
 @dataclass(frozen=True)
 class Part:
-    """Dimensions that belong together, such as a fin's, for what is said of them.
+    """Dimensions that belong together, such as a fin's.
 
     Examples
     --------
-    >>> Part({"tail.length": "length", "tail.width": "width"}, ("length", "width")).labels
-    ('length', 'width')
+    >>> Part({"tail.length": "length", "tail.width": "width"}, ("length", "width")).hint
+    ''
     """
 
-    sizes: Mapping[str, str]  #: Dimension -> what it is called beside the part.
-    #: Which two of those make an area by their product, without which the part is absent.
-    area: tuple[str, str] | None = None
-    hint: str = ""  #: What trial would tell them apart.
-
-    @property
-    def dimensions(self) -> tuple[str, ...]:
-        """The dimensions' names."""
-        return tuple(self.sizes)
-
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """What they are called."""
-        return tuple(self.sizes.values())
+    sizes: Mapping[str, str]  #: Dimension -> its label, such as "length".
+    area: tuple[str, str] | None = None  #: Labels of two whose product is the part's area.
+    hint: str = ""  #: Which trial would determine them.
 
 
 AS_COMMANDED = Hypothesis("every servo does as it is told")
@@ -132,7 +117,7 @@ class JointProblem:
     Raises
     ------
     ConfigurationError
-        If a name is given twice, or a hypothesis speaks of what there is not.
+        If a name occurs twice, or a hypothesis or part refers to an unknown name.
 
     Examples
     --------
@@ -157,7 +142,7 @@ class JointProblem:
     problem: Problem
     simulate: Simulate
     nuisances: tuple[Nuisance, ...] = ()
-    hypotheses: tuple[Hypothesis, ...] = ()  #: Besides that every servo does as it is told.
+    hypotheses: tuple[Hypothesis, ...] = ()  #: Alternatives to ``AS_COMMANDED``.
     parts: Mapping[str, Part] = field(default_factory=dict)  #: By name, for the findings.
 
     def __post_init__(self) -> None:
@@ -182,11 +167,11 @@ class JointProblem:
             if hypothesis.part:
                 choice(f"the part of {hypothesis.name!r}", hypothesis.part, self.parts)
         for name, part in self.parts.items():
-            for dimension in part.dimensions:
+            for dimension in part.sizes:
                 choice(f"a dimension of {name!r}", dimension, self.problem.models.names)
 
     @property
     def groups(self) -> tuple[str, ...]:
-        """The groups of nuisances that can be inferred or not, each once, in their order."""
+        """The groups of nuisances that can be inferred or not."""
         chosen = (n.group for n in self.nuisances if not n.switch and not n.start)
         return tuple(dict.fromkeys(chosen))

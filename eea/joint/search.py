@@ -1,8 +1,8 @@
-"""From what was felt to every body, nuisance and angle that explains it about as well.
+"""The global search of joint inference: scan, descend, hop.
 
-A scan of random bodies and poses gives starting points; damped least squares goes downhill from
-the best of them; hops find what a descent cannot. Where the residuals of the best fit do not
-look like noise the scan begins anew, since the commonest reason is a wrong valley.
+A scan of random bodies and poses gives starting points, damped least squares descends from the best
+of them, and hops find other valleys. Where the residuals of the best fit do not look like noise,
+the scan is repeated, since the most common reason is a wrong valley.
 """
 
 from __future__ import annotations
@@ -21,25 +21,25 @@ from eea.joint.initialization import hop, pose, relined, scan
 from eea.joint.least_squares import COARSE, FINE, Fitted, Linear, Misfit, Observed, descend
 from eea.joint.parameters import Parameters
 
-CLOSE = 10.0  # in cost: what is further from the best has under 1/20,000 of its weight
-HOPS = 3  # from the best, at most
-SOON = 8  # iterations, after which the worse half of the starting points is given up
+CLOSE = 10.0  # in cost: optima farther from the best have less than 1/20,000 of its weight
+HOPS = 3  # maximum number, from the best optimum
+SOON = 8  # iterations after which the worse half of the starting points is dropped
 SAME = 1e-3  # of a range, or rad: closer optima are one
-VALLEY = 0.05  # of a range: bodies that differ by more in a size go on beside a slightly better one
-LEAST_SIGMA = 1e-7  # rad/s: what is closer differs by rounding alone
-PROMISING = 1e-3  # rad/s: what single precision may leave of an exact fit, and more
+VALLEY = 0.05  # of a range: bodies that differ by more in a size are kept beside a better one
+LEAST_SIGMA = 1e-7  # rad/s: smaller residuals are rounding
+PROMISING = 1e-3  # rad/s: an exact fit leaves less in single precision
 
 
 @dataclass(frozen=True, eq=False)
 class Optima:
-    """The best fits of one session, best first, and the noise that they leave."""
+    """The best fits of some trials, best first."""
 
     parameters: Parameters
     observed: Observed
     theta: Floats  #: Shape (K, P).
-    cost: Floats  #: -log posterior (K,), up to a constant that those of one ``sigma`` share.
+    cost: Floats  #: -log posterior (K,), up to a constant.
     squares: Floats  #: Sum of squared residuals (K,).
-    sigma: float  #: Standard deviation of the noise: as given, or of the best fit's residuals.
+    sigma: float  #: Standard deviation of the noise, as given or from the best fit's residuals.
 
     def linear(self) -> Linear:
         """Return the misfit near each of them."""
@@ -62,16 +62,16 @@ def search(
     known: Floats | None = None,
     explained: Callable[[Optima], bool] = lambda _: True,
 ) -> Optima:
-    """Return the best explanations of what was observed.
+    """Return the best fits of observed trials.
 
     Parameters
     ----------
     effort
-        How hard to search, and the noise's standard deviation if it is known.
+        Numbers of starting points and restarts, and the noise if it is known.
     known
-        Vectors (K, P) to start from as well: what earlier trials have taught.
+        Further starting points (K, P), from earlier fits.
     explained
-        Whether a fit leaves nothing but noise; else the search begins anew.
+        Whether a fit leaves nothing but noise; otherwise the search is repeated.
     """
     best: Optima | None = None
     for attempt in range(effort.restarts + 1):
@@ -81,7 +81,7 @@ def search(
             exact = _exact(parameters, observed, starts, effort.noise)
             if exact is not None:
                 return exact
-            # It is most of the way, unless it has just turned out not to be.
+            # Known optima are nearly enough, unless they have just failed.
             scanned = effort if attempt else halved(effort)
             known = starts
         starts = np.concatenate([starts, scan(parameters, observed, rng, scanned)])
@@ -94,7 +94,7 @@ def search(
 
 
 def improved(optima: Optima, starts: Floats, noise: float | None) -> Optima:
-    """Return optima together with those that descents from vectors (S, P) end in."""
+    """Return optima together with those of descents from vectors (S, P)."""
     parameters, observed = optima.parameters, optima.observed
     ended = descend(Misfit(parameters, observed, FINE), starts, optima.sigma, 40, 1e-6)
     known = Fitted(optima.theta, optima.squares, optima.cost)
@@ -119,7 +119,7 @@ def _downhill(
     noise: float | None,
     iterations: int = 25,
 ) -> Fitted:
-    """Go downhill from vectors (S, P) in single precision."""
+    """Descend from vectors (S, P) in single precision."""
     coarse = Misfit(parameters, observed, COARSE)
     sigma = noise or _sigma(coarse.squares(starts).min(), coarse.count, parameters)
     return descend(coarse, starts, sigma, iterations, 1e-3)
@@ -128,7 +128,7 @@ def _downhill(
 def _exact(
     parameters: Parameters, observed: Observed, theta: Floats, noise: float | None
 ) -> Optima | None:
-    """Return the best of vectors (S, P) to the end if it leaves but rounding: nothing is better."""
+    """Return the optimum near vectors (S, P) if it fits up to rounding: there is no better one."""
     fine = Misfit(parameters, observed, FINE)
     squares = fine.squares(theta)
     sigma = _sigma(squares.min(), fine.count, parameters)
@@ -147,7 +147,7 @@ def _refine(
     rng: np.random.Generator,
     effort: FitConfig,
 ) -> Optima:
-    """Go downhill from vectors (S, P), and hop."""
+    """Descend from vectors (S, P), then hop from the best."""
     noise = effort.noise
     fine = Misfit(parameters, observed, FINE)
     begun = _downhill(parameters, observed, starts, noise, SOON)
@@ -187,7 +187,7 @@ def _refine(
 def _optima(
     parameters: Parameters, observed: Observed, fitted: Fitted, noise: float | None
 ) -> Optima:
-    """Return the fits that matter, at the noise that the best of them leaves."""
+    """Return the fits close to the best, at the noise that the best leaves."""
     sigma = noise or _sigma(fitted.squares.min(), observed.signal.size, parameters)
     cost = 0.5 * fitted.squares / sigma**2 + parameters.prior_cost(fitted.theta)
     found = _unique(parameters, Fitted(fitted.theta, fitted.squares, cost))
@@ -203,7 +203,7 @@ def _joined(one: Optima, other: Optima, noise: float | None) -> Optima:
 
 
 def _sigma(squares: float, count: int, parameters: Parameters) -> float:
-    """Return the noise's standard deviation that a sum of squares means."""
+    """Return the standard deviation of the noise for a sum of squares."""
     return max(float(np.sqrt(squares / max(count - len(parameters), 1))), LEAST_SIGMA)
 
 
@@ -220,8 +220,8 @@ def _best(fitted: Fitted, count: int) -> Fitted:
 def _different(parameters: Parameters, fitted: Fitted, count: int) -> Fitted:
     """Return the best few whose bodies differ, best first.
 
-    The bottom of a narrow corner may be a little lower than that of a wide valley, in which nearly
-    all of the probability is: if all that came to the corner went on, nothing of the valley would.
+    A narrow corner may be slightly lower than a wide valley that has nearly all of the probability:
+    many descents into the corner must not displace those into the valley.
     """
     return _best(_unique(parameters, fitted, parameters.body, VALLEY), count)
 

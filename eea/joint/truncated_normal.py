@@ -1,12 +1,11 @@
-"""Normal densities cut off at the walls of a box: their mass inside it, and exact samples.
+"""Normal distributions truncated to a box: their mass inside it, and exact samples.
 
-Some parameters of a fit lie at a bound, others the data do not tell at all, and most of a normal
-density that ignores the walls is then outside. Mass and samples come from minimax tilting (Z. I.
-Botev, "The normal law under linear restrictions: simulation and estimation via minimax tilting",
-J. R. Stat. Soc. B 79, 2017): coordinates are drawn one after the other, each from its truncated
-conditional, shifted so that the points' weights are as even as they can be; accepting points by
-their weight makes them exact. Of normals in 15 to 75 dimensions with sd of 0.001 to 1 range along
-random axes, 16 to 73% are accepted, where plain rejection accepts none.
+Where parameters lie at a bound or are undetermined, most of the normal density is outside. Mass and
+samples use minimax tilting (Z. I. Botev, "The normal law under linear restrictions: simulation and
+estimation via minimax tilting", J. R. Stat. Soc. B 79, 2017): coordinates are drawn one after the
+other from their truncated conditionals, shifted to make the weights as even as possible; rejection
+by weight makes the samples exact. Of normal distributions in 15 to 75 dimensions with sd of 0.001
+to 1 range along random axes, 16 to 73% of the points are accepted, and none by plain rejection.
 """
 
 from __future__ import annotations
@@ -74,9 +73,9 @@ def _triangle(factor: Floats) -> Floats:
 class BoxNormal:
     """The density exp(-g·(x - at) - (x - at)·A·(x - at)/2) in the box [low, high], 0 outside.
 
-    Where A says nothing the density is uniform over the box, to half a percent: no precision is
-    under 0.01 of 1/range^2. Where g is not zero, a bound holds the maximum, and the density falls
-    from it like an exponential.
+    Where A is zero the density is uniform over the box, to half a percent: no precision is below
+    0.01 of 1/range^2. Where g is not zero, a bound holds the maximum, and the density decays
+    exponentially from it.
 
     Parameters
     ----------
@@ -92,7 +91,7 @@ class BoxNormal:
     Raises
     ------
     ConfigurationError
-        If ``at`` lies outside the box, or a shape is not as said.
+        If ``at`` lies outside the box, or a shape is wrong.
 
     Examples
     --------
@@ -152,7 +151,7 @@ class BoxNormal:
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Return ``count`` independent points, shape (count, P).
 
-        Where under 1% would be accepted, they are of Markov chains, 16 from each.
+        If less than 1% would be accepted, they come from Markov chains, 16 from each.
         """
         if self._accepted < SCARCE:
             return self._chains(count, rng)
@@ -237,10 +236,10 @@ class BoxNormal:
         return np.clip(self._centre + points, self.low, self.high), weights
 
     def _chains(self, count: int, rng: np.random.Generator) -> Floats:
-        """Return points (count, P) of chains that begin at the proposal's, resampled by weight.
+        """Return points (count, P) of chains that start at proposals, resampled by weight.
 
-        A move is along an axis, for the walls, or along a principal direction of the precision, for
-        valleys: along axes alone (Gibbs), 300 sweeps hardly move in a narrow one.
+        Moves are along the axes, for the walls, and along the principal directions of the
+        precision, for narrow valleys, in which 300 sweeps of Gibbs sampling hardly move.
         """
         proposed, weights = self._propose(TRIED, rng)
         share = np.exp(weights - weights.max())
