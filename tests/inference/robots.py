@@ -73,8 +73,8 @@ class Robot(EngineTarget):
             gyro_bias=tuple(world[BIAS]),
             gyro_noise=setting.noise,
         )
-        super().__init__(body, None, rng, setting.steps, "numba", gap=gap)
         self.setting, self.body, self.world = setting, body, world
+        super().__init__(body, None, rng, setting.steps, "numba", gap=gap)
         self._commanding = commanding
         self.commands: list[Floats] = []
         self.angles: list[Floats] = []
