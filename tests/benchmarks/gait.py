@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from importlib import import_module
 from typing import Any
 
@@ -19,18 +20,25 @@ import numpy as np
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.engines.packages import load_pybullet
+from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
+from gait.agent import ControllerAgent
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig
 from gait.fitness import DIVERGED_SPEED
 from gait.network import GYRO_SCALE, Senses
 from gait.rollout import SECONDS, random_poses, step_count, swim_all
 from gait.search.neat import Evolution, genome_to_controller, load_config
+from gait.search.templates import Template
+from gait.task import perform
 from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet
 
 LEAST_POPULATION = 10  # NEAT's species need some members
 GENERATIONS = 30
+
+TASK_CONTROLLERS, TASK_POSES, TASK_INTERVAL = 32, 8, 20
 
 LEARNERS = 8
 MANY_LEARNERS = 1024
@@ -134,6 +142,50 @@ def _fitness(controllers: Sequence[Controller], body: Morphology, seconds: float
 def _size(controllers: Sequence[Controller]) -> str:
     """Say how large the largest network is: the lanes pad all to its nodes."""
     return f"{max(c.nodes for c in controllers)} nodes"
+
+
+def tasks(settings: Settings, cleanup: ExitStack) -> Group:
+    """Return populations that are scored in every task, against stepping its environment."""
+    rows: list[Row] = []
+    poses = random_poses(TASK_POSES, settings.seed)
+    count = max(1, min(TASK_CONTROLLERS, settings.robots // TASK_POSES))
+    for name, damage in (
+        ("station", None),
+        ("waypoint", None),
+        ("recovery", "random:moderate@15-30"),
+    ):
+        task = TASKS[name]
+        seconds = 0.4 if settings.quick else task.seconds
+        task = replace(task, seconds=seconds)
+        damage = "random:moderate@15-30" if name == "recovery" and not settings.quick else None
+        template = Template.of_class("recurrent", Senses(goal=task.has_goal), 8, TASK_INTERVAL)
+        vectors = template.random(count, np.random.default_rng(settings.seed))
+        controllers = [template.controller(v, 0.7, Morphology.nominal(), 0) for v in vectors]
+        batch, steps = count * TASK_POSES, step_count(seconds)
+        envs = AquaFishVectorEnv(
+            batch, task=task, damage=damage, frame_skip=TASK_INTERVAL, threads=1
+        )
+        cleanup.callback(envs.close)
+        agent = ControllerAgent(controllers[0])
+
+        def stepping(envs: Any = envs, agent: Any = agent, steps: int = steps) -> object:
+            seen, info = envs.reset(seed=0)
+            agent.reset(info)
+            for _ in range(steps // TASK_INTERVAL):
+                seen, *_ = envs.step(agent.act(seen))
+            return seen
+
+        def scoring(
+            threads: int, those: Any = controllers, task: Any = task, damage: Any = damage
+        ) -> object:
+            return perform(those, None, poses, task=task, damage=damage, threads=threads)
+
+        one = Row(f"{name}, stepped", "numba", "float32", batch, 1, batch * steps, stepping)
+        rows.append(one)
+        for threads in sorted({1, settings.cores}):
+            call = partial(scoring, threads)
+            rows.append(Row(name, "numba", "float32", batch, threads, batch * steps, call, one))
+    return Group("Searches in tasks: robot-steps", "robot-step", rows)
 
 
 def learning(settings: Settings, cleanup: ExitStack) -> Group:

@@ -116,6 +116,7 @@ GROUPS: dict[str, str] = {
     "bodies": "tests.benchmarks.bodies:new_bodies",
     "mujoco": "tests.benchmarks.mujoco_rollout:against_mujoco",
     "neat": "tests.benchmarks.gait:populations",
+    "tasks": "tests.benchmarks.gait:tasks",
     "environments": "tests.benchmarks.environments:single_and_vector",
     "learning": "tests.benchmarks.gait:learning",
     "starting": "tests.benchmarks.starting:processes",
