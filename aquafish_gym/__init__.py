@@ -25,14 +25,15 @@ __all__ = [
 ]
 __version__ = "0.1.0"
 
-#: What each id is made with, besides what everybody gives.
+#: The arguments that each id adds.
 IDS: dict[str, dict[str, str]] = {
     "AquaFish-v0": {},
     "AquaFishStation-v0": {"task": "station"},
     "AquaFishWaypoint-v0": {"task": "waypoint"},
     "AquaFishRecovery-v0": {"task": "recovery", "damage": "random:moderate@15-30"},
 }
-# The environments themselves count to the end, whatever frame_skip is, so no limit is set here.
+# No limit of steps is registered: an episode's steps follow from the task and frame_skip, and
+# gym.make would cut other ones off. The spec of an environment that was made has max_episode_steps.
 for _id, _kwargs in IDS.items():
     if _id not in _gymnasium.registry:
         _gymnasium.register(

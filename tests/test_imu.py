@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from aquafish_gym.imu import ImuLog, unwrap_rpy
+from aquafish_gym.imu import unwrap_rpy
 from aquafish_gym.physics.attitude import attitude, continue_attitude
 
 
@@ -55,16 +55,3 @@ def test_a_robot_that_loops_the_loop_pitches_on_without_a_jump() -> None:
     assert abs(np.diff(felt, axis=0)).max() > 3, "the raw angles jump"
     continuous = unwrap_rpy(np.array(felt))
     assert_allclose(continuous, np.stack([0 * pitch, pitch, 0 * pitch], axis=1), atol=1e-9)
-
-
-def test_a_notebook_shows_the_ends_of_each_signal() -> None:
-    rpy = np.array([[[0.1, 0.2, 0.3], [0.4, np.nan, -0.5]]])
-    lost = np.array([False])
-    felt = ImuLog(rpy, None, None, None, None, lost)._repr_html_()
-    assert felt.count("<tr>") == 4
-    assert "<td>pitch</td><td>0.200</td><td>0.200</td>" in felt
-    assert "<td>yaw</td><td>-0.500</td><td>0.300</td>" in felt
-    both = ImuLog(rpy, 2 * rpy, None, None, None, lost)._repr_html_()
-    assert "<td>spin about z</td><td>-1.000</td><td>0.600</td>" in both
-    nothing = ImuLog(rpy[:0], None, None, None, None, lost[:0])._repr_html_()
-    assert "<td>roll</td><td></td><td></td>" in nothing

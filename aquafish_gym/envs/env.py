@@ -6,6 +6,7 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
@@ -152,6 +153,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -185,7 +187,8 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._limits = episode.limits(self._observe_fins, self.task.has_goal)
         self._world: World | None = None
         self._window: Window | None = None
-        self._steps = self._last = 0
+        self._last = round(self.task.seconds / self.dt)
+        self._steps = self._last  # no episode has begun
         self._robots = episode.Robots(Scenario.create(self._config.morphology), self.frame_skip)
         self._read_robot()
         self._memory: Memory = ()
@@ -193,6 +196,15 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._fin_angles: Vector = (0.0, 0.0, 0.0)
         self._reckoned: Vector = self._fin_angles
         self._state = at_rest((0.0, 0.0, 0.0))
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Gymnasium's description, with the length of an episode of this task and frame_skip."""
+        return episode.with_length(self._spec, self._last)
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec
 
     @property
     def dt(self) -> float:
@@ -221,7 +233,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._read_robot()
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
         self._reckoned = self._fin_angles
-        self._steps, self._last = 0, round(self.task.seconds / self.dt)
+        self._steps = 0
         here = self._state.position
         if self.render_mode == "human":
             self.render()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from bisect import bisect
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -10,6 +11,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
@@ -196,6 +198,18 @@ def check_frame_skip(value: object, seconds: float) -> int:
             f"{seconds:g} s; got {skip}; the nearest are {low} and {high}"
         )
     return skip
+
+
+def with_length(spec: EnvSpec | None, steps: int) -> EnvSpec | None:
+    """Return Gymnasium's description of an environment with the length of its episodes.
+
+    A limit in the registry would also cut off episodes of another ``frame_skip`` or task.
+    """
+    if spec is None:
+        return None
+    found = copy.copy(spec)
+    found.max_episode_steps = steps
+    return found
 
 
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:

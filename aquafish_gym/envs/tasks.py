@@ -1,18 +1,16 @@
-"""Tasks: rewards, goals, currents, and what an episode remembers.
-
-A task is written once for one robot and for many: every ``Number`` is a float, or a row (B,) of B
-robots' numbers, and a vector is a tuple of three. numpy's functions take both.
-"""
+"""The built-in tasks: swim forward, recover, hold a station, reach waypoints."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
-from types import MemberDescriptorType
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from aquafish_gym.envs.task import Memory as Memory
+from aquafish_gym.envs.task import Step as Step
+from aquafish_gym.envs.task import Task as Task
 from aquafish_gym.physics.arithmetic import (
     TAU,
     Number,
@@ -23,94 +21,11 @@ from aquafish_gym.physics.arithmetic import (
     subtract,
     where_less,
 )
-from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
+from aquafish_gym.scenario import MAXIMUM_CURRENT
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, flag, one_of
 
 MOST = 1e6  # of a weight: a reward must stay finite
 LEAST = 1e-3  # units, of a distance that others are divided by
-LONGEST = 3600.0  # s
-Memory = tuple[Number, ...]
-
-
-class Step(NamedTuple):
-    """What a robot did in a step of an environment.
-
-    Positions are of the body's centre in the world, in units of 5 cm.
-    """
-
-    before: Vector  #: Where it was when the step began.
-    after: Vector  #: Where it is.
-    orientation: tuple[Number, Number, Number, Number]  #: (x, y, z, w), from body to world.
-    action: Vector  #: Of the servos, in [-1, 1].
-    memory: Memory  #: The task's own, of this episode.
-    dt: float  #: How long the step was, s.
-
-    @property
-    def velocity(self) -> Vector:
-        """Mean velocity over the step, units/s."""
-        x, y, z = subtract(self.after, self.before)
-        return (x / self.dt, y / self.dt, z / self.dt)
-
-
-@dataclass(frozen=True)
-class Task:
-    """What there is to do in an episode; a subclass says at least what each step is worth.
-
-    What a task needs to know of an episode is its memory: numbers that :meth:`begin` chooses and
-    :meth:`remember` brings up to date.
-
-    Attributes
-    ----------
-    has_goal
-        Whether it has a place to be at, which the robot then observes.
-    seconds
-        How long an episode lasts.
-
-    Examples
-    --------
-    >>> class SwimUp(Task):
-    ...     def reward_terms(self, step: Step) -> dict[str, Number]:
-    ...         return {"reward_up": step.velocity[2]}
-    >>> SwimUp().seconds
-    20.0
-    """
-
-    has_goal: ClassVar[bool] = False
-    seconds: float = 20.0
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            own = getattr(type(self), field.name, field.default)
-            if own is not field.default and not isinstance(own, MemberDescriptorType):  # of slots
-                raise InvalidArgumentError(
-                    f"{type(self).__name__}.{field.name} must be a field of a class under "
-                    f"@dataclass(frozen=True): `{field.name}: {field.type} = {brief(own)}`; "
-                    f"as it stands the task has {brief(getattr(self, field.name))}"
-                )
-        seconds = float(finite_array("seconds", self.seconds, (), TIMESTEP, LONGEST, "s"))
-        object.__setattr__(self, "seconds", seconds)
-
-    def begin(self, rng: np.random.Generator) -> tuple[float, ...]:  # noqa: ARG002
-        """Return the memory with which one robot's episode begins."""
-        return ()
-
-    def current(self, memory: Memory, seconds: Number) -> Vector | None:  # noqa: ARG002
-        """Return the water's own velocity at a moment, units/s; None leaves it as it is."""
-        return None
-
-    def goal(self, memory: Memory) -> Vector:
-        """Return the place to be at, in units."""
-        raise NotImplementedError(f"{type(self).__name__} has a goal: its `goal` must say where")
-
-    def reward_terms(self, step: Step) -> Mapping[str, Number]:
-        """Return what a step is worth, in terms whose sum is the reward."""
-        raise NotImplementedError(
-            f"{type(self).__name__}.reward_terms must say what steps are worth"
-        )
-
-    def remember(self, step: Step) -> Memory:
-        """Return the memory after a step."""
-        return step.memory
 
 
 # The built-in tasks are written as plain functions, which the compiled loop of a rollout runs too:
@@ -239,7 +154,7 @@ def _waypoint_remember(task: Any, step: Step) -> Memory:
 
 @dataclass(frozen=True)
 class _Moving(Task):
-    """A task in which effort has a small price."""
+    """A task with a small penalty on effort."""
 
     ctrl_weight: float = 1e-4
 
@@ -254,9 +169,9 @@ class _Moving(Task):
 
 @dataclass(frozen=True)
 class SwimForward(_Moving):
-    """Swim along the world's +y, which is where the robot faces at the start, with little effort.
+    """Swim along the world's +y, which the robot faces at the start, with little effort.
 
-    As in Gymnasium's Swimmer: the speed made good over the step, less a small price on the action.
+    As in Gymnasium's Swimmer: the mean speed over the step, less a small penalty on the action.
 
     Attributes
     ----------
@@ -280,9 +195,9 @@ class SwimForward(_Moving):
 
 @dataclass(frozen=True)
 class Recover(SwimForward):
-    """Swim forward for a minute, in which something breaks: ``AquaFishRecovery-v0``.
+    """Swim forward for a minute in which something breaks: ``AquaFishRecovery-v0``.
 
-    What breaks, and when, is the environment's ``damage``.
+    The environment's ``damage`` states what breaks and when.
     """
 
     seconds: float = 60.0
@@ -419,6 +334,6 @@ def check_water(task: Task, current: Vector) -> None:
     """Raise InvalidArgumentError if there is a current where the task has one of its own."""
     if type(task).current is not Task.current and any(current):
         raise InvalidArgumentError(
-            f"current must be 0 where the task says how the water flows; got {current} with "
+            f"current must be 0 where the task has a current of its own; got {current} with "
             f"{type(task).__name__}"
         )

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -14,11 +15,10 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import ENGINES, MAXIMUM_THREADS, TIMESTEP
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
-from aquafish_gym.envs import episode
+from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
 from aquafish_gym.envs.tasks import Step, check_task, check_water
 from aquafish_gym.morphology import Morphology
@@ -35,7 +35,6 @@ Counts = NDArray[np.int64]
 Info = dict[str, Any]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
-ALL_OR_EACH = ("morphology", "damage", "fin_angles")  # may be one for all robots, or one each
 AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 
 # Rows of a table of states.
@@ -78,6 +77,8 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     >>> observations.shape, rewards.shape
     ((3, 9), (3,))
     """
+
+    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -132,10 +133,10 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
         start = episode.check_episode(None, None, current, "zero", self.task.seconds)
         check_water(self.task, start.current)
-        several = _of_each(
+        several = batching.of_each(
             {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}, self.num_envs
         )
-        self._configs = _with_options([start] * self.num_envs, several)
+        self._configs = batching.with_options([start] * self.num_envs, several)
         fields = {
             "body": np.array([config.morphology.to_array() for config in self._configs]),
             "current": np.tile(start.current, (self.num_envs, 1)),
@@ -161,6 +162,15 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._begun = False
 
     @property
+    def spec(self) -> EnvSpec | None:
+        """Gymnasium's description, with the length of an episode of this task and frame_skip."""
+        return episode.with_length(self._spec, self._last)
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec
+
+    @property
     def dt(self) -> float:
         """Length of one step, s."""
         return TIMESTEP * self.frame_skip
@@ -177,10 +187,10 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         do robots that are not reset. ``options`` are the single environment's, the same for all,
         and ``reset_mask`` (num_envs,) of bool.
         """
-        seeds = _check_seeds(seed, self.num_envs)
+        seeds = batching.check_seeds(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)
         if isinstance(options, Mapping) and "reset_mask" in options:
-            mask = _check_mask(options["reset_mask"], self.num_envs)
+            mask = batching.check_mask(options["reset_mask"], self.num_envs)
         if not self._begun and not mask.all():
             raise ResetNeeded("the first reset must be of every robot")
         configs = self._chosen(mask, options)  # may refuse: nothing has changed until here
@@ -193,7 +203,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._begin(mask, configs)
         self._begun = True
         self._look(np.flatnonzero(mask))
-        return self._seen.copy(), _masked(self._info(self._now) | self._nothing(), mask)
+        return self._seen.copy(), batching.masked(self._info(self._now) | self._nothing(), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
@@ -208,7 +218,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         over = self._steps == self._last
         if not self._begun or (over.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        action, before = _three(checked.T), self._now
+        action, before = batching.three(checked.T), self._now
         # A robot whose episode was over has swum for nothing, and begins the next one.
         diverged = self._simulate(action) & ~over
         self._steps += 1
@@ -222,12 +232,14 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._look(self._everyone)
         ended = self._steps == self._last
         everyone = np.ones(self.num_envs, np.bool_)
-        info = _masked({**self._info(before), "diverged": diverged.copy(), **terms}, everyone)
+        info = batching.masked(
+            {**self._info(before), "diverged": diverged.copy(), **terms}, everyone
+        )
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             last = self._seen.copy()
             self._begin(ended, self._chosen(ended))
             self._look(np.flatnonzero(ended))
-            info = _put_final(info, self._info(self._now) | self._nothing(), last, ended)
+            info = batching.put_final(info, self._info(self._now) | self._nothing(), last, ended)
         return self._seen.copy(), reward, diverged, ended & ~diverged, info
 
     def _simulate(self, action: Vector) -> Mask:
@@ -236,7 +248,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         if water is not None:
             self._lanes.set_current(self._of_all("current", water, 3).T)
         # The lanes' own gains are 1: their product would be of single precision.
-        gains = _three(self._robots.now.servo_gain.T)
+        gains = batching.three(self._robots.now.servo_gain.T)
         speeds = servo_speeds(action)
         turned = [gain * speed for gain, speed in zip(gains, speeds, strict=True)]
         lost = self._lanes.advance(np.array(turned).T, self.frame_skip).diverged
@@ -244,7 +256,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         with np.errstate(over="ignore", invalid="ignore"):
             lost |= ~(np.square(now[SPEEDS]).sum(axis=0) < RUNAWAY)
         if self._reckons:
-            reckoned = reckon(_three(self._reckoned), speeds, TAU * self.dt)
+            reckoned = reckon(batching.three(self._reckoned), speeds, TAU * self.dt)
             self._reckoned = np.where(lost, self._reckoned, reckoned)
         if lost.any():
             now[:, lost] = before[:, lost]
@@ -265,7 +277,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         return np.array(rows, np.float64)
 
     def _taken(self, before: Floats, action: Vector) -> Step:
-        here, there = _three(before[POSITION]), _three(self._now[POSITION])
+        here, there = batching.three(before[POSITION]), batching.three(self._now[POSITION])
         x, y, z, w = self._now[QUATERNION]
         return Step(here, there, (x, y, z, w), action, tuple(self._memory), self.dt)
 
@@ -303,10 +315,10 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             return [self._configs[i] for i in np.flatnonzero(mask).tolist()]
         if not isinstance(options, Mapping):
             raise InvalidArgumentError(f"options must be a dictionary; got {brief(options)}")
-        several = _of_each(options, self.num_envs)
+        several = batching.of_each(options, self.num_envs)
         several.pop("reset_mask", None)
         chosen = np.flatnonzero(mask).tolist()
-        return _with_options(
+        return batching.with_options(
             [self._configs[i] for i in chosen],
             {name: values if len(values) == 1 else [values[i] for i in chosen]
              for name, values in several.items()},
@@ -331,7 +343,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         now, way = self._now[:, rows], None
         if self.task.has_goal:
             goal = self.task.goal(tuple(self._memory[:, rows]))
-            way = subtract(goal, _three(now[POSITION]))
+            way = subtract(goal, batching.three(now[POSITION]))
         fins = None
         if self._observe_fins:
             fins = self._reckoned[:, rows] if self._reckons else angles_of_rows(now)
@@ -343,7 +355,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     def _info(self, before: Floats) -> Info:
         """Return ``info`` after a step from the states ``before``."""
-        here, there = _three(before[POSITION]), _three(self._now[POSITION].copy())
+        here, there = batching.three(before[POSITION]), batching.three(self._now[POSITION].copy())
         return episode.motion_info(here, there, self.dt) | {
             "diverged": np.zeros(self.num_envs, np.bool_),
             "fin_angles": angles_of_rows(self._now).T.copy(),
@@ -365,100 +377,3 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
             render_pose(Morphology.from_array(sizes), (position, quaternion), angles)
             for sizes, position, quaternion, angles in zip(*robots, strict=True)
         )
-
-
-def _three(rows: Floats) -> Vector:
-    x, y, z = rows
-    return (x, y, z)
-
-
-def _of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
-    """Return each argument of the robots in a list: one for all, or one for each of ``count``."""
-    found = {}
-    for name, value in arguments.items():
-        rows = isinstance(value, list | tuple) if name == "damage" else _has_rows(value)
-        if name == "damage" and rows and value and Damage.is_list_of_faults(value):
-            raise InvalidArgumentError(
-                "damage must be one for all robots or a list of texts or Damages, one each; got a "
-                f"list of {len(value)} faults, which might be either: make it Damage(...)"
-            )
-        each = list(value) if rows and name in ALL_OR_EACH else [value]
-        if len(each) != count and not (len(each) == 1 and each[0] is value):
-            joined = "; faults of one robot are joined by ';'" if name == "damage" else ""
-            raise InvalidArgumentError(
-                f"{name} must be one for all robots or num_envs = {count} of them; "
-                f"got {len(each)}{joined}"
-            )
-        found[name] = each
-    return found
-
-
-def _has_rows(value: object) -> bool:
-    """Whether this is several, and not one of three or nine numbers."""
-    if isinstance(value, np.ndarray):
-        return value.ndim == 2
-    if isinstance(value, list | tuple) and value:
-        return not isinstance(value[0], int | float | np.number)
-    return False
-
-
-def _with_options(
-    starts: list[EpisodeConfig], several: Mapping[str, list[Any]]
-) -> list[EpisodeConfig]:
-    """Return starts with options, of which each has one value for all or one for each start."""
-    made: dict[tuple[int, ...], EpisodeConfig] = {}
-    found = []
-    for i, start in enumerate(starts):
-        options = {name: values[i % len(values)] for name, values in several.items()}
-        key = (id(start), *map(id, options.values()))
-        if key not in made:
-            made[key] = start.with_options(options)
-        found.append(made[key])
-    return found
-
-
-def _check_seeds(seed: object, count: int) -> list[int | None]:
-    """Return a seed for each robot, from one number, one each, or None."""
-    if seed is None:
-        return [None] * count
-    # Bytes are a sequence of whole numbers, and no seeds.
-    if not isinstance(seed, list | tuple | range) and not (
-        isinstance(seed, np.ndarray) and seed.ndim
-    ):
-        first = integer("seed", seed, 0)
-        return [first + i for i in range(count)]
-    if len(seed) != count:
-        raise InvalidArgumentError(f"seed must be one number or {count} of them; got {len(seed)}")
-    return [None if s is None else integer(f"seed[{i}]", s, 0) for i, s in enumerate(seed)]
-
-
-def _check_mask(mask: object, count: int) -> Mask:
-    """Return which robots (count,) shall be reset: at least one."""
-    try:
-        found = np.asarray(mask)
-    except (ValueError, RecursionError):  # ragged, or too deep
-        found = np.zeros(0)
-    if found.dtype.kind != "b" or found.shape != (count,) or not found.any():
-        raise InvalidArgumentError(
-            f'options["reset_mask"] must be ({count},) of bool with at least one True; '
-            f"got {brief(mask)}"
-        )
-    return found
-
-
-def _masked(info: Info, mask: Mask) -> Info:
-    """Add the mask that Gymnasium wants beside each key."""
-    return info | {f"_{name}": mask.copy() for name in info}
-
-
-def _put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -> Info:
-    """Move the ended robots' information to ``final_info`` and put the new episodes' instead."""
-    masks = [name for name in info if name.startswith("_")]
-    final = {name: info[name] & ended if name in masks else info[name].copy() for name in info}
-    for name, value in fresh.items():
-        info[name][ended] = value[ended]
-    observations = np.full(len(ended), None, dtype=object)
-    for i in np.flatnonzero(ended):
-        observations[i] = last[i]
-    finals = _masked({"final_obs": observations}, ended)
-    return info | finals | {"final_info": final, "_final_info": ended.copy()}

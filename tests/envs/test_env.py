@@ -377,3 +377,26 @@ def test_a_window_needs_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(EngineUnavailableError, match="no display"):
         gym.make("AquaFish-v0", engine="numba", render_mode="human")
     assert make().metadata["render_modes"] == ["rgb_array"]
+
+
+@pytest.mark.parametrize(
+    ("name", "kwargs", "steps"),
+    [
+        ("AquaFish-v0", {}, 100),
+        ("AquaFish-v0", {"frame_skip": 5}, 400),
+        ("AquaFishRecovery-v0", {}, 300),
+        ("AquaFish-v0", {"task": SwimForward(seconds=1.0)}, 5),
+    ],
+)
+def test_spec_has_the_length_of_an_episode(name: str, kwargs: dict[str, Any], steps: int) -> None:
+    env, envs = gym.make(name, engine="numba", **kwargs), gym.make_vec(name, 2, **kwargs)
+    assert env.spec is not None
+    assert envs.spec is not None
+    assert env.spec.max_episode_steps == envs.spec.max_episode_steps == steps
+    again = gym.make(env.spec)
+    again.reset(seed=0)
+    ends = [again.step(GO)[3] for _ in range(min(steps, 5))]
+    assert ends == [i == steps - 1 for i in range(min(steps, 5))]
+    shorter = gym.make(name, engine="numba", max_episode_steps=3, **kwargs)
+    assert shorter.spec is not None
+    assert shorter.spec.max_episode_steps == 3

@@ -1,0 +1,100 @@
+"""The interface of a task: rewards, a goal, a current, and what it remembers of an episode.
+
+A task is written once for one robot and for many: every ``Number`` is a float, or a row (B,) of B
+robots' numbers, and a vector is a tuple of three. numpy's functions take both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from types import MemberDescriptorType
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from aquafish_gym.physics.arithmetic import Number, Vector, subtract
+from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
+
+LONGEST = 3600.0  # s
+Memory = tuple[Number, ...]
+
+
+class Step(NamedTuple):
+    """One step of an environment.
+
+    Positions are of the body's centre in the world, in units of 5 cm.
+    """
+
+    before: Vector  #: Position at the start of the step.
+    after: Vector  #: Position now.
+    orientation: tuple[Number, Number, Number, Number]  #: (x, y, z, w), from body to world.
+    action: Vector  #: Of the servos, in [-1, 1].
+    memory: Memory  #: The task's own, of this episode.
+    dt: float  #: Length of the step, s.
+
+    @property
+    def velocity(self) -> Vector:
+        """Mean velocity over the step, units/s."""
+        x, y, z = subtract(self.after, self.before)
+        return (x / self.dt, y / self.dt, z / self.dt)
+
+
+@dataclass(frozen=True)
+class Task:
+    """The goal of an episode and its rewards; a subclass states at least :meth:`reward_terms`.
+
+    A task keeps what it needs of an episode in its memory: numbers that :meth:`begin` draws and
+    :meth:`remember` updates.
+
+    Attributes
+    ----------
+    has_goal
+        Whether the task has a goal position, to which the robot then observes the way.
+    seconds
+        Length of an episode.
+
+    Examples
+    --------
+    >>> class SwimUp(Task):
+    ...     def reward_terms(self, step: Step) -> dict[str, Number]:
+    ...         return {"reward_up": step.velocity[2]}
+    >>> SwimUp().seconds
+    20.0
+    """
+
+    has_goal: ClassVar[bool] = False
+    seconds: float = 20.0
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            own = getattr(type(self), field.name, field.default)
+            if own is not field.default and not isinstance(own, MemberDescriptorType):  # of slots
+                raise InvalidArgumentError(
+                    f"{type(self).__name__}.{field.name} must be a field of a class under "
+                    f"@dataclass(frozen=True): `{field.name}: {field.type} = {brief(own)}`; "
+                    f"at present the task has {brief(getattr(self, field.name))}"
+                )
+        seconds = float(finite_array("seconds", self.seconds, (), TIMESTEP, LONGEST, "s"))
+        object.__setattr__(self, "seconds", seconds)
+
+    def begin(self, rng: np.random.Generator) -> tuple[float, ...]:  # noqa: ARG002
+        """Return the memory at the start of one robot's episode."""
+        return ()
+
+    def current(self, memory: Memory, seconds: Number) -> Vector | None:  # noqa: ARG002
+        """Return the water's velocity at a time, units/s; None leaves it as it is."""
+        return None
+
+    def goal(self, memory: Memory) -> Vector:
+        """Return the goal position, units."""
+        raise NotImplementedError(f"{type(self).__name__} has a goal: define its `goal`")
+
+    def reward_terms(self, step: Step) -> Mapping[str, Number]:
+        """Return the terms whose sum is the reward of a step."""
+        raise NotImplementedError(f"{type(self).__name__} must define reward_terms")
+
+    def remember(self, step: Step) -> Memory:
+        """Return the memory after a step."""
+        return step.memory
