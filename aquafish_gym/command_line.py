@@ -211,11 +211,20 @@ def _one_line(box: str, command: type[Command]) -> str:
     text = " ".join(filter(None, rows))
     message = next(filter(None, re.split(r" *[─-]{9,} *", text)), text)
     if found := re.search(r"Unrecognized options: (\S+?)(,|\s|$)", text):
+        if not found[1].startswith("-"):
+            return f"unexpected argument {found[1]!r}"
         nearest = difflib.get_close_matches(found[1], _options(command), n=1)
         return f"unknown option {found[1]}" + (f"; did you mean {nearest[0]}?" if nearest else "")
     if message.startswith("Missing from"):
         missing = re.findall(r"--[\w.-]+", message)
         return f"the command needs {' and '.join(missing)}; --help lists the options"
+    if found := re.match(r"Error parsing (\S+): .*?(int|float)\b.*: '(.*)'", message):
+        kind = "a whole number" if found[2] == "int" else "a number"
+        return f"{found[1]} must be {kind}; got {found[3]!r}"
+    if found := re.match(r"Error parsing (\S+): .*? \[(.*)\] into tuple type .*?\[(.*)\]", message):
+        return f"{found[1]} must be {found[3].count(',') + 1} numbers; got {found[2]}"
+    if found := re.match(r"Missing value for argument '(.*)'. Expected (\d+) values", message):
+        return f"{found[1]} needs {'a value' if found[2] == '1' else f'{found[2]} values'}"
     if found := re.match(
         r"invalid choice '(.*)' for argument '(.*)'. Expected .*? \((.*)\)", message
     ):
