@@ -1,4 +1,4 @@
-"""Where the fins are, for who cannot see them: joint inference returns a body, and this sense."""
+"""The estimate of the current fin angles from a joint posterior."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from eea.joint.joint_posterior import SAMPLES, JointPosterior
 
 
 class Fins(NamedTuple):
-    """Where the fins stand, as far as is known, and how they obey.
+    """Estimated fin angles, and the servos' gains.
 
     Examples
     --------
@@ -28,20 +28,19 @@ class Fins(NamedTuple):
 
     angles: Floats  #: (3,) left and right pectoral angle and caudal phase, rad in [-pi, pi).
     spread: Floats  #: (3,) their circular standard deviations, rad.
-    servo_gain: Floats  #: (3,) how much faster each servo is than told; 0 of one that is stuck.
+    servo_gain: Floats  #: (3,) speed over command of each servo; 0 of one that is stuck.
 
 
 def fins_after(result: Result) -> Fins:
-    """Return where the fins stand at the end of the last trial, as joint inference believes.
+    """Return the estimate of the fin angles at the end of the last trial.
 
-    Servos do what they are told. So whoever knows where the fins stood when a trial began, and what
-    was commanded since, knows where they are, and with ``Controller.policy`` or ``gait.swim`` goes
-    on knowing it. The angles are of the most probable hypothesis.
+    Given the initial angles, they follow by integrating the commands, which ``Controller.policy``
+    and ``gait.swim`` continue to do. The most probable hypothesis is used.
 
     Parameters
     ----------
     result
-        Of the condition ``"joint"``, after one trial or more.
+        A result of joint inference, after one trial or more.
 
     Raises
     ------
@@ -59,7 +58,7 @@ def fins_after(result: Result) -> Fins:
     belief = result.belief
     if not isinstance(belief, JointPosterior) or not result.rounds:
         raise ConfigurationError(
-            "result must be of the condition joint, after a trial, to tell where the fins are; got "
+            "result must be of the condition joint, after a trial; got "
             f"{result.config.condition} after {len(result.rounds)} trials"
         )
     best = belief.branches[0]
@@ -67,10 +66,10 @@ def fins_after(result: Result) -> Fins:
     inputs = best.parameters.inputs(best.parameters.local(theta))
     nuisances, angles = inputs.nuisances[:, -1], inputs.angles[:, -1]
     gains = nuisances[:, GAIN] * nuisances[:, SWITCHES]
-    obeyed = result.config.steps * TIMESTEP - nuisances[:, LAG, None]
+    turning = result.config.steps * TIMESTEP - nuisances[:, LAG, None]
     command = np.array(result.rounds[-1].command)
     assert len(command) == len(SERVOS)
-    waves = np.exp(1j * (angles + TAU * gains * command * obeyed)).mean(axis=0)
+    waves = np.exp(1j * (angles + TAU * gains * command * turning)).mean(axis=0)
     lengths = np.clip(np.abs(waves), 1e-12, 1.0)
     return Fins(
         angles=wrap(np.angle(waves)),

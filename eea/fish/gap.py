@@ -1,4 +1,4 @@
-"""How a target differs from the world that its models swim in: the reality gap, simulated."""
+"""The reality gap: how a target's world differs from its models'."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from aquafish_gym.utils.validation import finite_array, one_of
 from aquafish_gym.world_config import WorldConfig
 from eea.core.angles import Floats, wrap
 
-MOST_SPIN = 100.0  # rad/s that a gyroscope may err by, which is beyond any
+MOST_SPIN = 100.0  # rad/s of noise or bias
 
 
 @dataclass(frozen=True, kw_only=True)
 class RealityGap(WorldConfig):
-    """What a target has that its models do not know of; the default is nothing.
+    """Differences of a target from its models, which do not know them; none by default.
 
-    It is relative to what target and models share: currents add up, and substeps multiply.
+    They are relative to the shared world: currents add up, and substeps multiply.
 
     Raises
     ------
@@ -38,11 +38,11 @@ class RealityGap(WorldConfig):
     gyro_noise: float = 0.0
     """Standard deviation of the gyroscope's white noise, rad/s in each sample and axis."""
     gyro_bias: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """What the gyroscope says at rest, rad/s."""
+    """The gyroscope's reading at rest, rad/s."""
     seized: Literal["left_pectoral", "right_pectoral", "caudal"] | None = None
-    """A servo that is stuck, at the same angle in every trial."""
+    """A servo that is stuck at the same angle in every trial."""
     seized_angle: float = 0.0
-    """Where it is stuck: angle of a flipper, phase of the tail, rad."""
+    """Its angle (of a flipper) or phase (of the tail), rad."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -57,20 +57,20 @@ class RealityGap(WorldConfig):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What is not as the models think, by name."""
+        """The fields that differ from the models' world, by name."""
         plain = RealityGap()
         return {name: value for name, value in vars(self).items() if value != vars(plain)[name]}
 
     def __str__(self) -> str:
-        said = []
+        words = []
         for name, value in self.changes.items():
             values = value if isinstance(value, tuple) else (value,)
             numbers = (f"{v:g}" if isinstance(v, float) else str(v) for v in values)
-            said.append(name if value is True else " ".join([name, *numbers]))
-        return ", ".join(said) or "nothing"
+            words.append(name if value is True else " ".join([name, *numbers]))
+        return ", ".join(words) or "nothing"
 
     def edit(self, scenario: Scenario) -> Scenario:
-        """Return a scenario of the models' world as the target has it.
+        """Return a scenario of the models' world with the target's differences.
 
         Examples
         --------
@@ -86,11 +86,11 @@ class RealityGap(WorldConfig):
         return np.array([fin == self.seized for fin in FINS])
 
     def placed(self, angles: Floats) -> Floats:
-        """Return fin angles (..., 3) with that of a seized servo where it is stuck, rad."""
+        """Return fin angles (..., 3) in rad, a seized servo's at its angle."""
         return np.where(self._stuck, wrap(self.seized_angle), angles)
 
     def felt(self, log: ImuLog, rng: np.random.Generator) -> ImuLog:
-        """Return a log as the gyroscope says it, with its noise and its bias."""
+        """Return a log with the gyroscope's noise and bias."""
         if log.gyro is None or not (self.gyro_noise or any(self.gyro_bias)):
             return log
         noise = self.gyro_noise * rng.standard_normal(log.gyro.shape)

@@ -1,7 +1,7 @@
-"""A simulated swim, looked at whenever the robot's gyroscope was read rather than each 0.01 s.
+"""Interpolation of simulated swims to the times at which a robot's gyroscope was read.
 
-A log is compared as it is: interpolating *it* would make the noise of neighbouring samples alike,
-which looks like a model that is wrong. What is simulated has no noise.
+The log itself is not interpolated: that would correlate the noise of neighbouring samples, which
+looks like a wrong model. Simulations have no noise.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from eea.core.angles import Floats
 if TYPE_CHECKING:
     from eea.joint.problem import JointProblem, Simulate
 
-NEAR = 1e-4  # s: as far as a sample may be from the end of a step to count as its own
-POINTS = 4  # that a cubic passes through
+NEAR = 1e-4  # s between a sample and the end of a step that counts as its time
+POINTS = 4  # of a cubic
 
 
 def steps_for(time: Floats) -> int:
-    """Return how many steps of 0.01 s cover samples at these times, in s."""
+    """Return the number of steps of 0.01 s that cover samples at these times, in s."""
     return max(POINTS, int(np.ceil((time.max() - NEAR) / TIMESTEP)))
 
 
 def at_times(
     joint: JointProblem, observed: NDArray[np.void], time: Floats
 ) -> tuple[JointProblem, NDArray[np.void]]:
-    """Return a joint problem whose signal is at times (E, T), and what was observed for it.
+    """Return a joint problem whose signal is at times (E, T), and its observed commands.
 
-    ``time`` is in s after the begin of each of the E trials, from 0.01 s on. Where it is each
-    0.01 s, all is as it was.
+    ``time`` is in s after the beginning of each of the E trials, from 0.01 s on. Both are returned
+    unchanged if the times are the ends of the steps.
     """
     if (np.abs(time - TIMESTEP * np.arange(1, time.shape[1] + 1)) < NEAR).all():
         return joint, observed
@@ -43,16 +43,15 @@ def at_times(
         observed, "trial", np.arange(len(observed)), usemask=False
     )
     return replace(
-        joint, simulate=partial(_looked_at, time=time, simulate=joint.simulate)
+        joint, simulate=partial(_interpolated, time=time, simulate=joint.simulate)
     ), numbered
 
 
 def cubic_weights(at: Floats, count: int) -> tuple[NDArray[np.intp], Floats]:
-    """Return where (T,) each cubic begins, and its weights (T, 4), to look between samples.
+    """Return the first sample (T,) and the weights (T, 4) of Lagrange cubics at places (T,).
 
-    ``at`` (T,) are places among ``count`` samples, 0 being the first. Lagrange's polynomial
-    through four neighbours: of what swings at 2 Hz and is sampled each 0.01 s it is off by 1e-4
-    of the amplitude at most, where a straight line is by 2e-3.
+    Places are among ``count`` samples, 0 being the first. For an oscillation at 2 Hz sampled every
+    0.01 s the error is at most 1e-4 of the amplitude; linear interpolation has 2e-3.
 
     Examples
     --------
@@ -69,7 +68,7 @@ def cubic_weights(at: Floats, count: int) -> tuple[NDArray[np.intp], Floats]:
     return first, weights
 
 
-def _looked_at(
+def _interpolated(
     bodies: Floats,
     nuisances: Floats,
     commands: NDArray[Any],

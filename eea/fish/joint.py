@@ -1,16 +1,17 @@
-"""The fish as joint inference sees it: what may differ from the models' plain world, and how."""
+"""The fish as a problem of joint inference: its nuisances and fault hypotheses."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.api import simulate
+from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
+from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats
 from eea.core.problem import Problem
 from eea.fish.simulator import EngineSimulator
@@ -18,16 +19,16 @@ from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
 _SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
 
-# The order of the columns of ``nuisances`` in ``fish_signal``. The priors' widths are what a
-# evaluator's robot may have; the ranges, what it can hardly have.
+# The columns of ``nuisances`` in ``fish_signal``. The priors' widths are typical of a laboratory's
+# robot; the ranges are beyond what is plausible.
 NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(f"current {axis}", -0.5, 0.5, 0.0, 0.15, "current") for axis in "xyz"),
     *(Nuisance(f"drag of the {what}", 0.5, 1.5, 1.0, 0.2, "drag") for what in ("fins", "body")),
     Nuisance("servo gain", 0.7, 1.3, 1.0, 0.1, "servo_gain"),
     *(Nuisance(f"gyro bias {axis}", -0.3, 0.3, 0.0, 0.05, "gyro_bias") for axis in "xyz"),
-    # A servo starts with a jerk, which a sample of 0.01 s feels or not.
+    # A servo starts with a jerk, which lies within a sample of 0.01 s or not.
     Nuisance("lag", 0.0, 0.2, 0.0, 0.05, valleys=20),
-    # The tail's sweep is the same both ways: reversed is but another phase.
+    # The tail's sweep is symmetric: reversal only shifts its phase.
     *(
         Nuisance(name, 0.0 if fin == "caudal" else -1.0, 1.0, 1.0, switch=True)
         for fin, name in _SERVO.items()
@@ -37,16 +38,16 @@ NUISANCES: tuple[Nuisance, ...] = (
 CURRENT, DRAG, GAIN, BIAS = slice(0, 3), slice(3, 5), slice(5, 6), slice(6, 9)
 LAG, SERVOS, REACTIVE = 9, slice(10, 13), 13
 
-# A window of a swim begins with a velocity, which takes the current's place: relative to the water
-# they are one. Of the spin only what the gyroscope's noise leaves open has to be found.
+# A window of a swim begins with a velocity relative to the water, which replaces the current. The
+# gyroscope measures the spin up to its noise.
 STARTS: tuple[Nuisance, ...] = (
     *(Nuisance(f"start velocity {axis}", -2.0, 2.0, 0.0, 0.5, start=True) for axis in "xyz"),
     *(Nuisance(f"start spin {axis}", -0.5, 0.5, 0.0, 0.1, start=True) for axis in "xyz"),
 )
 VELOCITY, SPIN = CURRENT, slice(14, 17)
 
-# Seized is stuck wherever it was; dead does not move by itself, but is elsewhere in each trial;
-# reversed turns the other way; weak is at any share of its speed, either way.
+# A seized servo is stuck at one angle; a dead one does not move, but its angle differs from trial
+# to trial; a reversed one turns the other way; a weak one has any share of its speed, either way.
 HYPOTHESES: tuple[Hypothesis, ...] = (
     *(
         Hypothesis(
@@ -79,11 +80,11 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 
 @dataclass(frozen=True)
 class SwimWindows:
-    """Windows of swims as a joint problem's commands: an array (E,) of what happened in each.
+    """Windows of swims as a joint problem's commands: a structured array (E,).
 
-    Its fields are the ``series`` of commands (K, 3), each held for ``interval`` samples, of which
-    ``begun`` had passed when the window began; if any had, the robot was in mid-swim, and ``spin``
-    (3,) is what its gyroscope said last, rad/s.
+    Its fields are the ``series`` of commands (K, 3), each held for ``interval`` samples, and
+    ``spin`` (3,), the gyroscope's last reading before the window, rad/s. ``begun`` samples of the
+    series precede the window; if there are any, the robot is in mid-swim.
     """
 
     interval: int
@@ -113,10 +114,10 @@ def fish_signal(
     simulator: EngineSimulator,
     swims: SwimWindows | None = None,
 ) -> NDArray[np.floating]:
-    """Return what the gyroscope says (B, T, 3) in rad/s; see ``eea.joint.problem.Simulate``.
+    """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.problem.Simulate``.
 
-    Where ``simulator`` has a current of its own, the inferred one comes on top. With ``swims``,
-    ``commands`` are of ``SwimWindows.array``.
+    ``nuisances`` (B, n) has the columns of ``NUISANCES``, or for windows in mid-swim those of
+    ``fish_joint``. With ``swims``, ``commands`` are rows of ``SwimWindows.array``.
     """
     reactive = nuisances[:, REACTIVE] > 0.5
     signal: NDArray[np.floating] | None = None
@@ -124,35 +125,26 @@ def fish_signal(
         rows = reactive == kind
         if not rows.any():
             continue
-        told = nuisances[rows]
-        options: dict[str, Any] = {"current": np.asarray(simulator.current) + told[:, CURRENT]}
-        series = commands[rows]
+        series, timing = commands[rows], {}
+        scenario = _edited(bodies[rows], angles[rows], nuisances[rows], simulator, kind)
         if swims is not None:
-            spin, series = series["spin"], series["series"]
-            options = {"interval": swims.interval, "begun": swims.begun}
+            timing = {"interval": swims.interval, "begun": swims.begun}
             if swims.moving:
-                options["velocity"] = told[:, VELOCITY]
-                options["spin"] = spin - told[:, BIAS] + told[:, SPIN]
-            else:
-                options["current"] = np.asarray(simulator.current) + told[:, CURRENT]
-        gyro = simulate(
-            bodies[rows],
+                scenario = _in_mid_swim(scenario, nuisances[rows], series["spin"])
+            series = series["series"]
+        gyro = simulate_scenario(
+            scenario,
             series,
-            angles[rows],
-            steps=simulator.steps,
-            engine=simulator.engine,
-            dtype="float64" if fine else simulator.dtype,
-            substeps=simulator.substeps,
-            threads=simulator.threads,
+            simulator.steps,
+            simulator.engine,
+            "float64" if fine else simulator.dtype,
+            simulator.substeps,
+            simulator.threads,
             record="gyro",
-            reactive=kind,
-            drag=told[:, DRAG],
-            servo_gain=told[:, GAIN] * told[:, SERVOS],
-            lag=told[:, LAG],
-            **options,
+            **timing,
         ).gyro
         assert gyro is not None
-        gyro += told[:, None, BIAS].astype(gyro.dtype)
+        gyro += nuisances[rows, None, BIAS].astype(gyro.dtype)
         if rows.all():
             whole: NDArray[np.floating] = gyro
             return whole
@@ -163,13 +155,35 @@ def fish_signal(
     return signal
 
 
+def _edited(
+    bodies: Floats, angles: Floats, nuisances: Floats, simulator: EngineSimulator, reactive: bool
+) -> Scenario:
+    """Return bodies (B, 9) and initial angles (B, 3) in the world of their nuisances (B, n)."""
+    fields = {
+        "body": bodies,
+        "fin_angles": angles,
+        "current": np.asarray(simulator.current) + nuisances[:, CURRENT],
+        "drag": nuisances[:, DRAG],
+        "servo_gain": nuisances[:, GAIN] * nuisances[:, SERVOS],
+        "servo_lag": nuisances[:, LAG],
+    }
+    return Scenario.fill(fields, reactive)
+
+
+def _in_mid_swim(scenario: Scenario, nuisances: Floats, spin: Floats) -> Scenario:
+    """Return a scenario that begins with the nuisances' velocity and the measured spin (B, 3)."""
+    return replace(
+        scenario,
+        current=np.zeros_like(scenario.current),
+        velocity=nuisances[:, VELOCITY],
+        spin=spin - nuisances[:, BIAS] + nuisances[:, SPIN],
+    )
+
+
 def fish_joint(
     problem: Problem, simulator: EngineSimulator, swims: SwimWindows | None = None
 ) -> JointProblem:
-    """Return the fish for joint inference, simulated as ``simulator`` says.
-
-    It is asked for trials from rest, of a command each, or has been watched: ``swims``.
-    """
+    """Return the fish as a joint problem, for trials from rest or for windows of ``swims``."""
     nuisances = NUISANCES
     if swims is not None and swims.moving:
         nuisances = (*STARTS[:3], *NUISANCES[3:], *STARTS[3:])

@@ -1,4 +1,4 @@
-"""What joint inference believes, in a file."""
+"""Posteriors of joint inference in files."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ if TYPE_CHECKING:
 
 
 def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
-    """Write a ``result.belief`` into an ``.npz`` file, at once or not at all.
+    """Write a ``result.belief`` of joint inference to an ``.npz`` file, whole or not at all.
 
-    It is of any robot's joint inference, and holds all of the posterior but the simulator.
+    The file has everything except the simulator.
 
     Raises
     ------
     ConfigurationError
-        If it is no such belief.
+        If it is another belief.
     CannotWriteError
         If the file cannot be written.
     """
@@ -35,10 +35,9 @@ def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
 
 
 def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
-    """Return what ``save_posterior`` wrote, as ``posterior.npz`` of a run.
+    """Return the posterior that ``save_posterior`` wrote, such as ``posterior.npz`` of a run.
 
-    Its ``interval``, ``sample`` and ``table`` are those of the belief that was saved, to the
-    digit.
+    Its ``interval``, ``sample`` and ``table`` are equal to those of the saved one.
 
     Raises
     ------
@@ -52,7 +51,7 @@ def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
     >>> save_posterior("posterior.npz", estimate.belief)  # doctest: +SKIP
     >>> low, high = load_posterior("posterior.npz").interval(0.9)  # doctest: +SKIP
     """
-    # scipy comes with it.
+    # scipy is imported here to keep `import eea.fish` quick.
     from eea.joint.serialization import ARRAYS, from_arrays
 
     shapes = {name: (None,) * dimensions for name, dimensions in ARRAYS.items()}

@@ -1,4 +1,4 @@
-"""Candidate fish: the algorithm's simulator in one of ``aquafish_gym``'s engines."""
+"""The simulator of candidate fish, in one of the engines of ``aquafish_gym``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from eea.core.experiment import Comparer, Simulator, Trials
 
 
 class SimulatorOptions(TypedDict, total=False):
-    """The candidates' simulator, as keywords; ``EngineSimulator`` says what they mean."""
+    """Keywords of :class:`EngineSimulator`."""
 
     engine: str
     dtype: str
@@ -27,10 +27,10 @@ class SimulatorOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, eq=False)
 class EngineSimulator(Simulator):
-    """Candidate fish, a batch a call.
+    """Candidate fish, simulated in batches.
 
-    It cannot be subclassed: what compares in the engine would pass by another ``simulate``. To
-    add noise, say, inherit from ``eea.Simulator`` and hold one of these.
+    It cannot be subclassed, since comparisons in the engine would bypass another ``simulate``. To
+    add noise, for example, inherit from ``eea.Simulator`` and hold one of these.
 
     Raises
     ------
@@ -45,8 +45,7 @@ class EngineSimulator(Simulator):
     """
 
     steps: int  #: Length of a trial in steps of 0.01 s.
-    #: As ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest, and no
-    #: result depends on the threads.
+    #: See ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest.
     engine: str = "numba"
     dtype: str = "float32"
     current: ArrayLike = (0.0, 0.0, 0.0)
@@ -55,12 +54,12 @@ class EngineSimulator(Simulator):
 
     def __init_subclass__(cls, **_: Any) -> None:
         raise TypeError(
-            "it would compare past simulate: inherit from eea.Simulator and hold an EngineSimulator"
+            "EngineSimulator cannot be subclassed; inherit from eea.Simulator and hold one"
         )
 
     def __post_init__(self) -> None:
-        finite_array("current", self.current, (3,))  # one a robot would fit one batch alone
-        # One motionless robot, so that a wrong setting is refused here and not in mid-run.
+        finite_array("current", self.current, (3,))
+        # One motionless robot, so that a wrong setting is refused here.
         self.simulate(Trials(np.zeros((1, 9)), np.zeros((1, 3)), np.zeros((1, 3))))
 
     def simulate(self, trials: Trials) -> ImuLog:
@@ -68,11 +67,12 @@ class EngineSimulator(Simulator):
         return simulate(trials.models, trials.commands, trials.angles, **vars(self))
 
     def comparer(self, steps: int) -> Comparer | None:
-        """Return what compares behaviours in the engine itself, if it can."""
-        # Trials of another length than is wanted must be refused, which their logs will be.
+        """Return a comparer of behaviours in the compiled engine, if it can be used."""
         if resolve_engine("engine", self.engine) != "numba" or steps != self.steps:
             return None
-        # numba comes with it: importing this room stays quick.
+        # numba is imported here to keep `import eea.fish.simulator` quick.
         from eea.fish.spectral import SHORTEST, SpectralComparer
 
-        return SpectralComparer(self) if steps >= SHORTEST else None
+        if steps < SHORTEST:
+            return None
+        return SpectralComparer(steps, self.dtype, self.current, self.substeps, self.threads)

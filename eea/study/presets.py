@@ -23,7 +23,7 @@ FIGURES: dict[str, PaperConfig] = {
     ),
 }
 
-# What the arms of a study are called, by the number of the figure that shows them.
+# Figure number -> the arm that it shows.
 FIGURE_ARMS: dict[str, str] = {
     "5": "ideal",
     "6": "none",
@@ -52,7 +52,7 @@ C = TypeVar("C", bound=Config)
 
 
 def smoke(config: C) -> C:
-    """Return an arm's settings made so small that all figures take seconds."""
+    """Return an arm's settings reduced so that all figures take seconds."""
     if isinstance(config, JointConfig):
         return replace(config, bodies=12, poses=12, descents=4, polished=1, restarts=0)
     return replace(

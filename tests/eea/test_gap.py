@@ -185,7 +185,7 @@ def test_a_study_takes_a_gap_and_notes_it_only_if_there_is_one(tmp_path, monkeyp
     out = tmp_path / "study"
     assert main(["study", "--out", str(out), *options, "--gap.lag", "0.05"]) == 0
     assert json.loads((out / "study.json").read_text())["gap"] == {"lag": 0.05}
-    assert "differs from its models' in this: lag 0.05" in (out / "summary.md").read_text()
+    assert "differs from its models' in lag 0.05" in (out / "summary.md").read_text()
     assert main(["study", "--out", str(out), *options]) == 2  # another world than the folder's
     plain = World(Morphology.nominal(), Damage())
     assert "gap" not in Study({"none": QUICK}, (32,), 1, 0, 1, plain).to_dict()

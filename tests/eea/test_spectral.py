@@ -91,7 +91,7 @@ def test_a_simulator_of_ones_own_is_asked_and_not_bypassed() -> None:
 
 
 def test_what_compares_in_the_engine_is_not_inherited() -> None:
-    with pytest.raises(TypeError, match=r"inherit from eea\.Simulator and hold an EngineSimulator"):
+    with pytest.raises(TypeError, match="EngineSimulator cannot be subclassed"):
 
         class Noisy(EngineSimulator):
             pass
