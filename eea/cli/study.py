@@ -26,7 +26,7 @@ from aquafish_gym.runs.workers import check_workers
 from eea.cli.options import AlgorithmOptions
 from eea.core.checks import ConfigurationError
 from eea.core.config import Condition, Config, config_for
-from eea.fish import Orientation, RealityGap
+from eea.fish import RealityGap
 from eea.study.folder import extended, write_description
 from eea.study.presets import FIGURE_ARMS, FIGURES, smoke
 from eea.study.replicate import World, rehearse, replicate
@@ -67,9 +67,6 @@ class StudyCommand:
     damage: AnyDamage = "none"
     target_morphology: TargetMorphology = None
     target_engine: TargetEngine = "numba"
-    #: How the target's body lies at the start: upright and facing +y, as the models; level with any
-    #: heading; or in any attitude.
-    target_orientation: Orientation = "upright"
     #: Velocity of the water, units/s, for target and models.
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     #: How the target's world differs from the models'.
@@ -107,7 +104,6 @@ class StudyCommand:
                 read_morphology(self.target_morphology, "target_morphology"),
                 Damage.parse(self.damage),
                 resolve_engine("target_engine", self.target_engine),
-                self.target_orientation,
                 self.current,
                 self.gap,
             ),

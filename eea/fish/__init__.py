@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from eea.fish.simulator import EngineSimulator
     from eea.fish.swim_log import SwimLog
     from eea.fish.swim_log_file import read_log, write_log
-    from eea.fish.target import EngineTarget, Orientation
+    from eea.fish.target import EngineTarget
     from eea.fish.watch import watch_swim
 
 __all__ = [
@@ -34,7 +34,6 @@ __all__ = [
     "EngineTarget",
     "Fins",
     "MorphologyEstimate",
-    "Orientation",
     "RealityGap",
     "SwimLog",
     "estimate_from_logs",

@@ -23,7 +23,7 @@ from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish.gap import RealityGap
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
-from eea.fish.target import NO_GAP, EngineTarget, Orientation
+from eea.fish.target import NO_GAP, EngineTarget
 
 Progress = Callable[[RoundRecord], None]
 
@@ -191,7 +191,6 @@ def estimate_morphology(
     progress: Progress | None = None,
     *,
     target_engine: str = "auto",
-    target_orientation: Orientation = "upright",
     gap: RealityGap = NO_GAP,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
@@ -210,7 +209,7 @@ def estimate_morphology(
         The seed of everything random; see ``estimate_morphology_of``.
     target_engine
         The target's engine; "auto" is PyBullet where it is installed.
-    target_orientation, gap
+    gap
         See ``EngineTarget``.
     **simulator
         See ``EngineSimulator``. The current and the substeps hold for the target too.
@@ -224,7 +223,6 @@ def estimate_morphology(
         target_engine,
         simulator.get("current", (0.0, 0.0, 0.0)),
         simulator.get("substeps", 1),
-        target_orientation,
         gap,
     )
     return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

@@ -1,59 +1,31 @@
-"""The damaged fish itself, simulated: what the algorithm asks and may not look into."""
+"""The simulated target: a damaged fish whose initial fin angles are hidden."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.command import check_commands
-from aquafish_gym.damage import Damage
+from aquafish_gym.damage import CHANNELS, Damage
+from aquafish_gym.damage.sensors import GYRO, Sensors
 from aquafish_gym.engines.api import MAXIMUM_SUBSTEPS, simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.attitude import rotations
 from aquafish_gym.scenario import Scenario, check_row
 from aquafish_gym.utils.validation import finite_array, integer
-from eea.core.angles import Floats
-from eea.core.checks import choice, instance
-from eea.fish.broken_trial import apply_sensor_faults, initial_angles, rpy_of
+from eea.core.angles import Floats, wrap
+from eea.core.checks import instance
 from eea.fish.gap import RealityGap
 
-Orientation = Literal["upright", "heading", "attitude"]
 NO_GAP = RealityGap()
-
-
-def random_orientation(orientation: str, rng: np.random.Generator) -> Floats:
-    """Return a matrix (3, 3) from body to world, drawn as ``EngineTarget`` says."""
-    if orientation == "upright":
-        return np.eye(3)
-    if orientation == "heading":
-        level: Floats = rotations(np.array([[0.0, 0.0, rng.uniform(-np.pi, np.pi)]]))[0]
-        return level
-    # The directions of normal numbers are uniform, and so are the bases that they span.
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    uniform: Floats = q * np.sign(np.linalg.det(q))
-    return uniform
-
-
-def turn_log(log: ImuLog, start: Floats) -> ImuLog:
-    """Return a log (1, T, 3) from the upright start as it is from another, a matrix (3, 3).
-
-    Neither the water nor the neutrally buoyant fish knows up from down, so to begin turned is to
-    do the same, turned.
-    """
-    if log.rpy is None or log.diverged.any():
-        return log  # there is no attitude to turn
-    turned = start @ rotations(np.asarray(log.rpy[0], dtype=np.float64))
-    return replace(log, rpy=rpy_of([start, *turned]))
+_ONLY = np.zeros(1, np.intp)
 
 
 class EngineTarget:
-    """A damaged fish that begins every command with its fins anywhere and does not say where.
+    """A damaged fish that performs each command from random, hidden fin angles.
 
     Parameters
     ----------
@@ -61,31 +33,23 @@ class EngineTarget:
         The body before the damage: a ``Morphology``, fin -> (x, y, z), nine numbers, or None
         for the nominal one.
     damage
-        A ``Damage``, its text, a list of them, or None, of which nothing is left to chance. Each
-        trial is an episode: it begins at 0 s, so that what strikes at 1 s does so in every trial,
-        and all is whole again when the next begins. A seized servo without an angle stands in
-        every trial where it stood in the first, a dead one anywhere. Of a broken sensor every
-        sample of the log is an observation. What is broken comes on top of the ``gap``.
+        A ``Damage`` without random parts, its text, a list of them, or None. Each trial is an
+        episode: a fault with an onset of 1 s begins at 1 s of every trial. A seized servo without
+        an angle has its angle of the first trial in all; a dead one is anywhere. Every sample of
+        the log is an observation of the sensor. The ``gap`` adds to the damage.
     rng
         Draws the hidden angles: the pectorals' over the whole turn, the caudal fin's phase over
         the whole cycle.
     steps, engine, current, substeps
-        As ``aquafish_gym.simulate``.
-    orientation
-        How the body itself lies at the start: ``"upright"``, facing +y, as the models do;
-        ``"heading"``, level and facing anywhere; ``"attitude"``, anyhow. The log is of the
-        attitude in the world. The hidden angles are the same for all three. Only the attitude
-        signal, or a current, lets the models feel it: still water knows no direction, and the
-        gyroscope reads the same in it.
+        See ``aquafish_gym.simulate``.
     gap
-        How the target differs from the world that its models swim in, which ``current`` and
-        ``substeps`` are of. The hidden angles are the same for all gaps, but for a seized servo's.
-        Noise and bias are the gyroscope's; they leave the attitude alone.
+        How the target's world differs from its models', which ``current`` and ``substeps``
+        describe. The hidden angles are the same for all gaps, except a seized servo's.
 
     Attributes
     ----------
     damage
-        What is broken.
+        The damage.
     morphology
         The body with every fault of its fins, whenever they begin.
     engine
@@ -94,7 +58,7 @@ class EngineTarget:
     Raises
     ------
     InvalidArgumentError, UnknownNameError, EngineUnavailableError, ConfigurationError
-        If a body, damage, engine or orientation is not to be had.
+        If an argument is wrong or the engine is not installed.
 
     Examples
     --------
@@ -118,60 +82,95 @@ class EngineTarget:
         engine: str = "auto",
         current: ArrayLike = (0.0, 0.0, 0.0),
         substeps: int = 1,
-        orientation: Orientation = "upright",
         gap: RealityGap = NO_GAP,
     ) -> None:
         instance("gap", gap, RealityGap)
-        choice("orientation", orientation, ("upright", "heading", "attitude"))
         self.damage, whole = Damage.coerce(damage), Morphology.coerce(morphology)
         self.morphology: Morphology = self.damage.body(whole)
         self.engine: str = resolve_engine("engine", engine)
         self._rng = np.random.default_rng() if rng is None else rng
-        self._gap = gap
+        self._gap, self._steps = gap, steps
         shared = finite_array("current", current, (3,), unit="units/s")
         integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
         self._substeps = integer("substeps", substeps * gap.substeps, 1, MAXIMUM_SUBSTEPS)
-        self._world, self._steps = gap.edit(Scenario.create(whole, current=shared)), steps
-        check_row("current", self._world.current[0])
-        broken = self.damage.edit(self._world)
-        for stage in (broken, *(change.to for change in broken.schedule)):
+        world = gap.edit(Scenario.create(whole, current=shared))
+        check_row("current", world.current[0])
+        self._scenario = self.damage.edit(world)
+        for stage in (self._scenario, *(change.to for change in self._scenario.schedule)):
             check_row("servo_gain", stage.servo_gain[0])
-        self._simulate(np.zeros(3), replace(broken, fin_angles=np.zeros((1, 3))))  # may refuse
-        self._orientation = orientation
+        self._simulate(np.zeros(3), np.zeros(3))  # refuses wrong settings
         self._start_angles = np.zeros(3)
         self._first_angles: Floats | None = None
 
     def perform(self, command: Floats) -> ImuLog:
-        """Hold a command (3,) from fin angles drawn anew; return the log of that one trial."""
+        """Hold a command (3,) from random fin angles; return the trial's log, with ``gyro``."""
         drawn = self._rng.uniform(-np.pi, np.pi, size=3)
-        # From a hash of the angles: they stay the same whatever else is random.
-        entropy = drawn.view(np.uint64)
-        start = random_orientation(self._orientation, np.random.default_rng(entropy))
+        # Noise is seeded by the angles, which stay the same whatever else is random.
         noise, faults = (
-            np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(i,))) for i in (1, 2)
+            np.random.default_rng(np.random.SeedSequence(drawn.view(np.uint64), spawn_key=(i,)))
+            for i in (1, 2)
         )
         angles = self._gap.placed(drawn)
         if self._first_angles is None:
             self._first_angles = angles
         angles = self._start_angles = initial_angles(angles, self._first_angles, self.damage)
-        water = start.T @ self._world.current[0]  # as seen from that start
-        broken = self.damage.edit(replace(self._world, current=water[None]))
-        log = self._simulate(command, replace(broken, fin_angles=angles[None]))
-        if self._orientation != "upright":
-            log = turn_log(log, start)
-        log = self._gap.felt(log, noise)
-        return apply_sensor_faults(log, broken, start, self._gap.gyro_bias, faults)
+        log = self._gap.felt(self._simulate(command, angles), noise)
+        return apply_sensor_faults(log, self._scenario, self._gap.gyro_bias, faults)
 
-    def _simulate(self, command: Floats, scenario: Scenario) -> ImuLog:
-        # In the compiled engine too the target is computed in double precision: it plays nature.
+    def _simulate(self, command: Floats, angles: Floats) -> ImuLog:
+        # In double precision, in the compiled engine too: the target plays nature.
         return simulate_scenario(
-            scenario, check_commands(command), self._steps, self.engine, "float64", self._substeps
+            replace(self._scenario, fin_angles=angles[None]),
+            check_commands(command),
+            self._steps,
+            self.engine,
+            "float64",
+            self._substeps,
+            record="gyro",
         )
 
     @property
     def start_angles(self) -> Floats:
-        """The fins' angles (3,) in rad at which the last command began.
+        """The initial fin angles (3,) in rad of the last command.
 
-        Hidden from every condition but Ideal; the records note them for analysis.
+        Only the condition Ideal uses them; the records note them for analysis.
         """
         return self._start_angles.copy()
+
+
+def initial_angles(angles: Floats, first: Floats, damage: Damage) -> Floats:
+    """Return the fin angles (3,) in rad at which a trial begins.
+
+    A fin whose servo turns, or has no power, begins where it was drawn, at ``angles`` (3,); one
+    whose servo is seized at its angle, or else where it was in the ``first`` trial (3,).
+    """
+    broken = damage.edit(Scenario.fill({"body": np.zeros((1, 9)), "fin_angles": first[None]}))
+    found = broken.fin_angles[0]  # NaN without power
+    seized = (broken.servo_gain[0] == 0.0) & ~np.isnan(found)
+    return np.where(seized, np.where(found == first, first, wrap(found)), angles)
+
+
+def apply_sensor_faults(
+    log: ImuLog, scenario: Scenario, resting: ArrayLike, rng: np.random.Generator
+) -> ImuLog:
+    """Return a log with ``gyro`` (1, T, 3) as a scenario's broken gyroscope records it.
+
+    ``resting`` (3,) is its reading before the first step, rad/s; ``rng`` draws the noise.
+    """
+    stages = {0: scenario} | {change.step: change.to for change in scenario.schedule}
+    broken = any(
+        part.any()
+        for one in stages.values()
+        for part in (one.gyro_noise, one.sensor_bias, one.sensor_stuck, one.sensor_dropped)
+    )
+    if log.gyro is None or log.diverged.any() or not broken:
+        return log
+    sensors, unlimited = Sensors(1, np.float64), np.full(len(CHANNELS), np.inf)
+    truth = np.zeros((log.gyro.shape[1] + 1, len(CHANNELS)))
+    truth[0, GYRO], truth[1:, GYRO] = resting, log.gyro[0]
+    observed = np.empty_like(truth)
+    for step in range(len(truth)):
+        if step in stages:
+            sensors.update(_ONLY, stages[step])
+        observed[step] = sensors.observe(truth[step : step + 1], unlimited, [rng], _ONLY)[0]
+    return replace(log, gyro=observed[None, 1:, GYRO])

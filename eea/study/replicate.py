@@ -11,7 +11,7 @@ from aquafish_gym.morphology import Morphology
 from eea.core.config import Config, PaperConfig
 from eea.core.result import Belief, Result
 from eea.core.session import Session, streams
-from eea.fish import EngineTarget, Orientation, RealityGap, fish_eea
+from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.study.plan import Place
 from eea.study.presets import smoke
 
@@ -26,8 +26,8 @@ class World:
     ----------
     morphology, damage
         The target's body before the damage, and its damage.
-    target_engine, target_orientation
-        The target's engine, and how it lies at the start; see ``EngineTarget``.
+    target_engine
+        The target's engine.
     current
         Velocity of the water, units/s, for target and models.
     gap
@@ -37,7 +37,6 @@ class World:
     morphology: Morphology
     damage: Damage
     target_engine: str = "numba"
-    target_orientation: Orientation = "upright"
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
     gap: RealityGap = field(default_factory=RealityGap)
 
@@ -85,7 +84,6 @@ class Replicate:
             self.config.steps,
             world.target_engine,
             world.current,
-            orientation=world.target_orientation,
             gap=world.gap,
         )
         return fish_eea(

@@ -143,7 +143,6 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     run = {
         "target_changes": {d.name: size for d, size in sizes if size != d.nominal},
         "target_damage": str(damage),
-        "target_orientation": header.get("target_orientation", "upright"),
         **({"gap": header["gap"]} if header.get("gap") else {}),
     }
     return StudyResults(

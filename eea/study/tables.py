@@ -51,8 +51,6 @@ def _target(run: Mapping[str, Any]) -> str:
         text += f" with {', '.join(changed)} (in units of 5 cm)"
     damage = run["target_damage"]
     text += " without damage" if damage == "none" else f" and the damage `{damage}`"
-    if run["target_orientation"] != "upright":
-        text += f"; its {run['target_orientation']} is random at the start of each trial"
     if run.get("gap"):
         text += f"; its world differs from its models' in {RealityGap(**run['gap'])}"
     return f"{text}."

@@ -64,7 +64,6 @@ def test_a_studys_jobs_are_its_plans_places():
     [
         (changed(rounds=6), "rounds 5, not 6"),
         (changed(world=replace(WORLD, target_engine="pybullet")), "target_engine numba, not pyb"),
-        (changed(world=replace(WORLD, target_orientation="heading")), "target_orientation upright"),
         (
             changed(world=replace(WORLD, damage=Damage.parse("left_pectoral:length=0.5"))),
             "target_damage none, not left_pectoral:length=0.5",
