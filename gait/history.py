@@ -23,7 +23,7 @@ FINALISTS = 8
 HISTORY_FILE, CHECKPOINT_FILE = "history.csv", "checkpoint.json"
 FILES = (CHECKPOINT_FILE, CONTROLLER_FILE, HISTORY_FILE)  # and a sample's bodies.json
 CHECKPOINT_SCHEMA = "gait.checkpoint/5"
-MAXIMUM_CHECKPOINT_BYTES = 512 * 2**20
+MAXIMUM_CHECKPOINT_BYTES = 64 * 2**20  # three million fitness values
 
 
 @dataclass(frozen=True)

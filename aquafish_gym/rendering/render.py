@@ -14,6 +14,7 @@ import ctypes
 import functools
 import os
 from collections.abc import Iterable
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -206,7 +207,7 @@ def write_gif(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float 
 
     GIF counts hundredths of a second, so that only fps of 100 / n come out exactly.
     """
-    import imageio.v3 as iio
+    from PIL import Image
 
     finite_array("fps", fps, (), 0.1, 240.0)
     pictures = [np.asarray(frame) for frame in frames]
@@ -220,6 +221,8 @@ def write_gif(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float 
             sizes = f"{pictures[0].shape} and {picture.shape}"
             raise InvalidArgumentError(f"frames must all be of one size; got {sizes}")
     pause = 10 * max(2, round(100 / fps))  # ms; viewers slow down anything shorter than 20
-    data = iio.imwrite("<bytes>", np.stack(pictures), extension=".gif", duration=pause, loop=0)
-    write_bytes(path, bytes(data))
+    first, *others = (Image.fromarray(picture) for picture in pictures)
+    content = BytesIO()
+    first.save(content, "GIF", save_all=True, append_images=others, duration=pause, loop=0)
+    write_bytes(path, content.getvalue())
     return Path(path)

@@ -110,6 +110,7 @@ def run_jobs(
                     continue
                 result = _without_job(job, decode_document(content, job.name, SCHEMA), job.name)
                 path = folder / job.file
+                path.parent.mkdir(parents=True, exist_ok=True)
                 if seconds is not None:
                     write_document(_beside(path), {"seconds": seconds}, SECONDS)
                 write_bytes(path, content)

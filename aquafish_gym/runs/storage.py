@@ -52,14 +52,10 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
 
 
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file whole or not at all, also if the power fails, or raise CannotWriteError.
-
-    Missing folders are created.
-    """
+    """Write a file whole or not at all, also if the power fails, or raise CannotWriteError."""
     target = Path(path)
     name = None
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(PART, f".{target.name}.", target.parent)
         with os.fdopen(handle, "wb") as file:
             file.write(content)
