@@ -340,18 +340,20 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
 
     def _look(self, rows: Rows) -> None:
         """Let these robots observe the present state."""
-        now, way = self._now[:, rows], None
+        # Of all robots views will do: copies would take as long as all that is computed here.
+        which = slice(None) if len(rows) == self.num_envs else rows
+        now, way = self._now[:, which], None
         if self.task.has_goal:
-            goal = self.task.goal(tuple(self._memory[:, rows]))
+            goal = self.task.goal(tuple(self._memory[:, which]))
             way = subtract(goal, batching.three(now[POSITION]))
         fins = None
         if self._observe_fins:
-            fins = self._reckoned[:, rows] if self._reckons else angles_of_rows(now)
+            fins = self._reckoned[:, which] if self._reckons else angles_of_rows(now)
         seen = episode.observe(now[QUATERNION], now[GYRO], fins, way)
         sensors = self._robots.sensors
         if sensors.broken:
             seen = sensors.observe(seen, self._limits, self._rngs, rows)
-        self._seen[rows] = seen
+        self._seen[which] = seen
 
     def _info(self, before: Floats) -> Info:
         """Return ``info`` after a step from the states ``before``."""
