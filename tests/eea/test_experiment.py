@@ -4,8 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eea.core.experiment import Context, Experiment, perform_angles, reveals
-from fake_fish import FakeRevealingTarget, FakeTarget
+from eea.core.experiment import Context, Experiment, perform_angles
 
 
 def experiment(context: Context) -> Experiment:
@@ -47,14 +46,3 @@ def test_only_certainty_about_one_pose_is_fixed():
     assert not Context(POSE, POSE, 0.5).fixed
     assert not Context(POSE, POSE + 0.1, 1.0).fixed
     assert not Context.unknown(3, 1.0).fixed
-
-
-def test_revealing_is_seen_without_asking():
-    class Shy(FakeTarget):
-        @property
-        def start_angles(self):
-            raise RuntimeError("nothing was performed yet")
-
-    assert reveals(FakeRevealingTarget())
-    assert reveals(Shy())
-    assert not reveals(FakeTarget())

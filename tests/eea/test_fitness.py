@@ -46,10 +46,6 @@ def test_disagreement_is_the_double_loop(actions, models, size, is_complex, dtyp
     assert np.allclose(action_fitness(behaviors), naive_action_fitness(behaviors), rtol=1e-5)
 
 
-def test_models_that_agree_make_an_action_worthless():
-    assert action_fitness(np.ones((3, 5, 4))).tolist() == [0.0] * 3
-
-
 def test_model_fitness_is_the_mean_over_experiments():
     assert model_fitness(np.array([[1.0, 0.5], [0.0, -1.0]])).tolist() == [0.75, -0.5]
 
@@ -72,13 +68,6 @@ def test_chance_is_the_mean_over_random_genomes(seed):
     assert chance_level(target, MODELS) == pytest.approx(
         objective_fitness(bodies, target, MODELS).mean(), abs=0.004
     )
-
-
-def test_guessing_scores_between_a_half_and_three_quarters():
-    assert chance_level(MODELS.high, MODELS) == pytest.approx(0.5)
-    assert chance_level(MODELS.high / 2, MODELS) == pytest.approx(0.75, abs=0.02)
-    assert mid_range_level(MODELS.high, MODELS) == pytest.approx(0.5)
-    assert mid_range_level(MODELS.high / 2, MODELS) == 1.0
 
 
 @pytest.mark.parametrize("target", [[0.0] * 8, [np.nan] * 9])

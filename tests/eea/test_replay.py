@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import (
     EngineTarget,
     PaperConfig,
@@ -110,14 +109,3 @@ def test_an_exhausted_session_says_so():
 def test_a_session_that_is_none_is_refused(commands, count, message):
     with pytest.raises(ConfigurationError, match=message):
         ReplayTarget(commands, [RecordedLog(np.zeros((32, 3)))] * count)
-
-
-def test_one_log_of_many_trials_is_not_taken_for_many_logs():
-    with pytest.raises(ConfigurationError, match=r"sequence of logs, of one trial .* RecordedLog"):
-        ReplayTarget(np.zeros((2, 3)), RecordedLog(np.zeros((2, 32, 3))))
-
-
-def test_commands_that_are_not_the_fishs_are_refused():
-    log = RecordedLog(np.zeros((32, 3)))
-    with pytest.raises(InvalidArgumentError, match=r"commands\[0, 2\] must lie in \[0, 1\]"):
-        estimate_from_logs([[0.1, 0.2, 3.0]], [log], QUICK)

@@ -21,7 +21,7 @@ from fake_fish import ACTIONS, MODELS
 
 STEPS, TIME = 16, 0.1 * np.arange(16)
 TRUTH = np.array([0.3, 0.8])
-WIDTHS = list(itertools.product((1, 2, 3, 4), (1, 2, 3), (1, 2, 3)))
+WIDTHS = list(itertools.product((1, 4), (1, 3), (1, 2)))
 QUICK = PaperConfig(
     steps=STEPS,
     rounds=2,
@@ -100,21 +100,11 @@ def test_at_any_width_the_body_is_found_if_the_angles_are_known(commands, hidden
     assert eea.run().objective_fitness > 0.95
 
 
-def test_the_zero_state_is_as_wide_as_the_hidden_angles():
-    eea = EEA(Robot(2, 1), Machine(1), problem(1, 2, 1), replace(QUICK, condition="none"))
-    assert eea.run().rounds[0].min_angle == eea.result.rounds[0].max_angle == (0.0, 0.0)
-
-
 def test_a_log_with_other_axes_than_the_problem_says_is_refused():
     with pytest.raises(TargetError, match=r"\(B, T, 2\) .* got \(1, 16, 1\) from the target"):
         EEA(Robot(1, 1), Machine(2), problem(1, 1, 2), QUICK).run()
     with pytest.raises(TargetError, match=r"\(B, T, 1\) .* got \(\d+, 16, 2\) from the simulator"):
         EEA(Robot(1, 1), Machine(2), problem(1, 1, 1), QUICK).run()
-
-
-def test_revealed_angles_must_be_as_many_as_are_hidden():
-    with pytest.raises(TargetError, match=r"start_angles must have shape \(3,\); got \(2,\)"):
-        EEA(Robot(2, 1), Machine(1), problem(1, 3, 1), QUICK).run()
 
 
 @pytest.mark.parametrize(
@@ -152,19 +142,6 @@ def test_log_is_credited_to_the_executed_command():
     assert np.array_equal(rounds[0].command, 0.5 * np.array(first.command))
     assert [record.command for record in rounds] == [tuple(c) for c in robot.commands]
     assert all(record.action_fitness is None for record in rounds)  # it is the requested one's
-
-
-def test_a_target_that_executes_what_it_is_asked_for_may_say_so():
-    class Frank(Robot):
-        def perform(self, command):
-            return Performed(super().perform(command), command)
-
-    runs = [
-        EEA(kind(1, 1), Machine(1), problem(2, 1, 1), QUICK, 0).run().rounds
-        for kind in (Frank, Robot)
-    ]
-    assert [replace(r, seconds=0.0) for r in runs[0]] == [replace(r, seconds=0.0) for r in runs[1]]
-    assert runs[0][1].action_fitness is not None
 
 
 @pytest.mark.parametrize("executed", [None, [0.1], [0.1, np.nan], "slow", [[0.1, 0.2]]])

@@ -75,20 +75,6 @@ def test_two_sizes_that_trade_off_are_named_with_what_would_tell(sign):
     assert findings(found, [FIN]) == []
 
 
-def test_a_narrow_pair_is_not_worth_a_word():
-    information = np.diag(KNOWN)
-    information[3:5, 3:5] = 1e8 * np.array([[1.0, 0.99], [0.99, 1.0]])
-    assert findings(known(Mode(MIDDLE, information, 0.0)), [FIN, TAIL]) == []
-
-
-def test_sizes_of_two_fins_that_trade_off_are_both_named():
-    information = np.diag(KNOWN)
-    information[0, 4] = information[4, 0] = -0.99e4
-    said = findings(known(Mode(MIDDLE, information, 0.0)), [FIN, TAIL])
-    assert len(said) == 1
-    assert said[0].startswith("the fin's length and the tail's width trade off; ")
-
-
 def test_a_size_that_is_not_told_is_named_with_its_range_in_its_unit():
     precision = KNOWN.copy()
     precision[2] = 0.0

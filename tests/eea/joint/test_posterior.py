@@ -60,13 +60,6 @@ def test_truths_at_the_edges_are_held_too():
     assert (found.share > 0.8).all(), found.share
 
 
-def test_wider_intervals_include_narrower_ones(looks):
-    for posterior in looks[1][:40]:
-        inner, outer = posterior.interval(0.5), posterior.interval(0.9)
-        assert (outer[0] <= inner[0]).all()
-        assert (inner[1] <= outer[1]).all()
-
-
 def test_the_summaries_of_one_mode_are_those_of_its_normal():
     information = np.array([[400.0, 150.0], [150.0, 100.0]])
     exact = np.linalg.inv(information) / 100
@@ -159,11 +152,6 @@ def test_one_optimum_found_from_several_starts_is_one_mode():
     assert found.weights == pytest.approx([0.5, 0.5], abs=0.01)
 
 
-def test_a_better_optimum_is_the_one_that_stays():
-    modes = [Mode([0.50], [[100.0]], 5.0), Mode([0.55], [[100.0]], 4.0)]
-    assert Posterior(("a",), [0], [1], [False], modes).modes == (modes[1],)
-
-
 def test_mode_outside_its_bounds_is_refused():
     with pytest.raises(ConfigurationError, match=r"theta of a must be in \[0, 1\]; got 7"):
         Posterior(("a",), [0], [1], [False], [Mode([7.0], [[1.0]], 0.0)])
@@ -181,8 +169,3 @@ def test_mode_outside_its_bounds_is_refused():
 def test_a_wrong_hessian_is_refused(information, said):
     with pytest.raises(ConfigurationError, match=said):
         Mode([0.5, 0.5], information, 0.0)
-
-
-def test_no_mode_is_refused():
-    with pytest.raises(ConfigurationError, match="at least one mode"):
-        Posterior(("a",), [0], [1], [False], [])
