@@ -12,7 +12,7 @@ from aquafish_gym.command import lane_servo_speeds, reckon
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.scenario import TIMESTEP
 from gait import network
-from gait.controller import Controller, scratch_size
+from gait.controller import Controller, program_of
 
 
 def respond_all(
@@ -64,25 +64,25 @@ class ControllerAgent:
     """
 
     def __init__(self, controller: Controller, believed_gain: ArrayLike = (1.0, 1.0, 1.0)) -> None:
-        self._controller, self._gain = controller, np.asarray(believed_gain, np.float64)
-        self._genes, self._layout = controller.genes(), controller.layout()
+        self._program, self._gain = program_of([controller]), np.asarray(believed_gain, np.float64)
+        self._genes = np.ascontiguousarray(self._program.weights[:, 0])
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin an episode of each robot, at the true fin angles in ``info``."""
         self._fins = np.asarray(info["fin_angles"]) / TAU
-        self._scratch = np.zeros((len(self._fins), scratch_size(self._controller)))
+        self._scratch = np.zeros((len(self._fins), self._program.scratch))
         self._steps = 0
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return actions (B, 3) for observations (B, k)."""
         felt = np.zeros((len(observations), 12))
         felt[:, :9] = observations[:, :9]
-        if self._controller.senses.goal:
+        if self._program.observes_goal:
             felt[:, 9:] = observations[:, -3:]
-        dt = self._controller.interval * TIMESTEP
+        program, dt = self._program, self._program.interval * TIMESTEP
         actions = np.empty((len(felt), 3))
         _compiled()(
-            self._genes, self._layout, self._scratch, self._steps * dt, felt, self._fins, actions
+            self._genes, program.layout, self._scratch, self._steps * dt, felt, self._fins, actions
         )
         left, right, caudal = lane_servo_speeds((actions[:, 0], actions[:, 1], actions[:, 2]))
         gain, fins = self._gain, self._fins

@@ -106,7 +106,9 @@ class Evolve:
                     bodies, self.config, out=self.out, world=self.world, on_generation=report
                 )
             except KeyboardInterrupt:
-                rest = f"{RESUMES} from generation {len(rows)}" if rows else "nothing is kept yet"
+                path = self.out / HISTORY_FILE
+                done = len(path.read_text().splitlines()) - 1 if path.exists() else 0
+                rest = f"{RESUMES} from generation {done}" if done else "nothing is kept yet"
                 raise KeyboardInterrupt(f"interrupted; {rest}") from None
             finally:
                 if rows:

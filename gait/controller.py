@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -12,10 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import lane_servo_speeds, reckon
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import FINS, Morphology
-from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.rollout import Program
+from aquafish_gym.rollout.one import act_alone
 from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -26,7 +26,8 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-from gait.network import OUTPUTS, Senses, respond
+from gait import network
+from gait.network import OUTPUTS, Senses
 from gait.policy import Policy
 
 SCHEMA = "gait.controller/2"
@@ -36,14 +37,7 @@ MAXIMUM_BYTES = 64 * 2**20  # of the largest network's file
 MAXIMUM_SEED = 2**64 - 1
 INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
 IMU_AND_CLOCK = Senses()
-# Fields that a file omits where they have these values.
-DEFAULTS: dict[str, Any] = {
-    "senses": asdict(IMU_AND_CLOCK),
-    "layers": None,
-    "output": "tanh",
-    "interval": INTERVAL,
-    "sample": None,
-}
+OPTIONAL = ("senses", "layers", "output", "interval", "sample")  # a file omits them at default
 _IMU_ENTRIES = 9  # of an observation: up, north and gyro
 _UNIT_GAIN = (1.0, 1.0, 1.0)
 
@@ -109,10 +103,7 @@ class Controller:
     interval: int = INTERVAL
 
     def __post_init__(self) -> None:
-        instance("controller.senses", self.senses, Senses)
-        for sense in ("imu", "fins", "goal"):
-            flag(f"controller.senses.{sense}", getattr(self.senses, sense))
-        integer("controller.senses.clock", self.senses.clock, 0, MAXIMUM_HARMONICS)
+        _check_senses(self.senses)
         inputs = len(self.senses.names)
         bias = finite_array("controller.bias", self.bias, (None,))
         nodes = len(bias)
@@ -245,17 +236,13 @@ class Controller:
             sense their fins.
         """
         angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
-        gains: list[float] = finite_array("servo_gain", servo_gain, (3,)).tolist()
-        left, right, phase = (angles / TAU).tolist()
-        begin = (left, right, phase)
-        genes: list[float] = self.genes().tolist()
-        layout: list[int] = self.layout().tolist()
-        scratch = [0.0] * scratch_size(self)
+        gains = finite_array("servo_gain", servo_gain, (3,))
+        respond = act_alone(program_of([self]), 0, angles, gains)
         hold, needed = self.interval * TIMESTEP, _IMU_ENTRIES + 3 * self.senses.goal
-        fins, action, due = begin, np.zeros(3), 0.0
+        action, due = np.zeros(3), -math.inf
 
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
-            nonlocal action, due, fins
+            nonlocal action, due
             values = np.asarray(observation)
             if values.ndim != 1 or len(values) < needed:
                 raise InvalidArgumentError(
@@ -263,30 +250,23 @@ class Controller:
                     f"got shape {values.shape}"
                 )
             entries = np.concatenate([values[:_IMU_ENTRIES], values[-3:]])
-            o = finite_array("observation", entries, (_IMU_ENTRIES + 3,)).tolist()
+            checked = finite_array("observation", entries, (_IMU_ENTRIES + 3,))
             if not math.isfinite(time):
                 raise InvalidArgumentError(f"time must be finite; got {time}")
-            if due and time < due - TIMESTEP / 2:
-                return action
-            due = time + hold
-            if time == 0.0:
-                fins = begin
-            chosen = respond(genes, layout, scratch, 0, 1, time, o[:3], o[3:6], o[6:9], fins, o[9:])
-            left, right, caudal = lane_servo_speeds(chosen)
-            fins = reckon(fins, (gains[0] * left, gains[1] * right, gains[2] * caudal), hold)
-            action = np.array(chosen)
+            if time >= due - TIMESTEP / 2:
+                due = time + hold
+                action = np.array(respond(checked, time))
             return action
 
         return act
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything as lists and numbers, ready for JSON."""
+        defaults = {name: field.default for name, field in self.__dataclass_fields__.items()}
         optional = {
-            "senses": asdict(self.senses),
-            "layers": None if self.layers is None else list(self.layers),
-            "output": self.output,
-            "interval": self.interval,
-            "sample": self.sample,
+            name: asdict(value) if isinstance(value, Senses) else value
+            for name in OPTIONAL
+            if (value := getattr(self, name)) != defaults[name]
         }
         return {
             "inputs": list(self.senses.names),
@@ -294,7 +274,7 @@ class Controller:
             "clock": self.clock,
             "seed": self.seed,
             "morphology": self.morphology.to_dict(),
-            **{name: value for name, value in optional.items() if value != DEFAULTS[name]},
+            **{name: list(v) if isinstance(v, tuple) else v for name, v in optional.items()},
             "bias": self.bias.tolist(),
             "response": self.response.tolist(),
             "weights": self.weights.tolist(),
@@ -306,16 +286,15 @@ class Controller:
 
         InvalidArgumentError names a field that does not fit.
         """
-        given = _without_arrays(data)
-        if isinstance(given, dict):
-            given = {**DEFAULTS, **given}
-            if isinstance(given["senses"], dict):
-                given["senses"] = {"goal": False, **given["senses"]}  # which older files omit
-        names = ("inputs", "outputs", *cls.__dataclass_fields__)
-        fields = dict(check_fields("controller", given, names))
-        senses = check_fields("controller.senses", fields["senses"], Senses.__dataclass_fields__)
-        fields["senses"] = Senses(**senses)
-        for name, expected in (("inputs", fields["senses"].names), ("outputs", OUTPUTS)):
+        names = {"inputs", "outputs", *cls.__dataclass_fields__}
+        fields = dict(check_fields("controller", _without_arrays(data), names, OPTIONAL))
+        senses = IMU_AND_CLOCK
+        if "senses" in fields:
+            known = Senses.__dataclass_fields__
+            given = check_fields("controller.senses", fields["senses"], known, ("goal",))
+            fields["senses"] = senses = Senses(**given)
+            _check_senses(senses)
+        for name, expected in (("inputs", senses.names), ("outputs", OUTPUTS)):
             if fields.pop(name) != list(expected):
                 raise InvalidArgumentError(f"controller.{name} must be {', '.join(expected)}")
         body = check_fields("controller.morphology", fields["morphology"], FINS)
@@ -335,19 +314,42 @@ class Controller:
             raise InvalidArgumentError(f"controller: {path}: {error}") from None
 
 
-def scratch_size(controller: Controller, nodes: int | None = None) -> int:
-    """Return the size of the scratch memory that ``network.respond`` needs in a swim."""
-    return len(controller.senses.names) + 2 * (nodes or controller.nodes)
+def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
+    """Return a program of P Q robots for P controllers of one kind, each in Q swims in a row."""
+    if len({c.kind for c in controllers}) != 1:
+        raise InvalidArgumentError("controllers must be one or more of one kind")
+    first, nodes = controllers[0], max(c.nodes for c in controllers)
+    memory = any(c.memory for c in controllers)
+    rows = np.stack([c.genes(nodes, memory) for c in controllers], axis=1)
+    return Program(
+        network.respond,
+        np.repeat(rows, swims, axis=1),
+        first.layout(nodes, memory),
+        len(first.senses.names) + 2 * nodes,
+        first.interval,
+        first.senses.goal,
+    )
 
 
-def check_fields(argument: str, data: object, names: Collection[str]) -> dict[str, Any]:
-    """Return ``data`` if it is an object with exactly these fields; the error names the others."""
-    if not isinstance(data, dict):
-        raise InvalidArgumentError(f"{argument} must be a JSON object; got {brief(data)}")
-    odd = ", ".join(sorted(map(str, data.keys() ^ set(names))))
-    if odd:
+def _check_senses(senses: object) -> None:
+    checked = instance("controller.senses", senses, Senses)
+    for sense in ("imu", "fins", "goal"):
+        flag(f"controller.senses.{sense}", getattr(checked, sense))
+    integer("controller.senses.clock", checked.clock, 0, MAXIMUM_HARMONICS)
+
+
+def check_fields(
+    argument: str, data: object, names: Collection[str], optional: Collection[str] = ()
+) -> dict[str, Any]:
+    """Return ``data`` if it is an object with these fields; the error names the wrong ones."""
+    checked = instance(argument, data, dict)
+    wrong = {
+        name for name in checked.keys() ^ set(names) if name in checked or name not in optional
+    }
+    if wrong:
+        odd = ", ".join(sorted(map(str, wrong)))
         raise InvalidArgumentError(f"{argument} has missing or unknown fields: {odd}")
-    return data
+    return checked
 
 
 def _without_arrays(value: object) -> Any:

@@ -141,11 +141,11 @@ def evolve_gait(
                 scores = recorded[generation] if replayed else trials.score(proposal, generation)
                 row = run.record(proposal, scores)
                 search.tell(scores.fitness, run.winner, row.final)
+                if on_generation:
+                    on_generation(row)
                 if folder and not replayed and time.monotonic() > saved + SAVE_SECONDS:
                     run.save(folder)
                     saved = time.monotonic()
-                if on_generation:
-                    on_generation(row)
         finally:
             if folder and run.rows and len(run.rows) >= len(recorded):
                 run.save(folder)

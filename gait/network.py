@@ -235,7 +235,7 @@ def respond(
         whether they have a memory; whether the outputs are clipped at 1 instead of tanh; the number
         of layers, and the node at which each ends.
     scratch
-        ``scratch_size`` numbers that live through a swim.
+        Numbers that live through a swim: the inputs, and the nodes twice.
     up, north, gyro, way
         See :func:`observe_imu` and :func:`observe_goal`.
     fins

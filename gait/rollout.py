@@ -13,12 +13,11 @@ from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import Triple
 from aquafish_gym.morphology import Morphology, MorphologyLike
-from aquafish_gym.rollout import Program, rollout
+from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from aquafish_gym.world_config import WorldConfig
-from gait import network
-from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, scratch_size
+from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, program_of
 from gait.policy import ControllerLike, new_policy
 
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
@@ -179,23 +178,6 @@ def swim_all(
         far = found.end[:, 1] - world.current[1] * (steps * TIMESTEP)
         distances[those] = far.reshape(len(some), swims)
     return distances
-
-
-def program_of(controllers: Sequence[Controller], swims: int) -> Program:
-    """Return a program of P Q robots for P controllers of one kind, each in Q swims in a row."""
-    if len({c.kind for c in controllers}) != 1:
-        raise InvalidArgumentError("controllers must be one or more of one kind")
-    first, nodes = controllers[0], max(c.nodes for c in controllers)
-    memory = any(c.memory for c in controllers)
-    rows = np.stack([c.genes(nodes, memory) for c in controllers], axis=1)
-    return Program(
-        network.respond,
-        np.repeat(rows, swims, axis=1),
-        first.layout(nodes, memory),
-        scratch_size(first, nodes),
-        first.interval,
-        first.senses.goal,
-    )
 
 
 def _beliefs(

@@ -15,9 +15,9 @@ from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import MAXIMUM_SEED, Controller
+from gait.controller import MAXIMUM_SEED, Controller, program_of
 from gait.fitness import Swims, penalize_diverged
-from gait.rollout import SECONDS, program_of, swim_all
+from gait.rollout import SECONDS, swim_all
 
 
 def swim_scores(

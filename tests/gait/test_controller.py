@@ -89,7 +89,7 @@ def without(name: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ([], r"controller must be a JSON object; got \[\]"),
+        ([], r"controller must be of type dict; got \[\]"),
         (without("bias"), "missing or unknown fields: bias"),
         (change(extra=1), "missing or unknown fields: extra"),
         (change(inputs=["roll"]), r"controller\.inputs must be up_x, up_y"),
@@ -99,6 +99,10 @@ def without(name: str) -> dict[str, Any]:
         (change(bias=[0.0, 1.0]), r"controller\.bias must have 3 to 1000 entries; got 2"),
         (change(bias=[0.0] * 3), r"controller\.response must have shape \(3,\)"),
         (change(morphology={}), r"controller\.morphology has missing"),
+        (
+            change(senses={"imu": True, "clock": "x", "fins": False}),
+            r"controller\.senses\.clock must be a whole number",
+        ),
         (change(sample=5), r"controller\.sample must be of type str; got 5"),
     ],
 )
