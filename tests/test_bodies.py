@@ -79,10 +79,3 @@ def test_a_file_without_bodies_is_named(tmp_path: Path, text: str, message: str)
     path.write_text(text)
     with pytest.raises(InvalidArgumentError, match=rf"^body: .*fish\.json.* {message}"):
         read_bodies(path, "body")
-
-
-def test_where_one_body_is_wanted_a_sample_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "bodies.json"
-    write_bodies(path, BODIES)
-    with pytest.raises(InvalidArgumentError, match=r"bodies\.json: it holds a sample of bodies"):
-        read_morphology(path, "body")

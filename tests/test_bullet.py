@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import os
-import pickle
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -16,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.api import Settings, simulate
+from aquafish_gym.engines.api import Settings
 from aquafish_gym.engines.bullet.push import push
 from aquafish_gym.engines.bullet.world import BulletWorld, simulate_bullet
 from aquafish_gym.engines.packages import load_pybullet
@@ -121,19 +119,6 @@ def test_pybullet_is_the_equations_to_rounding(
     assert not log.diverged.any()
 
 
-def test_records_and_shapes() -> None:
-    log = simulate(None, [(0.4, 0.4, 0.5), (0.1, -0.2, 0.9)], steps=7, engine="pybullet")
-    assert log.rpy.shape == (2, 7, 3)
-    assert log.gyro is not None
-    assert log.gyro.shape == (2, 7, 3)
-    assert log.position is None
-    assert simulate(None, (0, 0, 0), steps=3, engine="pybullet", record="rpy").gyro is None
-    posed = simulate(None, (0, 0, 0), steps=3, engine="pybullet", record="pose")
-    assert posed.quaternion is not None
-    assert posed.quaternion.shape == (1, 3, 4)
-    assert len(simulate(np.zeros((0, 9)), (0, 0, 0), steps=3, engine="pybullet")) == 0
-
-
 def test_bodies_were_given_their_masses_and_inertias(world: BulletWorld) -> None:
     """Trap: an inertia set beside damping lands on the base; without a shape it is zero."""
     body = random_trials(1, 3).morphologies[0]
@@ -162,15 +147,6 @@ def test_joints_follow_their_servos_without_lag(world: BulletWorld) -> None:
     assert tail_rate == pytest.approx(state.rates[2], abs=1e-12)
 
 
-def test_nothing_moves_by_itself(world: BulletWorld) -> None:
-    world.reset(start(NOMINAL, (0.5, 1.0, 2.0)))
-    world.advance(STILL, 100)
-    assert world.position == STILL
-    world.reset(start(np.zeros(9), STILL))
-    world.advance((0.5, 0.5, 1.0), 100)
-    assert np.abs(world.position).max() < 1e-6
-
-
 def test_a_reset_forgets_everything(world: BulletWorld) -> None:
     def swim() -> tuple[object, ...]:
         world.reset(start(NOMINAL, (0.1, 0.2, 0.3)))
@@ -193,21 +169,6 @@ def test_the_compiled_wrench_is_the_plain_one_to_the_last_bit(world: BulletWorld
         world.advance((0.4, -0.3, 0.6), 100)
         ends.append((world.position, world.orientation, world.velocity, world.world_spin))
     assert ends[0] == ends[1]
-
-
-def test_two_worlds_do_not_touch(world: BulletWorld) -> None:
-    other = BulletWorld()
-    alone = []
-    for together in (False, True):
-        world.reset(start(NOMINAL, STILL))
-        other.reset(start(MAXIMA, STILL))
-        for _ in range(20):
-            world.advance((0.4, 0.3, 0.6))
-            if together:
-                other.advance((-0.5, 0.5, 1.0))
-        alone.append(world.position)
-    other.close()
-    assert alone[0] == alone[1]
 
 
 def test_a_second_command_takes_over(world: BulletWorld) -> None:
@@ -242,21 +203,6 @@ def test_bullet_is_never_given_bad_numbers(
 ) -> None:
     with pytest.raises(InvalidArgumentError, match="finite"):
         world.reset(start(body, angles))
-
-
-def test_misuse_is_refused(world: BulletWorld) -> None:
-    with pytest.raises(RuntimeError, match="reset the PyBullet world"):
-        world.advance(STILL)
-    world.reset(start(NOMINAL, STILL))
-    with pytest.raises(InvalidArgumentError, match="command must be finite"):
-        world.advance((math.nan, 0.0, 0.0))
-    for attempt in (pickle.dumps, copy.deepcopy):
-        with pytest.raises(TypeError, match="cannot be pickled"):
-            attempt(world)
-    world.close()
-    world.close()
-    with pytest.raises(RuntimeError, match="closed"):
-        world.advance(STILL)
 
 
 def resident_kilobytes() -> float:
@@ -330,14 +276,3 @@ def test_without_pybullet_the_sentence_says_what_to_do() -> None:
     assert done.stdout.startswith("EngineUnavailableError")
     assert "pip install pybullet" in done.stdout
     assert 'engine="numba"' in done.stdout
-
-
-def test_the_verification_needs_pybullet_at_the_door() -> None:
-    code = (
-        "import runpy, sys; sys.modules['pybullet'] = None\n"
-        "sys.argv = ['x']\n"
-        "runpy.run_module('tests.verification', run_name='__main__', alter_sys=True)"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
-    assert (done.returncode, done.stdout) == (2, "")
-    assert "needs the package pybullet" in done.stderr

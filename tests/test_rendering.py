@@ -75,30 +75,6 @@ def test_bodies_and_poses_show() -> None:
     assert (picture() == base).all()
 
 
-def test_the_water_is_seamless_far_away() -> None:
-    """The floor repeats every ten units, also where single precision has no digits left."""
-    np.testing.assert_allclose(picture(pose=((1e5, -2e5, 0.0), HERE[1])), picture(), atol=3)
-
-
-@pytest.mark.parametrize(
-    "camera",
-    [
-        Camera(target=(50.0, 50.0, 50.0)),  # the robot is out of the picture
-        Camera(elevation=-45),  # under the floor
-        Camera(distance=0.3),  # inside the robot
-        Camera(target=(0.0, 1.0, 0.0), distance=900.0),
-    ],
-)
-def test_any_camera_gives_a_picture(camera: Camera) -> None:
-    picture(camera=camera)
-
-
-def test_a_robot_that_dives_stays_over_the_floor() -> None:
-    deep = picture(pose=((0.0, 0.0, -40.0), HERE[1]))
-    assert red(deep).sum() == pytest.approx(red(picture()).sum(), abs=3)
-    assert deep.std() > 5
-
-
 def test_fins_hang_from_their_hinges() -> None:
     turn = np.array([0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4)])  # yaw 90 degrees
     (left, _), (right, _), (tail, how) = fin_poses(
@@ -140,30 +116,6 @@ def test_films_hold_their_frames(tmp_path: Path) -> None:
 def test_bad_pictures_are_refused(change: dict[str, Any], sentence: str) -> None:
     with pytest.raises(InvalidArgumentError, match=sentence):
         render_pose(**{"morphology": NOMINAL, "pose": HERE, "fin_angles": BACK, **change})
-
-
-@pytest.mark.parametrize(
-    "change", [{"distance": 0}, {"elevation": 90}, {"azimuth": math.nan}, {"target": (1, 2)}]
-)
-def test_bad_cameras_are_refused(change: dict[str, Any]) -> None:
-    with pytest.raises(InvalidArgumentError, match="camera"):
-        Camera(**change)
-
-
-def test_bad_films_are_refused(tmp_path: Path) -> None:
-    frame = np.zeros((9, 10, 3), np.uint8)
-    for frames, sentence in (
-        ([], "at least one"),
-        ([frame, frame[:8]], "one size"),
-        ([frame[..., 0]], "pictures of uint8"),
-        ([frame.astype(float)], "pictures of uint8"),
-    ):
-        with pytest.raises(InvalidArgumentError, match=sentence):
-            write_gif(frames, tmp_path / "a.gif")
-    with pytest.raises(InvalidArgumentError, match="fps"):
-        write_gif([frame], tmp_path / "a.gif", fps=0)
-    with pytest.raises(OSError, match="missing"):
-        write_gif([frame], tmp_path / "missing" / "a.gif")
 
 
 def test_drawing_needs_pybullet_and_says_so(monkeypatch: pytest.MonkeyPatch) -> None:

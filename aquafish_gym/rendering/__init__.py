@@ -1,4 +1,4 @@
-"""Pictures and films of the robot; PyBullet, which draws, is loaded when it is first asked to."""
+"""Pictures and films of the robot; PyBullet, which draws, is loaded when first used."""
 
 from aquafish_gym.rendering.render import (
     RENDER_MODES,

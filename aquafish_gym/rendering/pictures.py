@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import one_of
 
-# Without versions and dates a file says nothing but the picture.
+# Without versions and dates, equal pictures are equal files.
 _UNSAID: dict[str, dict[str, None]] = {
     "png": {"Software": None},
     "pdf": {"Creator": None, "Producer": None, "CreationDate": None},
@@ -30,10 +30,10 @@ def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
 
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
-    """Write a picture, at once or not at all, in one of ``FORMATS``, which its suffix names."""
+    """Write a picture, whole or not at all, in the one of ``FORMATS`` that its suffix names."""
     form = one_of("the picture's suffix", Path(path).suffix, [f".{f}" for f in FORMATS])[1:]
     content = io.BytesIO()
-    # Names within an SVG are salted with chance else; journals ask for TrueType.
+    # Otherwise names within an SVG are salted at random; journals ask for TrueType.
     with mpl.rc_context({"svg.hashsalt": "aquafish", "pdf.fonttype": 42}):
         figure.savefig(content, format=form, metadata=_UNSAID[form])
     write_bytes(path, content.getvalue())

@@ -1,8 +1,7 @@
 """Pictures and films of the robot: grey body, red fins, over a ruled sea floor.
 
-PyBullet's software renderer draws the robot, in a client of its own, whatever engine moved it;
-the water and the floor behind it are computed here, pixel by pixel, because a plain background
-shows no motion.
+PyBullet's software renderer draws the robot, in a client of its own, whatever engine moved it.
+``scenery`` draws the background.
 
 A pose is a position (3,) in units of 5 cm and a quaternion (4,) (x, y, z, w) from body to
 world. Fin angles are as everywhere: left and right pectoral angle and caudal *phase*, rad.
@@ -43,7 +42,7 @@ def usable_modes() -> list[str]:
 
 
 def check_render_mode(mode: object) -> str | None:
-    """Return a render mode that works here, or say what is missing: a display, or PyBullet."""
+    """Return a render mode that works here; errors name what is missing: a display, or PyBullet."""
     if mode is None:
         return None
     name = one_of("render_mode", mode, RENDER_MODES)
@@ -60,7 +59,7 @@ def check_render_mode(mode: object) -> str | None:
 
 
 def _require_renderer() -> None:
-    """Say that drawing needs PyBullet, whatever engine moves the robot."""
+    """Raise EngineUnavailableError without PyBullet, which draws for every engine."""
     try:
         load_pybullet()
     except EngineUnavailableError:
@@ -112,7 +111,7 @@ def render_pose(
     integer("height", height, 16, 4096)
     position, quaternion, angles = _check_pose(pose, fin_angles)
     view = (camera or Camera()).look(position)
-    frame = water_and_floor(width, height, view, position, quaternion)
+    frame = water_and_floor(width, height, view, position)
     figure = _own_figure(os.getpid())
     figure.build(morphology)
     # Drawn at the origin: Bullet draws in single precision, which fails far away.
@@ -203,9 +202,9 @@ def render_motion(
 
 
 def write_gif(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float = 20.0) -> Path:
-    """Write frames (H, W, 3) of one size as a GIF that repeats for ever; return its path.
+    """Write frames (H, W, 3) of one size as a GIF that repeats forever; return its path.
 
-    GIF counts hundredths of a second, so that only fps of 100 / n come out exactly.
+    GIF counts hundredths of a second, so only frame rates of 100 / n are exact.
     """
     from PIL import Image
 

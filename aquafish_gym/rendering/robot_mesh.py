@@ -1,4 +1,4 @@
-"""The robot's figure in PyBullet: its parts, their places, and drawing them."""
+"""The robot's figure in PyBullet: parts, poses and drawing."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ _RED = (0.86, 0.12, 0.10, 1.0)
 _THINNEST = 0.02  # a fin of no thickness is drawn this thick
 _BODY_HALF = np.array([robot.PECTORAL_X, robot.NOSE, robot.RADIUS])
 _CORNERS = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
-_NEAREST, _FARTHEST = 0.1, 1200.0  # what the camera sees, units
+_NEAREST, _FARTHEST = 0.1, 1200.0  # of the camera's range, units
 
 
 def fin_poses(
     morphology: Morphology, position: Floats, quaternion: Floats, fin_angles: ArrayLike
 ) -> list[tuple[Floats, Floats]]:
-    """Return where the middle of each fin is and how it is turned, in the world."""
+    """Return the centre and the orientation of each fin in the world."""
     left, right, phase = np.asarray(fin_angles, dtype=np.float64)
     angles = (left, right, caudal_angle((math.cos(phase), math.sin(phase))))
     poses = []
@@ -113,7 +113,7 @@ class Figure:
 def _capsule_mesh(around: int = 40, along: int = 10) -> tuple[Any, Any, Any]:
     """Return vertices, normals and triangles of the capsule, whose axis is y.
 
-    Bullet's own has so few faces that its ends look like nuts.
+    Bullet's own capsule has too few faces.
     """
     polar = np.linspace(0, math.pi / 2, along)
     # From the tail's pole to the nose's: two half spheres, joined by the cylinder.
@@ -154,7 +154,7 @@ def find_window(
 def draw(
     client: int, view: View, window: tuple[int, int, int, int], width: int, height: int
 ) -> tuple[Pixels, Pixels]:
-    """Draw what is in the client within a window of the picture.
+    """Draw a client's bodies within a window of the picture.
 
     Return colours (h, w, 3), black where nothing is, and each pixel's cover (h, w, 1), 0 to 1.
     """

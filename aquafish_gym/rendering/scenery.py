@@ -1,4 +1,4 @@
-"""The camera, and what it sees behind the robot: water over a ruled sea floor."""
+"""The camera, and the background of its pictures: water over a ruled floor."""
 
 from __future__ import annotations
 
@@ -9,26 +9,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.robot import CYLINDER, RADIUS
 from aquafish_gym.utils.validation import finite_array
 
 Floats = NDArray[np.float64]
 Pixels = NDArray[np.float32]
 Frame = NDArray[np.uint8]
 
-_NEAR_WATER = (172.0, 219.0, 236.0)
-_FAR_WATER = (226.0, 243.0, 249.0)
-_SAND = (138.0, 194.0, 214.0)
-_LINE = (96.0, 158.0, 186.0)
+_WATER, _SAND, _LINE = np.array([(200, 232, 243), (138, 194, 214), (96, 158, 186)], np.float64)
 _FLOOR = -3.0  # z; lower under a robot that dives
 _SPACING = 2.0  # between the floor's lines; every fifth is a stronger one
 _CLEARANCE = 2.0
-_VISIBILITY = 2.5  # of the camera's distance: what lies there has faded to 1/e
+_VISIBILITY = 2.5  # of the camera's distance, where the floor has faded to 1/e
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Where the picture is taken from.
+    """The point of view of a picture.
 
     Attributes
     ----------
@@ -102,61 +98,36 @@ def rotate(q: Floats, v: Floats) -> Floats:
     return turned
 
 
-def _ruling(u: Pixels, v: Pixels, spacing: float, width: float, blur: Pixels) -> Pixels:
-    """Return how much of each pixel is covered by lines every ``spacing``, 0 to 1."""
-    su, sv = u / spacing, v / spacing
-    off = spacing * np.minimum(np.abs(su - np.rint(su)), np.abs(sv - np.rint(sv)))
-    # Lines thinner than a pixel fade instead of flickering.
-    cover: Pixels = np.clip((width / 2 - off) / blur + 0.5, 0, 1) * np.minimum(1, width / blur)
-    return cover
+def water_and_floor(width: int, height: int, view: View, position: Floats) -> Pixels:
+    """Return the water and its floor behind a robot, (height, width, 3) up to 255.
 
-
-def water_and_floor(
-    width: int, height: int, view: View, position: Floats, quaternion: Floats
-) -> Pixels:
-    """Return the water and its floor, (height, width, 3) up to 255: a ruled plane under fog.
-
-    The robot at ``position`` (3,), turned by ``quaternion`` (4,), shades the floor.
+    The floor is a ruled plane that fades with the distance: a plain background shows no motion.
     """
     eye, right, up, forward, slope, distance = view
     rows = slope * (1 - (2 * np.arange(height) + 1) / height)[:, None]
     columns = slope * (width / height) * ((2 * np.arange(width) + 1) / width - 1)[None, :]
-    # The rays through the pixels, their fall for each unit forward, and where they land.
-    across, ahead, fall = (
-        (forward[i] + columns * right[i] + rows * up[i]).astype(np.float32) for i in range(3)
-    )
-    # A robot that dives takes the floor with it.
+    # The rays through the pixels, one unit forward, and where they meet the floor, which a robot
+    # that dives takes along.
+    ray = [forward[i] + columns * right[i] + rows * up[i] for i in range(3)]
     depth = min(_FLOOR, position[2] - _CLEARANCE) - eye[2]
-    seen = (fall < -1e-6) & (depth < 0)
-    along = np.where(seen, depth / np.where(seen, fall, 1), 1e3).astype(np.float32)
-    np.minimum(along, 1e3, out=along)
-    # Around the robot, lest single precision fail far from the origin.
-    period = 5 * _SPACING
-    near = position[:2] - period * np.floor(position[:2] / period)
-    u = (eye[0] - position[0]) + along * across
-    v = (eye[1] - position[1]) + along * ahead
-    length = np.sqrt(1 + columns * columns + rows * rows).astype(np.float32)
-    # Size of a pixel on the floor, stretched where the floor is seen at a low angle.
-    blur = (2 * slope / height) * along * np.sqrt(length / np.maximum(np.abs(fall), 1e-3)) + 1e-6
-
-    un, vn = u + np.float32(near[0]), v + np.float32(near[1])
-    lines = 0.45 * _ruling(un, vn, _SPACING, 0.05, blur)
-    np.maximum(lines, _ruling(un, vn, period, 0.12, blur), out=lines)
-    light = 1 - 0.28 * _shade(u, v, quaternion)
-    fog = np.where(seen, np.exp(along * length * (-1 / (_VISIBILITY * distance))), 0)
-    glow = np.clip(0.5 + 0.5 * rows / slope, 0, 1)
-    picture = np.empty((height, width, 3), np.float32)
-    for i in range(3):
-        water = (_NEAR_WATER[i] + glow * (_FAR_WATER[i] - _NEAR_WATER[i])).astype(np.float32)
-        floor = (_SAND[i] + lines * (_LINE[i] - _SAND[i])) * light
-        picture[:, :, i] = water + fog * (floor - water)
+    seen = (ray[2] < -1e-6) & (depth < 0)
+    along = np.minimum(np.where(seen, depth / np.where(seen, ray[2], 1.0), 1e3), 1e3)
+    x, y = eye[0] + along * ray[0], eye[1] + along * ray[1]
+    # Size of a pixel on the floor, larger where the floor is seen at a low angle.
+    blur = (2 * slope / height) * along / np.sqrt(np.maximum(np.abs(ray[2]), 1e-3)) + 1e-6
+    lines = 0.45 * _ruling(x, y, _SPACING, 0.05, blur)
+    lines = np.maximum(lines, _ruling(x, y, 5 * _SPACING, 0.12, blur))[..., None]
+    fade = np.where(seen, np.exp(-along / (_VISIBILITY * distance)), 0.0)[..., None]
+    picture: Pixels = (_WATER + fade * (_SAND + lines * (_LINE - _SAND) - _WATER)).astype(
+        np.float32
+    )
     return picture
 
 
-def _shade(u: Pixels, v: Pixels, quaternion: Floats) -> Pixels:
-    """Return the capsule's soft shadow, 0 to 1, on the floor at (u, v) from under it."""
-    x, y = (float(c) for c in rotate(quaternion, np.array([0.0, CYLINDER / 2, 0.0]))[:2])
-    t = np.clip((u * x + v * y) / (x * x + y * y + 1e-9), -1, 1)
-    away = np.square(u - t * x) + np.square(v - t * y)
-    shade: Pixels = np.exp(away * (-0.5 / RADIUS**2))
-    return shade
+def _ruling(x: Floats, y: Floats, spacing: float, width: float, blur: Floats) -> Floats:
+    """Return the share of each pixel that lines every ``spacing`` cover, 0 to 1."""
+    u, v = x / spacing, y / spacing
+    off = spacing * np.minimum(np.abs(u - np.rint(u)), np.abs(v - np.rint(v)))
+    # Lines thinner than a pixel fade instead of flickering.
+    cover: Floats = np.clip((width / 2 - off) / blur + 0.5, 0, 1) * np.minimum(1, width / blur)
+    return cover

@@ -25,12 +25,6 @@ def test_pybullet_is_taken_where_it_is(capsys: pytest.CaptureFixture[str]) -> No
     assert capsys.readouterr().err == ""
 
 
-def test_a_named_engine_is_itself_without_a_word() -> None:
-    ask = "from aquafish_gym.engines.api import resolve_engine as r\n"
-    done = run(WITHOUT + ask + "print(r('engine', 'numba'), r('engine', 'pybullet'))")
-    assert (done.stdout, done.stderr) == ("numba pybullet\n", "")
-
-
 def test_without_pybullet_the_compiled_one_is_named_once() -> None:
     code = (
         "import gymnasium as gym, aquafish_gym\n"
@@ -42,17 +36,6 @@ def test_without_pybullet_the_compiled_one_is_named_once() -> None:
     done = run(WITHOUT + code)
     assert done.stdout == "numba numba\n"
     assert done.stderr.count(NOTICE) == 1
-
-
-def test_workers_do_not_repeat_the_notice() -> None:
-    code = (
-        "import multiprocessing\n"
-        "from aquafish_gym.engines.api import resolve_engine\n"
-        "with multiprocessing.get_context('fork').Pool(2) as pool:\n"
-        "    print(*pool.starmap(resolve_engine, [('engine', 'auto')] * 4))"
-    )
-    done = run(WITHOUT + code)
-    assert (done.stdout, done.stderr) == ("numba numba numba numba\n", "")
 
 
 def test_an_unknown_engine_gets_the_nearest_name() -> None:

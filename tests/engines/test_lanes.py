@@ -30,20 +30,6 @@ def trials() -> Trial:
     return bodies, commands, rng.uniform(-np.pi, np.pi, (n, 3))
 
 
-@pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_batch_order_and_size_change_nothing(trials: Trial, dtype: str) -> None:
-    whole = aquafish_gym.simulate(*trials, steps=200, dtype=dtype)
-    order = np.random.default_rng(1).permutation(len(trials[0]))
-    shuffled = aquafish_gym.simulate(*(t[order] for t in trials), steps=200, dtype=dtype)
-    assert_array_equal(shuffled.rpy, whole.rpy[order])
-    for i in (0, 7, 149):
-        one = aquafish_gym.simulate(*(t[i] for t in trials), steps=200, dtype=dtype)
-        assert_array_equal(one.rpy[0], whole.rpy[i])
-        assert one.gyro is not None
-        assert whole.gyro is not None
-        assert_array_equal(one.gyro[0], whole.gyro[i])
-
-
 def test_a_run_in_parts_is_the_run_in_one(trials: Trial) -> None:
     bodies, commands, angles = trials
     whole = lane_batch(bodies, angles).advance(commands, 100, "pose")
@@ -55,63 +41,9 @@ def test_a_run_in_parts_is_the_run_in_one(trials: Trial) -> None:
         assert_array_equal(joined, getattr(whole, name))
 
 
-def test_records_hold_what_was_asked_for(trials: Trial) -> None:
-    bare = aquafish_gym.simulate(*trials, steps=20, record="rpy")
-    assert bare.gyro is None
-    assert bare.position is None
-    full = aquafish_gym.simulate(*trials, steps=20, record="pose")
-    assert full.rpy.shape == (150, 20, 3)
-    assert full.position is not None
-    assert full.position.shape == (150, 20, 3)
-    assert full.quaternion is not None
-    assert full.quaternion.shape == (150, 20, 4)
-    np.testing.assert_allclose(np.linalg.norm(full.quaternion, axis=2), 1, atol=1e-6)
-
-
 def test_an_empty_batch_gives_an_empty_log() -> None:
     log = aquafish_gym.simulate(np.empty((0, 9)), np.empty((0, 3)), np.empty((0, 3)), steps=5)
     assert log.rpy.shape == (0, 5, 3)
-
-
-BAD = {
-    "negative": ({"morphologies": -np.ones(9)}, r"morphologies\[0, 0\] must lie in \[0, 1\].*-1"),
-    "oversized": ({"morphologies": np.full(9, 9.0)}, r"must lie in \[0, 1\].*got 9"),
-    "nan body": ({"morphologies": np.full(9, np.nan)}, "morphologies must be finite"),
-    "nan command": ({"commands": (np.nan, 0, 0)}, "commands must be finite"),
-    "fast": ({"commands": (0.6, 0, 0)}, r"commands\[0, 0\] must lie in \[-0.5, 0.5\] rev/s"),
-    "shape": ({"morphologies": np.ones((3, 4))}, r"morphologies must have shape \(any, 9\)"),
-    "lengths": ({"commands": np.zeros((2, 3)), "fin_angles": np.zeros((3, 3))}, "equally many"),
-    "many threads": ({"threads": 10**9}, "threads must be .* and at most 1024; got"),
-    "engine": ({"engine": "pybulet"}, "did you mean 'pybullet'"),
-    "dtype": ({"dtype": "float16"}, "dtype must be one of float32, float64"),
-    "steps": ({"steps": 0}, "steps must be a whole number of at least 1 .*; got 0"),
-    "years": ({"steps": 10**13}, "steps must be a whole number .* at most 1000000; got 1000000000"),
-    "memory": (
-        {"commands": np.zeros((100_000, 3)), "steps": 10**6},
-        "log of 1000000 steps of 100000 robots would take 2,235 GiB",
-    ),
-    "digits": ({"commands": (10**400, 0, 0)}, "commands must be numbers"),
-    "many digits": ({"commands": (10**5000, 0, 0)}, "commands must be numbers.* too long to show"),
-    "digits of steps": ({"steps": 10**5000}, "steps must be a whole number.* too long to show"),
-    "masked": ({"commands": [0, np.ma.masked, 0]}, "commands must be numbers"),
-    "complex": ({"commands": (0.1 + 1j, 0, 0)}, "commands must be numbers"),
-    "complex object": ({"commands": np.array([1j, 0, 0], dtype=object)}, "commands must be num"),
-    "spelled": ({"commands": ("0.1", "0", "0")}, "commands must be numbers"),
-    "spelled object": ({"commands": np.array(["0", 0, 0], dtype=object)}, "commands must be num"),
-    "text": ({"fin_angles": "left"}, "fin_angles must be numbers"),
-    "current": ({"current": (1, 2)}, r"current must have shape \(any, 3\)"),
-    "record": ({"record": "poses"}, "did you mean 'pose'"),
-    "threads": ({"threads": 0}, "threads must be a whole number of at least 1"),
-    "substeps": ({"substeps": 1.5}, "substeps must be a whole number"),
-}
-
-
-@pytest.mark.parametrize("case", BAD)
-def test_bad_input_is_refused_with_a_sentence(case: str) -> None:
-    arguments, message = BAD[case]
-    arguments = {"morphologies": None, "commands": (0.1, 0.1, 0.5), **arguments}
-    with pytest.raises(ValueError, match=message):
-        aquafish_gym.simulate(**arguments)  # type: ignore[arg-type]
 
 
 def test_the_cache_is_tied_to_the_physics_sources(

@@ -7,7 +7,6 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +17,6 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import aquafish_gym  # noqa: F401
-from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import Step, Task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
@@ -88,17 +86,6 @@ def test_it_is_gymnasiums_sync_of_single_environments(mode: AutoresetMode) -> No
     theirs.close()
 
 
-def test_observations_and_infos_are_not_reused() -> None:
-    env = make()
-    seen, info = env.reset(seed=0)
-    kept = copy.deepcopy((seen, info))
-    for action in actions(2, 3):
-        env.step(action)
-    assert (seen == kept[0]).all()
-    for name, value in info.items():
-        assert (value == kept[1][name]).all()
-
-
 def same(one: Any, two: Any) -> None:
     """Compare what two steps or resets returned, to the last bit."""
     assert type(one) is type(two)
@@ -145,22 +132,6 @@ def test_what_was_returned_is_the_callers() -> None:
             value[...] = None if value.dtype == object else 0
     info["morphology"][:] = 0.0
     same(env.step(action), other.step(action))
-
-
-def test_no_result_depends_on_threads(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lanes, "_WORTH_A_THREAD", 1)
-    one, three = (make(num_envs=100, threads=n, fin_angles="random") for n in (1, 3))
-    same(one.reset(seed=0), three.reset(seed=0))
-    swim = np.random.default_rng(1).uniform(-1, 1, (10, 100, 3)).astype(np.float32)
-    for action in swim:
-        same(one.step(action), three.step(action))
-    # In several threads of the caller's at once, too.
-    with ThreadPoolExecutor(2) as pool:
-        envs = [copy.deepcopy(three) for _ in range(4)]
-        found = list(pool.map(lambda e: [e.step(action) for action in swim], envs))
-    expected = [one.step(action) for action in swim]
-    for each in found:
-        same(tuple(each), tuple(expected))
 
 
 def test_threads_work_on_in_a_fork() -> None:
@@ -214,16 +185,6 @@ def test_some_may_be_reset_and_the_others_swim_on() -> None:
     env.step(actions(5, 1)[0])
 
 
-def test_each_may_have_a_body_of_its_own() -> None:
-    bodies = [[0.4, 1.6, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, z] for z in (0.0, 0.5, 1.0)]
-    env = make(morphology=bodies, damage="left_pectoral:length=0.5")
-    _, info = env.reset(seed=0)
-    assert info["morphology"][:, 8].tolist() == [0.0, 0.5, 1.0]
-    assert info["morphology"][:, 1].tolist() == [0.8] * 3
-    *_, info = env.step(np.ones((3, 3), np.float32))
-    assert len(set(info["y_position"].tolist())) == 3
-
-
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_divergence_ends_one_episode_and_spares_the_others(mode: str) -> None:
     env, other = make(autoreset_mode=mode), make(autoreset_mode=mode)
@@ -269,26 +230,6 @@ def test_a_runaway_is_told_before_its_numbers_overflow(row: int, speed: float) -
     if abs(reward[1]) > 1e6 or not np.isfinite(speed):
         assert ended
         assert (seen[1] == good[1]).all()
-
-
-def test_seeds_may_be_listed() -> None:
-    env = make(fin_angles="random")
-    one = env.reset(seed=[7, 8, 9])[1]["fin_angles"]
-    two = env.reset(seed=7)[1]["fin_angles"]
-    kept = env.reset(seed=[None, 8, None])[1]["fin_angles"]
-    assert (one == two).all()
-    assert (kept[1] == one[1]).all()
-    assert not np.isclose(kept[[0, 2]], one[[0, 2]]).any()
-    with pytest.raises(InvalidArgumentError, match="seed must be"):
-        env.reset(seed=[1, 2])
-    for seed, sentence in (
-        (1.5, "seed must be a whole number"),
-        (-1, "seed must be a whole number"),
-        ("abc", "seed must be a whole number"),
-        ([1, 2.5, 3], r"seed\[1\] must be a whole number"),
-    ):
-        with pytest.raises(InvalidArgumentError, match=sentence):
-            env.reset(seed=seed)  # type: ignore[arg-type]
 
 
 def test_seeds_are_for_the_robots_that_are_reset() -> None:

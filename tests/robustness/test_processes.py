@@ -8,8 +8,6 @@ import os
 import pickle
 import subprocess
 import sys
-from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +15,12 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
-from worker_jobs import ACTIONS, ENGINES, MAKERS, make_env, play, run_simulate
-
-from aquafish_gym.envs.vector import AquaFishVectorEnv
+from worker_jobs import ACTIONS, MAKERS, make_env, play, run_simulate
 
 CONTEXTS = [c for c in ("spawn", "fork") if c in multiprocessing.get_all_start_methods()]
+
+
+CLONES = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
 
 
 @pytest.mark.parametrize("context", CONTEXTS)
@@ -99,43 +98,6 @@ def test_a_fork_leaves_the_parents_world_alone() -> None:
     assert (done.returncode, done.stderr) == (0, "")
 
 
-CLONES = [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))]
-
-
-@pytest.mark.parametrize("clone", CLONES, ids=["deepcopy", "pickle"])
-def test_a_copy_of_the_compiled_environment_goes_on_alike(clone: Callable[[Any], Any]) -> None:
-    env = make_env("numba", 7)
-    first = play(env, ACTIONS[:3])
-    other, third = clone(env), clone(env)
-    expected = play(env, ACTIONS[3:])
-    env.reset()  # the copies share nothing with it
-    assert play(other, ACTIONS[3:]) == expected
-    assert first + expected == play(make_env("numba", 7))
-    assert other.reset()[0].tobytes() == third.reset()[0].tobytes()  # the same generator, too
-
-
-@pytest.mark.parametrize("clone", CLONES, ids=["deepcopy", "pickle"])
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_a_copy_of_the_vector_environment_goes_on_alike(
-    clone: Callable[[Any], Any], mode: str
-) -> None:
-    def answers(env: AquaFishVectorEnv, steps: int) -> list[Any]:
-        found = []
-        for t in range(steps):
-            seen, rewards, terminated, truncated, info = env.step(np.tile(ACTIONS[t % 8], (5, 1)))
-            found.append((seen.tobytes(), rewards.tobytes(), truncated.tobytes()))
-            found.append((terminated.tobytes(), info["fin_angles"].tobytes()))
-        return found
-
-    env = AquaFishVectorEnv(5, fin_angles="random", frame_skip=200, autoreset_mode=mode)
-    env.reset(seed=1)
-    answers(env, 6)
-    other = clone(env)
-    expected = answers(env, 12)  # past the episode's end after 10 steps
-    env.reset(seed=99)
-    assert answers(other, 12) == expected
-
-
 @pytest.mark.parametrize("begun", [False, True])
 def test_a_pybullet_environment_refuses_to_be_copied_once_begun(begun: bool) -> None:
     env = gym.make("AquaFish-v0", engine="pybullet")
@@ -149,14 +111,6 @@ def test_a_pybullet_environment_refuses_to_be_copied_once_begun(begun: bool) -> 
             clone(env)
     env.close()
     copy.deepcopy(env).reset(seed=0)  # closed, it holds no world
-
-
-def test_two_threads_simulate_as_one_after_the_other() -> None:
-    jobs = [(engine, seed) for seed in range(4) for engine in ENGINES]
-    expected = [run_simulate(job) for job in jobs]
-    with ThreadPoolExecutor(2) as pool:
-        for _ in range(3):
-            assert list(pool.map(run_simulate, jobs)) == expected
 
 
 def test_an_interrupted_step_leaves_other_worlds_alone(monkeypatch: pytest.MonkeyPatch) -> None:
