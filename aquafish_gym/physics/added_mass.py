@@ -1,4 +1,4 @@
-"""Added mass: how much water moves with each part, and what leaves the tail's edge.
+"""Added mass: the water that moves with each part, and the momentum shed at the tail's edge.
 
 After Lighthill's elongated-body theory (Lighthill, 1971):
 
@@ -7,12 +7,12 @@ After Lighthill's elongated-body theory (Lighthill, 1971):
 - **Body.** The added mass and inertia of the ellipsoid of the capsule's length and diameter,
   relative to the capsule's own (Lamb, 1932, Art. 114): ``BODY_ADDED_MASS``.
 - **Trailing edge.** Water that leaves the tail's end takes its momentum with it. With m the
-  tail's added mass a unit of length, u the end's speed along the fin towards the body and w
+  tail's added mass per unit length, u the end's speed along the fin towards the body and w
   along its normal, the force there is ``1/2 m w^2`` along the fin less ``m u w`` along its
-  normal. Lighthill has u > 0; where the end moves backward nothing is shed from it, so u < 0
-  counts as 0 in the second term. The power is then ``-1/2 m w^2 |u|``, never positive.
+  normal. Lighthill has u > 0; where the end moves backward it sheds nothing, so u < 0 counts as
+  0 in the second term. The power is then ``-1/2 m w^2 |u|``, never positive.
 
-The pectorals, which turn right round, have no trailing edge to speak of and no such term.
+The pectorals turn full circles, so they have no trailing edge and no such term.
 Straight-line code for any scalar backend; see ``arithmetic.py``.
 """
 
@@ -24,7 +24,7 @@ from aquafish_gym.physics.arithmetic import Number, Vector, add_scaled, dot, fma
 from aquafish_gym.physics.hydrodynamics import DENSITY
 from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, NOSE, RADIUS, Fin
 
-_STRIP = DENSITY * math.pi / 4  # added mass a unit of length of an endless strip of width 1
+_STRIP = DENSITY * math.pi / 4  # added mass per unit length of an infinite strip of width 1
 
 
 def _ellipsoid(length: float, diameter: float) -> tuple[float, float, float]:
@@ -46,10 +46,10 @@ BODY_ADDED_INERTIA: Vector = (_TURNING * BODY_INERTIA[0], 0.0, _TURNING * BODY_I
 
 
 def finite_span(width: Number, length: Number) -> Number:
-    """Return the added mass of a rectangle as a share of that of as much of an endless strip.
+    """Return the added mass of a rectangle as a share of an infinite strip's of equal length.
 
-    In the form of Pabst's formula, with two numbers fitted to a vortex lattice: within 0.2% of
-    it from length / width 1/4 to 8 (docs/physics.md). 0 for a plate of no length.
+    Pabst's formula with two numbers fitted to a vortex lattice: within 0.2% of it from length /
+    width 1/4 to 8 (docs/physics.md). 0 for a plate of no length.
     """
     square = fma(width, width, fma(length, length, 1e-30))
     s = width * length / square
@@ -64,8 +64,8 @@ def plate_mass(width: Number, length: Number) -> Number:
 def plate_inertia(width: Number, length: Number) -> Number:
     """Return the added inertia of a flat rectangle about the axis along its width, in its middle.
 
-    That of a long strip, times a share with the right limits for long and short rectangles and
-    two numbers fitted to the same lattice: within 0.6% of it over the same range.
+    A long strip's, times a share with the right limits for long and short rectangles and two
+    numbers fitted to the same lattice: within 0.6% of it over the same range.
     """
     long = width * width * length * length * length
     top = length * fma(0.49, length, width)

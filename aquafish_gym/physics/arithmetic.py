@@ -1,13 +1,13 @@
 """Arithmetic that the drag law and the dynamics need beyond ``+ - * /`` and ``sqrt``.
 
 The physics is written once and runs on three scalar backends: plain floats (the reference), numba's
-float64 and float32, and SIMD lanes of either (``simd.py``). Everything here is straight-line:
-no branch depends on data, because the robots in one vector register share their instructions.
-The primitives below have a second, vector body in ``simd.py``. They also take rows, numpy arrays of
-one number per robot: tasks and observations run on those too.
+float64 and float32, and SIMD lanes of either (``simd.py``). All code is straight-line: no branch
+depends on data, because the robots in one vector register share their instructions. The primitives
+below have a second, vector body in ``simd.py``. They also take rows (numpy arrays with one number
+per robot), for tasks and observations.
 
-Multiply-adds are fused where the source says :func:`fma`, and nowhere else: a compiler that
-may fuse as it likes rounds differently at every lane width.
+Multiply-adds are fused only in :func:`fma`: a compiler that may fuse freely rounds differently at
+every lane width.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ TAU = 2 * math.pi
 
 
 def _find_fma() -> Callable[[float, float, float], float]:
-    """Return the C library's ``fma``: Python itself has one only from 3.13 on."""
+    """Return the C library's ``fma``: Python has its own only from 3.13 on."""
     if sys.version_info >= (3, 13):
         return math.fma
-    # Elsewhere than on Windows it is among what Python itself is linked with.
+    # Except on Windows, Python itself is linked with it.
     function = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fma
     function.restype = ctypes.c_double
     function.argtypes = [ctypes.c_double] * 3
@@ -43,7 +43,7 @@ _fma = _find_fma()
 
 
 def fma(a: Number, b: Number, c: Number) -> Number:
-    """Return a b + c, rounded once; of rows, rounded twice."""
+    """Return a b + c, rounded once (rows: twice)."""
     return a * b + c if isinstance(a, np.ndarray) else _fma(a, b, c)
 
 
@@ -56,7 +56,7 @@ def where_less(a: Number, b: Number, then: Number, otherwise: Number) -> Number:
 
 
 def floor(x: Number) -> Number:
-    """Return the greatest whole number not above ``x``, as a float."""
+    """Return the largest integer not above ``x``, as a float."""
     return np.floor(x) if isinstance(x, np.ndarray) else float(math.floor(x))
 
 
@@ -66,12 +66,12 @@ def square_root(x: Number) -> Number:
 
 
 def cosine_sine(angle: Number) -> tuple[Number, Number]:
-    """Return (cos, sin) of an angle in rad; of lanes by :func:`sine_cosine`."""
+    """Return (cos, sin) of an angle in rad; lanes use :func:`sine_cosine`."""
     return np.cos(angle), np.sin(angle)
 
 
 def fetch(array: Any, index: int, like: Number) -> Number:  # noqa: ARG001
-    """Return entry ``index`` of a flat array; of ``width`` robots side by side, in lanes.
+    """Return entry ``index`` of a flat array; in lanes, the entries of ``width`` robots.
 
     ``like`` selects the backend: in lanes of width w, entries index * w to index * w + w - 1.
     """
@@ -79,12 +79,12 @@ def fetch(array: Any, index: int, like: Number) -> Number:  # noqa: ARG001
 
 
 def put(array: Any, index: int, value: Number) -> None:
-    """Set entry ``index`` of a flat array; of ``width`` robots side by side, in lanes."""
+    """Set entry ``index`` of a flat array; in lanes, the entries of ``width`` robots."""
     array[index] = value
 
 
 def clip(x: Number, limit: Number) -> Number:
-    """Return ``x`` held within [-limit, limit]."""
+    """Return ``x`` clipped to [-limit, limit]."""
     low = where_less(x, -limit, -limit, x)
     return where_less(limit, low, limit, low)
 

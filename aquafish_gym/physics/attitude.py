@@ -2,10 +2,9 @@
 
 Two triples describe every attitude: (roll, pitch, yaw) and (roll + pi, pi - pitch, yaw + pi), each
 up to whole turns. A log that keeps pitch within +-90 degrees therefore jumps by pi in roll and yaw
-when the robot pitches past the vertical. Here, and only here, that is mended: each sample takes
-the triple, of all that describe it, nearest to the sample before (:func:`continue_attitude`), so
-that the logged signals are continuous, pitch may pass 90 degrees, and the triple still describes
-the true attitude.
+when the robot pitches past the vertical. :func:`continue_attitude` takes, of all triples that
+describe a sample, the one nearest to the sample before. Logged signals are then continuous, pitch
+may pass 90 degrees, and the triple still describes the true attitude. Only this code deals with it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Compiling the physics: the very function objects that plain Python runs, kept on disk.
+"""Compile the physics, the same function objects that plain Python runs, and cache it on disk.
 
 A kernel is compiled when it is first called. On a new machine a command compiles one to six
 kernels of about 4 s of CPU time each; one message on stderr announces all of them. numba keeps
@@ -27,7 +27,7 @@ from numba.core import event
 
 from aquafish_gym.physics.simd import PRIMITIVES, inlined
 
-# All but the two that compile the others.
+# All except the two that compile the others.
 PHYSICS_MODULES = [
     import_module(f"{__package__}.{found.name}")
     for found in pkgutil.iter_modules([str(Path(__file__).parent)])
@@ -69,10 +69,10 @@ def register() -> None:
 
 
 def compiled(function: Callable[..., Any], slow: bool = False, **options: Any) -> Any:
-    """Return a function compiled when it is first called, and kept on disk where that can be.
+    """Return a function that is compiled on its first call and cached on disk where possible.
 
-    The compilation of a ``slow`` one is announced on stderr, once in a process. ``options`` are
-    those of ``numba.njit``.
+    The first compilation of a ``slow`` function in a process prints a notice on stderr.
+    ``options`` are those of ``numba.njit``.
     """
     try:
         found = njit(cache=True, **options)(function)
@@ -89,7 +89,7 @@ _slow: set[Callable[..., Any]] = set()
 
 
 def _ask_again(found: Any) -> None:
-    """Interrupt once more where a Ctrl-C came while LLVM was calling back, which drops it."""
+    """Interrupt again after a Ctrl-C during a callback of LLVM, which drops it."""
     if isinstance(found.exc_value, KeyboardInterrupt):
         threading.Timer(0.05, _thread.interrupt_main).start()
     else:
@@ -99,16 +99,16 @@ def _ask_again(found: Any) -> None:
 class _Announcer(event.Listener):  # type: ignore[misc]
     """Prints ``NOTICE`` before the first slow compilation, except in worker processes.
 
-    During a compilation, no Ctrl-C is lost.
+    No Ctrl-C is lost during a compilation.
     """
 
     def __init__(self) -> None:
         self._hooks: list[Any] = []
 
-    def on_start(self, begun: Any) -> None:
+    def on_start(self, started: Any) -> None:
         self._hooks.append(sys.unraisablehook)
         sys.unraisablehook = _ask_again
-        if begun.data["dispatcher"].py_func in _slow:
+        if started.data["dispatcher"].py_func in _slow:
             _announce()
 
     def on_end(self, ended: Any) -> None:  # noqa: ARG002
@@ -129,10 +129,10 @@ def _listen() -> None:
 def source_stamp(*functions: Any) -> str:
     """Return a hash of the sources of the physics, of this file and of ``functions``.
 
-    Those of all that they import from their packages go with them: compiled code freezes the
-    constants that it finds there, as a network does the servos' bounds. numba's cache watches
-    only the file of the cached function itself; but what a function closes over is part of the
-    cache's key, so kernels close over this stamp, and none is ever older than its physics.
+    It includes all that they import from their packages, because compiled code freezes the
+    constants there, such as the servos' bounds. numba's cache watches only the file of the cached
+    function, but a function's closure is part of the cache's key. Kernels close over this stamp,
+    so none is older than its physics.
     """
     todo = [*PHYSICS_MODULES, *(sys.modules[f.__module__] for f in (source_stamp, *functions))]
     packages = {m.__name__.partition(".")[0] for m in todo}
@@ -152,7 +152,7 @@ def source_stamp(*functions: Any) -> str:
 
 @functools.cache
 def _imported(source: bytes) -> frozenset[str]:
-    """Return the names of what a source imports, some of which may be no modules."""
+    """Return the names that a source imports; some may not be modules."""
     names: set[str] = set()
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Import):

@@ -1,4 +1,4 @@
-"""The robot's motion: the only statement of one time step, in Bullet's scheme.
+"""One time step of the robot's motion, stated once, in Bullet's scheme.
 
 The servos *prescribe* the joints' motion, so the unknown is the body's motion alone. At the
 state (q_n, v_n) the joints' next speeds follow from their angles at t and t + h, the body's
@@ -6,7 +6,7 @@ acceleration from Newton's and Euler's equations of the whole robot, and then
 
     v_{n+1} = v_n + h v'_n        x_{n+1} = x_n + h v_{n+1}
 
-with the attitude by the exponential map: what Bullet does with ideal motors, to rounding.
+with the attitude by the exponential map. Bullet with ideal motors does the same, to rounding.
 
 Frames: ``world`` is inertial; ``body`` turns with the capsule; each fin's ``hinge`` and
 ``fin`` frames are those of ``robot.py``. Straight-line code for any scalar backend; see
@@ -72,8 +72,8 @@ class FinInertia(NamedTuple):
     """One fin's rigid-body inertia, for a hinge in the middle plane, and the force on it.
 
     In the hinge frame's axes and about the body's centre: mass times position of its centre
-    (length, normal), inertia (aa, bb, cc, bc), and the water's wrench less the bias force,
-    which the joint's own motion takes.
+    (length, normal), inertia (aa, bb, cc, bc), and the water's wrench less the bias force of the
+    joint's own motion.
     """
 
     mass: Number
@@ -87,8 +87,8 @@ class CompositeInertia(NamedTuple):
     """The inertia of body and fins as one rigid body, and the force on it.
 
     In body axes about the capsule's centre. ``moment`` is mass times position of the centre of
-    mass. From the water's wrench the fins' bias forces are subtracted, but not yet what the
-    rigid body's own rotation takes.
+    mass. The force is the water's wrench less the fins' bias forces; the rigid body's own
+    rotation is not subtracted yet.
     """
 
     mass: Number
@@ -99,8 +99,8 @@ class CompositeInertia(NamedTuple):
 
 
 # The hinges lie at (x, y, 0) of their frames: the pectorals' at (+-PECTORAL_X, PECTORAL_Y), the
-# caudal fin's at (0, CAUDAL_Y). The functions of one fin leave x out, and the sums over fins
-# bring it in for the two that have it.
+# caudal fin's at (0, CAUDAL_Y). The functions of one fin leave x out; the sums over fins add it
+# for the pectorals.
 
 
 def _to_fin(joint: Pair, v: Vector) -> Vector:
@@ -125,7 +125,7 @@ def _from_caudal(v: Vector) -> Vector:
 
 
 def _at_hinge(x: float, velocity: Vector, spin: Vector) -> Vector:
-    """Return the velocity of a pectoral's hinge, less what its ``PECTORAL_Y`` brings."""
+    """Return the velocity of a pectoral's hinge without the term of ``PECTORAL_Y``."""
     return (velocity[0], fma(x, spin[2], velocity[1]), fma(-x, spin[1], velocity[2]))
 
 
@@ -200,7 +200,7 @@ def _fin_inertia(
 
 
 def forces(robot: Robot, state: State, current: Vector) -> Water:
-    """Return what the water does to each part; its own velocity in the world is ``current``."""
+    """Return the water's wrench on each part; ``current`` is its velocity in the world."""
     velocity = to_body(rotation(state.orientation), subtract(state.velocity, current))
     spin, rates = state.spin, state.rates
     left = _at_hinge(-PECTORAL_X, velocity, spin)
@@ -226,7 +226,7 @@ def on_body(state: State, water: Water) -> Wrench:
 
 
 def wrench(robot: Robot, state: State, current: Vector) -> Wrench:
-    """Return what :func:`on_body` does, in world axes: the lumped wrench that PyBullet is given."""
+    """Return :func:`on_body` in world axes: the lumped wrench for PyBullet."""
     force, torque = on_body(state, forces(robot, state, current))
     r = rotation(state.orientation)
     return to_world(r, force), to_world(r, torque)
@@ -235,9 +235,9 @@ def wrench(robot: Robot, state: State, current: Vector) -> Wrench:
 def step(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> State:
     """Advance one robot in the water by one step of length ``h`` seconds.
 
-    ``by`` is from :func:`drive` with the same ``h``; ``current`` is the water's own velocity in
-    the world, units/s. The scheme is explicit, so h must stay well under the time in which drag
-    stops the lightest motion; 0.01 does for every body within the limits.
+    ``by`` is from :func:`drive` with the same ``h``; ``current`` is the water's velocity in the
+    world, units/s. The scheme is explicit, so h must be much shorter than the time in which drag
+    stops the lightest motion; 0.01 is enough for every body within the limits.
     """
     return move(robot, state, by, forces(robot, state, current), h)
 
@@ -281,11 +281,11 @@ def composite_inertia(robot: Robot, state: State, qdd: Vector, water: Water) -> 
 
 
 def accelerations(composite: CompositeInertia, spin: Vector) -> tuple[Vector, Vector]:
-    """Return the acceleration of the capsule's centre and the angular one, in body axes.
+    """Return the linear acceleration of the capsule's centre and the angular one, in body axes.
 
     They solve Newton's and Euler's equations.
     """
-    # About the centre of mass the two come apart: first the inertia there, ...
+    # About the centre of mass the two equations decouple: first the inertia there, ...
     s, per_mass = composite.moment, 1.0 / composite.mass
     centre = scale(per_mass, s)
     xx, yy, zz, xy, xz, yz = composite.inertia

@@ -1,4 +1,4 @@
-"""The drag law: the only statement of what the water does to the robot.
+"""The drag law, stated once.
 
 At a point of a surface with normal e that moves with velocity V relative to the water, with
 vn = V.e and Vt = V - vn e::
@@ -6,8 +6,8 @@ vn = V.e and Vt = V - vn e::
     F = -1/2 rho |V| A (C_N vn e + 2 C_f Vt)
 
 It is quadratic, so power is never positive, and scale-free, so only the robot's proportions
-matter. Quadratic it has to be: under a linear law a flipper that turns full circles makes no
-net impulse, however its speed varies within the turn.
+matter. It must be quadratic: under a linear law a flipper that turns full circles makes no net
+impulse, however its speed varies within the turn.
 
 Each fin is three orthogonal plates through its middle, one two-sided plate for two opposite
 faces of the box, so at one quadrature point of a fin the law is anisotropic in the fin's own

@@ -1,4 +1,4 @@
-"""Where the robot is and how its parts move: state, attitude, servos.
+"""The robot's state, its attitude and its servos.
 
 Frames: ``world`` is inertial; ``body`` turns with the capsule. Straight-line code for any
 scalar backend; see ``arithmetic.py``.
@@ -29,7 +29,7 @@ Joints = tuple[Pair, Pair, Pair, Vector]  # left, right, phase, the three speeds
 
 
 class State(NamedTuple):
-    """Everything that changes from step to step; the capsule's centre stands for the body."""
+    """Everything that changes from step to step; position and velocity are the capsule centre's."""
 
     orientation: tuple[Number, Number, Number, Number]  # (x, y, z, w) from body to world
     position: Vector  # in the world, units
@@ -42,7 +42,7 @@ class State(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """What a command does in one step: (cos, sin) of each servo's turn, the pectorals' rad/s."""
+    """A command's effect in one step: (cos, sin) of each servo's turn, the pectorals' rad/s."""
 
     left: Pair
     right: Pair
@@ -91,8 +91,8 @@ def turn(
     q: tuple[Number, Number, Number, Number], spin: Vector, h: Number
 ) -> tuple[Number, Number, Number, Number]:
     """Turn a quaternion by ``spin`` (body axes) for a time h: the exponential map."""
-    # sin(a) / a and cos(a) of half the angle by their series in a^2: spins of 100 rad/s are out
-    # of the question at h = 0.01, and below that the terms kept leave 1e-17.
+    # sin(a) / a and cos(a) of half the angle by their series in a^2. Spins stay under 100 rad/s at
+    # h = 0.01, where the terms kept leave 1e-17.
     half = 0.5 * h
     x, y, z = spin[0] * half, spin[1] * half, spin[2] * half
     a = fma(x, x, fma(y, y, z * z))
@@ -112,7 +112,7 @@ def turn(
     n1 = fma(q[3], y, fma(q[1], c, fma(q[2], x, -(q[0] * z))))
     n2 = fma(q[3], z, fma(q[2], c, fma(q[0], y, -(q[1] * x))))
     n3 = fma(q[3], c, -fma(q[0], x, fma(q[1], y, q[2] * z)))
-    # Newton's step to length 1, which is there already but for rounding.
+    # Newton's step to length 1: it removes rounding.
     k = fma(-0.5, fma(n0, n0, fma(n1, n1, fma(n2, n2, n3 * n3))), 1.5)
     return (k * n0, k * n1, k * n2, k * n3)
 
@@ -127,7 +127,7 @@ def drive(command: Vector, h: Number) -> Drive:
 
 
 def turned(pair: Pair, by: Pair) -> Pair:
-    """Return (cos, sin) of the sum of two angles, pulled back to the unit circle."""
+    """Return (cos, sin) of the sum of two angles, normalised to the unit circle."""
     c = fma(pair[0], by[0], -(pair[1] * by[1]))
     s = fma(pair[0], by[1], pair[1] * by[0])
     pull = fma(-0.5, fma(c, c, s * s), 1.5)

@@ -1,4 +1,4 @@
-"""The order of a robot's numbers in flat tables: stated here, and nowhere else.
+"""The order of a robot's numbers in flat tables, stated once.
 
 A table holds a row for each number and a column for each robot. In a flat one the robots of one
 vector register are ``group`` of ``groups``, and row r of it is entry ``r * groups + group``; one
@@ -8,7 +8,7 @@ scalar backend (``arithmetic.py``).
 - A **state** has 25 rows: the numbers of ``State`` in its order, then roll, pitch and yaw.
 - A **robot** has 25 rows: left, right and caudal ``Fin``, the numbers of each in its order, and
   the scale of the body's drag.
-- Its **conditions** have 6 rows: the water's own velocity, and the gains of the three servos.
+- Its **conditions** have 6 rows: the water's velocity, and the gains of the three servos.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _COSINES, _SINES = slice(LEFT, RATES, 2), slice(LEFT + 1, RATES, 2)
 FIN_ROWS = 8
 ROBOT_ROWS = 3 * FIN_ROWS + 1
 CURRENT, SERVO_GAIN, CONDITION_ROWS = 0, 3, 6
-# Where (width, length, thickness) of each fin stand among the nine dimensions.
+# The columns of (width, length, thickness) of each fin among the nine dimensions.
 _COLUMNS: NDArray[np.intp] = np.array([(0, 1, 2), (3, 4, 5), (8, 7, 6)])
 
 
@@ -121,7 +121,7 @@ def put_state(rows: Any, group: int, groups: int, state: State) -> None:
 
 
 def state_from_numbers(numbers: list[float]) -> State:
-    """Return one robot's state on plain floats: :func:`fetch_state`, but quicker there."""
+    """Return one robot's state on plain floats, faster than :func:`fetch_state`."""
     fields: list[Any] = [tuple(numbers[rows]) for rows in _STATE_FIELDS]
     return State(*fields)
 
@@ -135,7 +135,7 @@ def robot_from_column(column: NDArray[np.float64]) -> Robot:
 def robot_parameters(
     morphologies: NDArray[np.float64], drag: ArrayLike = (1.0, 1.0)
 ) -> NDArray[np.float64]:
-    """Return what bodies (B, 9), in the order of ``DIMENSIONS``, are to the equations of motion.
+    """Return the parameters of bodies (B, 9), in the order of ``DIMENSIONS``, for the dynamics.
 
     (25, B): for each fin width, length, thickness, mass, the three inertias and the scale of its
     drag; and that of the body's. ``drag`` is (2,) or (B, 2): of the fins, and of the body.
@@ -174,7 +174,7 @@ def start_rows(
     """Return the states (25, B) of robots upright, facing +y, fins at these angles.
 
     ``fin_angles`` is (B, 3): left and right pectoral angle and caudal phase, rad. They are at rest
-    unless ``velocity``, ``spin`` or the joints' ``rates``, (3,) or (B, 3), say otherwise.
+    unless ``velocity``, ``spin`` or the joints' ``rates`` are given, (3,) or (B, 3).
     """
     rows = np.zeros((STATE_ROWS, len(fin_angles)))
     rows[ORIENTATION + 3] = 1.0

@@ -1,9 +1,9 @@
-"""Reactive terms: the water that accelerates with body and fins, in the equations of motion.
+"""Reactive terms: the added mass of body and fins in the equations of motion.
 
-They are an option (``reactive=True``), off by default: drag alone is the paper's kind of law.
-What the water's inertia is, and what the tail sheds, says ``added_mass.py``. Added mass makes the
-force depend on the acceleration that it causes, so it joins the equations of motion, which are
-then six instead of three. Straight-line code for any scalar backend.
+They are an option (``reactive=True``), off by default: the paper's law is drag alone.
+``added_mass.py`` defines the added mass and the shedding at the tail. Added mass makes the force
+depend on the acceleration that it causes, so it enters the equations of motion, which are then six
+instead of three. Straight-line code for any scalar backend.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ from aquafish_gym.physics.robot import CAUDAL_Y, PECTORAL_X, PECTORAL_Y, Fin, Ro
 class Motion(NamedTuple):
     """How one fin moves, in body axes.
 
-    Its fin frame's unit vectors, its centre ``at`` and that one's velocity relative to the
-    water, its spin, and its bias accelerations: what the body's own does not explain.
+    Its fin frame's unit vectors, its centre ``at``, the centre's velocity relative to the water,
+    its spin, and its bias accelerations: those that do not depend on the body's.
     """
 
     across: Vector
@@ -69,10 +69,10 @@ class Motion(NamedTuple):
 
 
 class Added(NamedTuple):
-    """What the accelerated water adds to the equations of motion, in body axes.
+    """The accelerated water's terms in the equations of motion, in body axes.
 
     Its inertia about the capsule's centre (the columns of ``coupling`` are the forces that
-    resist angular accelerations about x, y, z), and what no acceleration of the body multiplies.
+    resist angular accelerations about x, y, z), and the terms without an acceleration of the body.
     """
 
     linear: Symmetric
@@ -134,7 +134,7 @@ def _add(a: Added, b: Added) -> Added:
 
 
 def _plate(mass: Number, e: Vector, motion: Motion) -> Added:
-    """Return what the water does that moves with a fin along its unit vector ``e``.
+    """Return the terms of the water that moves with a fin along its unit vector ``e``.
 
     Its momentum is P = mass (velocity . e) e; the force is -dP/dt, and the torque about the
     fin's centre -velocity x P.
@@ -155,13 +155,13 @@ def _plate(mass: Number, e: Vector, motion: Motion) -> Added:
 
 
 def _turning_torque(inertia: Number, e: Vector, motion: Motion) -> Vector:
-    """Return minus the growth of inertia (spin . e) e that the body does not explain."""
+    """Return minus the rate of inertia (spin . e) e, without the body's acceleration."""
     growth, turning = dot(motion.angular_bias, e), dot(motion.spin, e)
     return scale(-inertia, add_scaled(scale(growth, e), turning, cross(motion.spin, e)))
 
 
 def _fin_added(fin: Fin, motion: Motion) -> Added:
-    """Return what the water does that moves with a fin."""
+    """Return the terms of the water that moves with a fin."""
     (a, b, c), (i, j, k) = fin_added_mass(fin)
     e, f, g = motion.across, motion.along, motion.normal
     plates = _add(_add(_plate(a, e, motion), _plate(b, f, motion)), _plate(c, g, motion))
@@ -177,7 +177,7 @@ def _fin_added(fin: Fin, motion: Motion) -> Added:
 
 
 def _body_added(velocity: Vector, spin: Vector) -> Added:
-    """Return what the water does that moves with the capsule (Kirchhoff's equations)."""
+    """Return the terms of the water that moves with the capsule (Kirchhoff's equations)."""
     zero = (0.0, 0.0, 0.0)
     mass, inertia = BODY_ADDED_MASS, BODY_ADDED_INERTIA
     slip = cross(spin, velocity)
@@ -195,10 +195,10 @@ def _body_added(velocity: Vector, spin: Vector) -> Added:
 
 
 def added_water(robot: Robot, state: State, qdd: Vector, current: Vector) -> Added:
-    """Return what the accelerated and the shed water add to the equations of motion.
+    """Return the terms of the accelerated and the shed water in the equations of motion.
 
-    ``qdd`` are the joints' accelerations over the step, rad/s^2, and ``current`` the water's own
-    velocity in the world, units/s; steady.
+    ``qdd`` are the joints' accelerations over the step, rad/s^2, and ``current`` the water's steady
+    velocity in the world, units/s.
     """
     velocity = to_body(rotation(state.orientation), subtract(state.velocity, current))
     spin, rates = state.spin, state.rates
@@ -235,9 +235,9 @@ def added_water(robot: Robot, state: State, qdd: Vector, current: Vector) -> Add
 def accelerations_with(
     composite: CompositeInertia, added: Added, spin: Vector
 ) -> tuple[Vector, Vector]:
-    """Solve the equations of motion of a robot and the water that it moves, in body axes.
+    """Solve the equations of motion of a robot and its added water, in body axes.
 
-    As :func:`~aquafish_gym.physics.dynamics.accelerations`, but where the mass depends on the
+    As :func:`~aquafish_gym.physics.dynamics.accelerations`, with a mass that depends on the
     direction: six equations, the linear three eliminated first.
     """
     m, s = composite.mass, composite.moment
@@ -267,7 +267,7 @@ def accelerations_with(
 
 
 def step_reactive(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> State:
-    """Advance one robot by one step, as :func:`~aquafish_gym.physics.dynamics.step` does."""
+    """Advance one robot by one step; see :func:`~aquafish_gym.physics.dynamics.step`."""
     joints = next_joints(state, by, h)
     qdd = joint_accelerations(state, joints, h)
     composite = composite_inertia(robot, state, qdd, forces(robot, state, current))
@@ -278,7 +278,7 @@ def step_reactive(robot: Robot, state: State, by: Drive, current: Vector, h: Num
 def reactive_wrench(robot: Robot, state: State, by: Drive, current: Vector, h: Number) -> Wrench:
     """Return the water's whole wrench on the capsule's centre over a step, in world axes.
 
-    What added mass does depends on the acceleration, so this takes the step's own.
+    The force of the added mass depends on the acceleration, so this computes the step's own.
     """
     joints = next_joints(state, by, h)
     qdd = joint_accelerations(state, joints, h)

@@ -4,7 +4,7 @@ Axes: x to the right, y forward along the capsule, z up; the origin is the capsu
 One unit of length is 5 cm and water has density 1. Body and fins are neutrally buoyant, so
 their density is 1 too and there is no gravity.
 
-Every fin turns about its own *width* axis, which makes all three the same machine. A fin's
+Every fin turns about its own *width* axis, so one set of equations serves all three. A fin's
 **hinge frame** has the axes (width, length, normal): for the pectorals these are the body's
 (x, y, z), for the caudal fin (z, y, -x). Its **fin frame** is the hinge frame turned by the
 joint's angle about the width axis; the fin itself is a box from 0 to -length along its length
@@ -24,17 +24,17 @@ PECTORAL_X = 0.75  # the same fit: 0.749
 PECTORAL_Y = NOSE - 1.0  # the same fit: 0.997 behind the nose
 CAUDAL_Y = -NOSE
 
-# A fixed plate joins body and pectoral hinge; it is massless and only drags.
+# A fixed plate joins body and pectoral hinge; it is massless and has drag only.
 MOUNT_X = (RADIUS + PECTORAL_X) / 2
 MOUNT_WIDTH = PECTORAL_X - RADIUS
 MOUNT_LENGTH = 0.5
 
 BODY_MASS = math.pi * RADIUS**2 * CYLINDER + 4 / 3 * math.pi * RADIUS**3
 
-# A fin of no size keeps this mass, so that the equations stay regular; it is too little to
-# show in the body's motion.
+# A fin of no size keeps this mass, so that the equations stay regular; it is too small to
+# affect the body's motion.
 MINIMUM_FIN_MASS = 1e-6 * BODY_MASS
-# Likewise for its inertia: the radius of gyration is never under 1/1000 of a unit.
+# The same for its inertia: the radius of gyration is at least 1/1000 of a unit.
 MINIMUM_GYRATION = 1e-3
 
 
@@ -67,7 +67,7 @@ class Fin(NamedTuple):
 
 
 class Robot(NamedTuple):
-    """The three fins, and what the body's drag is multiplied by; its capsule is always the same."""
+    """The three fins, and a factor on the body's drag; the capsule is constant."""
 
     left: Fin
     right: Fin
@@ -78,7 +78,7 @@ class Robot(NamedTuple):
 # The capsule's Gauss stations for its own diameter as weight: (y, integral of the diameter over
 # its stretch) each. Strip theory needs integrals of D(y) g(y) dy over its length. The nodes are
 # the eigenvalues of the Jacobi matrix of the polynomials orthogonal under D (Golub and Welsch,
-# 1969); tests/physics/test_quadrature.py derives them anew.
+# 1969); tests/physics/test_quadrature.py derives them again.
 CAPSULE_STATIONS = (
     (-1.7563685970482226, 0.4096783043373521),
     (-1.0471065217376876, 0.9296776987009064),
@@ -86,6 +86,6 @@ CAPSULE_STATIONS = (
     (1.0471065217376876, 0.9296776987009064),
     (1.7563685970482226, 0.4096783043373521),
 )
-# The integral of r^4 over the surface's area divided by r^2: what skin friction's torque about
-# the long axis needs.
+# The integral of r^4 over the surface's area divided by r^2, for the torque of skin friction
+# about the long axis.
 ROLL_AREA = 2 * math.pi * RADIUS**4 * CYLINDER + 2 * math.pi * RADIUS**5 * (3 * math.pi / 8)

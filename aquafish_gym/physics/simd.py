@@ -1,15 +1,14 @@
-"""SIMD lanes for numba: a number type that is a whole vector register of robots.
+"""SIMD lanes for numba: a number type that holds a vector register of robots.
 
 ``Lanes(float32, 16)`` is sixteen float32 that compute together. It has ``+ - * /``, negation,
 ``abs``, ``math.sqrt`` and the primitives of ``arithmetic.py``; plain numbers promote to it. The
 physics is then ordinary Python, compiled once for lanes and once for scalars from the same
 function objects (``compiling.py``).
 
-Instructions carry no fast-math flag, not even ``contract``: every operation is rounded as
-IEEE 754 says, and a multiply-add is fused where the source says ``fma`` and nowhere else. So a
-robot's numbers are the same in every lane, at every width, on every CPU (one without the
-instruction calls the C library's ``fma``), and in float64 the same to the last bit as plain
-Python's.
+Instructions carry no fast-math flag, not even ``contract``: every operation is rounded according
+to IEEE 754, and a multiply-add is fused only in ``fma``. A robot's numbers are therefore the same
+in every lane, at every width, on every CPU (one without the instruction calls the C library's
+``fma``), and in float64 equal to plain Python's to the last bit.
 """
 
 from __future__ import annotations
@@ -36,9 +35,8 @@ from numba.extending import (
 
 from aquafish_gym.physics import arithmetic
 
-# A call would pass lanes through memory, and hide from the compiler what does not change from
-# step to step: each function becomes part of its caller.
-# Nobody calls it by itself: numba's wrapper for C would be a tenth of the compilation.
+# Each function is inlined: a call would pass lanes through memory and hide from the compiler what
+# is constant from step to step. numba's wrapper for C is unused and a tenth of the compilation.
 _INLINE = {"forceinline": True, "no_cfunc_wrapper": True}
 inlined = register_jitable(**_INLINE)
 
@@ -84,7 +82,7 @@ def _splat(context: Any, builder: Any, fromty: Any, toty: Lanes, value: Any) -> 
 
 
 def _give(function: Any, arguments: int, lower: Callable[..., Any], scalars: bool = False) -> None:
-    """Give lanes a function, which ``lower(builder, *values)`` builds; to ``scalars`` likewise."""
+    """Define a function on lanes, and on ``scalars``, that ``lower(builder, *values)`` builds."""
 
     class Typing(AbstractTemplate):  # type: ignore[misc]
         def generic(self, args: tuple[Any, ...], _kws: Any) -> Any:
@@ -100,7 +98,7 @@ def _give(function: Any, arguments: int, lower: Callable[..., Any], scalars: boo
 
 
 def _call(name: str) -> Callable[..., Any]:
-    """Return what builds a call of LLVM's intrinsic of this name."""
+    """Return a function that builds a call of LLVM's intrinsic of this name."""
 
     def lower(builder: Any, *values: Any) -> Any:
         kind = values[0].type
@@ -136,7 +134,7 @@ _give(
 def _vector_pointer(
     context: Any, builder: Any, arrayty: Any, array: Any, lanes: Any, i: Any
 ) -> Any:
-    """Point at entry i * width of a flat array, as at one vector."""
+    """Return a vector pointer to entry i * width of a flat array."""
     data = context.make_array(arrayty)(context, builder, value=array).data
     start = builder.mul(i, ir.Constant(i.type, lanes.width))
     pointer = builder.gep(data, [start])
@@ -267,7 +265,7 @@ def _cosine_sine(angle: Any) -> Any:
     return cosine_sine
 
 
-# What has a second body here and must not be registered with its plain one.
+# Functions with a second body here; their plain body must not be registered.
 PRIMITIVES = (
     arithmetic.fma,
     arithmetic.where_less,
@@ -281,10 +279,9 @@ PRIMITIVES = (
 
 @functools.cache
 def register_bytes() -> int:
-    """Return how many bytes the widest vector register holds that numba compiles for.
+    """Return the number of bytes in the widest vector register that numba compiles for.
 
-    That is this machine's, unless numba is told otherwise (``NUMBA_CPU_NAME``,
-    ``NUMBA_CPU_FEATURES``).
+    That is this machine's, unless ``NUMBA_CPU_NAME`` or ``NUMBA_CPU_FEATURES`` is set.
     """
     if config.CPU_FEATURES is not None:
         features = {f[1:] for f in config.CPU_FEATURES.split(",") if f.startswith("+")}
