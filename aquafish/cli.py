@@ -20,7 +20,7 @@ COMMANDS = {
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit code, as ``run_command_line`` says."""
+    """Run the command line and return the exit code; see ``run_command_line``."""
     try:  # imported here, so that Ctrl-C is answered from the start
         from aquafish_gym.command_line import BAD_INPUT, run_command_line
         from eea.core.checks import ConfigurationError, TargetError

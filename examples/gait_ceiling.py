@@ -131,9 +131,9 @@ class Ceiling:
         )  # fmt: skip
         # Ten columns do not fit a terminal.
         table = Table("body", "units of 5 cm in 20 s: mean (SD over seeds)", show_lines=True)
-        for name, *cells in rows[1:]:
-            said = (f"{s}: {cell}" for s, cell in zip(self.searches, cells, strict=True))
-            table.add_row(name, "; ".join(said))
+        for name, *numbers in rows[1:]:
+            cells = (f"{s}: {cell}" for s, cell in zip(self.searches, numbers, strict=True))
+            table.add_row(name, "; ".join(cells))
         Console().print(table)
 
     def _rows(self, jobs: list[Job], results: list[dict[str, Any]]) -> list[list[str]]:

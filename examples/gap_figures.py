@@ -79,7 +79,7 @@ def progress_figure(table: pd.DataFrame) -> Figure:
                 "the paper's\nbest", (papers, float(_shown(PAPERS_FITNESS))), (-8, 0),
                 textcoords="offset points", ha="right", va="center", fontsize=SMALL,
             )  # fmt: skip
-            axes.set_title(f"{world}: {WORLDS[world].says}", fontsize=SMALL + 1)
+            axes.set_title(f"{world}: {WORLDS[world].difference}", fontsize=SMALL + 1)
         _fitness_axis(row[0], "y")
         grid(row[1])
         row[0].set_ylabel("OBJ_FIT")
@@ -135,19 +135,19 @@ def worlds_figure(rows: Rows, column: str) -> Figure:
 
 def coverage_figure(rows: Rows) -> Figure:
     """Draw how many dimensions joint's intervals of each mass hold, by world, with intervals."""
-    told = [row for row in rows if "covered" in row]
-    figure = new_figure(6.0, 1.2 + 0.3 * len(told))
+    shown = [row for row in rows if "covered" in row]
+    figure = new_figure(6.0, 1.2 + 0.3 * len(shown))
     axes = figure.add_subplot()
     colours = ("#56B4E9", "#0072B2", "#000000")
     for i, (level, colour) in enumerate(zip(LEVELS, colours, strict=True)):
         axes.axvline(float(level[:-1]) / 100, color=colour, lw=1.0, ls="--", zorder=1)
-        for row, world in enumerate(told):
+        for row, world in enumerate(shown):
             place, share = row + 0.2 * (i - 1), world["covered"][level]
             if share["interval"] is not None:
                 axes.plot(share["interval"], [place] * 2, color=colour, lw=1.4)
             axes.plot(share["mean"], place, MARKERS[i], ms=4.5, color=colour, clip_on=False)
         axes.plot([], [], MARKERS[i], color=colour, label=f"{level} intervals")
-    _list_worlds(axes, [row["world"] for row in told])
+    _list_worlds(axes, [row["world"] for row in shown])
     axes.set_xlim(0.0, 1.0)
     axes.xaxis.set_major_formatter(PercentFormatter(1.0))
     axes.set_xlabel("dimensions covered")

@@ -39,7 +39,7 @@ class Settings:
 
     eea: PaperConfig  #: Of the paper's methods; each has its own condition.
     joint: JointConfig
-    gait: EvolveConfig  #: How gaits are evolved, but for the seed.
+    gait: EvolveConfig  #: Of the gaits, except the seed.
     bodies: int  #: Of the posterior, that a gait is evolved on.
     poses: int  #: Random ones that a finished gait swims from.
 

@@ -80,7 +80,7 @@ def build_report(table: pd.DataFrame, settings: Mapping[str, Any], code: Any) ->
         "code": code,
         "seeds": sorted(int(seed) for seed in table["seed"].unique()),
         "worlds": {
-            world: WORLDS[world].says for world in WORLDS if (table["world"] == world).any()
+            world: WORLDS[world].difference for world in WORLDS if (table["world"] == world).any()
         },
         "summary": rows,
     }
@@ -128,22 +128,22 @@ def to_markdown(report: Mapping[str, Any], settings: Settings, pictures: Sequenc
         "ahead, nothing is a share of it. *CPU s* are of the method on one thread, all trials "
         "together, with everything compiled.",
     ]
-    for world, says in report["worlds"].items():
-        parts.append(f"## {world}: {says}")
+    for world, difference in report["worlds"].items():
+        parts.append(f"## {world}: {difference}")
         rows = [row for row in report["summary"] if row["world"] == world]
         parts.append(_table([_HEAD, *(_cells(row) for row in rows)]))
-    told = [row for row in report["summary"] if "hypotheses" in row]
-    if told:
+    judged = [row for row in report["summary"] if "hypotheses" in row]
+    if judged:
         parts += [
-            "## What joint inference says of itself",
+            "## The calibration of joint inference",
             "Shares of dimensions that its intervals hold; *fits*, the share of replicates in "
-            "which it says that the best fit leaves nothing but noise; *right*, that in which the "
+            "which the goodness-of-fit test accepts the best fit; *right*, that in which the "
             "most probable hypothesis is true.",
             _table(
                 [
                     ["world", *(f"{level} intervals" for level in LEVELS), "fits", "right",
                      "most probable, times"],
-                    *(_said(row) for row in told),
+                    *(_calibration_cells(row) for row in judged),
                 ]
             ),
         ]  # fmt: skip
@@ -170,7 +170,7 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _said(row: Mapping[str, Any]) -> list[str]:
+def _calibration_cells(row: Mapping[str, Any]) -> list[str]:
     return [
         row["world"],
         *(_number(row["covered"][level], ".2f") for level in LEVELS),

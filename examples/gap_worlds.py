@@ -30,7 +30,7 @@ class Drawn(NamedTuple):
 class World:
     """How the target's world differs from the models'."""
 
-    says: str  #: The difference, in words.
+    difference: str  #: The difference, in words.
     gap: Callable[[Drawn], dict[str, Any]]  #: Fields of ``RealityGap``.
     engine: str = "numba"
 

@@ -4,7 +4,7 @@
     aquafish infer --log examples/logs/swim.csv --truth examples/logs/body.json
 
 A fish whose left flipper broke in the middle performs three commands, each from rest, from fin
-angles that nobody knows. Its gyroscope, of 0.01 rad/s of noise, is read 100 times a second.
+hidden angles. Its gyroscope, with noise of 0.01 rad/s, is sampled at 100 Hz.
 """
 
 from __future__ import annotations

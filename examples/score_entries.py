@@ -21,8 +21,8 @@ from gait.learning import LearningConfig, train
 from score_episodes import play_one, robot_after_onset
 from tables import shortened
 
-# Of an entry's making: after so many actions of all robots, their mean reward times the time step;
-# or after so many generations, the best gait's score.
+# A learning curve: (actions of all robots, their mean reward times the time step), or
+# (generations, the best gait's score).
 Curve = Sequence[tuple[int, float]]
 INTERVAL = 20  # steps of 0.01 s that an action is held for: the environments' frame_skip
 SECONDS = 0.01 * INTERVAL

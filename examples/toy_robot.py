@@ -2,9 +2,9 @@
 
     python examples/toy_robot.py
 
-The algorithm knows no fish. It is told what there is to find (two numbers), to command (a torque
-and its frequency), to feel (one axis of a gyroscope) and what nobody tells (at which angle the
-pendulum hung); the robot performs, the simulator swings candidates.
+The algorithm knows no fish. The problem names what to find (two numbers), what to command (a torque
+and its frequency), what is measured (one axis of a gyroscope), and what is hidden (the angle at
+which each trial begins).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Robot:
         self._rng = np.random.default_rng(seed)
 
     def perform(self, command: NDArray[np.float64]) -> RecordedLog:
-        """Swing for one trial; all that is told is the gyroscope."""
+        """Swing for one trial and return the gyroscope's signal."""
         angle = self._rng.uniform(-np.pi, np.pi, (1, 1))
         return SwingingPendulums().simulate(Trials(TRUE_BODY[None], command[None], angle))
 

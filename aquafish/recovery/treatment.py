@@ -144,7 +144,7 @@ class Model(NamedTuple):
     body: Morphology
     bodies: list[Morphology]  # that the gait is evolved for: the body alone, or a sample
     rounds: Sequence[dict[str, Any]] = ()  # of its inference
-    posterior: dict[str, Any] = {}  # noqa: RUF012  # what an outcome says of it, if there is one
+    posterior: dict[str, Any] = {}  # noqa: RUF012  # what an outcome holds of it, if there is one
     fins: dict[str, Any] = {}  # noqa: RUF012  # the assumed fin state, as options of the transfer
 
 
@@ -227,7 +227,7 @@ def _model(job: Treatment) -> Model:
 def _posterior(
     result: Result, start_angles: NDArray[np.float64], steps: int
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return what an outcome says of joint inference, and the fin state for the transfer.
+    """Return what an outcome holds of joint inference, and the fin state for the transfer.
 
     The true initial angles (3,) only serve to measure the error of the estimated ones.
     """

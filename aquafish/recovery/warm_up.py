@@ -39,9 +39,9 @@ def _simulate_hypotheses(steps: int) -> None:
     still = np.zeros((len(joint.hypotheses), 3))
     bodies = np.zeros((len(still), 9))
     for lag in (0.0, 0.1):
-        told = [
+        nuisances = [
             [h.fixed.get(n.name, lag if n.name == "lag" else n.nominal) for n in joint.nuisances]
             for h in joint.hypotheses
         ]
         for fine in (False, True):
-            joint.simulate(bodies, np.array(told), still, still, fine)
+            joint.simulate(bodies, np.array(nuisances), still, still, fine)
