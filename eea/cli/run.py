@@ -56,9 +56,9 @@ class Run:
     out: Out
     #: How the hidden fin angles are inferred: "joint" infers body, angles and nuisances together,
     #: with intervals; the others are the paper's. "recovery" is out-of-band inference with the
-    #: settings of the case study. By default joint, with --paper out-of-band.
-    condition: Method | None = None
-    #: The paper's way: out-of-band inference from 25 trials.
+    #: settings of the case study.
+    condition: Method = "joint"
+    #: The paper's way: --condition out-of-band, with 25 trials.
     paper: FlagCreatePairsOff[bool] = False
     steps: int = 256  #: Length of a trial in steps of 0.01 s; a power of two, except for joint.
     #: Trials of the target, one a round; by default 3 for joint, 16 for recovery, 25 otherwise.
@@ -83,9 +83,11 @@ class Run:
         ConfigurationError
             If a setting is wrong or contradicts the condition.
         """
-        name = self.condition or ("out-of-band" if self.paper else "joint")
-        if self.paper and name in ("joint", "recovery"):
-            raise ConfigurationError(f"--paper must have one of the paper's conditions; got {name}")
+        name = self.condition
+        if self.paper and name == "recovery":
+            raise ConfigurationError("--paper must not be given with the condition recovery")
+        if self.paper and name == "joint":
+            name = "out-of-band"
         base = config_for(name)
         rounds = base.rounds if self.rounds is None else self.rounds
         base = replace(base, steps=self.steps, rounds=rounds, time_limit=self.time_limit)
