@@ -1,4 +1,4 @@
-"""Which replicates a study is to have: for each arm and length of trial, a span of seeds."""
+"""The replicates of a study: for each arm and length of trial, a span of seeds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ RUNS = "runs"
 
 
 class Place(NamedTuple):
-    """Which replicate: an arm, the steps of its trials and a seed."""
+    """The key of a replicate: an arm, the steps of its trials and a seed."""
 
     arm: str
     steps: int
@@ -18,12 +18,12 @@ class Place(NamedTuple):
 
     @property
     def name(self) -> str:
-        """For people."""
+        """Its name for people."""
         return f"{self.arm}, {self.steps} steps, seed {self.seed}"
 
     @property
     def file(self) -> str:
-        """Where its results are, relative to the study's folder."""
+        """Its file, relative to the study's folder."""
         return f"{RUNS}/{self.arm}/{self.steps}/{self.seed}.json"
 
 
@@ -38,12 +38,12 @@ def places(plan: Plan) -> list[Place]:
 
 
 def read_plan(document: Mapping[str, Any]) -> Plan:
-    """Return the plan in a study.json: under ``replicates`` each arm's steps, and their seeds.
+    """Return the plan in a study.json, ``replicates``: each arm's steps and their seeds.
 
     Raises
     ------
     ValueError
-        If it is not said, or not in this form; the message names what is wrong.
+        If it is missing or has another form; the message names the wrong part.
     """
     arms, table = document.get("arms"), document.get("replicates")
     if not isinstance(arms, dict) or not all(isinstance(arm, dict) for arm in arms.values()):
@@ -66,7 +66,7 @@ def read_plan(document: Mapping[str, Any]) -> Plan:
 
 
 def written_plan(plan: Plan) -> dict[str, Any]:
-    """Return a plan as study.json has it under ``replicates``."""
+    """Return a plan as ``replicates`` of study.json."""
     return {
         arm: {
             str(steps): {"first": seeds.start, "count": len(seeds)}
@@ -77,12 +77,12 @@ def written_plan(plan: Plan) -> dict[str, Any]:
 
 
 def joined(held: Plan, asked: Plan) -> Plan:
-    """Return what is in either plan.
+    """Return the union of two plans.
 
     Raises
     ------
     ValueError
-        If seeds of an arm would be left out between those of the two; the message says which.
+        If seeds of an arm would be missing between those of the two; the message names them.
     """
     plan = {arm: dict(durations) for arm, durations in held.items()}
     for arm, durations in asked.items():

@@ -1,4 +1,4 @@
-"""A study: which replicates are to be made, and everything that decides their results."""
+"""A study: its replicates, and everything that determines their results."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from eea.core.config import Config
 from eea.study.plan import Plan, written_plan
 from eea.study.replicate import Replicate, World
 
-# An arm's name is a folder's name, a cell of a table, and part of options and pictures' names.
+# An arm's name names folders, figures and cells of tables.
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
 _LONGEST = 120
-# Of an arm's settings these are the study's, or depend on the clock.
+# Settings that are the study's, or depend on the clock.
 _NOT_AN_ARMS = ("steps", "rounds", "time_limit")
 MOST_REPLICATES = 10_000  # of an arm; the paper has 25
 MOST_JOBS = 100_000
@@ -24,21 +24,21 @@ MOST_JOBS = 100_000
 
 @dataclass(frozen=True)
 class Study:
-    """Which replicates are to be made, and everything that decides their results.
+    """The replicates of a study, and everything that determines their results.
 
     Attributes
     ----------
     arms
-        Name to settings, of which steps, rounds and time limit have no say.
+        Name to settings; their steps, rounds and time limit are not used.
     steps
         Lengths of trials; each arm has each.
     first_seed, replicates
-        The seeds are as many from the first on, the same in each arm, so that arms are paired.
+        The seeds from the first on, the same in each arm, so that arms are paired.
 
     Raises
     ------
     ConfigurationError
-        If there is nothing to do, or an argument is wrong.
+        If an argument is wrong or there is no replicate.
     """
 
     arms: Mapping[str, Config]
@@ -63,8 +63,7 @@ class Study:
                 )
             if config.time_limit is not None:
                 raise ConfigurationError(
-                    f"time_limit must be None in a study, whose results depend on no clock; "
-                    f"the arm {name} has {config.time_limit}"
+                    f"time_limit must be None in a study; the arm {name} has {config.time_limit}"
                 )
         cells = len(list(self._cells()))
         whole("arms times steps times replicates", cells * self.replicates, 1, MOST_JOBS)
@@ -76,7 +75,7 @@ class Study:
 
     @property
     def seeds(self) -> range:
-        """Of every arm."""
+        """The seeds of every arm."""
         return range(self.first_seed, self.first_seed + self.replicates)
 
     def jobs(self) -> list[Replicate]:
@@ -93,7 +92,7 @@ class Study:
         return {name: dict.fromkeys(sorted(self.steps), self.seeds) for name in self.arms}
 
     def to_dict(self) -> dict[str, Any]:
-        """Return all that decides the results, ready for JSON."""
+        """Return everything that determines the results, ready for JSON."""
         world = dict(vars(self.world))
         gap = world.pop("gap")
         return {

@@ -35,7 +35,7 @@ def simulated(target: EngineTarget, **options):
         ("left_pectoral:weak=0.5;left_pectoral:reversed", (-0.5, 1.0, 1.0)),
     ],
 )
-def test_a_servo_turns_as_damage_says(damage, gain):
+def test_servo_faults_scale_the_commands(damage, gain):
     target = fish(damage)
     log = target.perform(COMMAND)
     assert np.array_equal(log.gyro, simulated(target, servo_gain=gain).gyro)
@@ -43,13 +43,13 @@ def test_a_servo_turns_as_damage_says(damage, gain):
     assert target.morphology == Morphology.nominal()
 
 
-def test_a_reversed_servo_is_told_the_opposite():
+def test_a_reversed_servo_turns_the_other_way():
     target = fish("left_pectoral:reversed;caudal:length=0.5")
     log = target.perform(COMMAND)
     assert np.array_equal(log.gyro, simulated(target, command=COMMAND * [-1, 1, 1]).gyro)
 
 
-def test_seized_stands_where_it_stood_and_dead_anywhere():
+def test_a_seized_servo_keeps_its_angle_and_a_dead_one_does_not():
     target = fish("left_pectoral:seized;right_pectoral:seized=1.5;caudal:dead")
     whole, found = fish(None), []
     for _ in range(3):
@@ -64,7 +64,7 @@ def test_seized_stands_where_it_stood_and_dead_anywhere():
 
 
 @pytest.mark.parametrize("engine", ["numba", "pybullet"])
-def test_what_breaks_in_mid_trial_does_so_in_every_trial(engine):
+def test_a_scheduled_fault_begins_in_every_trial(engine):
     if engine != "numba":
         pytest.importorskip(engine)
     target = fish("caudal:missing@0.2+0.2;left_pectoral:dead@0.3", engine=engine)
@@ -97,7 +97,7 @@ def test_a_lag_holds_for_commands_and_not_for_faults():
     assert apart[30] > 1e-6
 
 
-def test_a_broken_gyroscope_says_what_damage_says():
+def test_a_broken_gyroscope_observes_bias_drops_and_stuck_values():
     clear = fish(None).perform(COMMAND)
     log = fish("gyro_x:bias=0.1;gyro_y:dropped@0.3;gyro_z:stuck@0.2").perform(COMMAND)
     np.testing.assert_allclose(log.gyro[0, :, 0], clear.gyro[0, :, 0] + 0.1, rtol=0, atol=1e-15)
@@ -106,7 +106,7 @@ def test_a_broken_gyroscope_says_what_damage_says():
     assert (log.gyro[0, 19:, 2] == clear.gyro[0, 19, 2]).all()
 
 
-def test_noise_is_another_in_each_trial_and_repeats_with_the_seed():
+def test_noise_differs_by_trial_and_repeats_with_the_seed():
     clear, noisy, again = fish(None), fish("gyro:noise=0.05"), fish("gyro:noise=0.05")
     found = []
     for _ in range(2):
@@ -117,7 +117,7 @@ def test_noise_is_another_in_each_trial_and_repeats_with_the_seed():
     assert np.abs(found[0] - found[1]).max() > 0.05
 
 
-def test_a_stuck_channel_begins_with_what_the_gap_makes_of_rest():
+def test_a_stuck_channel_begins_with_the_gaps_bias():
     log = fish("gyro_x:stuck", gap=RealityGap(gyro_bias=(0.3, 0.0, 0.0))).perform(COMMAND)
     assert (log.gyro[0, :, 0] == 0.3).all()
 
@@ -130,6 +130,6 @@ def test_a_stuck_channel_begins_with_what_the_gap_makes_of_rest():
         ("caudal:weak=2;caudal:weak=1.5", r"servo_gain\[2\] must lie in \[-2, 2\]; got 3"),
     ],
 )
-def test_what_no_target_can_have_is_refused(damage, said):
+def test_random_or_excessive_damage_is_refused(damage, said):
     with pytest.raises(InvalidArgumentError, match=said):
         fish(damage)

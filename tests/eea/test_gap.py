@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Damage, Morphology, simulate
-from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
-from eea import EngineTarget, PaperConfig, RealityGap, estimate_morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea import EngineTarget, PaperConfig, RealityGap
 from eea.__main__ import main
 from eea.core.checks import ConfigurationError
 from eea.core.estimation import EstimationConfig
@@ -136,11 +136,6 @@ def test_a_wrong_gap_is_refused(wrong, said):
         RealityGap(**wrong)
 
 
-def test_an_unknown_servo_is_refused_with_the_nearest():
-    with pytest.raises(UnknownNameError, match="did you mean 'left_pectoral'"):
-        RealityGap(seized="left_pectorl")
-
-
 def test_a_target_wants_a_gap_and_no_more_substeps_than_there_are():
     with pytest.raises(ConfigurationError, match="gap must be of type RealityGap"):
         EngineTarget(gap=0.01, engine="numba")
@@ -155,27 +150,6 @@ QUICK = PaperConfig(
     exploration=ExplorationConfig(6, 3),
     estimation=EstimationConfig(population=8, generations=5),
 )
-
-
-def test_an_estimate_takes_a_gap():
-    def estimate(gap: RealityGap):
-        return estimate_morphology(None, DAMAGE, QUICK, target_engine="numba", gap=gap)
-
-    plain, noisy = estimate(RealityGap()), estimate(RealityGap(gyro_noise=0.5))
-    assert plain.rounds[0].true_angles == noisy.rounds[0].true_angles
-    assert plain.rounds[0].model_fitness != noisy.rounds[0].model_fitness
-
-
-def test_run_takes_a_gap_and_notes_it(tmp_path):
-    options = ["--rounds", "1", "--steps", "32", "--estimation.generations", "2",
-               "--target-engine", "numba", "--condition", "none"]  # fmt: skip
-    given = ["--gap.gyro-noise", "0.01", "--gap.drag", "0.8", "1.2", "--gap.seized", "caudal"]
-    assert main(["run", "--out", str(tmp_path), *options, *given]) == 0
-    gap = json.loads((tmp_path / "settings.json").read_text())["settings"]["gap"]
-    assert gap["drag"] == [0.8, 1.2]
-    assert (gap["gyro_noise"], gap["seized"]) == (0.01, "caudal")
-    assert main(["run", "--out", str(tmp_path / "x"), "--gap.lag", "-1"]) == 2
-    assert not (tmp_path / "x").exists()
 
 
 def test_a_study_takes_a_gap_and_notes_it_only_if_there_is_one(tmp_path, monkeypatch):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import pytest
 
 from aquafish_gym.runs.storage import write_document
@@ -42,45 +40,6 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, mess
     assert not (tmp_path / "out" / "settings.json").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ([], "the command needs --out"),
-        (["--ouut", "x"], "unknown option --ouut; did you mean --out?"),
-        (
-            [*QUICK[1:], "--out", "OUT", "--step", "64"],
-            "did you mean --steps?",
-        ),
-        (["--out", "OUT", "--steps", "many"], "--steps"),
-        (["--out", "OUT", "--condition", "outofband"], "out-of-band"),
-        (
-            ["--out", "OUT", "--estimation.population", str(10**12)],
-            "and at most 1000000; got 1000000000000",
-        ),
-        (
-            ["--out", "OUT", "--exploration.generations", str(10**12)],
-            "and at most 1000000; got 1000000000000",
-        ),
-        (
-            ["--out", "OUT", "--out-of-band.inner-population", str(10**7)],
-            "and at most 1000000; got 10000000",
-        ),
-        (["--out", "OUT", "--target-engine", "bullet"], "--target-engine"),
-        (["--out", "OUT", "--out-of-band.period", "0"], "out_of_band.period"),
-    ],
-)
-def test_a_mistyped_option_is_one_line(tmp_path, capsys, monkeypatch, arguments, message):
-    monkeypatch.setattr(sys, "argv", ["__main__.py"])
-    out = tmp_path / "out"
-    assert main(["run", *(str(out) if word == "OUT" else word for word in arguments)]) == 2
-    said = capsys.readouterr()
-    assert said.out == ""
-    assert "Traceback" not in said.err
-    assert said.err.count("\n") == 1
-    assert message in said.err
-    assert not out.exists()
-
-
 def test_the_folder_of_another_program_is_refused(tmp_path, capsys):
     write_document(
         tmp_path / "settings.json",
@@ -92,12 +51,3 @@ def test_the_folder_of_another_program_is_refused(tmp_path, capsys):
     assert f"{tmp_path} holds a gait run\n" in said
     assert said.count("\n") == 1
     assert [path.name for path in tmp_path.iterdir()] == ["settings.json"]
-
-
-@pytest.mark.parametrize("name", ["result.json", "rounds.png", "study.json", "notes.txt"])
-def test_files_that_are_not_a_runs_are_left_alone(tmp_path, capsys, name):
-    (tmp_path / name).write_text("mine")
-    assert main([*QUICK, "--out", str(tmp_path)]) == 2
-    assert f"holds {name} but no settings.json" in capsys.readouterr().err
-    assert [path.name for path in tmp_path.iterdir()] == [name]
-    assert (tmp_path / name).read_text() == "mine"

@@ -100,14 +100,6 @@ def test_what_compares_in_the_engine_is_not_inherited() -> None:
         EngineSimulator(STEPS).current = (1.0, 0.0, 0.5)  # type: ignore[misc]
 
 
-def test_a_simulator_without_the_protocols_methods_is_named() -> None:
-    class Old:
-        def simulate(self, trials: Trials) -> None: ...
-
-    with pytest.raises(TargetError, match=r"must have comparer; inherit from .* Old has"):
-        ModelEvaluator(Old(), STEPS, 3)  # type: ignore[arg-type]
-
-
 def test_it_checks_what_the_long_way_checks() -> None:
     lab = evaluator(compiled=True)
     observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)

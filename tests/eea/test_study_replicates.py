@@ -103,27 +103,6 @@ def test_a_plan_is_read_as_it_was_written():
     ]
 
 
-@pytest.mark.parametrize(
-    ("change", "named"),
-    [
-        ({"arms": []}, "arms"),
-        ({"arms": {"a": 1}}, "arms"),
-        ({"replicates": None}, "replicates"),
-        ({"replicates": {"b": {}}}, "replicates"),
-        ({"replicates": {"a": {"16 ": {"first": 0, "count": 1}}}}, "replicates.a"),
-        ({"replicates": {"a": {"16": {"first": -1, "count": 1}}}}, "replicates.a.16"),
-        ({"replicates": {"a": {"16": {"first": 0, "count": 0}}}}, "replicates.a.16"),
-        ({"replicates": {"a": {"16": {"first": 0, "count": True}}}}, "replicates.a.16"),
-        ({"replicates": {"a": {"16": [0, 1]}}}, "replicates.a.16"),
-    ],
-)
-def test_what_is_no_plan_is_named(change, named):
-    document = {"arms": {"a": {}}, "replicates": {"a": {"16": {"first": 0, "count": 1}}}}
-    assert read_plan(document) == {"a": {16: range(1)}}
-    with pytest.raises(ValueError, match=f"^{named}$"):
-        read_plan(document | change)
-
-
 def test_plans_join_where_no_seed_is_left_out():
     assert joined({"a": {16: range(2, 4)}}, {"a": {16: range(4, 6), 32: range(1)}}) == {
         "a": {16: range(2, 6), 32: range(1)}
