@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -106,7 +105,7 @@ def perform(
         scenario.take(np.tile(np.arange(swims), len(controllers))),
         judged,
         memory=np.tile(memory, (len(controllers), 1)),
-        rngs=[copy.deepcopy(rng) for _ in controllers for rng in rngs],
+        rngs=rngs * len(controllers),  # each controller's swims observe the same noise
         dtype=dtype,
         threads=threads,
     )

@@ -166,7 +166,7 @@ def test_what_does_not_fit_is_refused() -> None:
     with pytest.raises(InvalidArgumentError, match="goal"):
         rollout(program, whole(), seconds=1.0)
     with pytest.raises(InvalidArgumentError, match="servo_lag must be 0"):
-        rollout(program, replace(whole(), servo_lag=np.full(ROBOTS, 0.1)), TASKS[1])
+        swim(TASKS[1], replace(whole(), servo_lag=np.full(ROBOTS, 0.1)))
     with pytest.raises(InvalidArgumentError, match="20 steps, which must divide the 410"):
         rollout(program, whole(), TASKS[1], seconds=4.1)
     with pytest.raises(InvalidArgumentError, match="one kind"):

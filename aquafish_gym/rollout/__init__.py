@@ -16,7 +16,7 @@ from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task
 from aquafish_gym.rollout.many import swim_all
 from aquafish_gym.rollout.one import act_alone, swim_one
-from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, joined
+from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, is_noisy, joined
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, one_of
 
@@ -65,7 +65,8 @@ def rollout(
     memory
         (B, M) the task's, as its ``begin`` draws it; None draws it from ``rngs``.
     rngs
-        A generator for each robot, for the gyroscopes' noise and for ``memory``.
+        A generator for each robot, for ``memory`` and for the noise of gyroscopes; may be empty if
+        neither is drawn. Noise is drawn from copies: robots that share one observe the same noise.
     record
         ``"end"`` or ``"path"``: see :class:`Trajectories`.
     dtype, threads, substeps
@@ -91,20 +92,18 @@ def rollout(
         raise InvalidArgumentError(
             f"an action is held for {interval} steps, which must divide the {steps} of the task"
         )
-    if memory is None:
-        memory = [] if task is None else [task.begin(rng) for rng in rngs]
     batch = len(scenario)
-    begun = np.reshape(memory, (batch, -1)) if np.size(memory) else np.zeros((batch, 0))
-    plan = Plan(
-        scenario,
-        task,
-        steps,
-        interval,
-        begun,
-        tuple(rngs),
-        one_of("record", record, RECORDS) == "path",
-        substeps,
-    )
+    needed = is_noisy(scenario)
+    if memory is None and task is not None and type(task).begin is not Task.begin:
+        needed, memory = True, [task.begin(rng) for rng in rngs]
+    if needed and len(rngs) != batch:
+        raise InvalidArgumentError(
+            f"rngs must be one for each of the {batch} robots, for noise or the task's memory; "
+            f"got {len(rngs)}"
+        )
+    begun = np.zeros((batch, 0)) if memory is None else np.reshape(memory, (batch, -1))
+    path = one_of("record", record, RECORDS) == "path"
+    plan = Plan(scenario, task, steps, interval, begun, tuple(rngs), path, substeps)
     first = scenario.fin_angles if believed is None else believed
     fins, gains = (np.broadcast_to(one, (batch, 3)) for one in (first, believed_gain))
     check_engine(engine)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from itertools import pairwise
 from typing import Any
 
@@ -11,7 +12,7 @@ from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs.tasks import REMEMBERED, Memory, Step, Task, task_functions, task_numbers
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS
-from aquafish_gym.rollout.plan import Floats, Path, Plan, Program, Trajectories
+from aquafish_gym.rollout.plan import Floats, Path, Plan, Program, Trajectories, is_noisy
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -44,18 +45,17 @@ def swim_all(
     elif task is not None:
         judge = _Judge(task, plan, lanes, loop)
     if plan.broken_sensors:
-        loop.set_noise(_drawn_noise(plan))
         loop.broken = True
+        if is_noisy(scenario):
+            loop.set_noise(_drawn_noise(plan))
         _set_sensors(loop, slice(None), scenario)
     weights = pack_rows(program.weights, dtype, lanes.width)
-    changes = {change.step: change for change in scenario.schedule}
-    edges = {0, plan.steps, *(step for step in changes if step < plan.steps)}
+    edges = {0, plan.steps, *(step for step, *_ in scenario.schedule if step < plan.steps)}
     if judge is not None:
         edges.update(range(0, plan.steps, plan.interval))
     logs = []
     for begin, until in pairwise(sorted(edges)):
-        if begin in changes:
-            _, rows, to = changes[begin]
+        for _, rows, to in (change for change in scenario.schedule if change.step == begin):
             lanes.update(rows, to, keep_current=plan.flows)
             if loop.broken:
                 _set_sensors(loop, rows, to)
@@ -130,10 +130,12 @@ def _drawn_noise(plan: Plan) -> Floats:
     deviation = np.tile(plan.scenario.gyro_noise, (len(begins), 1))
     for step, rows, to in plan.scenario.schedule:
         deviation[np.ix_(begins >= step, rows)] = to.gyro_noise
-    noise = np.zeros((len(begins), 3, batch))
+    noise, streams = np.zeros((len(begins), 3, batch)), dict[int, Floats]()
     for b in np.flatnonzero(deviation.any(axis=0)).tolist():
-        noisy = deviation[:, b] > 0.0
-        drawn = plan.rngs[b].standard_normal((np.count_nonzero(noisy), 3))
+        rng, noisy = plan.rngs[b], deviation[:, b] > 0.0
+        if id(rng) not in streams:
+            streams[id(rng)] = copy.deepcopy(rng).standard_normal((len(begins), 3))
+        drawn = streams[id(rng)][: np.count_nonzero(noisy)]
         noise[noisy, :, b] = drawn * deviation[noisy, b, None]
     return noise
 

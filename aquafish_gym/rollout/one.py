@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 
 import numpy as np
@@ -26,7 +27,10 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> Trajectories:
     task, dt = plan.task, plan.dt
     now = plan.scenario.take(robot)
     changes = {step: to for step, _, to in now.schedule}
-    sensors, rng = Sensors(1, np.float64), plan.rngs[robot : robot + 1]
+    sensors, rng = (
+        Sensors(1, np.float64),
+        [copy.deepcopy(rng) for rng in plan.rngs[robot : robot + 1]],
+    )
     memory: Memory = tuple(plan.memory[robot].tolist())
     world = make_world(engine, now, plan.substeps)
     total, diverged = 0.0, False

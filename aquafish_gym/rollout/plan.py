@@ -111,6 +111,7 @@ class Plan:
 
     @property
     def dt(self) -> float:
+        """How long an action is held, s."""
         return self.interval * TIMESTEP
 
     @property
@@ -121,16 +122,25 @@ class Plan:
     @property
     def broken_sensors(self) -> bool:
         """Whether any sensor ever observes something else than what is."""
-        return any(
+        return is_noisy(self.scenario) or any(
             np.any(part)
-            for one in (self.scenario, *(change.to for change in self.scenario.schedule))
-            for part in (one.gyro_noise, one.sensor_bias, one.sensor_stuck, one.sensor_dropped)
+            for one in _stages(self.scenario)
+            for part in (one.sensor_bias, one.sensor_stuck, one.sensor_dropped)
         )
 
     @property
     def times(self) -> Floats:
         """The times (T,) of a path's samples, s."""
         return np.array([*range(0, self.steps, self.interval), self.steps]) * TIMESTEP
+
+
+def is_noisy(scenario: Scenario) -> bool:
+    """Return whether any gyroscope is ever noisy."""
+    return any(np.any(one.gyro_noise) for one in _stages(scenario))
+
+
+def _stages(scenario: Scenario) -> list[Scenario]:
+    return [scenario, *(change.to for change in scenario.schedule)]
 
 
 def joined(robots: Sequence[Trajectories], plan: Plan) -> Trajectories:
