@@ -63,8 +63,8 @@ class Controller:
     morphology, seed
         The body it was evolved on, and the seed of that run.
     sample
-        Size and hash of the sample of bodies it was evolved on (``aquafish_gym.bodies
-        .sample_stamp``), whose median is ``morphology``; None for one body.
+        Size and hash of the sample of bodies it was evolved on, whose median is ``morphology``;
+        None for one body.
     senses
         Its inputs.
     layers
@@ -163,13 +163,12 @@ class Controller:
     @property
     def kind(self) -> tuple[Any, ...]:
         """The properties that controllers of one batch must share."""
-        shape = None if self.layers is None else self.layers if len(self.layers) > 1 else ()
-        return self.senses, shape, self.output, self.interval
+        padded = self.layers is not None and len(self.layers) == 1
+        return self.senses, () if padded else self.layers, self.output, self.interval
 
     @property
     def _ends(self) -> tuple[int, ...]:
-        layers = (1,) * self.nodes if self.layers is None else self.layers
-        return tuple(accumulate(layers))
+        return tuple(accumulate(self.layers or (1,) * self.nodes))
 
     def layout(self, nodes: int | None = None, memory: bool | None = None) -> NDArray[np.int64]:
         """Return the integers that ``network.respond`` reads, padded as :meth:`genes`."""

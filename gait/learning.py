@@ -144,9 +144,8 @@ class Learned:
     controller
         The one with the highest score over all epochs.
     score
-        Its mean distance in 20 s from 32 fixed random poses, in units of 5 cm; for a sample, from
-        enough poses that each body swims equally often. For another task than "forward", or with
-        damage that does not last throughout, the return; see :func:`gait.task.perform`.
+        Its mean distance in 20 s from 32 fixed random poses, in units of 5 cm (see
+        :func:`gait.task.swim_scores` for other tasks); for a sample, from as many for each body.
     curve
         One point an epoch.
     """
@@ -199,7 +198,11 @@ def train(
             f"environments; got {len(bodies)}"
         )
     broken = Damage.coerce(damage)
-    learner, swims = _Learner(bodies, config, broken), _final_swims(bodies, config.seed)
+    learner = _Learner(bodies, config, broken)
+    # From the poses of a gait that is evolved with this seed, and as often with each body.
+    count = -(-FINAL_POSES // len(bodies)) * len(bodies)
+    poses = random_poses(count, stream(config.seed, 1))
+    swims = Swims(np.resize(bodies, (count, 9)), poses)
     settings = {"morphology": median_body(bodies).to_dict(), **asdict(config)}
     settings |= {"damage": str(broken)} if broken else {}
     settings |= {"sample": sample_stamp(bodies)} if len(bodies) > 1 else {}
@@ -223,12 +226,6 @@ def train(
             if on_step:
                 on_step(curve[-1].steps, curve)
     return Learned(best.controller, best.score, tuple(curve))
-
-
-def _final_swims(bodies: NDArray[np.float64], seed: int) -> Swims:
-    """Return the fixed swims of a run, which gaits evolved with this seed also have."""
-    count = -(-FINAL_POSES // len(bodies)) * len(bodies)
-    return Swims(np.resize(bodies, (count, 9)), random_poses(count, stream(seed, 1)))
 
 
 def _seed(config: LearningConfig, *key: int) -> int:
