@@ -26,7 +26,7 @@ from eea.core.genome import BitLayout, Variable, action_layout, model_layout
 from eea.core.problem import Problem
 from eea.core.replay import ReplayTarget
 from eea.core.result import Result
-from eea.core.session import Session, streams
+from eea.core.session import streams
 
 __all__ = [
     "CONDITIONS",
@@ -42,7 +42,6 @@ __all__ = [
     "ReplayTarget",
     "Result",
     "RevealingTarget",
-    "Session",
     "Simulator",
     "Target",
     "TargetError",

@@ -48,6 +48,7 @@ class EEA(Session[EEAState]):
     --------
     ``examples/toy_robot.py`` has a whole robot.
 
+    >>> import numpy as np
     >>> from eea.core.estimation import EstimationConfig
     >>> from eea.core.experiment import Trials
     >>> from eea.core.exploration import ExplorationConfig

@@ -1,6 +1,6 @@
 """Targets, simulators, and experiments with what is known of their initial angles (Secs. 3.2, 3.3).
 
-A *target* is the robot: it performs commands and returns gyroscope logs, but not the angles at
+A *target* is the robot: it performs commands and returns gyroscope logs, without the angles at
 which its joints began. A *simulator* replaces it during the search and is given everything.
 """
 
@@ -193,8 +193,8 @@ def perform_angles(
         if context.fixed:
             angles[:, e] = context.min_angle
             continue
-        believed = rng.random(count) <= context.confidence  # rand() <= confidence
+        within = rng.random(count) <= context.confidence  # rand() <= confidence
         inside = sample_range(context.min_angle, context.max_angle, count, rng)
         anywhere = rng.uniform(-np.pi, np.pi, size=(count, width))
-        angles[:, e] = np.where(believed[:, None], inside, anywhere)
+        angles[:, e] = np.where(within[:, None], inside, anywhere)
     return angles

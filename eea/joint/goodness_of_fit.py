@@ -28,8 +28,8 @@ class Goodness:
     >>> goodness_of_fit(noise, parameters=12, sigma=0.01).good
     True
     >>> print(goodness_of_fit(noise + swing, parameters=12, sigma=None).verdict)
-    none of the bodies I can imagine swims like this: what the best fit leaves, 0.0177 rad/s, is no
-    noise: neighbouring samples correlate by 0.68 (p < 1e-6)
+    no body explains the log: the best fit leaves 0.0177 rad/s, which is not noise: neighbouring
+    samples correlate by 0.68 (p < 1e-6)
     """
 
     rms: float  #: Of the residuals, rad/s.
@@ -86,7 +86,7 @@ def goodness_of_fit(
     squares = sum(float((trial**2).sum()) for trial in trials)
     rms = (squares / count) ** 0.5
     if rms <= FLOOR:
-        words = f"the best fit explains all that was felt, to rounding ({rms:.1g} rad/s)"
+        words = f"the best fit explains the log up to rounding ({rms:.1g} rad/s)"
         return Goodness(rms, sigma and 1.0, 1.0, 1.0, 1.0, good=True, verdict=words)
     size_p = None
     if sigma is not None:
@@ -107,12 +107,12 @@ def goodness_of_fit(
         if min(chances) == size_p:
             how = f"{rms / (sigma or 1.0):.3g} times the noise"
         elif min(chances) == whiteness_p:
-            how = f"no noise: neighbouring samples correlate by {shares[0]:.2f}"
+            how = f"not noise: neighbouring samples correlate by {shares[0]:.2f}"
         else:
-            how = f"no noise: a sample is off by {off:.2g} rad/s"
+            how = f"not noise: a sample is off by {off:.2g} rad/s"
         words = (
-            "none of the bodies I can imagine swims like this: what the best fit leaves, "
-            f"{rms:.3g} rad/s, is {how} ({how_sure})"
+            f"no body explains the log: the best fit leaves {rms:.3g} rad/s, which is {how} "
+            f"({how_sure})"
         )
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words)
 

@@ -122,11 +122,11 @@ def _drawn(
 ) -> Floats:
     """Return draws (*shape, len(entries)) from the prior of entries other than angles."""
     mean, precision = parameters.prior_mean[entries], parameters.prior_precision[entries]
-    told = precision > 0.0
+    informed = precision > 0.0
     normal = mean + rng.standard_normal((*shape, len(entries))) / np.sqrt(
-        np.where(told, precision, 1.0)
+        np.where(informed, precision, 1.0)
     )
-    drawn: Floats = np.where(told, np.clip(normal, 0.0, 1.0), rng.random(normal.shape))
+    drawn: Floats = np.where(informed, np.clip(normal, 0.0, 1.0), rng.random(normal.shape))
     return drawn
 
 

@@ -18,7 +18,7 @@ from eea.joint.posterior import Posterior, intervals
 from eea.joint.problem import AS_COMMANDED, Hypothesis
 from eea.joint.search import Optima
 
-SAMPLES = 4000  # that medians and intervals are taken from
+SAMPLES = 4000  # for medians and intervals
 MAXIMUM_SAMPLES = 10**7
 
 
@@ -168,14 +168,14 @@ class JointPosterior:
             said = [
                 f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01
             ]
-        else:  # a likelihood that nothing explains says little of what is more probable
+        else:  # where no hypothesis fits, their probabilities mean little
             said = [self.goodness.verdict]
             if best.hypothesis.name != AS_COMMANDED.name:
-                said.append(f"the least unlike of what I can imagine: {best.hypothesis.name}")
+                said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
         return said + findings(best.posterior, groups(best.parameters.joint))
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything but the modes' shapes, ready for JSON; see ``serialization``."""
+        """Return everything except the modes' covariances, ready for JSON."""
         best = self.branches[0].parameters
         return {
             "sigma": self.sigma,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eea.core.angles import Floats, wrap
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
 
-FIXED = -1  # in ``slots``: no parameter, but a constant
+FIXED = -1  # in ``slots``: a constant instead of a parameter
 SURE = 1e12  # the prior's precision of a dimension that a hypothesis fixes, which stays an entry
 
 

@@ -54,8 +54,8 @@ class JointInference(Session[JointState]):
     ...     return (bodies * np.sin(turned))[:, :, None]
     >>> class Robot:
     ...     def perform(self, command):
-    ...         felt = wheel(np.array([[0.6]]), None, command, np.array([[0.5]]), True)
-    ...         return RecordedLog(gyro=felt + np.random.default_rng(0).normal(0, 0.01, felt.shape))
+    ...         gyro = wheel(np.array([[0.6]]), None, command, np.array([[0.5]]), True)
+    ...         return RecordedLog(gyro=gyro + np.random.default_rng(0).normal(0, 0.01, gyro.shape))
     >>> problem = Problem(
     ...     model_layout([("radius", 1.0, 6)]), action_layout([("speed", 0.0, 2.0)]), ("angle",), 1
     ... )
@@ -114,7 +114,7 @@ class JointInference(Session[JointState]):
 
 
 def round_fit(posterior: JointPosterior) -> RoundFit:
-    """Return what a posterior, as of :func:`eea.joint.inference.fit`, says of the newest trial."""
+    """Return the record of a fit (:func:`eea.joint.inference.fit`), for its newest trial."""
     start = posterior.warm_start
     assert start is not None
     best = start.optima[posterior.branches[0].hypothesis.name]

@@ -16,5 +16,5 @@ def test_a_hypothesis_has_a_probability_only_where_it_explains_what_was_felt() -
     said = replace(belief, goodness=wrong).findings
     assert said[:2] == [
         "none swims like this",
-        "the least unlike of what I can imagine: the motor is dead",
+        "the best of the hypotheses that fail: the motor is dead",
     ]

@@ -81,7 +81,7 @@ def test_a_gyroscopes_bias_is_found() -> None:
 def test_what_no_hypothesis_says_is_noticed() -> None:
     belief = believed("left_pectoral:dead@0.4", rounds=1, alternatives="never")
     assert not belief.good
-    assert belief.findings[0].startswith("none of the bodies I can imagine swims like this")
+    assert belief.findings[0].startswith("no body explains the log")
 
 
 def test_a_switch_is_inferred_where_a_hypothesis_frees_it() -> None:
