@@ -186,7 +186,7 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _real(value: ArrayLike) -> NDArray[np.float64]:
     """Return numbers as an array; TypeError or ValueError refuse text, booleans and masks."""
-    if isinstance(value, bytes | bytearray | memoryview) or np.ma.is_masked(value):
+    if _holds_no_numbers(value):
         raise TypeError("not real numbers")
     raw = np.asarray(value)
     if raw.dtype.kind not in "iufO" or (
@@ -195,6 +195,15 @@ def _real(value: ArrayLike) -> NDArray[np.float64]:
         raise TypeError("not real numbers")
     with np.errstate(over="ignore"):  # what float64 cannot hold is infinite, and refused as such
         return np.array(raw, dtype=np.float64)
+
+
+def _holds_no_numbers(value: object) -> bool:
+    """Return whether a value holds booleans, bytes or masked entries, which numpy would convert."""
+    if isinstance(value, list | tuple):
+        return any(map(_holds_no_numbers, value))
+    return isinstance(value, bool | np.bool_ | bytes | bytearray | memoryview) or bool(
+        np.ma.is_masked(value)
+    )
 
 
 def _is_number(value: object) -> bool:

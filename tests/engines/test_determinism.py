@@ -45,19 +45,10 @@ def as_bytes(log: ImuLog, robot: int | slice = slice(None)) -> bytes:
     return b"".join(np.ascontiguousarray(getattr(log, f)[robot]).tobytes() for f in FIELDS)
 
 
-# Each width is compiled anew, which takes ten seconds; a width of one is scalar code.
-QUICK_WIDTHS = {(np.float32, 4)}
-WIDTHS = [
-    pytest.param(
-        dtype, width, id=f"{np.dtype(dtype)}-{width}",
-        marks=() if (dtype, width) in QUICK_WIDTHS else pytest.mark.slow,
-    )
-    for dtype in DTYPES
-    for width in (1, 2, 4, 8, 16)
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("dtype", "width"), WIDTHS)
+# Each width is compiled by itself, for half a minute; a width of one is scalar code.
+@pytest.mark.slow
+@dtypes
+@pytest.mark.parametrize("width", [1, 2, 4, 8, 16])
 def test_lane_width_changes_nothing(trials, dtype, width: int) -> None:  # type: ignore[no-untyped-def]
     assert whole_log(trials, dtype, width=width) == whole_log(trials, dtype)
 

@@ -150,14 +150,13 @@ class Bullet(Swimmer):
 
         world = BulletWorld()
         world.timestep = h
-        water = world._push
-        world._push = pushed(water, push, wet)
         try:
             ends = []
             for body, row, command in zip(bodies, states.T, commands, strict=True):
                 angles = angles_of_rows(row)
                 world.reset(Scenario.create(body, fin_angles=angles, current=current))
                 place(world, row)
+                world._push = pushed(world._push, push, wet)  # which reset chooses
                 world.advance(tuple(command.tolist()), steps)
                 ends.append(flatten(world.state()))
         finally:
