@@ -1,4 +1,4 @@
-"""Several bodies: a sample of what a robot may have become, as an array and as a file."""
+"""Several bodies, such as a posterior sample, as an array and as a file."""
 
 from __future__ import annotations
 
@@ -16,25 +16,20 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_ar
 
 SCHEMA = "aquafish.bodies/1"
 
-# Whatever makes bodies: one, a list of them, or an array (M, 9).
+# One body, a list of them, or an array (M, 9).
 MorphologiesLike = MorphologyLike | Sequence[MorphologyLike]
 
 
 def body_array(bodies: MorphologiesLike, argument: str = "morphologies") -> NDArray[np.float64]:
     """Return the sizes (M, 9) of one body or several, in the order of ``DIMENSIONS``.
 
-    Parameters
-    ----------
-    bodies
-        One body as ``Morphology.coerce`` takes it, a list of such, or (M, 9) sizes in units of
-        5 cm.
-    argument
-        What messages call them.
+    ``bodies`` is one body as ``Morphology.coerce`` takes it, a list of such, or (M, 9) sizes in
+    units of 5 cm; ``argument`` is its name in messages.
 
     Raises
     ------
     InvalidArgumentError
-        If one is no body.
+        If one is not a body.
 
     Examples
     --------
@@ -52,9 +47,9 @@ def body_array(bodies: MorphologiesLike, argument: str = "morphologies") -> NDAr
 
 
 def median_body(bodies: NDArray[np.float64]) -> Morphology:
-    """Return the body of the medians of each size of bodies (M, 9): the body itself, of one.
+    """Return the body of the median of each size of bodies (M, 9).
 
-    Sizes that go together in a sample need not go together in its medians.
+    Correlations between sizes of a sample are lost.
 
     Examples
     --------
@@ -65,7 +60,7 @@ def median_body(bodies: NDArray[np.float64]) -> Morphology:
 
 
 def sample_stamp(bodies: NDArray[np.float64]) -> str:
-    """Return which bodies (M, 9) these are, in a few words: how many, and a hash of their sizes.
+    """Return the count and a hash of bodies (M, 9).
 
     Examples
     --------
@@ -82,7 +77,7 @@ def write_bodies(path: str | os.PathLike[str], bodies: MorphologiesLike) -> None
     Raises
     ------
     InvalidArgumentError, CannotWriteError
-        If one is no body, or the file cannot be written.
+        If one is not a body, or the file cannot be written.
 
     Examples
     --------
@@ -95,7 +90,7 @@ def write_bodies(path: str | os.PathLike[str], bodies: MorphologiesLike) -> None
 
 
 def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[Morphology, ...]:
-    """Return the bodies of a file: those of a ``bodies.json``, or the one of any other.
+    """Return the bodies of a file: of a ``bodies.json``, or of a file with one body.
 
     A ``bodies.json`` is an object with the schema ``aquafish.bodies/1`` whose ``morphologies`` is
     a list of objects from fin to [x, y, z]. One that people write may lack schema and checksum.

@@ -22,9 +22,9 @@ from aquafish_gym.utils.validation import (
 class Dimension(NamedTuple):
     """One of the nine morphological variables.
 
-    ``axis`` 0, 1, 2 is x, y (along the body) and z (vertical); ``size`` is what it means for this
-    fin: the pectoral flippers lie flat, so z is their thickness; the caudal fin stands upright, so
-    z is its width.
+    ``axis`` 0, 1, 2 is x, y (along the body) and z (vertical), and ``size`` its meaning for this
+    fin: the pectoral flippers lie flat, so z is their thickness; the caudal fin is upright, so z is
+    its width.
 
     Examples
     --------
@@ -97,13 +97,13 @@ class Morphology:
 
     @classmethod
     def from_array(cls, sizes: ArrayLike) -> Self:
-        """Make one from nine sizes in the order of ``DIMENSIONS``, shape (9,)."""
+        """Return the body of nine sizes in the order of ``DIMENSIONS``, shape (9,)."""
         array = finite_array("morphology", sizes, (9,))
         return cls(*(tuple(array[3 * i : 3 * i + 3]) for i in range(3)))
 
     @classmethod
     def coerce(cls, value: MorphologyLike) -> Morphology:
-        """Make one from ``None`` (nominal), fin to (x, y, z) (others nominal) or nine numbers."""
+        """Return the body of ``None`` (nominal), nine numbers, or a mapping from fins to sizes."""
         if value is None:
             return cls.nominal()
         if isinstance(value, Morphology):
@@ -127,7 +127,7 @@ class Morphology:
 
     @classmethod
     def from_json(cls, text: str) -> Morphology:
-        """Read what ``to_json`` wrote; anything else is refused."""
+        """Return the body of the JSON of ``to_json``; anything else is refused."""
         sizes: Any = parse_json("morphology", text)
         if not isinstance(sizes, dict) or sorted(sizes) != sorted(FINS):
             wanted = f"an object with the keys {', '.join(FINS)}"
@@ -135,7 +135,7 @@ class Morphology:
         return cls.coerce(sizes)
 
 
-# Whatever ``Morphology.coerce`` makes a body of.
+# What ``Morphology.coerce`` takes.
 MorphologyLike = Morphology | Mapping[str, ArrayLike] | ArrayLike | None
 
 
@@ -147,9 +147,9 @@ _FRACTIONS = {
 
 
 def change_in_words(before: Morphology, after: Morphology, tolerance: float = 0.0) -> str:
-    """Return in words how one body differs from another, an estimated one from the known, say.
+    """Return the differences of one body from another in words.
 
-    A size has changed that differs by more than ``tolerance``, a share of its range.
+    Sizes that differ by at most ``tolerance``, a share of their range, count as equal.
 
     Examples
     --------
@@ -178,7 +178,7 @@ def change_in_words(before: Morphology, after: Morphology, tolerance: float = 0.
 
 
 def _share(now: float, was: float) -> str:
-    """Return one size as so much of another, in words where a plain fraction is within 2%."""
+    """Return one size as a share of another, in words where a plain fraction is within 2%."""
     if was == 0 or now == 0:
         return "none of" if now == 0 else "instead of none,"
     for fraction, words in _FRACTIONS.items():

@@ -12,9 +12,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier
+from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier, edit_each
 from aquafish_gym.damage.faults import PARTS
-from aquafish_gym.damage.schedule import edit_each
 from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
@@ -148,7 +147,7 @@ def test_bad_text_is_refused(text: str, sentence: str) -> None:
 @pytest.mark.parametrize(
     "several", [["caudal:missing"], ["caudal:missing", "none"], [Damage(), Damage()]]
 )
-def test_what_may_be_several_robots_is_not_joined(several: list[object]) -> None:
+def test_list_of_texts_is_refused_for_one_robot(several: list[object]) -> None:
     with pytest.raises(InvalidArgumentError, match="must be one robot's, whose faults are joined"):
         Damage.coerce(several)
 
@@ -227,7 +226,7 @@ def test_damage_is_described(damage: str, words: str) -> None:
 
 
 @pytest.mark.parametrize("damage", ["caudal:dead", "gyro:noise=0.1", "caudal:missing@0.0+3"])
-def test_no_body_has_what_is_not_of_its_sizes_or_does_not_last(damage: str) -> None:
+def test_apply_refuses_faults_that_a_body_cannot_express(damage: str) -> None:
     broken = f"left_pectoral:missing;{damage}"
     with pytest.raises(
         InvalidArgumentError, match=r"must be of its fins' sizes.*; got " + damage[:6]
@@ -328,7 +327,7 @@ def test_each_robot_may_have_damage_of_its_own() -> None:
                 np.testing.assert_array_equal(table, other.arrays()[name], name)
 
 
-def test_what_hangs_on_a_fin_makes_it_wider_within_its_range() -> None:
+def test_entangled_fin_is_wider_within_its_range() -> None:
     assert Damage.parse("left_pectoral:entangled=0.5").apply(NOMINAL).left_pectoral == (
         0.7,
         1.6,
@@ -338,7 +337,7 @@ def test_what_hangs_on_a_fin_makes_it_wider_within_its_range() -> None:
 
 
 @given(damages)
-def test_what_is_drawn_leaves_nothing_to_chance_and_has_a_time(damage: Damage) -> None:
+def test_sampled_damage_is_not_random(damage: Damage) -> None:
     drawn = damage.sample(np.random.default_rng(0))
     assert not drawn.is_random
     assert drawn.sample(np.random.default_rng(1)) is drawn
@@ -368,7 +367,7 @@ def test_added_tier_is_understood(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("tier", TIERS)
-def test_a_tier_draws_what_its_table_says(tier: str) -> None:
+def test_tier_samples_follow_its_table(tier: str) -> None:
     count, chances = TIERS[tier]
     assert sum(chance.weight for chance in chances) == pytest.approx(1.0)
     damage, rng = Damage.parse(f"random:{tier}@2-8+3"), np.random.default_rng(0)

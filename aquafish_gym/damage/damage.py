@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain, groupby
 from typing import Any, Self
@@ -260,6 +260,36 @@ class Damage:
         if not isinstance(faults, list) or not all(isinstance(f, dict) for f in faults):
             raise InvalidArgumentError("a damage's JSON must be a list of faults")
         return cls.coerce(faults)
+
+
+def edit_each(scenario: Scenario, damages: Sequence[Damage], hold: int = 1) -> Scenario:
+    """Return a scenario in which robot i has ``damages[i]``; see :meth:`Damage.edit`.
+
+    Robots with the same ``Damage`` object are edited together.
+    """
+    alike: dict[int, list[int]] = {}
+    for i, damage in enumerate(damages):
+        alike.setdefault(id(damage), []).append(i)
+    if len(alike) == 1:
+        return damages[0].edit(scenario, hold)
+    edited = scenario.copy()
+    changes: dict[int, list[Change]] = {}
+    for those in alike.values():
+        rows = np.array(those)
+        part = damages[those[0]].edit(scenario.take(rows), hold)
+        for name, table in edited.arrays().items():
+            table[rows] = vars(part)[name]
+        for step, changed, to in part.schedule:
+            changes.setdefault(step, []).append(Change(step, rows[changed], to))
+    schedule = tuple(_joined(step, parts) for step, parts in sorted(changes.items()))
+    return replace(edited, schedule=schedule)
+
+
+def _joined(step: int, parts: list[Change]) -> Change:
+    """Return the changes of one step as one, its robots in ascending order."""
+    rows = np.concatenate([part.rows for part in parts])
+    order = np.argsort(rows)
+    return Change(step, rows[order], Scenario.concatenate([part.to for part in parts]).take(order))
 
 
 def _break(scenario: Scenario, faults: list[Fault] | tuple[Fault, ...]) -> Scenario:

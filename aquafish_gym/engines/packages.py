@@ -1,4 +1,4 @@
-"""Which engines this machine has: their packages, and what "auto" means."""
+"""The engines that are installed, and the meaning of "auto"."""
 
 from __future__ import annotations
 
@@ -18,23 +18,23 @@ AUTO = "auto"
 
 
 def resolve_engine(argument: str, name: object) -> str:
-    """Return an engine's own name: ``"auto"`` is decided by what is installed.
+    """Return an engine's own name; ``"auto"`` is resolved by what is installed.
 
-    It is PyBullet where it is installed, else the compiled engine, the same robot to
-    1e-9, with one line on stderr: once a process, and not in workers. ``argument`` is what a
-    message calls the engine. That a named engine can be used here is for :func:`check_engine`.
+    It is PyBullet where it is installed, else the compiled engine, which is the same robot to 1e-9,
+    with one line on stderr: once per process, and not in workers. ``argument`` is the engine's name
+    in messages. :func:`check_engine` checks that a named engine can be used here.
     """
     known = one_of(argument, name, (AUTO, *NAMES))
     if known != AUTO:
         return known
     if find_spec("pybullet") is not None:
         return "pybullet"
-    _say_compiled()
+    _report_compiled()
     return "numba"
 
 
 @functools.cache
-def _say_compiled() -> None:
+def _report_compiled() -> None:
     if sys.stderr is not None and multiprocessing.parent_process() is None:
         print(
             'PyBullet is not installed here: engine "auto" is "numba", the same robot compiled',

@@ -26,7 +26,7 @@ def three(rows: Floats) -> Vector:
 
 
 def of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
-    """Return each argument of the robots in a list: one for all, or one for each of ``count``."""
+    """Return each argument as a list: one for all robots, or one for each of ``count``."""
     found = {}
     for name, value in arguments.items():
         rows = isinstance(value, list | tuple) if name == "damage" else has_rows(value)
@@ -47,7 +47,7 @@ def of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
 
 
 def has_rows(value: object) -> bool:
-    """Whether this is several, and not one of three or nine numbers."""
+    """Return whether a value is several rows, and not one of three or nine numbers."""
     if isinstance(value, np.ndarray):
         return value.ndim == 2
     if isinstance(value, list | tuple) and value:
@@ -58,7 +58,7 @@ def has_rows(value: object) -> bool:
 def with_options(
     starts: list[EpisodeConfig], several: Mapping[str, list[Any]]
 ) -> list[EpisodeConfig]:
-    """Return starts with options, of which each has one value for all or one for each start."""
+    """Return configurations with options, each with one value for all or one for each robot."""
     made: dict[tuple[int, ...], EpisodeConfig] = {}
     found = []
     for i, start in enumerate(starts):
@@ -86,7 +86,7 @@ def check_seeds(seed: object, count: int) -> list[int | None]:
 
 
 def check_mask(mask: object, count: int) -> Mask:
-    """Return which robots (count,) shall be reset: at least one."""
+    """Return a mask (count,) of the robots to reset, at least one."""
     try:
         found = np.asarray(mask)
     except (ValueError, RecursionError):  # ragged, or too deep
@@ -105,7 +105,7 @@ def masked(info: Info, mask: Mask) -> Info:
 
 
 def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -> Info:
-    """Move the ended robots' information to ``final_info`` and put the new episodes' instead."""
+    """Return ``info`` of new episodes, with that of the ended ones in ``final_info``."""
     masks = [name for name in info if name.startswith("_")]
     final = {name: info[name] & ended if name in masks else info[name].copy() for name in info}
     for name, value in fresh.items():

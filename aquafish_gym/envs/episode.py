@@ -15,8 +15,7 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.damage import Damage
-from aquafish_gym.damage.schedule import edit_each
+from aquafish_gym.damage import Damage, edit_each
 from aquafish_gym.damage.sensors import Sensors
 from aquafish_gym.envs.tasks import Memory
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE

@@ -45,10 +45,10 @@ SPEEDS = slice(FIELDS["velocity"].start, GYRO.stop)
 class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     """Many of :class:`~aquafish_gym.envs.env.AquaFishEnv` in the lanes of one engine.
 
-    ``gym.make_vec("AquaFish-v0", num_envs=64)`` makes one. Spaces, rewards, start, end and
-    ``info`` are the single environment's, with a leading axis; each key of ``info`` has its
-    mask ``_key``. Robot i, seeded with s, is the single robot seeded with s + i; in float64 it
-    moves as that one does on the engine ``"numba"``, to the last bit.
+    Made by ``gym.make_vec("AquaFish-v0", num_envs=64)``. Spaces, rewards, start, end and ``info``
+    are the single environment's, with a leading axis; each key of ``info`` has its mask ``_key``.
+    Robot i, seeded with s, is the single robot seeded with s + i; in float64 it moves as that one
+    does on the engine ``"numba"``, to the last bit.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     render_mode
         ``"rgb_array"`` or None; ``render`` returns a frame a robot.
     dtype
-        ``"float32"`` or ``"float64"``: what the robots compute in.
+        ``"float32"`` or ``"float64"``: the precision of the simulation.
     threads
         None takes every core; no result depends on it.
     autoreset_mode
@@ -183,9 +183,9 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     ) -> tuple[Observations, Info]:
         """Begin an episode of every robot, or of those under ``options["reset_mask"]``.
 
-        Robot i takes seed + i, or its own of a list; without a seed the generators go on, and so
-        do robots that are not reset. ``options`` are the single environment's, the same for all,
-        and ``reset_mask`` (num_envs,) of bool.
+        Robot i takes seed + i, or its own of a list; without a seed its generator continues.
+        ``options`` are the single environment's, one for all or one for each robot, and
+        ``reset_mask`` (num_envs,) of bool.
         """
         seeds = batching.check_seeds(seed, self.num_envs)
         mask = np.ones(self.num_envs, np.bool_)

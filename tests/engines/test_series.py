@@ -29,7 +29,7 @@ def swim(commands: Any = SERIES, **options: Any) -> Any:
 
 @pytest.mark.parametrize("lag", [0.0, 0.034])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
-def test_a_series_of_one_command_over_and_over_is_that_command(lag: float, dtype: str) -> None:
+def test_series_of_one_command_equals_that_command(lag: float, dtype: str) -> None:
     held, series = SERIES[:, 0], np.repeat(SERIES[:, :1], COMMANDS, axis=1)
     one, other = (swim(c, lag=lag, dtype=dtype) for c in (held, series))
     if lag == 0.0 or dtype == "float64":
@@ -39,7 +39,7 @@ def test_a_series_of_one_command_over_and_over_is_that_command(lag: float, dtype
 
 
 @pytest.mark.parametrize("engine", ["numba", "pybullet"])
-def test_servos_go_where_the_series_sends_them(engine: str) -> None:
+def test_servo_angles_integrate_the_series(engine: str) -> None:
     log = swim(engine=engine)
     speeds = np.repeat(SERIES, INTERVAL, axis=1)
     speeds = np.concatenate([speeds, np.repeat(speeds[:, -1:], STEPS - speeds.shape[1], axis=1)], 1)
@@ -55,7 +55,7 @@ def test_the_engines_agree_on_series(lag: Any) -> None:
     assert_allclose(ours.gyro, bullet.gyro, rtol=0, atol=1e-9)
 
 
-def test_a_world_that_is_told_one_command_after_another_swims_the_series() -> None:
+def test_world_commanded_step_by_step_equals_the_series() -> None:
     log = swim(lag=LAGS, servo_gain=GAINS)
     for i in range(3):
         world = one_world("numba", BODIES[i], ANGLES[i], servo_gain=GAINS[i], servo_lag=LAGS[i])
@@ -68,7 +68,7 @@ def test_a_world_that_is_told_one_command_after_another_swims_the_series() -> No
 
 @pytest.mark.parametrize("cut", [1, 23, 68])
 @pytest.mark.parametrize("reactive", [False, True])
-def test_a_trial_cut_in_two_goes_on_as_if_it_were_not(cut: int, reactive: bool) -> None:
+def test_trial_in_two_parts_equals_the_whole(cut: int, reactive: bool) -> None:
     servos: dict[str, Any] = {"servo_gain": GAINS, "reactive": reactive, "substeps": 2}
     whole = swim(lag=LAGS, **servos)
     first = lane_batch(BODIES, ANGLES, dtype=np.float64, **servos)
@@ -83,7 +83,7 @@ def test_a_trial_cut_in_two_goes_on_as_if_it_were_not(cut: int, reactive: bool) 
     assert_allclose(rest.gyro, whole.gyro[:, cut:], rtol=0, atol=1e-11)
 
 
-def test_no_result_depends_on_the_other_robots_lags() -> None:
+def test_lags_of_other_robots_change_nothing() -> None:
     together = swim(lag=LAGS)
     for i in (0, 5):
         alone = simulate(
@@ -105,6 +105,6 @@ def test_no_result_depends_on_the_other_robots_lags() -> None:
         ({"engine": "pybullet", "begun": 3}, 'begun, velocity and spin must be 0 .* "pybullet"'),
     ],
 )
-def test_what_makes_no_sense_is_refused(wrong: dict[str, Any], says: str) -> None:
+def test_wrong_series_is_refused(wrong: dict[str, Any], says: str) -> None:
     with pytest.raises(InvalidArgumentError, match=says):
         swim(**wrong)

@@ -41,7 +41,7 @@ def make(**kwargs: Any) -> AquaFishEnv:
     return env
 
 
-def test_importing_loads_no_engine_and_registers_once() -> None:
+def test_import_loads_no_engine_and_registers_once() -> None:
     code = (
         "import sys, importlib, aquafish_gym; importlib.reload(aquafish_gym); "
         "print({'numba', 'pybullet', 'matplotlib', 'torch'} & set(sys.modules))"
@@ -97,7 +97,7 @@ def test_an_episode_lasts_twenty_seconds(frame_skip: int) -> None:
     env.step(GO)
 
 
-def test_reward_is_its_named_terms_and_they_mean_what_they_say() -> None:
+def test_reward_is_the_sum_of_its_terms() -> None:
     env = make(task=SwimForward(forward_weight=2.0, ctrl_weight=0.1))
     _, start = env.reset()
     assert start["y_position"] == 0.0
@@ -115,7 +115,7 @@ def test_reward_is_its_named_terms_and_they_mean_what_they_say() -> None:
     json.dumps({k: v for k, v in info.items() if not isinstance(v, np.ndarray)})
 
 
-def test_the_observation_hides_the_fins_and_info_tells() -> None:
+def test_fin_angles_are_in_info_and_not_observed() -> None:
     env = make()
     first, info = env.reset(options={"fin_angles": (0.0, 0.0, 0.0)})
     other, told = env.reset(options={"fin_angles": (1.0, -2.0, 3.0)})
@@ -128,7 +128,7 @@ def test_the_observation_hides_the_fins_and_info_tells() -> None:
     np.testing.assert_array_equal(seeing[:9], first)
 
 
-def test_reckoned_fins_are_the_true_ones_until_a_servo_is_broken() -> None:
+def test_reckoned_fin_angles_are_true_without_servo_faults() -> None:
     def shown(observe_fins: object) -> Any:
         env = make(observe_fins=observe_fins, damage="left_pectoral:seized@1", fin_angles="random")
         rng = np.random.default_rng(0)
@@ -192,7 +192,7 @@ def test_a_current_carries_the_robot() -> None:
     assert info["x_position"] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_divergence_ends_the_episode_and_says_so() -> None:
+def test_divergence_terminates_the_episode() -> None:
     env = make()
     env.reset()
     good, *_ = env.step(GO)
@@ -219,7 +219,7 @@ def same(one: tuple[Any, ...], two: tuple[Any, ...]) -> None:
 
 
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_swims_on_as_the_original_does(clone: Callable[[gym.Env], gym.Env]) -> None:  # type: ignore[type-arg]
+def test_copy_continues_as_the_original(clone: Callable[[gym.Env], gym.Env]) -> None:  # type: ignore[type-arg]
     env = gym.make("AquaFish-v0", engine="numba", fin_angles="random", observe_fins=True)
     env.reset(seed=0)
     for _ in range(7):
@@ -234,7 +234,7 @@ def test_a_copy_swims_on_as_the_original_does(clone: Callable[[gym.Env], gym.Env
 
 
 @pytest.mark.parametrize("engine", ENGINES)
-def test_what_was_returned_is_the_callers(engine: str) -> None:
+def test_returned_arrays_are_not_reused(engine: str) -> None:
     """Writing into it changes nothing, and nothing is written into it."""
     env, other = make(engine=engine), make(engine=engine)
     kept = []
@@ -254,7 +254,7 @@ def test_what_was_returned_is_the_callers(engine: str) -> None:
     other.close()
 
 
-def test_one_robot_is_the_batchs_in_double_precision_to_the_last_bit() -> None:
+def test_single_robot_equals_the_batch_in_float64() -> None:
     rng = np.random.default_rng(8)
     bodies = rng.uniform(0.1, 1.0, (3, 9)) * (0.4, 1.6, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, 0.6)
     kwargs: dict[str, Any] = {
@@ -284,7 +284,7 @@ def test_one_robot_is_the_batchs_in_double_precision_to_the_last_bit() -> None:
     hnp.arrays(st.sampled_from([np.float32, np.float64]), 3, elements=st.floats(-2, 2, width=32))
 )
 @settings(max_examples=100, deadline=None)
-def test_the_short_way_of_an_action_is_the_long_one(action: Any) -> None:
+def test_single_action_check_equals_the_general_one(action: Any) -> None:
     short = check_single_action(action)
     long = check_action(action, (3,))
     assert list(short) == long.tolist()

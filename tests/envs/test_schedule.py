@@ -44,7 +44,7 @@ def swim(env: AquaFishEnv, steps: int, seed: int = 0) -> list[tuple[Any, dict[st
     return found
 
 
-def test_what_breaks_in_mid_swim_is_told_and_comes_back() -> None:
+def test_faults_begin_and_end_in_info() -> None:
     damage = "left_pectoral:missing@1+1;caudal:weak=0.5@1.5;gyro:noise=0.3@2"
     found = swim(make(damage=damage, frame_skip=25), 12)
     assert [int(info["faults"]) for _, info in found] == [0] * 4 + [1, 1, 2, 2] + [2] * 5
@@ -77,7 +77,7 @@ def path(engine: str, *bodies: Morphology) -> Any:
 
 
 @pytest.mark.parametrize("engine", WORLDS)
-def test_a_robot_becomes_another_where_it_is_and_as_it_moves(engine: str) -> None:
+def test_update_keeps_pose_and_velocity(engine: str) -> None:
     untouched = path(engine)
     np.testing.assert_allclose(path(engine, NOMINAL), untouched, rtol=0, atol=1e-12)
     np.testing.assert_allclose(path(engine, BROKEN, NOMINAL), untouched, rtol=0, atol=1e-12)
@@ -88,7 +88,7 @@ def test_a_robot_becomes_another_where_it_is_and_as_it_moves(engine: str) -> Non
         np.testing.assert_allclose(other, path("numba", BROKEN), rtol=0, atol=1e-9)
 
 
-def test_a_seized_servo_stands_where_it_is_told_or_where_it_stood() -> None:
+def test_seized_servo_keeps_its_angle() -> None:
     found = swim(make(damage="left_pectoral:seized=1.0;right_pectoral:seized@1", frame_skip=25), 8)
     angles = np.array([info["fin_angles"] for _, info in found])
     np.testing.assert_allclose(angles[:, 0], 1.0, rtol=0, atol=1e-12)
@@ -97,14 +97,14 @@ def test_a_seized_servo_stands_where_it_is_told_or_where_it_stood() -> None:
     assert len(np.unique(angles[:, 2].round(6))) == 9
 
 
-def test_a_dead_servo_stands_elsewhere_in_each_episode() -> None:
+def test_dead_servo_has_a_random_angle_in_each_episode() -> None:
     env = make(damage="caudal:dead", frame_skip=100)
     phases = [{round(float(i["fin_angles"][2]), 9) for _, i in swim(env, 3, s)} for s in range(5)]
     assert [len(phase) for phase in phases] == [1] * 5
     assert len(set.union(*phases)) == 5
 
 
-def test_a_sensor_says_what_its_faults_make_of_the_truth() -> None:
+def test_sensor_faults_change_the_observation() -> None:
     truth = np.array([seen for seen, _ in swim(make(frame_skip=25), 40)])
     damage = "up_x:stuck@2;north_y:dropped@3;gyro_z:bias=0.5;gyro_x:bias=100@5"
     said = np.array([seen for seen, _ in swim(make(damage=damage, frame_skip=25), 40)])
@@ -121,7 +121,7 @@ def test_a_sensor_says_what_its_faults_make_of_the_truth() -> None:
     assert (said[:, rest] == truth[:, rest]).all()
 
 
-def test_noise_has_its_deviation_on_the_gyroscope_alone() -> None:
+def test_noise_affects_only_the_gyroscope() -> None:
     truth = np.array([seen for seen, _ in swim(make(frame_skip=1), 1000)])
     env = make(damage="gyro:noise=0.1", frame_skip=1)
     said = np.array([seen for seen, _ in swim(env, 1000)])
@@ -135,7 +135,7 @@ def test_noise_has_its_deviation_on_the_gyroscope_alone() -> None:
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("damage", [None, SEVERAL, "random:severe@1-5+3"])
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_a_batch_is_single_robots_to_the_bit(
+def test_batch_equals_single_robots_to_the_bit(
     task: str, damage: str | None, mode: AutoresetMode
 ) -> None:
     kwargs: dict[str, Any] = {
@@ -164,7 +164,7 @@ def agree(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
             np.testing.assert_array_equal(ours[name][mask], value[mask], name)
 
 
-def test_each_robot_of_a_batch_may_be_another() -> None:
+def test_each_robot_of_a_batch_may_have_its_own_damage() -> None:
     damages = ["none", "caudal:missing", "left_pectoral:seized;gyro:noise=0.2@1"]
     poses: list[Any] = ["zero", (0.1, 0.2, 0.3), "random"]
     envs = AquaFishVectorEnv(3, damage=damages, fin_angles=poses, dtype="float64")
@@ -192,7 +192,7 @@ def test_each_robot_of_a_batch_may_be_another() -> None:
         ("morphology", [None, None], "got 2"),
     ],
 )
-def test_a_list_is_one_for_each_robot_and_never_joined(name: str, value: Any, got: str) -> None:
+def test_list_is_one_for_each_robot(name: str, value: Any, got: str) -> None:
     wanted = f"{name} must be one for all robots or num_envs = 3 of them; {got}"
     with pytest.raises(InvalidArgumentError, match=wanted):
         AquaFishVectorEnv(3, **{name: value})
@@ -201,7 +201,7 @@ def test_a_list_is_one_for_each_robot_and_never_joined(name: str, value: Any, go
         envs.reset(options={name: value})
 
 
-def test_random_damage_is_another_in_each_episode_and_repeats_with_the_seed() -> None:
+def test_random_damage_varies_and_repeats_with_the_seed() -> None:
     envs = AquaFishVectorEnv(4, damage="random:moderate@1-3", frame_skip=1000)
     names = ("morphology", "servo_gain", "sensor_bias", "sensor_noise", "sensor_lost")
 
@@ -220,7 +220,7 @@ def test_random_damage_is_another_in_each_episode_and_repeats_with_the_seed() ->
 
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["mild", "moderate", "severe"]))
-def test_whatever_chance_breaks_the_observation_stays_in_its_space(seed: int, tier: str) -> None:
+def test_observations_of_random_damage_stay_in_the_space(seed: int, tier: str) -> None:
     env = make(damage=f"random:{tier}@0-1", frame_skip=50)
     for seen, info in swim(env, 6, seed):
         assert env.observation_space.contains(seen)
@@ -228,7 +228,7 @@ def test_whatever_chance_breaks_the_observation_stays_in_its_space(seed: int, ti
 
 
 @pytest.mark.parametrize("task", ["station", "waypoint"])
-def test_a_broken_robot_is_to_do_what_a_whole_one_is(task: str) -> None:
+def test_damage_does_not_change_the_task_of_a_seed(task: str) -> None:
     """Else what damage costs would be what chance costs, too."""
 
     def asked(damage: str) -> Any:
@@ -254,7 +254,7 @@ def test_a_list_for_one_robot_is_refused(make: Any) -> None:
 
 
 @pytest.mark.parametrize("damage", ["caudal:missing@20", "random:mild@15-30"])
-def test_what_would_strike_after_the_end_is_refused(damage: str) -> None:
+def test_onset_after_the_episode_is_refused(damage: str) -> None:
     for make in (gym.make, gym.make_vec):
         with pytest.raises(InvalidArgumentError, match="before the episode ends at 20 s; got"):
             make("AquaFish-v0", damage=damage)

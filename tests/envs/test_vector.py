@@ -55,7 +55,7 @@ def agree(ours: dict[str, Any], theirs: dict[str, Any]) -> None:
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
-def test_it_is_gymnasiums_sync_of_single_environments(mode: AutoresetMode) -> None:
+def test_batch_equals_gymnasium_sync_of_single_environments(mode: AutoresetMode) -> None:
     kwargs: dict[str, Any] = {"fin_angles": "random", "frame_skip": 125, "observe_fins": True}
     ours = make(dtype="float64", autoreset_mode=mode.value, **kwargs)
     theirs = gym.make_vec(
@@ -104,7 +104,7 @@ def same(one: Any, two: Any) -> None:
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("clone", [copy.deepcopy, lambda env: pickle.loads(pickle.dumps(env))])
-def test_a_copy_swims_on_as_the_original_does(
+def test_copy_continues_as_the_original(
     clone: Callable[[AquaFishVectorEnv], AquaFishVectorEnv], dtype: str, mode: str
 ) -> None:
     """In mid-episode, and over an episode's end."""
@@ -120,7 +120,7 @@ def test_a_copy_swims_on_as_the_original_does(
     same(env.reset(), other.reset())
 
 
-def test_what_was_returned_is_the_callers() -> None:
+def test_returned_arrays_are_not_reused() -> None:
     env, other = make(), make()
     for e in (env, other):
         _, info = e.reset(seed=0)
@@ -134,7 +134,7 @@ def test_what_was_returned_is_the_callers() -> None:
     same(env.step(action), other.step(action))
 
 
-def test_threads_work_on_in_a_fork() -> None:
+def test_threads_work_after_a_fork() -> None:
     code = """
 import copy
 import os
@@ -160,7 +160,7 @@ if child:
     assert done.returncode == 0, done.stderr
 
 
-def test_some_may_be_reset_and_the_others_swim_on() -> None:
+def test_reset_mask_resets_some_robots() -> None:
     env, other = (make(autoreset_mode="Disabled", frame_skip=500) for _ in range(2))
     mask = np.array([False, True, False])
     with pytest.raises(ResetNeeded, match="first reset"):
@@ -186,7 +186,7 @@ def test_some_may_be_reset_and_the_others_swim_on() -> None:
 
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_divergence_ends_one_episode_and_spares_the_others(mode: str) -> None:
+def test_divergence_terminates_one_robot(mode: str) -> None:
     env, other = make(autoreset_mode=mode), make(autoreset_mode=mode)
     for e in (env, other):
         e.reset(seed=0)
@@ -210,7 +210,7 @@ def test_divergence_ends_one_episode_and_spares_the_others(mode: str) -> None:
 
 @pytest.mark.parametrize("speed", [1e6, -1e30, np.inf, np.nan])
 @pytest.mark.parametrize("row", range(7, 13))
-def test_a_runaway_is_told_before_its_numbers_overflow(row: int, speed: float) -> None:
+def test_divergence_is_detected_before_overflow(row: int, speed: float) -> None:
     """As the single environment tells it."""
     env = make(dtype="float64", frame_skip=1)
     single = gym.make("AquaFish-v0", engine="numba", frame_skip=1).unwrapped

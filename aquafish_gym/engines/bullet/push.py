@@ -1,4 +1,4 @@
-"""What PyBullet's engine computes itself: the water's push, the servos' next move, the log.
+"""What PyBullet does not compute: the water's wrench, the servos' motion, the log.
 
 It is the physics of ``physics/dynamics.py``, compiled where numba is installed, since in plain
 Python it takes longer than Bullet's own step.
@@ -23,7 +23,7 @@ Push = tuple[Vector, Vector, Number]
 
 
 def _read(column: Any, joints: Any, base: Base) -> tuple[Robot, State]:
-    """Return robot and state, whose position is of no account."""
+    """Return robot and state; its position is not used."""
     orientation, velocity, world_spin = base
     spin = to_body(rotation(orientation), world_spin)
     left, right, phase, rates = fetch_joints(joints, 0, 0, 1, 0.0)
@@ -53,7 +53,7 @@ def push(column: Any, joints: Any, base: Base, current: Vector, by: Drive, h: Nu
 def push_reactive(
     column: Any, joints: Any, base: Base, current: Vector, by: Drive, h: Number
 ) -> Push:
-    """Do as :func:`push` does, for a law with reactive terms."""
+    """Return :func:`push` with the reactive terms."""
     robot, state = _read(column, joints, base)
     force, torque = reactive_wrench(robot, state, by, current, h)
     return force, torque, _turn_joints(joints, state, by, h)
