@@ -29,7 +29,7 @@ from eea.core.config import Condition, Config, config_for
 from eea.fish import RealityGap
 from eea.study.folder import extended, write_description
 from eea.study.presets import FIGURE_ARMS, FIGURES, smoke
-from eea.study.replicate import World, rehearse, replicate
+from eea.study.replicate import World, replicate, warm_up
 from eea.study.study import Study
 
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
@@ -139,7 +139,7 @@ class StudyCommand:
             done = finished(folder, jobs)
             missing = [job for job in jobs if job not in done]
             if missing:
-                rehearse(missing)
+                warm_up(missing)
             write_description(folder, document)
             jobs.sort(key=lambda job: -job.config.steps)  # the longest first
             failures = run_jobs(

@@ -93,7 +93,7 @@ class SwimLog:
             If commands and logs are not equally many or long, or one is no log of this fish.
         """
         ReplayTarget(np.zeros((len(commands), 3)), logs)  # checks that there are equally many
-        time, gyro, told = [], [], []
+        time, gyro, executed = [], [], []
         for number, (command, log) in enumerate(zip(commands, logs, strict=True), 1):
             samples = gyro_samples(log, axes=3, source=f"trial {number}")[0]
             each = check_commands(command, f"commands of trial {number}")
@@ -106,11 +106,11 @@ class SwimLog:
                 )
             time.append(_ends(len(samples) + 1)[moving:])
             gyro.append(np.concatenate([np.zeros((1, 3)), samples])[moving:])
-            told.append(np.concatenate([each, each[-1:]])[moving:])
+            executed.append(np.concatenate([each, each[-1:]])[moving:])
         return cls(
             np.concatenate(time),
             np.concatenate(gyro),
-            np.concatenate(told),
+            np.concatenate(executed),
             np.repeat(np.arange(1, len(logs) + 1), list(map(len, time))),
         )
 
@@ -147,18 +147,18 @@ class SwimLog:
         ends = _ends(integer("steps", steps, 2) + 1)[1:]
         held, logs = [], []
         for index, rows in enumerate(self.blocks):
-            time, told = self.time[rows] - self.time[rows.start], self.commands[rows]
+            time, executed = self.time[rows] - self.time[rows.start], self.commands[rows]
             if time[-1] < ends[-1] - 0.5 * TIMESTEP:
                 raise InvalidArgumentError(
                     f"steps must be at most {round(time[-1] / TIMESTEP)}, as many as "
                     f"{self.name(index)} has; got {steps}"
                 )
-            if (told[:-1] != told[0]).any():
+            if (executed[:-1] != executed[0]).any():
                 raise InvalidArgumentError(
                     f"{self.name(index)} must hold one command; it changes (use infer_log)"
                 )
             felt = np.stack([np.interp(ends, time, axis) for axis in self.gyro[rows].T], axis=1)
-            held.append(told[0])
+            held.append(executed[0])
             logs.append(RecordedLog(gyro=felt))
         return np.array(held), logs
 

@@ -2,7 +2,7 @@
 
 ``study.json`` describes what is run: every arm with all its settings, the target and the simulator,
 and the seeds of each arm at each length of trial. It also records the versions of the packages that
-made results. Each finished replicate is a file of its own (``plan.Place.file``).
+made results. Each finished replicate is a file of its own (``plan.ReplicateKey.file``).
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ Plan = dict[str, dict[int, range]]  # arm, then steps, then seeds
 RUNS = "runs"
 
 
-class Place(NamedTuple):
+class ReplicateKey(NamedTuple):
     """The key of a replicate: an arm, the steps of its trials and a seed."""
 
     arm: str
@@ -27,10 +27,10 @@ class Place(NamedTuple):
         return f"{RUNS}/{self.arm}/{self.steps}/{self.seed}.json"
 
 
-def places(plan: Plan) -> list[Place]:
+def replicate_keys(plan: Plan) -> list[ReplicateKey]:
     """Return every replicate of a plan, by arm, steps and seed."""
     return [
-        Place(arm, steps, seed)
+        ReplicateKey(arm, steps, seed)
         for arm, durations in plan.items()
         for steps, seeds in durations.items()
         for seed in seeds

@@ -8,11 +8,11 @@ from typing import Any
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from eea.core.config import Config, PaperConfig
+from eea.core.config import Config
 from eea.core.result import Belief, Result
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from eea.study.plan import Place
+from eea.study.plan import ReplicateKey
 from eea.study.presets import smoke
 
 MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is measured
@@ -54,27 +54,27 @@ class Replicate:
     world: World
 
     @property
-    def place(self) -> Place:
-        """Where it is in the study."""
-        return Place(self.arm, self.config.steps, self.seed)
+    def key(self) -> ReplicateKey:
+        """Its key in the study."""
+        return ReplicateKey(self.arm, self.config.steps, self.seed)
 
     @property
     def name(self) -> str:
-        """For people."""
-        return self.place.name
+        """Its name for people."""
+        return self.key.name
 
     @property
     def file(self) -> str:
         """Its file relative to the study's folder."""
-        return self.place.file
+        return self.key.file
 
-    def begin(self) -> Session[Any]:
-        """Return the algorithm before its first round.
+    def session(self) -> Session[Any]:
+        """Return the session before its first round.
 
         Raises
         ------
         InvalidArgumentError, EngineUnavailableError, ConfigurationError
-            If a setting is wrong or an engine is not to be had.
+            If a setting is wrong or an engine is not installed.
         """
         world = self.world
         target = EngineTarget(
@@ -91,24 +91,20 @@ class Replicate:
         )
 
 
-def rehearse(jobs: Sequence[Replicate]) -> None:
+def warm_up(jobs: Sequence[Replicate]) -> None:
     """Refuse wrong settings, and run small replicates so that the kernels are compiled.
 
-    Raises as ``Replicate.begin``.
+    Raises as ``Replicate.session``.
     """
     for job in {(job.arm, job.config.steps): job for job in jobs}.values():
-        job.begin()
-    config = jobs[0].config
-    small: Config = PaperConfig(condition="ideal", steps=config.steps, rounds=2)
-    ours = [small] * any(job.config.condition != "joint" for job in jobs)
-    ours += [job.config for job in jobs if job.config.condition == "joint"][:1]
-    for config in ours:
-        few = replace(smoke(config), rounds=2)
-        replicate(replace(jobs[0], config=few))
+        job.session()
+    first = {job.config.condition == "joint": job for job in reversed(jobs)}  # one of each method
+    for job in first.values():
+        replicate(replace(job, config=replace(smoke(job.config), rounds=2)))
 
 
 def replicate(job: Replicate) -> dict[str, Any]:
-    """Run a replicate to its end; return its place, why it stopped and a record for each round.
+    """Run a replicate to its end; return its key, why it stopped and a record for each round.
 
     The records have no times, so that equal jobs give equal results. The condition joint adds
     ``belief``: the ``coverage`` of its intervals (the share of true sizes inside, by mass), their
@@ -117,9 +113,9 @@ def replicate(job: Replicate) -> dict[str, Any]:
     Raises
     ------
     InvalidArgumentError, EngineUnavailableError, ConfigurationError
-        See ``Replicate.begin``.
+        See ``Replicate.session``.
     """
-    session = job.begin()
+    session = job.session()
     for _record in session:
         pass
     result = session.result
@@ -127,7 +123,7 @@ def replicate(job: Replicate) -> dict[str, Any]:
     for line in timeless:
         del line["seconds"]
     sure = {} if result.belief is None else {"belief": _sureness(result, result.belief)}
-    return {**job.place._asdict(), "stopped": result.stopped, "rounds": timeless, **sure}
+    return {**job.key._asdict(), "stopped": result.stopped, "rounds": timeless, **sure}
 
 
 def _sureness(result: Result, belief: Belief) -> dict[str, Any]:

@@ -27,7 +27,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
 from eea.study.arms import arm_label, arm_order
 from eea.study.folder import STUDY, read_description
-from eea.study.plan import RUNS, Place, Plan, places, read_plan
+from eea.study.plan import RUNS, Plan, ReplicateKey, read_plan, replicate_keys
 
 Floats = NDArray[np.float64]
 
@@ -162,8 +162,8 @@ def _table(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
     if source.exists() and not (folder / RUNS).exists():
         content = read_bytes(source, "results", MOST_BYTES).decode(errors="replace")
     else:
-        ordered = sorted(places(plan), key=lambda p: (arm_order(p.arm), p.steps, p.seed))
-        rows = [row for place in ordered for row in _rows(folder, place)]
+        ordered = sorted(replicate_keys(plan), key=lambda p: (arm_order(p.arm), p.steps, p.seed))
+        rows = [row for key in ordered for row in _rows(folder, key)]
         if not rows:
             raise ConfigurationError(
                 f"the study in {folder} has no finished replicate yet; the command that began it "
@@ -181,30 +181,30 @@ def _table(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
         raise DamagedFileError(f"{source} is damaged: it is no table of rounds")
     most = header["rounds"]
     for (arm, steps, seed), rounds in table.groupby(KEYS, sort=False)["round"]:
-        place = Place(arm, steps, seed)
+        key = ReplicateKey(arm, steps, seed)
         planned = seed in plan.get(arm, {}).get(steps, ())
         early = planned and header["arms"][arm].get("accurate") is not None
         complete = len(rounds) <= most if early else len(rounds) == most
         if not planned or not complete or list(rounds) != list(range(1, len(rounds) + 1)):
             raise DamagedFileError(
-                f"{folder} is damaged: {place.name} must have the rounds that {STUDY} plans, 1 to "
+                f"{folder} is damaged: {key.name} must have the rounds that {STUDY} plans, 1 to "
                 f"{most}; it has {len(rounds)}"
             )
     return table
 
 
-def _rows(folder: Path, place: Place) -> Iterator[list[Any]]:
+def _rows(folder: Path, key: ReplicateKey) -> Iterator[list[Any]]:
     """Yield a row of the table for each round of a replicate, none if it is not finished."""
     try:
-        for record in (read_result(folder, place) or {"rounds": []})["rounds"]:
+        for record in (read_result(folder, key) or {"rounds": []})["rounds"]:
             numbers = [record[name] for name in ("round", *_NUMBERS, "trials")]
             numbers += [x for name in _LISTS for x in record[name]]
             if len(numbers) != len(COLUMNS) - len(KEYS):
                 raise ValueError("a list is too short or too long")
-            yield [*place, *numbers]
+            yield [*key, *numbers]
     except DamagedFileError as error:
         raise DamagedFileError(
             f"{error}; delete this file, and the study's command computes it again"
         ) from None
     except (KeyError, TypeError, ValueError):
-        raise DamagedFileError(f"{folder / place.file} is damaged: it holds no rounds") from None
+        raise DamagedFileError(f"{folder / key.file} is damaged: it holds no rounds") from None

@@ -11,7 +11,7 @@ from aquafish_gym.morphology import DIMENSIONS, MAXIMA, Morphology
 from aquafish_gym.runs.jobs import SCHEMA
 from aquafish_gym.runs.storage import encode_document, write_document
 from eea.study import folder as study_folder
-from eea.study.plan import Place
+from eea.study.plan import ReplicateKey
 
 DAMAGE = "left_pectoral:length=0.5"
 TRUTH = Damage.parse(DAMAGE).apply(Morphology.nominal()).to_array()
@@ -104,9 +104,9 @@ def make_records(rng, start, end, rounds):
 
 def write_records(folder: Path, arm, steps, seed, records) -> Path:
     """Write a finished replicate as the runner does, and return its file."""
-    place = Place(arm, steps, seed)
-    path = folder / place.file
+    key = ReplicateKey(arm, steps, seed)
+    path = folder / key.file
     path.parent.mkdir(parents=True, exist_ok=True)
-    content = {"job": place.file, **place._asdict(), "stopped": "rounds", "rounds": records}
+    content = {"job": key.file, **key._asdict(), "stopped": "rounds", "rounds": records}
     path.write_bytes(encode_document(content, SCHEMA))
     return path

@@ -14,7 +14,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import PaperConfig
 from eea.core.genetic import GeneticConfig
 from eea.study.folder import extended, read_description, write_description
-from eea.study.plan import places
+from eea.study.plan import replicate_keys
 from eea.study.replicate import World
 from eea.study.study import Study
 
@@ -55,7 +55,7 @@ def test_a_study_checks_itself(wrong, message):
 
 
 def test_a_studys_jobs_are_its_plans_places():
-    assert [job.place for job in STUDY.jobs()] == places(STUDY.plan)
+    assert [job.key for job in STUDY.jobs()] == replicate_keys(STUDY.plan)
     assert {job.config.rounds for job in STUDY.jobs()} == {5}
 
 

@@ -116,7 +116,7 @@ def test_a_damaged_replicate_is_named_and_made_again(tiny, tmp_path, capsys):
 
 def sometimes(job):
     """Make a replicate, or fail for one of them."""
-    if job.place == ("none", 16, 1):
+    if job.key == ("none", 16, 1):
         raise ValueError("no such luck")
     return replicate(job)
 

@@ -17,8 +17,8 @@ from eea.core.config import CONDITIONS, PaperConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
-from eea.study.plan import Place, joined, places, read_plan, written_plan
-from eea.study.replicate import Replicate, World, rehearse, replicate
+from eea.study.plan import ReplicateKey, joined, read_plan, replicate_keys, written_plan
+from eea.study.replicate import Replicate, World, replicate, warm_up
 
 CONFIG = PaperConfig(
     condition="none",
@@ -80,12 +80,12 @@ def test_a_replicate_may_end_at_an_accurate_model(documents):
 
 
 def test_a_rehearsal_refuses_what_no_replicate_could_run():
-    assert rehearse([make(), make(condition="in-band")]) is None
+    assert warm_up([make(), make(condition="in-band")]) is None
     with pytest.raises(ConfigurationError, match=r"genetic\.mutations must be at most"):
-        rehearse([make(), make(genetic=GeneticConfig(mutations=19.0))])
+        warm_up([make(), make(genetic=GeneticConfig(mutations=19.0))])
     nowhere = replace(make(), world=replace(WORLD, current=(0.0, 0.0, float("nan"))))
     with pytest.raises(InvalidArgumentError, match="current must be finite"):
-        rehearse([nowhere])
+        warm_up([nowhere])
 
 
 PLAN = {"a": {16: range(2, 4), 32: range(1)}, "b": {16: range(1)}}
@@ -95,11 +95,11 @@ def test_a_plan_is_read_as_it_was_written():
     written = written_plan(PLAN)
     assert written["a"] == {"16": {"first": 2, "count": 2}, "32": {"first": 0, "count": 1}}
     assert read_plan({"arms": {"a": {}, "b": {}}, "replicates": written}) == PLAN
-    assert places(PLAN) == [
-        Place("a", 16, 2),
-        Place("a", 16, 3),
-        Place("a", 32, 0),
-        Place("b", 16, 0),
+    assert replicate_keys(PLAN) == [
+        ReplicateKey("a", 16, 2),
+        ReplicateKey("a", 16, 3),
+        ReplicateKey("a", 32, 0),
+        ReplicateKey("b", 16, 0),
     ]
 
 
