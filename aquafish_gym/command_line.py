@@ -246,7 +246,7 @@ def _fail(program: str, sentence: str, code: int) -> int:
 
 
 def _refuse_empty_values(words: Sequence[str]) -> None:
-    """Refuse ``--out ""``: an empty path is the current directory, which nobody means."""
+    """Refuse ``--out ""``: an empty path would be the current directory."""
     for before, word in pairwise(["", *words]):
         if not word or (word.startswith("--") and word.endswith("=")):
             name = (word or before).removesuffix("=") or "a word of the command"

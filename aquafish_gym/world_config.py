@@ -1,4 +1,4 @@
-"""What users and command lines set of a robot's world, besides its body."""
+"""``WorldConfig``: the water, the servos and the step size of a robot's world."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def run_job(job: GapJob) -> dict[str, Any]:
     dict
         ``world``, ``method``, ``seed``, ``damage``, ``gap`` in words, the ``truth``'s nine sizes,
         and ``gaits``: the distances in units of 5 cm that a gait swims in the target's world from
-        random poses, by what it was evolved on, the ``body`` that the method came to or a
+        random poses, by what it was evolved on, the method's ``body`` or a
         ``sample`` of the posterior. Of a method but the oracle also ``morphology``; by round
         ``objective_fitness``, ``model_fitness``, simulated ``trials``, and the CPU's ``seconds``
         since the beginning. Of joint inference also
@@ -145,7 +145,7 @@ def run_job(job: GapJob) -> dict[str, Any]:
 
 
 def _model(job: GapJob) -> tuple[Result, list[float]]:
-    """Return what a method came to, and the CPU's seconds at the end of each round."""
+    """Return a method's result, and the CPU seconds at the end of each round."""
     began, seconds = time.process_time(), []
     method = job.begin()
     for _ in method:

@@ -54,7 +54,7 @@ def build_report(table: pd.DataFrame, settings: Mapping[str, Any], code: Any) ->
 
     ``summary`` has a row for each world and method. A mean is {"mean", "interval"}; the interval is
     None with fewer than five replicates. A share of the oracle's distance is the ratio of the two
-    mean distances over the seeds that both have; there is none where the oracle does not surely
+    mean distances over the seeds that both have; no share is given where the oracle does not surely
     swim ``LEAST_DISTANCE``.
     """
     cells = {key: cell.set_index("seed") for key, cell in table.groupby(["world", "method"])}

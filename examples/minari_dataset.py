@@ -3,8 +3,8 @@
     python examples/minari_dataset.py out/gait/controller.json --episodes 100
 
 A controller, as ``aquafish evolve`` and ``aquafish baseline`` write it, swims episodes in which
-something breaks; what it felt and did, the rewards, and the truth in ``info`` become a dataset. It
-needs ``pip install "minari[hdf5,create]"``.
+something breaks; its observations, actions and rewards, and the truth in ``info``, become a
+dataset. It needs ``pip install "minari[hdf5,create]"``.
 """
 
 from __future__ import annotations

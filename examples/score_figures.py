@@ -1,4 +1,4 @@
-"""Pictures of the scores, and of how the controllers came to them."""
+"""Pictures of the scores, and of the controllers' training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Another robot altogether: a motor pendulum works out its own length and friction.
+"""Another robot: a motor pendulum infers its own length and friction.
 
     python examples/toy_robot.py
 
@@ -48,7 +48,7 @@ class SwingingPendulums(Simulator):
 
 
 class Robot:
-    """The pendulum on the bench: somebody has left it at any angle, and it does not say which."""
+    """The real pendulum, which starts each trial at a hidden random angle."""
 
     def __init__(self, seed: int) -> None:
         self._rng = np.random.default_rng(seed)

@@ -157,7 +157,7 @@ class EvolveConfig:
         object.__setattr__(self, "senses", check_senses(self.senses))
         if self.controller == "fourier" and set(self.senses) != {"clock"}:
             raise InvalidArgumentError(
-                "senses must be clock alone for a fourier gait, which feels nothing; got "
+                "senses must be clock alone for a fourier gait, which observes nothing; got "
                 f"{', '.join(self.senses)}"
             )
         one_of("task", self.task, get_args(TaskName))

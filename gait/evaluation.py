@@ -115,7 +115,7 @@ def evaluate(
     Raises
     ------
     InvalidArgumentError
-        If the agent is none of these, or an argument is wrong.
+        If the agent is not one of these, or an argument is wrong.
 
     Examples
     --------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import pathlib
 import re
+import tokenize
 
 import pytest
 
@@ -28,6 +29,7 @@ BANNED = re.compile(
     r"|\bheld against\b|\bbelieved in\b|\bsays `",
     re.MULTILINE,
 )
+NAMES = ("begun", "told")  # of a parameter, and in the name of a hypothesis in result files
 GENERATED = frozenset({"results", "gap", "recovery"})
 PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
 SOURCES = [file for package in PACKAGES for file in sorted((ROOT / package).rglob("*.py"))]
@@ -111,6 +113,20 @@ def test_nothing_is_left_to_fill_in(file: pathlib.Path) -> None:
 def test_a_page_is_in_plain_english(page: pathlib.Path) -> None:
     text = re.sub(r"<!-- table.*?end of table -->", "", page.read_text(), flags=re.DOTALL)
     assert [found.group() for found in BANNED.finditer(text)] == []
+
+
+def words(file: pathlib.Path) -> str:
+    """Return the comments and the strings of a Python file."""
+    with file.open("rb") as source:
+        tokens = tokenize.tokenize(source.readline)
+        kinds = (tokenize.COMMENT, tokenize.STRING)
+        return "\n".join(token.string for token in tokens if token.type in kinds)
+
+
+@pytest.mark.parametrize("file", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_a_file_is_in_plain_english(file: pathlib.Path) -> None:
+    found = [match.group() for match in BANNED.finditer(words(file))]
+    assert [word for word in found if word not in NAMES] == []
 
 
 def test_the_map_finds_a_missing_symbol() -> None:

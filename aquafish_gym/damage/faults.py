@@ -1,4 +1,4 @@
-"""The table of faults: what can break, how it edits a scenario, and how people say it.
+"""The table of faults: the word, its range, its edit of a scenario, and its description.
 
 A fault is a word about a part, with a number where the word takes one: ``caudal:length=0.5``.
 """

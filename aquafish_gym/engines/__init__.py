@@ -1,4 +1,4 @@
-"""The engines that move the robots: one robot in one water, computed in two ways.
+"""The two engines, PyBullet and the compiled one, which simulate the same robot.
 
 ``base`` simulates whole trials on either, ``worlds`` one robot step by step, ``packages`` knows
 which are installed; ``compiled`` and ``bullet`` are the engines themselves.

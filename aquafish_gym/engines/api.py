@@ -1,4 +1,4 @@
-"""The one door to every engine: what do the IMUs of these robots log for these commands?"""
+"""``simulate``: the IMU logs of robots for given commands, on either engine."""
 
 from __future__ import annotations
 

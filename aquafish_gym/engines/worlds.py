@@ -1,4 +1,4 @@
-"""One robot at a time, commanded step by step: what an environment needs of an engine."""
+"""One robot, commanded step by step on an engine: the world of an environment."""
 
 from __future__ import annotations
 

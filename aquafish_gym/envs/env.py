@@ -33,12 +33,12 @@ ONLY = np.zeros(1, np.intp)  # the one robot among all
 
 
 class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
-    r"""A damaged robot fish that feels its attitude and nothing else.
+    r"""A damaged robot fish that observes its IMU and nothing else.
 
     ## Description
 
     A capsule-shaped robot hangs weightless in water, moved by two pectoral flippers, which turn
-    right round, and a tail fin, which sweeps from side to side. The goal is set by `task`; by
+    full circles, and a tail fin, which sweeps from side to side. The goal is set by `task`; by
     default, to swim forward. The task is hard because the robot does not know its fins' angles,
     what is broken, and what will break.
 

@@ -1,4 +1,4 @@
-"""What a rollout takes and returns: programs, plans, trajectories."""
+"""Arguments and results of a rollout: programs, plans, trajectories."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Path:
 
 @dataclass(frozen=True, eq=False)
 class Trajectories:
-    """What B robots came to in a rollout.
+    """The result of a rollout of B robots.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ class Trajectories:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is to be done, whoever does it."""
+    """A checked rollout, for either loop."""
 
     scenario: Scenario
     task: Task | None

@@ -37,7 +37,7 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
         directory = Path(path)
     except TypeError:
         raise InvalidArgumentError(f"{argument} must be a path; got {brief(path)}") from None
-    if not os.fspath(path):  # Path("") is the current directory, which nobody means by it
+    if not os.fspath(path):  # Path("") is the current directory
         raise InvalidArgumentError(f"{argument} must be a directory; got ''")
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -61,7 +61,7 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files for the owner alone; results are for whoever the umask allows.
+        # mkstemp makes files for the owner alone; results follow the umask.
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(name, 0o666 & ~mask)  # noqa: PTH101 - name is a str from mkstemp
@@ -163,7 +163,7 @@ def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> 
         with os.fdopen(handle, "rb") as file:
             status = os.fstat(file.fileno())
             if not stat.S_ISREG(status.st_mode):
-                raise InvalidArgumentError(f"{argument} must be a regular file; {path} is none")
+                raise InvalidArgumentError(f"{argument} must be a regular file; {path} is not")
             # read() allocates as much as it is asked for, so not most_bytes.
             long = status.st_size > most_bytes
             content = b"" if long else file.read(status.st_size + 1)

@@ -35,7 +35,7 @@ class WorkerDiedError(RuntimeError):
 
 
 def check_workers(count: int | None, scheduler: str | None) -> None:
-    """Refuse what :func:`workers` would refuse, but for a scheduler that does not answer.
+    """Check the arguments of :func:`workers`, except whether the scheduler answers.
 
     Raises
     ------
@@ -62,7 +62,7 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
     Raises
     ------
     InvalidArgumentError, EngineUnavailableError
-        If nobody answers at the address or it has no workers, or dask is not installed.
+        If the scheduler does not answer or has no workers, or dask is not installed.
     """
     check_workers(count, scheduler)
     if scheduler is not None:
@@ -184,7 +184,7 @@ def _cluster(address: str) -> Iterator[Executor]:
         client = connect(address, timeout=_PATIENCE, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InvalidArgumentError(
-            f"scheduler: nobody answers at {address} ({type(error).__name__})"
+            f"scheduler: no answer at {address} ({type(error).__name__})"
         ) from None
     try:
         try:

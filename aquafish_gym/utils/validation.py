@@ -1,4 +1,4 @@
-"""Refusing bad input at the door: what was expected, what came, the nearest valid choice.
+"""Checks of arguments: errors say what was expected, what came, the nearest valid choice.
 
 Every public function checks its arguments with these few helpers, which raise InvalidArgumentError,
 so that every message names the argument and reads alike.

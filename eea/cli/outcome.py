@@ -21,7 +21,7 @@ SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "thre
 def write_outcome(folder: Path, result: Result) -> None:
     """Write a result and its body, and for joint inference the posterior and bodies drawn from it.
 
-    Equal runs give equal files but for times.json, the seconds after which each round ended.
+    Equal runs give equal files except times.json, the seconds after which each round ended.
     """
     document = result.to_dict()
     seconds = [record.pop("seconds") for record in document["rounds"]]

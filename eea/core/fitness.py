@@ -1,4 +1,4 @@
-"""The paper's fitnesses (Eqs. 1, 3, 4), and the scores of a guess and of the nearest genome."""
+"""The paper's fitness functions (Eqs. 1, 3, 4), and the scores of chance and of the best genome."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The one bridge between the algorithm and the fish of ``aquafish_gym``.
+"""The bridge between the algorithms and the fish of ``aquafish_gym``.
 
 The names below are loaded with their rooms when they are first used.
 """

@@ -172,7 +172,7 @@ def estimate_from_logs(
     ConfigurationError
         If there are more rounds than logs, or commands and logs are not equally many.
     InvalidArgumentError
-        If a command is none of the fish's.
+        If a command is not one of the fish's.
     """
     target = ReplayTarget(check_commands(commands), logs)
     if config is None:
@@ -201,7 +201,7 @@ def estimate_morphology(
     target_morphology
         The body before the damage; None is the nominal one.
     damage
-        Its damage, as ``"left_pectoral:length=0.5"``; None is none.
+        Its damage, such as ``"left_pectoral:length=0.5"``; None is no damage.
     config
         Settings; None for joint inference from three trials. The paper's are ``PaperConfig()``,
         Out-of-Band Inference from 25.

@@ -23,7 +23,7 @@ from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Simulate
 from eea.joint.search import Optima, halved, improved, search
 
 ABSENT = 0.02  # of a range: a smaller part is hard to tell from one that does not move
-HOPELESS = 50.0  # in log evidence: hypotheses that are so much worse are not fitted again
+HOPELESS = 50.0  # in log evidence: hypotheses worse by this are not fitted again
 LEAST_PROBABILITY = 1e-4  # less probable hypotheses are left out
 
 

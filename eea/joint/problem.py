@@ -112,7 +112,7 @@ AS_COMMANDED = Hypothesis("every servo does as it is told")
 
 @dataclass(frozen=True)
 class JointProblem:
-    """A robot whose body, nuisances and hidden angles are to be inferred together.
+    """A robot whose body, nuisances and hidden angles are inferred together.
 
     Raises
     ------

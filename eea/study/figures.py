@@ -50,7 +50,7 @@ def save_study_figures(
     Raises
     ------
     UnknownNameError
-        If a format is none of ``FORMATS``.
+        If a format is not in ``FORMATS``.
     """
     for form in formats:
         one_of("format", form, FORMATS)

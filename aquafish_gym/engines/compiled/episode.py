@@ -1,4 +1,4 @@
-"""What a closed loop keeps of each robot between its control steps, and what its policy observes.
+"""State that a closed loop keeps per robot between control steps, and its observations.
 
 An episode's numbers stand in a flat array of one register's robots, row r in entry r; the rows of
 the policy's own memory come after ``ROWS``. The functions are straight-line code for any scalar

@@ -66,7 +66,7 @@ def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -
 
 @functools.cache
 def _helpers(_process: int) -> ThreadPoolExecutor:
-    """Return a process's threads beside the caller's, begun when needed and idle between calls.
+    """Return the process's extra threads, started when needed and idle between calls.
 
     Starting threads takes as long as many a call's work. A fork does not carry them over, so
     they are kept by the process's number.
@@ -265,7 +265,7 @@ class LaneBatch:
     def spectra(
         self, commands: NDArray[np.float64], steps: int, scale: float = 1.0, rates: bool = False
     ) -> Floats:
-        """Hold commands (B, 3) for ``steps``, a power of two; return spectra of what was felt.
+        """Hold commands (B, 3) for ``steps``, a power of two; return the spectra of the gyroscope.
 
         They are (B, 2, F') as ``spectrum.py`` says, of ``scale`` times roll, pitch and yaw in
         rad; or, if ``rates``, of the gyroscope's rad/s about x, y and z, and the attitude is

@@ -1,4 +1,4 @@
-"""What the compiled loop records: samples gathered in blocks, and written out to logs.
+"""Recording in the compiled loop: samples are gathered in blocks and written to logs.
 
 A log is an array (B, channels, T). A block holds some samples of one register's robots, and stays
 in the fastest cache until it is written.

@@ -1,4 +1,4 @@
-"""The Fourier transforms of what robots felt, and how far apart they are, without leaving lanes.
+"""Fourier transforms of gyroscope logs, and the distances between them, inside the lanes.
 
 The time loop (``kernel.py``) keeps each robot's three signals of a trial, its attitude (roll,
 pitch, yaw) or its gyroscope's rates (about x, y, z), side by side in lanes, and
