@@ -108,8 +108,9 @@ def begin_episodes(
         "current": np.array([config.current for config in configs]),
     }
     scenario = edit_each(Scenario.fill(fields, reactive), damages, hold)
-    for robot, fin in np.argwhere(np.isnan(scenario.fin_angles)).tolist():
-        scenario.fin_angles[robot, fin] = rngs[robot].uniform(-math.pi, math.pi)
+    if any(map(len, damages)):  # servos without power leave their angles to be drawn
+        for robot, fin in np.argwhere(np.isnan(scenario.fin_angles)).tolist():
+            scenario.fin_angles[robot, fin] = rngs[robot].uniform(-math.pi, math.pi)
     return scenario, np.array(memories, np.float64).reshape(len(configs), -1)
 
 
