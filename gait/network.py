@@ -9,6 +9,7 @@ nothing but ``+ - * /`` and the primitives of ``arithmetic.py`` is used.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from aquafish_gym.physics.arithmetic import (
@@ -55,7 +56,7 @@ class Senses:
         """The first numbers of a controller's layout, see :func:`respond`."""
         return (int(self.imu), self.clock, int(self.fins), int(self.goal))
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """The inputs, in the order of the weights."""
         axes = [f"{what}_{axis}" for what in ("up", "north", "gyro") for axis in "xyz"]

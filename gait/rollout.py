@@ -23,6 +23,7 @@ from gait.policy import ControllerLike, new_policy
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
 MAXIMUM_POSES = 10_000
 MAXIMUM_THREADS = 1024
+_MODEL_WORLD = WorldConfig()  # made once: its checks take as long as a short swim
 ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 
 # "gait" in ASCII. One seed often serves the environments and the estimation, too, whose streams
@@ -267,7 +268,7 @@ def swim(
 
 def lane_world(world: WorldConfig | None) -> WorldConfig:
     """Return a world without a lag, which batches do not have; None is the default."""
-    world = world or WorldConfig()
+    world = world or _MODEL_WORLD
     if world.lag:
         raise InvalidArgumentError(
             f"world.lag must be 0 in a batch; got {world.lag:g} s. gait.swim has lags"
