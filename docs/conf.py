@@ -1,4 +1,4 @@
-"""Sphinx: ``make docs``. The reference is written from the docstrings of the installed packages."""
+"""Sphinx: ``make docs``. The reference is generated from the docstrings of the packages."""
 
 import ast
 import pathlib
@@ -36,11 +36,19 @@ def tiers() -> str:
     return "\n".join(f"| {' | '.join(row)} |" for row in rows)
 
 
-# The reference's pages are generated, one a module: those of modules that are gone must go.
-for generated in (ROOT / "docs" / "reference").glob("*.*.rst"):
-    module = ROOT.joinpath(*generated.stem.split("."))
-    if not module.is_dir() and not module.with_suffix(".py").exists():
-        generated.unlink()
+def is_gone(page: pathlib.Path) -> bool:
+    """Return whether the module of a page of the reference is gone."""
+    module = ROOT.joinpath(*page.stem.split("."))
+    return not module.is_dir() and not module.with_suffix(".py").exists()
+
+
+# The reference has a generated page for each module, and packages list theirs: all are generated
+# again if a module is gone.
+PAGES = list((ROOT / "docs" / "reference").glob("*.rst"))
+if any(is_gone(page) for page in PAGES if page.stem != "index"):
+    for page in PAGES:
+        if page.stem != "index":
+            page.unlink()
 
 project = "AquaFish"
 html_title = "AquaFish"
@@ -59,7 +67,7 @@ html_css_files = ["site.css"]
 html_theme = "furo"
 myst_enable_extensions = ["colon_fence", "dollarmath", "substitution"]
 myst_heading_anchors = 3
-# Gymnasium's environments are described in Markdown, tables and all: those pages show it as it is.
+# Gymnasium describes environments in Markdown, tables included: those pages show it unchanged.
 myst_substitutions = {
     "aquafish_v0": docstring("aquafish_gym/envs/env.py", "AquaFishEnv"),
     "tiers": tiers(),
@@ -82,7 +90,7 @@ ARRAY = re.compile(
 )
 
 
-# A study's report does not know which study of the paper it is.
+# The titles of the studies' reports, which do not name the study.
 STUDIES = {
     "results/figs-5-to-10/summary": "Figs. 5 to 10, every table",
     "results/ablations/summary": "Ablations, every table",
@@ -99,7 +107,7 @@ def name_study(_app: Sphinx, page: str, source: list[str]) -> None:
 def as_restructured_text(
     _app: Sphinx, _what: str, _name: str, _object: object, _options: object, lines: list[str]
 ) -> None:
-    """Make a docstring fit: |v| is a modulus here, and what is in Markdown has its own page."""
+    """Adapt a docstring: |v| is a modulus, and a Markdown docstring has its own page."""
     if any(line.startswith("## ") for line in lines):
         lines[1:] = ["", "See :doc:`/environments/aquafish-v0`."]
     lines[:] = [BARS.sub(r"\\|", line) for line in lines]
@@ -108,7 +116,7 @@ def as_restructured_text(
 def with_short_types(
     _app: Sphinx, _what: str, _name: str, _object: object, _options: object, *signature: str | None
 ) -> tuple[str | None, ...]:
-    """Write an array's type as the sources do."""
+    """Shorten the types of arrays to those of the sources."""
     return tuple(part and ARRAY.sub(r"NDArray[\1]", part) for part in signature)
 
 
@@ -118,7 +126,7 @@ class LinkedNames(SphinxPostTransform):
     default_priority = 5
 
     def run(self, **_: object) -> None:
-        """Replace every literal that is the whole name of a thing in the reference."""
+        """Link every literal that is a full name in the reference."""
         known = self.env.get_domain("py").objects
         for literal in list(self.document.findall(nodes.literal)):
             found = known.get(literal.astext())
@@ -129,7 +137,7 @@ class LinkedNames(SphinxPostTransform):
 
 
 def setup(app: Sphinx) -> None:
-    """Tell Sphinx of the above."""
+    """Register the above with Sphinx."""
     app.connect("source-read", name_study)
     app.add_post_transform(LinkedNames)
     app.connect("autodoc-process-docstring", as_restructured_text)
