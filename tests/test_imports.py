@@ -1,15 +1,17 @@
-"""Importing a package stays light: the heavy libraries come when they are used."""
+"""Imports: light, without cycles, and from files of one page each."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
 
+import grimp
 import pytest
 
+PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
 HEAVY = ("matplotlib", "mujoco", "pybullet", "stable_baselines3", "torch")
-
-
 # Programs and modules that use a heavy library only when they are asked to.
 MODULES = (
     "aquafish_gym",
@@ -31,3 +33,17 @@ def test_importing_loads_nothing_heavy(module: str) -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
     )
     assert result.stdout.split() == []
+
+
+def test_no_imports_form_a_cycle() -> None:
+    """Deferred and type-only imports included; the error names the cycle."""
+    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
+    imports = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+    TopologicalSorter(imports).prepare()
+
+
+def test_no_product_file_has_over_400_lines() -> None:
+    root = Path(__file__).parents[1]
+    files = [file for name in (*PACKAGES, "examples") for file in (root / name).rglob("*.py")]
+    lengths = {str(f.relative_to(root)): len(f.read_text().splitlines()) for f in files}
+    assert [name for name, length in lengths.items() if length > 400] == []

@@ -27,7 +27,8 @@ def swim_all(
 ) -> Trajectories:
     """Swim all robots in the compiled loop, which stops where some of them change."""
     # numba comes with its engine: importing this module stays quick.
-    from aquafish_gym.engines.compiled.lanes import ClosedLoop, LaneBatch, pack_rows
+    from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
+    from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 
     scenario, task = plan.scenario, plan.task
     if np.any(scenario.servo_lag):
@@ -36,7 +37,7 @@ def swim_all(
         )
     functions = None if task is None else task_functions(task)
     lanes = LaneBatch(scenario, dtype, plan.substeps, threads)
-    loop = ClosedLoop(lanes, program.scratch)
+    loop = ClosedLoop(lanes.batch, lanes.width, dtype, program.scratch)
     loop["fins"], loop["gain"] = fins.T / TAU, gains.T
     judge = None
     if functions is not None and task is not None:
