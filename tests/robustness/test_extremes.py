@@ -1,8 +1,7 @@
-"""The extreme bodies under the roughest commands stay finite, and a robot that does not is told.
+"""Extreme bodies under the roughest commands stay finite; divergence ends only its own robot.
 
-Bang-bang commands jump between -1 and 1, each servo's at random moments. The bodies are all
-corners of the space of bodies (each dimension 0 or its maximum), which holds the bodies of one
-fin, and bodies of paper-thin fins.
+The bodies are all corners of the space of bodies (each dimension 0 or its maximum), some of which
+have one fin, and bodies with fins thinner than paper.
 """
 
 from __future__ import annotations
@@ -17,27 +16,18 @@ import pytest
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.api import simulate, simulate_scenario
+from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.engines.compiled.single import STATE
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import layout
+from aquafish_gym.rollout import one
 from aquafish_gym.scenario import Scenario
-from eea.core.checks import TargetError
-from eea.core.config import PaperConfig
-from eea.core.estimation import EstimationConfig
-from eea.core.experiment import Simulator, Trials
-from eea.core.exploration import Exploration, ExplorationConfig
-from eea.core.genetic import GeneticConfig
-from eea.core.model_evaluator import DIVERGED, ModelEvaluator
-from eea.fish import EngineTarget, fish_actions, fish_eea
-from gait import evolve, rollout
 from gait.controller import Controller
-from gait.fitness import DIVERGED_SPEED
 from gait.network import Senses
-from gait.search import neat
+from gait.rollout import random_poses, swim, swim_all
 from gait.transfer import score
 from tests.verification.trials import one_world
 
@@ -48,7 +38,7 @@ NAN = math.nan
 
 
 def thin_bodies(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
-    """Bodies (count, 9) with some sizes next to nothing."""
+    """Return bodies (count, 9) with some sizes next to nothing."""
     bodies = rng.uniform(0.0, MAXIMA, (count, 9))
     for axis in (THICKNESS, WIDTH, LENGTH):
         thin = rng.random((count, 3)) < 0.5
@@ -57,7 +47,7 @@ def thin_bodies(count: int, rng: np.random.Generator) -> NDArray[np.float64]:
 
 
 def bang_bang(steps: int, count: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Actions (steps, count, 3) of -1 and 1 that switch at each robot's own pace."""
+    """Return actions (steps, count, 3) of -1 and 1 that switch at each servo's own pace."""
     pace = 10.0 ** rng.uniform(-2.5, 0.0, (count, 3))
     switches = rng.random((steps, count, 3)) < pace
     switches[0] = rng.random((count, 3)) < 0.5
@@ -184,14 +174,6 @@ def test_divergence_ends_the_episode(
     calm.close()
 
 
-RUNNERS: dict[str, Callable[[], Any]] = {
-    "pybullet": lambda: AquaFishEnv(engine="pybullet", frame_skip=1),
-    "numba": lambda: AquaFishEnv(engine="numba", frame_skip=1),
-    "lanes, float32": lambda: AquaFishVectorEnv(1, frame_skip=1, dtype="float32"),
-    "lanes, float64": lambda: AquaFishVectorEnv(1, frame_skip=1, dtype="float64"),
-}
-
-
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 @pytest.mark.parametrize("blow", BLOWS)
 def test_divergence_of_one_robot_spares_the_others(blow: str, dtype: str) -> None:
@@ -220,9 +202,7 @@ def test_divergence_of_one_robot_spares_the_others(blow: str, dtype: str) -> Non
 
 
 @pytest.mark.parametrize("engine", ["numba", "pybullet"])
-def test_a_log_is_nan_from_where_a_robot_diverged(
-    engine: str,
-) -> None:
+def test_a_log_is_nan_from_where_a_robot_diverged(engine: str) -> None:
     """A current of 1e200 units/s is more than any arithmetic holds, and no door admits it."""
     robot = Scenario.fill({"body": MAXIMA[None], "current": np.array([[1e200, 1e200, 0.0]])})
     log = simulate_scenario(robot, np.array([[0.5, 0.5, 1.0]]), 40, engine, "float64")
@@ -232,118 +212,28 @@ def test_a_log_is_nan_from_where_a_robot_diverged(
     assert (np.diff(good.astype(int)) <= 0).all()
 
 
-# What a robot that diverged scores.
-
-
-class Sick(Simulator):
-    """A simulator in which some robots diverge, ``late`` steps before the end.
-
-    Those are the robots whose first size is 1.
-    """
-
-    def __init__(self, how: float = NAN, late: int = 8, steps: int = 16) -> None:
-        self.how = how
-        self.late = late
-        self.steps = steps
-
-    def simulate(self, trials: Trials) -> Any:
-        log = simulate(trials.models, trials.commands, trials.angles, steps=self.steps)
-        sick = trials.models[:, 0] == 1.0
-        for samples in (log.rpy, log.gyro):
-            samples[sick, -self.late :] = self.how
-        return log
-
-
-@pytest.mark.parametrize("late", [1, 8])
-@pytest.mark.parametrize("how", [NAN, math.inf])
-def test_a_candidate_that_diverged_is_like_nothing(how: float, late: int) -> None:
-    """``eea.core.model_evaluator``: its sim is DIVERGED, far below any other."""
-    evaluator = ModelEvaluator(Sick(how, late), 16, 3)
-    bodies = np.tile(MAXIMA / 2, (3, 1))
-    bodies[1, 0] = 1.0
-    commands, angles = np.tile([0.2, 0.3, 0.5], (3, 1)), np.zeros((3, 3))
-    observed = evaluator.behaviors(Trials(bodies[:1], commands[:1], angles[:1]))
-    trials = Trials(bodies, commands, angles)
-    similarity = evaluator.similarities(trials, observed, np.zeros(3, np.intp))
-    assert similarity[1] == DIVERGED
-    assert similarity[[0, 2]] == pytest.approx(1.0)
-
-
-def test_a_command_under_which_a_model_diverges_is_chosen_last() -> None:
-    """``eea.core.exploration``: its ACT_FIT is -1, below all others."""
-    exploration = Exploration(
-        fish_actions(),
-        3,
-        ModelEvaluator(Sick(), 16, 3),
-        ExplorationConfig(),
-        GeneticConfig(),
-    )
-    models = np.array([0.2, 0.4, 0.6])[:, None] * MAXIMA
-    commands = np.array([[0.2, 0.3, 0.5], [-0.5, 0.5, 1.0]])
-    fitness = exploration._disagreement(models, commands)
-    assert (fitness >= 0).all()
-    models[1, 0] = 1.0
-    assert (exploration._disagreement(models, commands) == -1.0).all()
-
-
-def test_a_target_that_diverges_is_an_error_and_leaves_no_trace() -> None:
-    """A real robot does not; a log with NaN is no measurement."""
-
-    class Broken(EngineTarget):
-        sick = False
-
-        def perform(self, command: Any) -> Any:
-            log = super().perform(command)
-            if self.sick:
-                log.gyro[:, -1] = NAN
-            return log
-
-    config = PaperConfig(
-        condition="none",
-        rounds=2,
-        steps=16,
-        estimation=EstimationConfig(population=4, generations=2),
-        exploration=ExplorationConfig(population=4, generations=2),
-    )
-    target = Broken(steps=16, engine="numba", rng=np.random.default_rng(0))
-    eea = fish_eea(target, config)
-    rounds = iter(eea)
-    next(rounds)
-    target.sick = True
-    with pytest.raises(TargetError, match="must be finite"):
-        next(rounds)
-    assert len(eea.result.rounds) == 1
-    target.sick = False
-    assert len(eea.run().rounds) == 2
-
-
-def steady(clock: float = 0.7) -> Controller:
+def steady() -> Controller:
+    """Return a controller that always acts alike."""
     return Controller(
         weights=np.zeros((3, len(Senses().names) + 3)),
         bias=np.ones(3),
         response=np.ones(3),
-        clock=clock,
+        clock=0.7,
         morphology=Morphology.nominal(),
         seed=0,
     )
 
 
-def sicken(monkeypatch: pytest.MonkeyPatch, robot: int) -> None:
-    """Let one robot of every batch in the lanes diverge."""
-
+def test_a_swim_of_a_batch_that_diverged_has_no_distance(monkeypatch: pytest.MonkeyPatch) -> None:
     class SickBatch(lanes.LaneBatch):
         def run(self, *args: Any, **kwargs: Any) -> Any:
-            if robot < self.batch:
-                self._table(self._states, layout.STATE_ROWS)[layout.FIELDS["spin"], robot] = NAN
+            if self.batch > 1:
+                self._table(self._states, layout.STATE_ROWS)[layout.FIELDS["spin"], 1] = NAN
             return super().run(*args, **kwargs)
 
     monkeypatch.setattr(lanes, "LaneBatch", SickBatch)
-
-
-def test_a_swim_that_diverged_has_no_distance(monkeypatch: pytest.MonkeyPatch) -> None:
-    sicken(monkeypatch, robot=1)
-    poses = rollout.random_poses(3, 0)
-    distances = rollout.swim_all([steady()], None, poses, seconds=1.0)
+    poses = random_poses(3, 0)
+    distances = swim_all([steady()], None, poses, seconds=1.0)
     assert np.isnan(distances).tolist() == [[False, True, False]]
     scored = score(steady(), None, poses, engine="numba", seconds=1.0)
     assert math.isnan(scored.random_distance)
@@ -361,36 +251,15 @@ def test_a_single_swim_that_diverged_ends_in_nan(
         def __getattr__(self, name: str) -> Any:
             return getattr(self.world, name)
 
-        def advance(self, command: Any, steps: int = 1) -> None:
-            self.steps += steps
-            if self.steps > 20:
-                command = (1e250, 1e250, 0.0)  # a servo that turns that fast
-            self.world.advance(command, steps)
+        def advance(self, command: Any) -> None:
+            self.steps += 1
+            # From then on, a servo that turns that fast.
+            self.world.advance(command if self.steps <= 20 else (1e250, 1e250, 0.0))
 
-    monkeypatch.setattr(rollout, "make_world", lambda *_, **__: SickWorld())
-    swim = rollout.swim(steady(), None, engine=engine, seconds=1.0)
-    assert math.isnan(swim.distance)
-    assert swim.time[-1] == 1.0
-    assert np.isfinite(swim.position[:-1]).all()
-
-
-def test_a_controller_that_diverges_is_the_worst_of_its_generation(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """``gait.evolve``: it scores as DIVERGED_SPEED, worse than any that swam."""
-    told: list[list[float]] = []
-    tell = neat.Evolution.tell
-
-    def listen(self: Any, fitness: Any) -> None:
-        told.append(list(fitness))
-        tell(self, fitness)
-
-    monkeypatch.setattr(neat.Evolution, "tell", listen)
-    sicken(monkeypatch, robot=7)
-    config = evolve.EvolveConfig(generations=2, population=12, poses=0, seconds=2.0, paper=True)
-    result = evolve.evolve_gait(None, config)
-    for fitness in told:
-        assert int(np.argmin(fitness)) == 7
-        assert fitness[7] == DIVERGED_SPEED * 2.0
-    assert math.isfinite(result.fitness)
-    assert result.fitness > DIVERGED_SPEED * 2.0
+    monkeypatch.setattr(one, "make_world", lambda *_: SickWorld())
+    path = swim(steady(), None, engine=engine, seconds=1.0)
+    assert math.isnan(path.distance)
+    assert path.time[-1] == 1.0
+    good = np.isfinite(path.position).all(axis=1)
+    assert good[:5].all()
+    assert not good[5:].any()
