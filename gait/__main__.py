@@ -1,12 +1,23 @@
-"""``python -m gait evolve``, ``transfer`` and ``baseline``: see ``gait.cli``."""
+"""The command line: ``python -m gait evolve --out DIR``, ``transfer`` and ``baseline``."""
+
+from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+
+from aquafish_gym.command_line import Commands, run_command_line
+
+COMMANDS: Commands = {
+    "evolve": ("gait.cli:Evolve", "evolve a gait for a body, or for a sample of bodies"),
+    "transfer": ("gait.cli:TransferCommand", "swim a gait on another body"),
+    "baseline": ("gait.cli:BaselineCommand", "learn a task with PPO of stable-baselines3"),
+}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line; return the exit code, see ``run_command_line``."""
+    return run_command_line("gait", COMMANDS, arguments)
+
 
 if __name__ == "__main__":
-    try:
-        from gait.cli import main
-
-        sys.exit(main())
-    except KeyboardInterrupt:  # while importing
-        print("gait: interrupted", file=sys.stderr)
-        sys.exit(130)
+    sys.exit(main())

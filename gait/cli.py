@@ -19,13 +19,11 @@ from aquafish_gym.command_line import (
     RESUMES,
     BodiesFile,
     BodyDamage,
-    Commands,
     EpisodeDamage,
     Out,
     TargetDamage,
     TargetMorphology,
     read_morphology,
-    run_command_line,
 )
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import check_engine
@@ -227,13 +225,6 @@ class BaselineCommand:
         )
 
 
-COMMANDS: Commands = {
-    "evolve": (Evolve, "evolve a gait for a body, or for a sample of bodies"),
-    "transfer": (TransferCommand, "swim a gait on another body"),
-    "baseline": (BaselineCommand, "learn a task with PPO of stable-baselines3"),
-}
-
-
 def _bodies(command: Evolve | BaselineCommand, damage: Damage) -> list[Morphology]:
     """Return the bodies of a command, with its damage."""
     file = command.morphology
@@ -286,8 +277,3 @@ def _row_text(row: Generation) -> str:
 
 def _point_text(point: CurvePoint) -> str:
     return f"training {point.training:6.2f}  score {point.score:6.2f}"
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command line; return the exit code."""
-    return run_command_line("gait", COMMANDS, arguments)

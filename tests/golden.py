@@ -132,7 +132,7 @@ def eea(*words: str) -> Callable[[Path], None]:
 
 def gait(*words: str) -> Callable[[Path], None]:
     def run(out: Path) -> None:
-        from gait.cli import main
+        from gait.__main__ import main
 
         command(main, words, out)
 
@@ -192,7 +192,7 @@ NEAT = ("evolve", "--search", "neat", "--seed", "1", "--restarts", "2", "--gener
         "--cma-generations", "2", "--population", "10", "--poses", "2")  # fmt: skip
 RECOVER = ("recover", "--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6",
            "--angle-sets", "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
-           "--search-generations", "3", "--search-starts", "1", "--screened", "10",
+           "--search-generations", "3", "--search-restarts", "1", "--random-candidates", "10",
            "--search-population", "10", "--direct-generations", "2", "--poses", "2", "--seconds",
            "2", "--target-engine", "numba", "--no-film", "--workers", "1")  # fmt: skip
 RESULT = document("result.json", "morphology", "truth", "rounds", "stopped")

@@ -90,9 +90,9 @@ class Recover:
     """Generations of the recommended search, CMA-ES."""
     search_population: int = 24
     """Gaits a generation of CMA-ES."""
-    search_starts: int = 6
+    search_restarts: int = 6
     """Starts of CMA-ES."""
-    screened: int = 1200
+    random_candidates: int = 1200
     """Random gaits that the starts are chosen from."""
     direct_generations: int = 400
     """Generations of the search on the robot itself: 24 gaits of two swims each."""
@@ -187,8 +187,8 @@ class Recover:
             search="cma",
             generations=self.search_generations,
             population=self.search_population,
-            restarts=self.search_starts,
-            random_candidates=self.screened,
+            restarts=self.search_restarts,
+            random_candidates=self.random_candidates,
             **common,
         )
         neat = EvolveConfig(

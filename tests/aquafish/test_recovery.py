@@ -32,7 +32,8 @@ if importlib.util.find_spec("pybullet"):
 SCRIPT = Path(__file__).parents[2] / "examples" / "damage_recovery.py"
 SMALL = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6", "--angle-sets",
          "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
-         "--search-generations", "3", "--search-starts", "1", "--screened", "10",
+         "--search-generations", "3", "--search-restarts", "1", "--random-candidates",
+         "10",
          "--search-population", "10", "--direct-generations", "2", "--poses", "2",
          "--seconds", "2", "--target-engine", "numba", "--no-film")  # fmt: skip
 
@@ -86,7 +87,7 @@ def test_the_report_holds_every_treatment(study: Path) -> None:
     assert fitness["joint"] == fitness["joint-fins"]  # one self-model, two gaits
     assert fitness["undamaged"] == pytest.approx(1 - 0.4 / 9)
     trials = {name: row["trials"] for name, row in report["treatments"].items()}
-    swims = 2 * (24 + 2 * 24)  # of the screened networks, and of two generations
+    swims = 2 * (24 + 2 * 24)  # of the random candidates, and of two generations
     modelled = {"none": 2, "out-of-band": 2, "joint": 1, "joint-fins": 1, "direct": swims}
     assert trials == dict.fromkeys(TREATMENTS, 0) | modelled
     for outcome in report["replicates"]["joint"]:

@@ -10,7 +10,7 @@ import pytest
 
 import aquafish.cli
 import eea.__main__
-import gait.cli
+import gait.__main__
 
 ROOT = pathlib.Path(__file__).parents[2]
 PAGES = sorted(
@@ -20,9 +20,12 @@ PAGES = sorted(
 )
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PROGRAMS = {
-    "aquafish": (aquafish.cli.main, aquafish.cli.COMMANDS),
+    "aquafish": (
+        aquafish.cli.main,
+        {"recover", *eea.__main__.COMMANDS, *gait.__main__.COMMANDS},
+    ),
     "python -m eea": (eea.__main__.main, eea.__main__.COMMANDS),
-    "python -m gait": (gait.cli.main, gait.cli.COMMANDS),
+    "python -m gait": (gait.__main__.main, gait.__main__.COMMANDS),
 }
 
 
