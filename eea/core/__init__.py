@@ -24,7 +24,6 @@ from eea.core.experiment import (
 )
 from eea.core.genome import BitLayout, Variable, action_layout, model_layout
 from eea.core.problem import Problem
-from eea.core.replay import ReplayTarget
 from eea.core.result import Result
 from eea.core.session import streams
 
@@ -39,7 +38,6 @@ __all__ = [
     "Performed",
     "Problem",
     "RecordedLog",
-    "ReplayTarget",
     "Result",
     "RevealingTarget",
     "Simulator",

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from eea.fish.estimate import (
         MorphologyEstimate,
-        estimate_from_logs,
         estimate_morphology,
         estimate_morphology_of,
         fish_actions,
@@ -36,7 +35,6 @@ __all__ = [
     "MorphologyEstimate",
     "RealityGap",
     "SwimLog",
-    "estimate_from_logs",
     "estimate_morphology",
     "estimate_morphology_of",
     "fins_after",

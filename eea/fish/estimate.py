@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from eea.core.algorithm import EEA
-from eea.core.behavior import Log, gyro_samples
-from eea.core.checks import at_most
 from eea.core.config import Config, JointConfig, checked_config
 from eea.core.experiment import Target
 from eea.core.genome import BitLayout, action_layout, model_layout
 from eea.core.problem import Problem
-from eea.core.replay import ReplayTarget
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish.gap import RealityGap
@@ -60,11 +57,6 @@ class MorphologyEstimate(Result):
     True
     """
 
-    @classmethod
-    def of(cls, result: Result) -> MorphologyEstimate:
-        """Return a result of the fish as an estimate."""
-        return cls(**vars(result))
-
     @property
     def morphology(self) -> Morphology:
         """The last round's best model."""
@@ -85,7 +77,7 @@ class MorphologyEstimate(Result):
 
 def fish_eea(
     target: Target,
-    config: Config,
+    config: Config | None = None,
     seed: int = 0,
     truth: Morphology | ArrayLike | None = None,
     **simulator: Unpack[SimulatorOptions],
@@ -96,8 +88,10 @@ def fish_eea(
     ----------
     target
         Performs commands: an ``EngineTarget``, or a robot in a tank.
-    config, seed
-        Settings, and the replicate's seed.
+    config
+        Settings; None for joint inference from three trials.
+    seed
+        The replicate's seed.
     truth
         The target's body, if known, for OBJ_FIT in the records: a ``Morphology``, fin ->
         (x, y, z), or nine numbers.
@@ -136,51 +130,11 @@ def estimate_morphology_of(
         (1, steps, 3). If it executed another command, it returns ``eea.Performed(log, command)``.
     progress
         Called with each round's record.
-    config
-        Settings; None for joint inference from three trials.
-    seed, truth, **simulator
+    config, seed, truth, **simulator
         See ``fish_eea``.
     """
-    session = fish_eea(target, checked_config(config), seed, truth, **simulator)
-    return MorphologyEstimate.of(session.run(progress))
-
-
-def estimate_from_logs(
-    commands: ArrayLike,
-    logs: Sequence[Log],
-    config: Config | None = None,
-    seed: int = 0,
-    progress: Progress | None = None,
-    truth: Morphology | ArrayLike | None = None,
-    **simulator: Unpack[SimulatorOptions],
-) -> MorphologyEstimate:
-    """Infer the body of a robot from a recorded session.
-
-    Parameters
-    ----------
-    commands
-        The executed commands, shape (E, 3), rev/s, rev/s and Hz.
-    logs
-        A log for each; see ``estimate_morphology_of``. ``SwimLog.trials`` returns both.
-    config
-        Settings; None for joint inference, with as many rounds as logs, of the logs' length.
-    seed, progress, truth, **simulator
-        See ``estimate_morphology_of``.
-
-    Raises
-    ------
-    ConfigurationError
-        If there are more rounds than logs, or commands and logs are not equally many.
-    InvalidArgumentError
-        If a command is not one of the fish's.
-    """
-    target = ReplayTarget(check_commands(commands), logs)
-    if config is None:
-        samples = gyro_samples(logs[0], source="the first of logs")
-        config = JointConfig(rounds=len(target), steps=samples.shape[1])
-    config = checked_config(config)
-    at_most("config.rounds", config.rounds, "the number of logs", len(target))
-    return estimate_morphology_of(target, config, seed, progress, truth, **simulator)
+    session = fish_eea(target, config, seed, truth, **simulator)
+    return MorphologyEstimate(**vars(session.run(progress)))
 
 
 def estimate_morphology(

@@ -53,4 +53,4 @@ class SpectralComparer:
     def _spectra(self, trials: Trials) -> NDArray[np.floating]:
         scenario = Scenario.create(trials.models, fin_angles=trials.angles, current=self.current)
         lanes = LaneBatch(scenario, getattr(np, self.dtype), self.substeps, self.threads)
-        return lanes.spectra(check_commands(trials.commands), self.steps, DEGREES, rates=True)
+        return lanes.spectra(check_commands(trials.commands), self.steps, DEGREES)

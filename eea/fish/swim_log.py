@@ -11,11 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, fits, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, fits
 from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
-from eea.core.experiment import RecordedLog
-from eea.core.replay import ReplayTarget
 
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 COLUMNS = ("time", *GYRO, *SERVOS)  # of a table; "trial" may follow
@@ -83,16 +81,20 @@ class SwimLog:
             For each trial the command that it holds, (3,) in rev/s, rev/s and Hz, or a command
             for each sample, (T, 3), executed in the 0.01 s before it.
         logs
-            As many logs with ``gyro`` (T, 3); see ``estimate_from_logs``.
+            As many logs with ``gyro`` (T, 3) or (1, T, 3), rad/s.
         moving
             Whether the trials begin in mid-swim; otherwise a row at rest precedes the samples.
 
         Raises
         ------
-        ConfigurationError, TargetError, InvalidArgumentError
+        TargetError, InvalidArgumentError
             If commands and logs are not equally many or long, or one is no log of this fish.
         """
-        ReplayTarget(np.zeros((len(commands), 3)), logs)  # checks that there are equally many
+        if not len(commands) == len(logs) > 0:
+            raise InvalidArgumentError(
+                "commands and logs must be equally many, and at least one; "
+                f"got {len(commands)} and {len(logs)}"
+            )
         time, gyro, executed = [], [], []
         for number, (command, log) in enumerate(zip(commands, logs, strict=True), 1):
             samples = gyro_samples(log, axes=3, source=f"trial {number}")[0]
@@ -132,35 +134,6 @@ class SwimLog:
     def name(self, index: int) -> str:
         """Return the name of a trial, counted from 0, by its own number."""
         return f"trial {self.trial[self.blocks[index].start]}"
-
-    def trials(self, steps: int) -> tuple[Floats, list[RecordedLog]]:
-        """Return commands (E, 3) and logs of ``steps`` samples of 0.01 s, for any condition.
-
-        Readings at other times are interpolated linearly, which correlates their noise;
-        ``infer_log`` uses them as they are.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If a trial is shorter, or its command changes.
-        """
-        ends = _ends(integer("steps", steps, 2) + 1)[1:]
-        held, logs = [], []
-        for index, rows in enumerate(self.blocks):
-            time, executed = self.time[rows] - self.time[rows.start], self.commands[rows]
-            if time[-1] < ends[-1] - 0.5 * TIMESTEP:
-                raise InvalidArgumentError(
-                    f"steps must be at most {round(time[-1] / TIMESTEP)}, as many as "
-                    f"{self.name(index)} has; got {steps}"
-                )
-            if (executed[:-1] != executed[0]).any():
-                raise InvalidArgumentError(
-                    f"{self.name(index)} must hold one command; it changes (use infer_log)"
-                )
-            felt = np.stack([np.interp(ends, time, axis) for axis in self.gyro[rows].T], axis=1)
-            held.append(executed[0])
-            logs.append(RecordedLog(gyro=felt))
-        return np.array(held), logs
 
 
 def _ends(count: int) -> Floats:

@@ -11,7 +11,6 @@ from aquafish_gym import simulate
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import RecordedLog, SwimLog, infer_log, read_log, write_log
-from eea.core.checks import ConfigurationError
 from eea.fish.interpolation import cubic_weights
 from eea.fish.swim_log import COLUMNS
 from eea.fish.windows import log_windows
@@ -37,24 +36,17 @@ def test_a_log_comes_back_from_a_file_to_the_bit(name, tmp_path):
     assert same(read_log(tmp_path / name), recorded())
 
 
-def test_trials_of_a_log_are_those_that_were_recorded():
+def test_a_log_holds_the_samples_and_a_row_at_rest_before_them():
     gyro = simulate(None, COMMANDS, (0.3, 1.0, -2.0), 128, dtype="float64", record="gyro").gyro
     log = recorded(128)
     assert (len(log), log.seconds) == (2, pytest.approx((1.28, 1.28)))
-    commands, logs = log.trials(steps=64)
-    assert commands.tolist() == [list(c) for c in COMMANDS]
-    np.testing.assert_allclose([one.gyro for one in logs], gyro[:, :64], atol=1e-12)
-    with pytest.raises(InvalidArgumentError, match="steps must be at most 128"):
-        log.trials(steps=256)
-    changing = log.commands.copy()
-    changing[20] = 0.1
-    with pytest.raises(InvalidArgumentError, match="trial 1 must hold one command"):
-        recorded(128, commands=changing).trials(steps=64)
+    assert np.array_equal(log.gyro.reshape(2, 129, 3)[:, 1:], gyro)
+    assert not log.gyro.reshape(2, 129, 3)[:, 0].any()
 
 
 def test_commands_and_logs_must_match():
     logs = [RecordedLog(np.zeros((64, 3)))] * 2
-    with pytest.raises(ConfigurationError, match="equally many"):
+    with pytest.raises(InvalidArgumentError, match="equally many"):
         SwimLog.of_trials(COMMANDS[:1], logs)
     with pytest.raises(InvalidArgumentError, match="one for each of its 64 samples; got 63"):
         SwimLog.of_trials([np.full((63, 3), 0.1)] * 2, logs)

@@ -29,30 +29,26 @@ WIDTHS = [
     for width in (1, 4, 8, 16)
 ]  # fmt: skip
 dtypes = pytest.mark.parametrize("dtype", ROUNDING)
-both_signals = pytest.mark.parametrize("rates", [False, True], ids=["attitude", "rates"])
 
 
-def spectra(
-    steps: int, dtype: type[np.floating], rates: bool = False, **kwargs: object
-) -> np.ndarray:
+def spectra(steps: int, dtype: type[np.floating], **kwargs: object) -> np.ndarray:
     t = random_trials(COUNT, 0)
     batch = lane_batch(t.morphologies, t.fin_angles, dtype=dtype, **kwargs)  # type: ignore[arg-type]
-    return batch.spectra(t.commands, steps, scale=2.0, rates=rates)
+    return batch.spectra(t.commands, steps, scale=2.0)
 
 
-def by_numpy(steps: int, dtype: type[np.floating], rates: bool = False) -> np.ndarray:
+def by_numpy(steps: int, dtype: type[np.floating]) -> np.ndarray:
     t = random_trials(COUNT, 0)
     batch = lane_batch(t.morphologies, t.fin_angles, dtype=dtype)
-    log = batch.advance(t.commands, steps, "attitude")
-    samples = 2.0 * np.asarray(log.gyro if rates else log.rpy, dtype=np.float64)
+    log = batch.advance(t.commands, steps, "gyro")
+    samples = 2.0 * np.asarray(log.gyro, dtype=np.float64)
     return np.fft.rfft(samples.transpose(0, 2, 1), axis=-1).reshape(COUNT, -1)
 
 
-@both_signals
 @dtypes
 @pytest.mark.parametrize("steps", [4, 8, 16, 64, 512, 1024])
-def test_the_transform_is_numpys(steps: int, dtype: type[np.floating], rates: bool) -> None:
-    found, expected = spectra(steps, dtype, rates), by_numpy(steps, dtype, rates)
+def test_the_transform_is_numpys(steps: int, dtype: type[np.floating]) -> None:
+    found, expected = spectra(steps, dtype), by_numpy(steps, dtype)
     count = coefficients(steps)
     assert found.shape == (COUNT, 2, padded(steps))
     assert expected.shape[1] == count
@@ -76,52 +72,46 @@ def test_distances_are_those_of_the_coefficients(dtype: type[np.floating]) -> No
     np.testing.assert_allclose(pairs, naive, rtol=10 * ROUNDING[dtype])
 
 
-@both_signals
 @dtypes
-def test_no_spectrum_depends_on_threads_or_batch(dtype: type[np.floating], rates: bool) -> None:
-    whole = spectra(32, dtype, rates)
-    np.testing.assert_array_equal(spectra(32, dtype, rates, threads=3), whole)
+def test_no_spectrum_depends_on_threads_or_batch(dtype: type[np.floating]) -> None:
+    whole = spectra(32, dtype)
+    np.testing.assert_array_equal(spectra(32, dtype, threads=3), whole)
     # Only work that is worth it is split.
     width = QUICK_WIDTHS[dtype]
-    one, three = (spectra(512, dtype, rates, width=width, threads=threads) for threads in (1, 3))
+    one, three = (spectra(512, dtype, width=width, threads=threads) for threads in (1, 3))
     np.testing.assert_array_equal(three, one)
     t = random_trials(COUNT, 0)
     some = lane_batch(t.morphologies[9:12], t.fin_angles[9:12], dtype=dtype)
-    np.testing.assert_array_equal(some.spectra(t.commands[9:12], 32, 2.0, rates), whole[9:12])
+    np.testing.assert_array_equal(some.spectra(t.commands[9:12], 32, 2.0), whole[9:12])
 
 
-@both_signals
 @pytest.mark.parametrize(("dtype", "width"), WIDTHS)
-def test_no_spectrum_depends_on_the_width(
-    dtype: type[np.floating], width: int, rates: bool
-) -> None:
-    found = spectra(32, dtype, rates, width=width)
-    np.testing.assert_array_equal(found, spectra(32, dtype, rates))
+def test_no_spectrum_depends_on_the_width(dtype: type[np.floating], width: int) -> None:
+    np.testing.assert_array_equal(spectra(32, dtype, width=width), spectra(32, dtype))
 
 
 @dtypes
-def test_those_of_the_rates_leave_an_attitude_in_the_state(dtype: type[np.floating]) -> None:
+def test_spectra_leave_an_attitude_in_the_state(dtype: type[np.floating]) -> None:
     t = random_trials(COUNT, 0)
     batches = [lane_batch(t.morphologies, t.fin_angles, dtype=dtype) for _ in range(2)]
     for batch in batches:
         batch.advance(t.commands, 20)
-    for batch, rates in zip(batches, (False, True), strict=True):
-        batch.spectra(t.commands, 32, rates=rates)
+    batches[0].advance(t.commands, 32, "attitude")
+    batches[1].spectra(t.commands, 32)
     felt, after = (batch.state() for batch in batches)
     np.testing.assert_allclose(rotations(after["rpy"]), rotations(felt["rpy"]), atol=1e-5)
     for name in felt.keys() - {"rpy"}:
         np.testing.assert_array_equal(after[name], felt[name])
 
 
-@both_signals
-def test_a_robot_that_diverges_has_no_finite_spectrum_and_spoils_no_other(rates: bool) -> None:
+def test_a_robot_that_diverges_has_no_finite_spectrum_and_spoils_no_other() -> None:
     t = random_trials(COUNT, 0)
     batch = lane_batch(t.morphologies, t.fin_angles)
     batch._table(batch._states, 25)[10, 3] = 1e30  # spins
-    found = batch.spectra(t.commands, 32, 2.0, rates)
+    found = batch.spectra(t.commands, 32, 2.0)
     assert not np.isfinite(distances(found, found[:1].copy(), np.zeros(COUNT, int))[3])
     others = np.arange(COUNT) != 3
-    np.testing.assert_array_equal(found[others], spectra(32, np.float32, rates)[others])
+    np.testing.assert_array_equal(found[others], spectra(32, np.float32)[others])
 
 
 @pytest.mark.parametrize("steps", [2, 12, 100])

@@ -129,7 +129,7 @@ def compile_kernel(
             np.empty(3 * BLOCK * width, parameters.dtype),
         )
         series = np.empty(3 * steps * width if record & SPECTRUM else 0, parameters.dtype)
-        rates_only = record & ~SPECTRUM == GYRO
+        rates_only = record in (GYRO, SPECTRUM)
         dt = interval * TIMESTEP
         for group in range(begin, end):
             robot = fetch_robot(parameters, 0, group, groups, zero)
@@ -187,7 +187,7 @@ def compile_kernel(
                         put_memory(kept, remember(task, done))
                 # ... and what is asked for is recorded.
                 if record & SPECTRUM:
-                    put_vector(series, 0, t, steps, scale(unit, state.spin if rates_only else rpy))
+                    put_vector(series, 0, t, steps, scale(unit, state.spin))
                 elif record:
                     put_sample(blocks, record, in_block, rpy, state, speeds)
                     in_block += 1

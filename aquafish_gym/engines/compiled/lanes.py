@@ -200,15 +200,12 @@ class LaneBatch:
             diverged=self.diverged(),
         )
 
-    def spectra(
-        self, commands: NDArray[np.float64], steps: int, scale: float = 1.0, rates: bool = False
-    ) -> Floats:
+    def spectra(self, commands: NDArray[np.float64], steps: int, scale: float = 1.0) -> Floats:
         """Hold commands (B, 3) for ``steps``, a power of two; return the spectra of the gyroscope.
 
-        They are (B, 2, F') as ``spectrum.py`` says, of ``scale`` times roll, pitch and yaw in
-        rad; or, if ``rates``, of the gyroscope's rad/s about x, y and z, and the attitude is
-        then computed at the end alone, as in :meth:`run`. Spectra of robots that diverged are
-        not finite.
+        They are (B, 2, F') as in ``spectrum.py``, of ``scale`` times the rad/s about x, y and z.
+        The attitude is computed only at the end, as in :meth:`run`. Spectra of robots that diverged
+        are not finite.
 
         Raises
         ------
@@ -220,7 +217,7 @@ class LaneBatch:
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
         program = (self._pack_commands(commands), _NO_LAYOUT)
         output = (self._logs(), spectra, roots_of_unity(steps, self._dtype_name), scale)
-        self._run(hold, program, steps, (steps, 0), output, SPECTRUM | GYRO if rates else SPECTRUM)
+        self._run(hold, program, steps, (steps, 0), output, SPECTRUM)
         return spectra[: self.batch]
 
     def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Floats, ...]:

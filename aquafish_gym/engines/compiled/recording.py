@@ -16,8 +16,8 @@ from aquafish_gym.physics.layout import put_vector
 BLOCK = 16  # samples
 WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
 
-# What to record, as bits. SPECTRUM alone is that of roll, pitch and yaw; with GYRO it is that of
-# the rates. Where GYRO alone is recorded, the attitude is computed at the end alone.
+# What to record, as bits. SPECTRUM is the gyroscope's. Where it or GYRO is recorded alone, the
+# attitude is computed only at the end.
 RPY, GYRO, POSE, SPECTRUM, COMMANDS = 1, 2, 4, 8, 16
 # The channels of each log, in the order of the logs.
 CHANNELS = {RPY: 3, GYRO: 3, POSE: 10, COMMANDS: 3}

@@ -1,10 +1,9 @@
 """Fourier transforms of gyroscope logs, and the distances between them, inside the lanes.
 
-The time loop (``kernel.py``) keeps each robot's three signals of a trial, its attitude (roll,
-pitch, yaw) or its gyroscope's rates (about x, y, z), side by side in lanes, and
-:func:`write_spectrum` transforms them there: a real transform of T samples, T a power of two, as
-a complex one of T / 2 by Stockham's algorithm, which needs no bit reversal, in steps of four (and
-one of two where T / 2 is no power of four).
+The time loop (``kernel.py``) keeps the rates about x, y and z of each robot's trial side by side in
+lanes, and :func:`write_spectrum` transforms them there: a real transform of T samples, T a power of
+two, as a complex one of T / 2 by Stockham's algorithm, which needs no bit reversal, in steps of
+four (and one of two where T / 2 is no power of four).
 
 A batch's **spectra** are an array (B, 2, F'): real and imaginary parts of the T / 2 + 1
 coefficients of each signal in turn, filled up with zeros to a multiple of 16.

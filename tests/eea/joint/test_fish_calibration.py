@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym.morphology import FINS
-from eea import FitConfig, JointConfig, RecordedLog, estimate_from_logs, fish_problem
+from eea import FitConfig, RecordedLog, SwimLog, fish_problem, infer_log
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
 from eea.joint.commands import fast_command
@@ -73,14 +73,13 @@ SLOW = np.array([0.4, -0.3, 0.002])  # the tail hardly beats: was it on its way 
 
 
 def test_both_of_two_answers_are_kept():
-    config = JointConfig(**vars(QUICK), steps=128, rounds=1)
     setting = Setting("a slow tail", 3, trials=1, steps=128)
     for number in range(setting.robots):
         rng = np.random.default_rng([3, number])
         robot = Robot(setting, SPANS * rng.uniform(0.3, 0.9, 9), NOMINAL, rng, rng)
         robot.perform(SLOW)
-        logs = [RecordedLog(gyro=robot.logs[0][None])]
-        belief = estimate_from_logs([SLOW], logs, config, number, threads=1).belief
+        log = SwimLog.of_trials([SLOW], [RecordedLog(robot.logs[0])])
+        belief = infer_log(log, QUICK, number, threads=1).belief
         posterior = belief.branches[0].posterior
         phase = posterior.draws[:, posterior.names.index("caudal@1")]
         assert 0.15 < np.mean(np.cos(phase) > 0.0) < 0.85

@@ -17,11 +17,9 @@ from eea import (
     RecordedLog,
     SwimLog,
     TargetError,
-    estimate_from_logs,
     estimate_morphology,
     estimate_morphology_of,
-    read_log,
-    write_log,
+    infer_log,
 )
 from eea.core.session import streams
 from eea.fish.plots import posterior_figure
@@ -133,25 +131,15 @@ def test_without_a_posterior_there_is_no_picture_and_no_interval():
     assert "interval" not in repr(plain)
 
 
-def test_a_recorded_session_gives_the_live_runs_posterior(tmp_path):
-    robot = Saturated(seed=2)
-    live = estimate_morphology_of(robot, QUICK, seed=2)
-    assert not np.array_equal(robot.asked, robot.executed), "the robot did as it was told"
-    write_log(tmp_path / "swim.csv", SwimLog.of_trials(robot.executed, robot.logs))
-    commands, logs = read_log(tmp_path / "swim.csv").trials(steps=64)
-    again = estimate_from_logs(commands, logs, QUICK, seed=2)
-    assert again.belief.to_dict() == live.belief.to_dict()
-    assert np.array_equal(again.sample(5), live.sample(5))
-
-
 def test_a_log_is_credited_to_the_command_that_was_executed():
     robot = Saturated(seed=2, sigma=0.001)
     truth, config = robot._fish.morphology, replace(QUICK, rounds=1)
-    estimate_morphology_of(robot, config, seed=2)
+    live = estimate_morphology_of(robot, config, seed=2)
     assert not np.array_equal(robot.asked, robot.executed)
-    # With another seed other commands are asked for, and the session's are modelled.
-    right = estimate_from_logs(robot.executed, robot.logs, config, seed=5, truth=truth)
-    assert [record.command for record in right.rounds] == [tuple(c) for c in robot.executed]
+    assert [record.command for record in live.rounds] == [tuple(c) for c in robot.executed]
+    right, wrong = (
+        infer_log(SwimLog.of_trials(commands, robot.logs), QUICK, seed=5, truth=truth)
+        for commands in (robot.executed, robot.asked)
+    )
     assert right.belief.good
-    wrong = estimate_from_logs(robot.asked, robot.logs, config, seed=5, truth=truth)
     assert right.objective_fitness > wrong.objective_fitness
