@@ -61,7 +61,7 @@ def rollout(
         For how many steps of 0.01 s an action is held, of policies that are no program.
     believed, believed_gain
         (B, 3) or (3,): where a program believes its fins to be at first, rad, None for the truth,
-        and the servo gains by which it reckons them from its commands.
+        and the servo gains with which it integrates its commands.
     memory
         (B, M) the task's, as its ``begin`` draws it; None draws it from ``rngs``.
     rngs

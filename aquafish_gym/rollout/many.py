@@ -93,7 +93,7 @@ class _Judge:
         self._before = self._lanes.rows()
 
     def end(self) -> None:
-        """Add what the action was worth."""
+        """Add the reward of the action."""
         loop, rows = self._loop, self._lanes.rows()
         step = Step(
             tuple(self._before[FIELDS["position"]]),
