@@ -1,23 +1,28 @@
-"""The damage of a robot: its faults, and how they edit its scenario."""
+"""The damage of a robot: its faults, as text, and how they edit its scenario.
+
+In text a fault is ``part:word`` or ``part:word=number``, and faults are joined by ``;`` or ``,``:
+``left_pectoral:length=0.5; caudal:missing``. ``@onset`` and ``+duration``, in seconds, limit it to
+a part of an episode, ``caudal:seized@4+2``; with a dash the onset is random, ``random:mild@2-8``.
+"""
 
 from __future__ import annotations
 
-import json
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from itertools import chain, groupby
 from typing import Any, Self
 
 import numpy as np
 
-from aquafish_gym.damage.faults import PARTS, RANDOM, Fault, fault_from_dict
-from aquafish_gym.damage.parse import check_count, faults_from_text
+from aquafish_gym.damage.faults import PARTS, RANDOM, Fault, kind_of
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
+from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
+MAXIMUM_FAULTS = 100  # that one robot may have
 SCALED = 0.2, 0.9  # of what a size was, where any fin may break
 
 
@@ -42,7 +47,7 @@ class Damage:
         # Faults have an order, which sets lack, and an end, which generators may lack.
         if not isinstance(self.faults, list | tuple):
             raise InvalidArgumentError(f"damage must be a row of faults; got {brief(self.faults)}")
-        check_count(len(self.faults))
+        _check_count(len(self.faults))
         for fault in self.faults:
             if not isinstance(fault, Fault):
                 raise InvalidArgumentError(f"damage must be made of faults; got {brief(fault)}")
@@ -51,7 +56,13 @@ class Damage:
     @classmethod
     def parse(cls, text: str) -> Self:
         """Return the damage of faults joined by ``;`` or ``,``; empty text or ``none`` is none."""
-        return cls(faults_from_text(text))
+        if not isinstance(text, str):
+            raise InvalidArgumentError(f"damage must be text to be parsed; got {brief(text)}")
+        if text.strip().lower() in ("", "none"):
+            return cls()
+        parts = text.replace(",", ";").split(";")
+        _check_count(len(parts))
+        return cls(tuple(map(_fault_from_text, parts)))
 
     @classmethod
     def coerce(cls, value: object) -> Damage:
@@ -61,13 +72,6 @@ class Damage:
         or ``dataclasses.asdict`` wrote it; a list or tuple is of faults, or of such mappings. One
         of texts or of damages is refused, as it might be of several robots.
         """
-        try:
-            return cls._coerce(value)
-        except RecursionError:
-            raise InvalidArgumentError("damage is nested too deep to be read") from None
-
-    @classmethod
-    def _coerce(cls, value: object) -> Damage:
         match value:
             case None:
                 return cls()
@@ -75,15 +79,13 @@ class Damage:
                 return value
             case str():
                 return cls.parse(value)
-            case Fault():
-                return cls((value,))
             case {"faults": list() | tuple() as faults, **others} if not others:
-                return cls._coerce(faults)
-            case Mapping():
-                return cls((fault_from_dict(value),))
-            case list() | tuple() if cls.is_list_of_faults(value):
-                check_count(len(value))
-                return cls(tuple(chain.from_iterable(map(cls._coerce, value))))
+                return cls.coerce(list(faults))
+            case Fault() | Mapping():
+                return cls((_fault_from(value),))
+            case list() | tuple() if is_list_of_faults(value):
+                _check_count(len(value))
+                return cls(tuple(map(_fault_from, value)))
             case list() | tuple():
                 raise InvalidArgumentError(
                     "damage must be one robot's, whose faults are joined by ';' in one text, or a "
@@ -92,26 +94,12 @@ class Damage:
         wanted = "text such as 'left_pectoral:length=0.5', a Damage, or a list of faults"
         raise InvalidArgumentError(f"damage must be {wanted}; got {brief(value)}")
 
-    @staticmethod
-    def is_list_of_faults(value: object) -> bool:
-        """Return whether a value lists one robot's faults, and not damages of several robots."""
-        return isinstance(value, list | tuple) and all(
-            isinstance(one, Fault)
-            or (isinstance(one, Mapping) and ("kind" in one or "part" in one))
-            for one in value
-        )
-
     @classmethod
     def random(cls, rng: np.random.Generator) -> Self:
         """Return one or two broken fins, equally likely, each with one fault.
 
         A fin is missing one time in four; else its length, width or thickness is multiplied by 0.2
         to 0.9, uniformly. (``Damage.parse("random:moderate").sample(rng)`` breaks servos, too.)
-
-        Examples
-        --------
-        >>> len(Damage.random(np.random.default_rng(0))) in (1, 2)
-        True
         """
         faults = []
         for fin in rng.permutation(FINS)[: rng.integers(1, 3)].tolist():
@@ -125,13 +113,7 @@ class Damage:
         return any(fault.is_random for fault in self.faults)
 
     def sample(self, rng: np.random.Generator) -> Self:
-        """Return the damage of one episode, with random faults and onsets drawn.
-
-        Examples
-        --------
-        >>> str(Damage.parse("caudal:missing@2-8").sample(np.random.default_rng(0)))
-        'caudal:missing@5.821770123928726'
-        """
+        """Return the damage of one episode, with random faults and onsets drawn."""
         if not self.is_random:
             return self
         return type(self)(tuple(chain.from_iterable(_sample(f, rng) for f in self.faults)))
@@ -173,10 +155,7 @@ class Damage:
     def body(self, morphology: Morphology) -> Morphology:
         """Return a body with every fault of its fins, whenever they begin.
 
-        Raises
-        ------
-        InvalidArgumentError
-            If a fault does not fit the body, or is random.
+        InvalidArgumentError if a fault does not fit the body, or is random.
         """
         if not isinstance(morphology, Morphology):
             raise InvalidArgumentError(
@@ -185,14 +164,7 @@ class Damage:
         return Morphology.from_array(_break(Scenario.create(morphology), self.faults).body[0])
 
     def apply(self, morphology: Morphology) -> Morphology:
-        """Return the damaged body: the fins with every fault, one after another.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If something besides sizes is broken, or not always, which a body cannot express; and
-            as :meth:`body`.
-        """
+        """Return :meth:`body`; InvalidArgumentError if something else is broken, or not always."""
         body = self.body(morphology)
         for fault in self.split()[1]:
             raise InvalidArgumentError(
@@ -202,14 +174,7 @@ class Damage:
         return body
 
     def split(self) -> tuple[Self, Self]:
-        """Return the damage that only changes the body, throughout, and the rest.
-
-        Examples
-        --------
-        >>> body, rest = Damage.parse("caudal:length=0.5; caudal:weak=0.5").split()
-        >>> str(body), str(rest)
-        ('caudal:length=0.5', 'caudal:weak=0.5')
-        """
+        """Return the damage that only changes the body, throughout, and the rest."""
         parts: tuple[list[Fault], list[Fault]] = ([], [])
         for fault in self.faults:
             lasting = fault.changes_body and fault.onset == 0.0 and fault.duration is None
@@ -221,8 +186,6 @@ class Damage:
 
         Examples
         --------
-        >>> Damage.parse("left_pectoral:length=0.5").describe(Morphology.nominal())
-        'left flipper: half its length, 0.80 where it was 1.60'
         >>> Damage.parse("caudal:missing; caudal:dead@4+2").describe(Morphology.nominal())
         'tail: missing; servo of the tail: dead, from 4 to 6 s'
         """
@@ -247,19 +210,7 @@ class Damage:
 
     def to_list(self) -> list[dict[str, Any]]:
         """Return the faults as objects ready for JSON."""
-        return [fault.to_dict() for fault in self.faults]
-
-    def to_json(self) -> str:
-        """Return one line of JSON that ``from_json`` reads back exactly."""
-        return json.dumps(self.to_list(), allow_nan=False)
-
-    @classmethod
-    def from_json(cls, text: str) -> Damage:
-        """Return damage from the JSON of ``to_list``; anything else is refused."""
-        faults = parse_json("damage", text)
-        if not isinstance(faults, list) or not all(isinstance(f, dict) for f in faults):
-            raise InvalidArgumentError("a damage's JSON must be a list of faults")
-        return cls.coerce(faults)
+        return [asdict(fault) for fault in self.faults]
 
 
 def edit_each(scenario: Scenario, damages: Sequence[Damage], hold: int = 1) -> Scenario:
@@ -326,3 +277,68 @@ def _sample(fault: Fault, rng: np.random.Generator) -> list[Fault]:
         found.append(replace(fault, part=part, word=word, number=number if takes else None))
         whole.remove(part)
     return found
+
+
+def is_list_of_faults(value: object) -> bool:
+    """Return whether a value lists one robot's faults, and not damages of several robots."""
+    return isinstance(value, list | tuple) and all(
+        isinstance(one, Fault) or (isinstance(one, Mapping) and "part" in one) for one in value
+    )
+
+
+def _check_count(count: int) -> None:
+    if count > MAXIMUM_FAULTS:
+        raise InvalidArgumentError(
+            f"damage must be at most {MAXIMUM_FAULTS} faults of one robot; got {count}"
+        )
+
+
+def _fault_from(value: Fault | Mapping[str, Any]) -> Fault:
+    """Return a fault, or that of ``Damage.to_list``."""
+    if isinstance(value, Fault):
+        return value
+    try:
+        return Fault(**value)
+    except TypeError:
+        names = ", ".join(one.name for one in fields(Fault))
+        raise InvalidArgumentError(
+            f"a fault must have the fields {names}; got {brief(dict(value))}"
+        ) from None
+
+
+# Numbers may have a sign of their own only behind an e.
+_TIME = r"[^-+@]+?(?:[eE][-+]?\d+)?"
+_WHEN = re.compile(
+    rf"(?P<what>[^@]*)(?:@(?P<onset>{_TIME})(?:-(?P<latest>{_TIME}))?(?:\+(?P<duration>{_TIME}))?)?"
+)
+
+
+def _fault_from_text(text: str) -> Fault:
+    when = _WHEN.fullmatch(text.strip())
+    part, colon, what = (one.strip() for one in (when["what"] if when else "").partition(":"))
+    if not when or not colon or not what:
+        raise InvalidArgumentError(
+            "damage must be written part:word=number, as left_pectoral:length=0.5 or "
+            "caudal:missing, with @onset+duration in s where it does not last throughout; got "
+            f"{brief(text.strip())}"
+        )
+    word, equals, digits = (one.strip() for one in what.partition("="))
+    kind_of(part, word)  # refuses unknown names before numbers
+    number = _number(f"damage {part}:{word}", digits) if equals else None
+    times = {
+        name: _number(f"damage {name}", when[name])
+        for name in ("onset", "latest", "duration")
+        if when[name]
+    }
+    onset: Any = times.get("onset", 0.0)
+    if "latest" in times:
+        onset = (onset, times["latest"])
+    return Fault(part, word, number, onset, times.get("duration"))
+
+
+def _number(name: str, digits: str) -> float:
+    try:
+        return float(digits)
+    except ValueError:
+        got = brief(digits.strip())
+        raise InvalidArgumentError(f"{name} needs a number; got {got}") from None

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from dataclasses import fields as dataclass_fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,11 +14,10 @@ from numpy.typing import NDArray
 
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, SIZES
-from aquafish_gym.scenario import CHANNELS
+from aquafish_gym.scenario import CHANNELS, MAXIMUM_SPIN
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, one_of
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s
-MOST_SPIN = 100.0  # rad/s, of the gyroscope's noise and bias
 RANDOM = "random"
 _COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
 
@@ -36,7 +34,7 @@ class Fault:
     part
         A fin, "gyro", one of ``CHANNELS``, or "random".
     word
-        What happens to it, of :func:`words_of` that part.
+        What happens to it: a key of ``PARTS[part]``, or a tier.
     number
         What the word takes, or None.
     onset
@@ -63,47 +61,44 @@ class Fault:
 
     def __post_init__(self) -> None:
         kind = self.kind  # refuses unknown parts and words
-        if self.number is not None or kind.takes_number:
-            self._set_number(kind)
+        self._check_number(kind)
         if self.word == "weak" and self.number == -1.0:
             object.__setattr__(self, "word", "reversed")
             object.__setattr__(self, "number", None)
         if isinstance(self.onset, list | tuple):
-            row = finite_array("damage onset", self.onset, (2,), 0.0, LONGEST, "s")
-            early, late = row.tolist()
+            early, late = finite_array("damage onset", self.onset, (2,), 0.0, LONGEST, "s").tolist()
             if early > late:
                 raise InvalidArgumentError(
                     f"damage onset must be the earliest and the latest; got {early:g} and {late:g}"
                 )
             object.__setattr__(self, "onset", (early, late))
         else:
-            self._set("onset", 0.0, LONGEST)
+            self._check("onset", "damage onset", 0.0, LONGEST, "s")
         if self.duration is not None:
-            self._set("duration", SHORTEST, LONGEST)
+            self._check("duration", "damage duration", SHORTEST, LONGEST, "s")
         if self.word == "seized" and self.number is not None and self.onset != 0.0:
             raise InvalidArgumentError(
                 f"damage {self.part}:seized has an angle only from the beginning, since a fin "
                 f"cannot get there later; got {self.number:g} with the onset {self.onset}"
             )
 
-    def _set_number(self, kind: Kind) -> None:
+    def _check_number(self, kind: Kind) -> None:
         name = f"damage {self.part}:{self.word}"
-        if kind.takes_number is False:
-            raise InvalidArgumentError(f"{name} takes no number; got {self.number:g}")
         if self.number is None:
-            raise InvalidArgumentError(
-                f"{name} needs a number, for example {self.part}:{self.word}=0.5"
-            )
-        # Only gyroscopes are in rad/s, the other channels have no unit and lie in [-1, 1].
+            if kind.takes_number:
+                example = f"{self.part}:{self.word}=0.5"
+                raise InvalidArgumentError(f"{name} needs a number, for example {example}")
+            return
+        if kind.takes_number is False:
+            raise InvalidArgumentError(f"{name} takes no number; got {brief(self.number)}")
         low, high, unit = kind.low, kind.high, kind.unit
         if self.word == "bias" and not self.part.startswith("gyro"):
-            low, high, unit = -2.0, 2.0, ""
-        value = finite_array(name, self.number, (), low, high, unit)
-        object.__setattr__(self, "number", float(value))
+            low, high, unit = -2.0, 2.0, ""  # of channels without a unit, which lie in [-1, 1]
+        self._check("number", name, low, high, unit)
 
-    def _set(self, name: str, low: float, high: float) -> None:
-        value = finite_array(f"damage {name}", getattr(self, name), (), low, high, "s")
-        object.__setattr__(self, name, float(value))
+    def _check(self, field: str, name: str, low: float, high: float, unit: str) -> None:
+        value = finite_array(name, getattr(self, field), (), low, high, unit)
+        object.__setattr__(self, field, float(value))
 
     @property
     def kind(self) -> Kind:
@@ -156,25 +151,8 @@ class Fault:
         return f"from {onset:g} s on" if onset else ""
 
     def edit(self, robots: Robots) -> None:
-        """Break robots, in place.
-
-        Raises
-        ------
-        InvalidArgumentError
-            If it is random, or a fin would leave its range.
-        """
-        if self.part == RANDOM:
-            raise InvalidArgumentError(
-                f"damage {self} is left to chance: sample it first (Damage.sample)"
-            )
+        """Break robots, in place; InvalidArgumentError if it is random or does not fit them."""
         self.kind.edit(robots, self)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the fault as files hold it: with the name of its kind."""
-        kind, number = self.kind, -1.0 if self.word == "reversed" else self.number
-        named = ((kind.part, self.part), (kind.word, self.word), (kind.field, number))
-        found = {name: value for name, value in named if name is not None}
-        return {"onset": self.onset, "duration": self.duration, **found, "kind": kind.name}
 
     def __str__(self) -> str:
         text = f"{self.part}:{self.word}" + ("" if self.number is None else f"={self.number!r}")
@@ -187,16 +165,12 @@ class Fault:
 class Kind(NamedTuple):
     """A row of the table of faults."""
 
-    name: str  #: In files.
     edit: Callable[[Robots, Fault], None]
     phrase: Callable[[Fault], str] = lambda _: ""
     low: float = 0.0  #: The range of the number.
     high: float = 0.0
     unit: str = ""
     takes_number: bool | None = False  #: None is if one is given.
-    field: str | None = None  #: What files call the number,
-    part: str | None = "fin"  #: the part,
-    word: str | None = None  #: and the word; None where they do not need it.
 
 
 def _scale(robots: Robots, fault: Fault) -> None:
@@ -253,8 +227,8 @@ def _drop(robots: Robots, fault: Fault) -> None:
     robots["sensor_dropped"][:, fault.index] = True
 
 
-def _nothing(robots: Robots, fault: Fault) -> None:
-    """Stand for the edits of a random fault, which is sampled first."""
+def _refuse_random(_robots: Robots, fault: Fault) -> None:
+    raise InvalidArgumentError(f"damage {fault} is left to chance: sample it first (Damage.sample)")
 
 
 def _servo(fault: Fault, what: str) -> str:
@@ -267,42 +241,35 @@ def _bias_phrase(fault: Fault) -> str:
 
 
 _BODY = {
-    **{
-        size: Kind("FinScaled", _scale, high=np.inf, takes_number=True, field="factor", word="size")
-        for size in SIZES
-    },
-    "missing": Kind("FinMissing", _remove),
-    "entangled": Kind("FinEntangled", _entangle, high=1.0, takes_number=True, field="share"),
+    **dict.fromkeys(SIZES, Kind(_scale, high=np.inf, takes_number=True)),
+    "missing": Kind(_remove),
+    "entangled": Kind(_entangle, high=1.0, takes_number=True),
 }
 _FIN = _BODY | {
     "weak": Kind(
-        "ServoGain", _weaken, lambda f: _servo(f, f"turns at {f.number:g} times its command"),
-        -2.0, 2.0, takes_number=True, field="gain",
+        _weaken, lambda f: _servo(f, f"turns at {f.number:g} times its command"), -2.0, 2.0,
+        takes_number=True,
     ),
-    "reversed": Kind("ServoGain", _weaken, lambda f: _servo(f, "turns the other way"),
-                     field="gain"),
+    "reversed": Kind(_weaken, lambda f: _servo(f, "turns the other way")),
     "seized": Kind(
-        "ServoSeized", _seize,
+        _seize,
         lambda f: _servo(f, "seized" + ("" if f.number is None else f" at {f.number:.3g} rad")),
-        -np.pi, np.pi, "rad", None, "angle",
+        -np.pi, np.pi, "rad", takes_number=None,
     ),
-    "dead": Kind("ServoDead", _cut_power, lambda f: _servo(f, "dead")),
+    "dead": Kind(_cut_power, lambda f: _servo(f, "dead")),
 }  # fmt: skip
 _GYRO = {
     "noise": Kind(
-        "GyroNoise", _add_noise, lambda f: f"gyro: noise of {f.number:g} rad/s",
-        0.0, MOST_SPIN, "rad/s", True, "deviation", None,
+        _add_noise, lambda f: f"gyro: noise of {f.number:g} rad/s", 0.0, MAXIMUM_SPIN, "rad/s",
+        takes_number=True,
     ),
 }  # fmt: skip
 _CHANNEL = {
-    "bias": Kind("ChannelBias", _add_bias, _bias_phrase, -MOST_SPIN, MOST_SPIN, "rad/s",
-                 True, "by", "channel"),
-    "stuck": Kind("ChannelStuck", _stick, lambda f: f"{f.part}: stuck", part="channel"),
-    "dropped": Kind("ChannelDropped", _drop, lambda f: f"{f.part}: reads 0", part="channel"),
-}  # fmt: skip
-_TIER = Kind(
-    "RandomFaults", _nothing, lambda f: f"random {f.word} damage", part=None, word="tier"
-)  # fmt: skip
+    "bias": Kind(_add_bias, _bias_phrase, -MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s", takes_number=True),
+    "stuck": Kind(_stick, lambda f: f"{f.part}: stuck"),
+    "dropped": Kind(_drop, lambda f: f"{f.part}: reads 0"),
+}
+_TIER = Kind(_refuse_random, lambda f: f"random {f.word} damage")
 PARTS: dict[str, dict[str, Kind]] = {
     **dict.fromkeys(FINS, _FIN),
     "gyro": _GYRO,
@@ -323,38 +290,6 @@ MEANT = {
 
 def kind_of(part: object, word: object) -> Kind:
     """Return a word's row of the table; :class:`UnknownNameError` offers the nearest."""
-    words = _words_of(one_of("damage part", part, (*PARTS, RANDOM)))
+    known = one_of("damage part", part, (*PARTS, RANDOM))
+    words = dict.fromkeys(TIERS, _TIER) if known == RANDOM else PARTS[known]
     return words[one_of("damage", word, words, MEANT)]
-
-
-def _words_of(part: str) -> Mapping[str, Kind]:
-    return dict.fromkeys(TIERS, _TIER) if part == RANDOM else PARTS[part]
-
-
-def fault_from_dict(written: Mapping[str, Any]) -> Fault:
-    """Return the fault of ``Fault.to_dict``, or of ``dataclasses.asdict``."""
-    given = dict(written)
-    if "kind" not in given:
-        return _make(given, given)
-    names = {kind.name for part in (*PARTS, RANDOM) for kind in _words_of(part).values()}
-    wanted = one_of("damage kind", given.pop("kind"), names)
-    part, kinds = next(
-        (part, kinds)
-        for part in (*PARTS, RANDOM)
-        if (kinds := {w: k for w, k in _words_of(part).items() if k.name == wanted})
-    )
-    word, kind = next(iter(kinds.items()))
-    named = {kind.part: "part", kind.word: "word", kind.field: "number"}
-    fields = {named.get(name, name): value for name, value in given.items()}
-    return _make({"part": part, "word": word} | fields, written)
-
-
-def _make(fields: Mapping[str, Any], written: Mapping[str, Any]) -> Fault:
-    try:
-        return Fault(**fields)
-    except TypeError:
-        names = ", ".join(one.name for one in dataclass_fields(Fault))
-        raise InvalidArgumentError(
-            f"a fault must have the fields {names}, or those of its kind; "
-            f"got {brief(dict(written))}"
-        ) from None

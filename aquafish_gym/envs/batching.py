@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.damage import Damage
+from aquafish_gym.damage.damage import is_list_of_faults
 from aquafish_gym.envs.episode import EpisodeConfig
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer
@@ -30,7 +30,7 @@ def of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
     found = {}
     for name, value in arguments.items():
         rows = isinstance(value, list | tuple) if name == "damage" else has_rows(value)
-        if name == "damage" and rows and value and Damage.is_list_of_faults(value):
+        if name == "damage" and rows and value and is_list_of_faults(value):
             raise InvalidArgumentError(
                 "damage must be one for all robots or a list of texts or Damages, one each; got a "
                 f"list of {len(value)} faults, which might be either: make it Damage(...)"

@@ -107,5 +107,5 @@ def _spelled(name: str, settings: dict[str, Any]) -> str:
     """Return a setting's value for a message."""
     value = flat(settings).get(name)
     if name == "target_damage" and isinstance(value, list):
-        return str(Damage.from_json(json.dumps(value)))
+        return str(Damage.coerce(value))
     return value if isinstance(value, str) else brief(value)

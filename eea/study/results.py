@@ -6,7 +6,6 @@ The table is read from ``runs/`` where a folder has them, otherwise from ``resul
 from __future__ import annotations
 
 import io
-import json
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -134,7 +133,7 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     header = read_description(path)
     plan, arms = read_plan(header), header["arms"]
     try:
-        damage = Damage.from_json(json.dumps(header["target_damage"]))
+        damage = Damage.coerce(header["target_damage"])
         morphology = Morphology.coerce(header["target_morphology"])
         truth = damage.body(morphology).to_array()
     except (InvalidArgumentError, KeyError) as error:

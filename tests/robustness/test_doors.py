@@ -116,7 +116,6 @@ DOORS: list[tuple[Callable[..., object], dict[str, st.SearchStrategy[Any]]]] = [
     (lambda value: Morphology.coerce(value), {"value": BODIES}),
     (lambda text: Morphology.from_json(text), {"text": st.sampled_from(["", "{}", "3", "[" * 99])}),
     (lambda value: Damage.coerce(value), {"value": DAMAGE}),
-    (lambda text: Damage.from_json(text), {"text": st.sampled_from(["", "{}", "[3]", "null"])}),
     (SwimForward, {"seconds": no_number(0.01, 3600), "forward_weight": no_number(-1e6, 1e6)}),
     (HoldStation, {"fastest": no_number(0.1, 20.0), "half": no_number(1e-3, 1e6)}),
     (ReachWaypoints, {"reached_weight": no_number(-1e6, 1e6)}),
