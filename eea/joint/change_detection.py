@@ -23,7 +23,7 @@ from eea.core.angles import Floats
 from eea.core.checks import finite, real, whole
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import COARSE, FINE, Misfit, Observed, descend
+from eea.joint.least_squares import COARSE, FINE, Observed, Regression, descend
 from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
 
@@ -106,10 +106,9 @@ class ChangeDetector:
     def _explained(self, observed: Observed, effort: int) -> float:
         """Return the least cost found from ``effort`` random starts."""
         one, sigma = self._one, self._sigma
+        window = Regression(one, observed, sigma)
         typical, each = one.into_bounds(one.prior_mean[None]), -(-effort // STARTS)
-        starts = np.concatenate(
-            [pose(one, observed, typical, each, self._rng) for _ in range(STARTS)]
-        )
-        coarse = descend(Misfit(one, observed, COARSE), starts, sigma, 12, 1e-2)
+        starts = [pose(window, typical, each, self._rng)[0] for _ in range(STARTS)]
+        coarse = descend(window.misfit(COARSE), np.concatenate(starts), sigma, 12, 1e-2)
         near = coarse.theta[np.argsort(coarse.cost, kind="stable")[:2]]
-        return float(descend(Misfit(one, observed, FINE), near, sigma, 10, 1e-3).cost.min())
+        return float(descend(window.misfit(FINE), near, sigma, 10, 1e-3).cost.min())

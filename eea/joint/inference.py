@@ -16,7 +16,7 @@ from eea.joint.diagnostics import groups
 from eea.joint.goodness_of_fit import Goodness, effective_count, goodness_of_fit
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
-from eea.joint.least_squares import Observed
+from eea.joint.least_squares import FINE, Observed, Regression
 from eea.joint.parameters import SURE, Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Simulate
@@ -36,8 +36,14 @@ def fit(
 ) -> JointPosterior:
     """Return the posterior over body, nuisances, hidden angles and hypotheses, given some trials.
 
-    Every hypothesis that is worth it is fitted by least squares, its optima become a mixture of
-    normal distributions, and hypotheses are weighed by their evidence.
+    Under a hypothesis h, with residuals r, the unknowns theta of all trials have the posterior ::
+
+        -log p(theta | trials, h) = sum of r^2 / (2 sigma^2) - log p(theta | h) + constant
+
+    Least squares finds its optima (:func:`~eea.joint.search.search`). A truncated normal
+    distribution stands for each (:func:`mixture`), and their integral is the evidence::
+
+        p(h | trials) = p(trials | h) / (sum over g of p(trials | g))
 
     Parameters
     ----------
@@ -62,36 +68,36 @@ def fit(
     counter = _Counter(joint.simulate)
     task = _Task(observed, replace(joint, simulate=counter), config, rng, earlier)
 
+    # Fit the robot as commanded, then the other hypotheses that are plausible.
     plain = task.optimize(AS_COMMANDED)
     explained = task.goodness(plain).good
     alone = mixture(plain, plain)
     others = [(h, task.optimize(h, plain)) for h in task.plausible(plain, alone)]
-    lowest = min((o for _, o in others), key=lambda o: o.squares[0], default=plain)
-    if lowest.squares[0] < plain.squares[0]:  # was it the hypothesis, or a better search?
-        plain = improved(plain, carried_over(lowest, plain.parameters)[:1], config.noise)
+    lowest = min((o for _, o in others), key=_least, default=plain)
+    if _least(lowest) < _least(plain):  # was it the hypothesis, or a better search?
+        plain = improved(plain, carried_over(lowest, plain.regression.parameters)[:1])
         alone = mixture(plain, plain)
 
+    # Weigh them by their evidence.
     fitted = [(AS_COMMANDED, plain), *others]
     best = min((optima for _, optima in fitted), key=lambda optima: optima.sigma)
     mixtures = [alone if o is best is plain else mixture(o, best) for _, o in fitted]
-    evidence = np.array(
-        [
-            m.log_evidence + log_prior_constant(o.parameters)
-            for (_, o), m in zip(fitted, mixtures, strict=True)
-        ]
-    )
+    constants = [log_prior_constant(o.regression.parameters) for _, o in fitted]
+    evidence = np.array([m.log_evidence + c for m, c in zip(mixtures, constants, strict=True)])
     shares = np.exp(evidence - evidence.max())
     shares /= shares.sum()  # all hypotheses are equally probable a priori
     branches = tuple(
-        HypothesisPosterior(fitted[i][0], float(shares[i]), fitted[i][1].parameters, mixtures[i])
+        HypothesisPosterior(
+            fitted[i][0], float(shares[i]), fitted[i][1].regression.parameters, mixtures[i]
+        )
         for i in np.argsort(-shares, kind="stable")
         if shares[i] > LEAST_PROBABILITY
     )
 
-    optima = {**task.known, **{h.name: o for h, o in fitted}}
-    hopeless = {h.name for (h, _), e in zip(fitted, evidence, strict=True)
-                if e < evidence.max() - HOPELESS}  # fmt: skip
-    dropped = (task.dropped | hopeless) - {AS_COMMANDED.name}
+    # Leave what the fit of more trials starts from.
+    optima = {**task.start.optima, **{h.name: o for h, o in fitted}}
+    hopeless = {fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS)}
+    dropped = (task.start.dropped | hopeless) - {AS_COMMANDED.name}
     return JointPosterior(
         branches,
         task.goodness(optima[branches[0].hypothesis.name]),
@@ -103,12 +109,15 @@ def fit(
 
 def check_nuisances(joint: JointProblem, config: FitConfig) -> None:
     """Raise a ConfigurationError if the settings name a group of nuisances that is not there."""
-    for argument, names in (
-        ("nuisances", config.nuisances or ()),
-        ("per_trial", config.per_trial),
-    ):
-        for name in names:
-            choice(argument, name, joint.groups)
+    for name in config.nuisances or ():
+        choice("nuisances", name, joint.groups)
+    for name in config.per_trial:
+        choice("per_trial", name, joint.groups)
+
+
+def _least(optima: Optima) -> float:
+    """Return the sum of squared residuals of the best fit."""
+    return float(optima.fits.squares[0])
 
 
 class _Counter:
@@ -135,60 +144,46 @@ class _Task:
     earlier: JointPosterior | None
 
     @property
-    def _start(self) -> WarmStart:
-        start = None if self.earlier is None else self.earlier.warm_start
-        return WarmStart() if start is None else start
-
-    @property
-    def known(self) -> dict[str, Optima]:
-        """Earlier optima by hypothesis."""
-        return dict(self._start.optima)
-
-    @property
-    def dropped(self) -> frozenset[str]:
-        """Hypotheses that earlier trials ruled out."""
-        return self._start.dropped
+    def start(self) -> WarmStart:
+        """What the earlier fit left."""
+        return (self.earlier and self.earlier.warm_start) or WarmStart()
 
     def goodness(self, optima: Optima) -> Goodness:
         """Test whether the best fit leaves nothing but noise."""
-        return goodness_of_fit(optima.residuals, len(optima.parameters), self.config.noise)
+        return goodness_of_fit(
+            optima.residuals, len(optima.regression.parameters), self.config.noise
+        )
 
     def optimize(self, hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
         """Fit all trials under a hypothesis, also from earlier optima and ``plain`` ones."""
         config, observed = self.config, self.observed
         groups = self.joint.groups if config.nuisances is None else config.nuisances
         parameters = Parameters.of(self.joint, len(observed), groups, hypothesis, config.per_trial)
-        earlier, starts = self._start.optima.get(hypothesis.name), None
+        regression = Regression(parameters, observed, config.noise)
+        earlier, starts = self.start.optima.get(hypothesis.name), None
         if earlier is not None:
             starts = carried_over(earlier, parameters)
-            posed = pose(parameters, observed, starts, config.poses, self.rng)
-            for trial in range(earlier.parameters.trials, len(observed)):
+            posed, _ = pose(regression, starts, config.poses, self.rng)
+            for trial in range(len(earlier.regression.observed), len(observed)):
                 entries = parameters.own_entries(trial)
                 starts[:, entries] = posed[:, entries]
         if plain is None:
             # Trials that no body explained are not searched again and again.
-            once = not self._start.explained
+            once = not self.start.explained
         else:  # most alternatives are wrong: they are searched once, and later with half the effort
             once = True
             as_commanded = carried_over(plain, parameters)
             starts = as_commanded if starts is None else np.concatenate([starts, as_commanded])
             if earlier is not None:
                 config = halved(config)
-        return search(
-            parameters,
-            observed,
-            self.rng,
-            config,
-            starts,
-            lambda optima: once or self.goodness(optima).good,
-        )
+        return search(regression, self.rng, config, starts, lambda o: once or self.goodness(o).good)
 
     def plausible(self, plain: Optima, alone: Posterior) -> list[Hypothesis]:
         """Return the alternative hypotheses to fit, given the fit as commanded."""
         when = self.config.alternatives
         if when == "never":
             return []
-        names = {h.name for h in self.joint.hypotheses} - self.dropped
+        names = {h.name for h in self.joint.hypotheses} - self.start.dropped
         if when == "doubt" and self.goodness(plain).good:
             # Those that were probable stay: a small fin explains a missing one nearly as well.
             branches = () if self.earlier is None else self.earlier.branches
@@ -199,7 +194,7 @@ class _Task:
 
     def _perhaps_absent(self, plain: Optima, alone: Posterior) -> set[str]:
         """Return the names of parts that may have next to no area."""
-        least = np.minimum(plain.theta[0], alone.interval(0.9)[0])
+        least = np.minimum(plain.fits.theta[0], alone.interval(0.9)[0])
         return {
             name
             for name, part in zip(self.joint.parts, groups(self.joint), strict=True)
@@ -214,16 +209,17 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
     """
     residuals = best.residuals
     weight = effective_count(residuals) / residuals.size / best.sigma**2
-    parameters, linear = optima.parameters, optima.linear()
-    away = optima.theta - parameters.prior_mean
+    parameters, theta = optima.regression.parameters, optima.fits.theta
+    linear = optima.regression.misfit(FINE).linearise(theta)
+    away = theta - parameters.prior_mean
     modes = tuple(
         Mode(
-            theta,
+            theta[k],
             weight * linear.normal[k] + parameters.prior_information,
-            float(0.5 * weight * optima.squares[k] + parameters.prior_cost(theta)),
+            float(0.5 * weight * optima.fits.squares[k] + parameters.prior_cost(theta[k])),
             weight * linear.gradient[k] + parameters.prior_information @ away[k],
         )
-        for k, theta in enumerate(optima.theta)
+        for k in range(len(theta))
     )
     return Posterior(parameters.names, parameters.low, parameters.high, parameters.circular, modes)
 
@@ -244,11 +240,11 @@ def carried_over(earlier: Optima, parameters: Parameters) -> Floats:
     What a hypothesis fixes stays fixed. An angle common to all trials takes that of the first
     trial, and the trials' own angles take a common one.
     """
-    theta: Floats = np.tile(parameters.prior_mean, (len(earlier.theta), 1))
-    column = {name: i for i, name in enumerate(earlier.parameters.names)}
+    theta: Floats = np.tile(parameters.prior_mean, (len(earlier.fits.theta), 1))
+    column = {name: i for i, name in enumerate(earlier.regression.parameters.names)}
     for i, name in enumerate(parameters.names):
         sources = (name, name.partition("@")[0], f"{name}@1")
         source = next((column[source] for source in sources if source in column), None)
         if source is not None and parameters.prior_precision[i] < SURE:
-            theta[:, i] = earlier.theta[:, source]
+            theta[:, i] = earlier.fits.theta[:, source]
     return theta

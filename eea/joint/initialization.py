@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from eea.core.angles import Floats, circular_distance, wrap
 from eea.core.config import FitConfig
-from eea.joint.least_squares import COARSE, Misfit, Observed, Precision, descend
+from eea.joint.least_squares import COARSE, Precision, Regression, descend
 from eea.joint.parameters import Parameters
 
 SCANNED = Precision(fine=False, stride=4, difference=0.0)
@@ -22,25 +22,24 @@ SHARED_VALUES = 16  # tried for an angle that all trials share
 HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 32, 4, 20.0, 16
 
 
-def scan(
-    parameters: Parameters, observed: Observed, rng: np.random.Generator, effort: FitConfig
-) -> Floats:
+def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) -> Floats:
     """Return the most promising of random bodies, as vectors (descents, P)."""
+    parameters, observed = regression.parameters, regression.observed
     freed = parameters.freed_entries()  # a descent would not get far from the nominal value
     drawn = latin_hypercube(effort.bodies, parameters.body + len(freed), rng)
     theta = parameters.typical(drawn[:, : parameters.body])
     theta[:, freed] = drawn[:, parameters.body :]
     some = range(min(SCANNED_TRIALS, len(observed)))
-    posed, squares = _pose(parameters, observed, theta, effort.poses, rng, some)
+    posed, squares = pose(regression, theta, effort.poses, rng, some)
     kept = posed[np.argsort(squares, kind="stable")[: 2 * effort.descents]]
     rest = range(len(some), len(observed))
     if rest:
-        kept = _pose(parameters, observed, kept, effort.poses, rng, rest)[0]
+        kept = pose(regression, kept, effort.poses, rng, rest)[0]
     if not _lined(parameters):
         return kept[: effort.descents]
     seen = observed.signal[some, :: SCANNED.stride].size
-    sigma = effort.noise or float(np.sqrt(squares.min() / seen))
-    kept, cost = aligned(parameters, observed, kept, sigma)
+    sigma = regression.noise or float(np.sqrt(squares.min() / seen))
+    kept, cost = aligned(regression, kept, sigma)
     return kept[np.argsort(cost, kind="stable")[: effort.descents]]
 
 
@@ -67,22 +66,19 @@ def latin_hypercube(count: int, width: int, rng: np.random.Generator) -> Floats:
 
 
 def pose(
-    parameters: Parameters, observed: Observed, theta: Floats, count: int, rng: np.random.Generator
-) -> Floats:
-    """Return vectors (S, P) with the best of ``count`` random initial states of each trial."""
-    return _pose(parameters, observed, theta, count, rng, range(len(observed)))[0]
-
-
-def _pose(
-    parameters: Parameters,
-    observed: Observed,
+    regression: Regression,
     theta: Floats,
     count: int,
     rng: np.random.Generator,
-    trials: range,
+    trials: range | None = None,
 ) -> tuple[Floats, Floats]:
-    """Return vectors with the best initial states for some trials, and their sums of squares."""
-    misfit = Misfit(parameters, observed, SCANNED)
+    """Return vectors (S, P) with the best of ``count`` random initial states of each trial.
+
+    Also return their sums of squares (S,), of the ``trials`` that are posed: all by default.
+    """
+    parameters, observed = regression.parameters, regression.observed
+    trials = range(len(observed)) if trials is None else trials
+    misfit = regression.misfit(SCANNED)
     angles = parameters.angle_entries(0)
     common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
     groups = SHARED_VALUES if common.any() else 1
@@ -130,14 +126,9 @@ def _drawn(
     return drawn
 
 
-def hop(
-    parameters: Parameters,
-    observed: Observed,
-    theta: Floats,
-    sigma: float,
-    rng: np.random.Generator,
-) -> Floats:
+def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Generator) -> Floats:
     """Return vectors (H, P) like one (P,), but with one trial's angles in another valley."""
+    parameters, observed = regression.parameters, regression.observed
     hidden = len(parameters.joint.problem.hidden)
     others: list[tuple[float, Floats]] = []
     for e in range(len(observed)):
@@ -154,8 +145,7 @@ def hop(
         starts[-1] = here
         vectors = np.tile(theta, (HOP_STARTS, 1))
         vectors[:, entries] = np.where(movable, wrap(starts), here)
-        trial = Misfit(parameters, observed, COARSE, only_of=e)
-        fits = descend(trial, vectors, sigma, 15, 1e-3)
+        fits = descend(regression.misfit(COARSE, only_of=e), vectors, sigma, 15, 1e-3)
         order = np.argsort(fits.squares, kind="stable")
         valleys: list[Floats] = [theta[entries]]
         for i in order:
@@ -172,30 +162,27 @@ def hop(
     return np.array([hopped for _, hopped in others[:HOP_FITS]]).reshape(-1, len(theta))
 
 
-def relined(
-    parameters: Parameters, observed: Observed, theta: Floats, sigma: float, each: int
-) -> Floats:
+def relined(regression: Regression, theta: Floats, sigma: float, each: int) -> Floats:
     """Return vectors (H, P) like those given (S, P), but in another valley of a nuisance.
 
     For each vector and each nuisance with ``valleys`` they are the best ``each`` ones.
     """
+    parameters = regression.parameters
     found = [np.empty((0, len(parameters)))]
     for entry, tried in _lined(parameters):
-        line, cost = _along(parameters, observed, theta, sigma, entry, tried)
+        line, cost = _along(regression, theta, sigma, entry, tried)
         own = np.abs(tried - theta[:, entry, None]) <= 0.5 / len(tried)
         best = np.argsort(np.where(own, np.inf, cost[:, 1:]), axis=1, kind="stable")[:, :each]
         found.append(line[np.arange(len(theta))[:, None], best + 1].reshape(-1, len(parameters)))
     return np.concatenate(found)
 
 
-def aligned(
-    parameters: Parameters, observed: Observed, theta: Floats, sigma: float
-) -> tuple[Floats, Floats]:
+def aligned(regression: Regression, theta: Floats, sigma: float) -> tuple[Floats, Floats]:
     """Return vectors (S, P) with each nuisance in its best valley, and costs (S,)."""
     pick = np.arange(len(theta))
     cost = np.zeros(len(theta))
-    for entry, tried in _lined(parameters):
-        line, costs = _along(parameters, observed, theta, sigma, entry, tried)
+    for entry, tried in _lined(regression.parameters):
+        line, costs = _along(regression, theta, sigma, entry, tried)
         at = costs.argmin(axis=1)
         theta, cost = line[pick, at], costs[pick, at]
     return theta, cost
@@ -209,17 +196,12 @@ def _lined(parameters: Parameters) -> list[tuple[int, Floats]]:
 
 
 def _along(
-    parameters: Parameters,
-    observed: Observed,
-    theta: Floats,
-    sigma: float,
-    entry: int,
-    tried: Floats,
+    regression: Regression, theta: Floats, sigma: float, entry: int, tried: Floats
 ) -> tuple[Floats, Floats]:
     """Return vectors (S, 1 + V, P), as given and with an entry's ``tried`` values, and costs."""
     line = np.repeat(theta[:, None], len(tried) + 1, axis=1)
     line[:, 1:, entry] = tried
-    flat = line.reshape(-1, len(parameters))
-    squares = Misfit(parameters, observed, EVERY).squares(flat)
-    cost = 0.5 * squares / sigma**2 + parameters.prior_cost(flat)
+    flat = line.reshape(-1, theta.shape[1])
+    squares = regression.misfit(EVERY).squares(flat)
+    cost = 0.5 * squares / sigma**2 + regression.parameters.prior_cost(flat)
     return line, cost.reshape(len(theta), -1)

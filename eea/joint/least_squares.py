@@ -36,6 +36,7 @@ LOOK_AHEAD = 0.1  # h, of a step
 MOST_BEND = 0.75  # 2 |a| / |v|, above which the acceleration is ignored
 ENOUGH = 2  # small decreases in a row end a descent
 MOST_ROBOTS = 2**15  # in a batch, which limits memory
+LEAST_SIGMA = 1e-7  # rad/s: smaller residuals are rounding
 
 
 class Precision(NamedTuple):
@@ -198,6 +199,28 @@ class Misfit:
             risen = self.residuals(ahead) - linear.residuals
             bent = 2.0 * (risen / LOOK_AHEAD - straight) / LOOK_AHEAD
         return self._pull(linear.slopes, bent)
+
+
+@dataclass(frozen=True, eq=False)
+class Regression:
+    """The regression of trials on their unknowns."""
+
+    parameters: Parameters
+    observed: Observed
+    noise: float | None  #: Its standard deviation if it is known, rad/s.
+
+    def misfit(self, precision: Precision, only_of: int | None = None) -> Misfit:
+        """Return the misfit at a precision."""
+        return Misfit(self.parameters, self.observed, precision, only_of)
+
+    def sigma(self, squares: float, count: int) -> float:
+        """Return the noise's standard deviation for the squares of ``count`` residuals."""
+        freedom = max(count - len(self.parameters), 1)
+        return self.noise or max(float(np.sqrt(squares / freedom)), LEAST_SIGMA)
+
+    def sigma_near(self, misfit: Misfit, theta: Floats) -> float:
+        """Return the noise's standard deviation, by default that which the best vector leaves."""
+        return self.noise or self.sigma(misfit.squares(theta).min(), misfit.count)
 
 
 def descend(

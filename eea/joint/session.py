@@ -118,7 +118,7 @@ def round_fit(posterior: JointPosterior) -> RoundFit:
     start = posterior.warm_start
     assert start is not None
     best = start.optima[posterior.branches[0].hypothesis.name]
-    observed = best.observed.signal
+    observed = best.regression.observed.signal
     simulated = summarize(RecordedLog(observed + best.residuals))
     sim = similarity(simulated, summarize(RecordedLog(observed)))
     return RoundFit(

@@ -13,6 +13,7 @@ from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
 from eea.joint.commands import fast_command
 from eea.joint.inference import mixture
+from eea.joint.least_squares import Regression
 from eea.joint.parameters import Parameters
 from eea.joint.search import search
 from tests.inference.calibration import coverage, rank_uniformity, ranks
@@ -45,7 +46,7 @@ def posteriors():
         robot = Robot(PRIOR, body, world, rng, rng)
         robot.perform(fast_command(joint.problem.actions, np.empty((0, 3)), rng))
         truth = truth_of(parameters, robot)
-        optima = search(parameters, robot.observed, rng, NEARLY_NONE, truth[None])
+        optima = search(Regression(parameters, robot.observed, None), rng, NEARLY_NONE, truth[None])
         found.append((mixture(optima, optima), truth))
     return found
 

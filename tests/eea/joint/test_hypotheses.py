@@ -11,7 +11,8 @@ import pytest
 from eea.core.experiment import RecordedLog
 from eea.joint import inference
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.parameters import SURE, Parameters
+from eea.joint.least_squares import Fitted, Regression
+from eea.joint.parameters import SURE
 from eea.joint.problem import AS_COMMANDED, Hypothesis, Part
 from eea.joint.search import Optima, search
 from eea.joint.session import JointInference
@@ -68,7 +69,7 @@ def test_a_part_may_be_absent_though_the_best_has_some_of_it(
     monkeypatch.setattr(inference, "ABSENT", 1e-9)
     method = JointInference(Slippery(2), PROBLEM, CONFIG)
     next(iter(method))
-    assert optima_of(method)[AS_COMMANDED.name].theta[0, 1] > 1e-9
+    assert optima_of(method)[AS_COMMANDED.name].fits.theta[0, 1] > 1e-9
     assert SLIPPERY in weighed(method)
 
 
@@ -77,15 +78,16 @@ def test_what_another_hypothesis_found_is_tried_as_commanded_too(
 ) -> None:
     """Or a better search would pass for evidence."""
 
-    def worse(parameters: Parameters, *args: Any) -> Optima:
-        found = search(parameters, *args)
-        if parameters.prior_precision[1] == SURE:  # the arm has no friction
+    def worse(regression: Regression, *args: Any) -> Optima:
+        found = search(regression, *args)
+        if regression.parameters.prior_precision[1] == SURE:  # the arm has no friction
             return found
-        missed = np.where(np.arange(len(parameters)) == 0, 0.1, found.theta[:1])
-        return replace(found, theta=missed, squares=np.array([1e3]), cost=np.array([1e6]))
+        missed = found.fits.theta[:1].copy()
+        missed[:, 0] = 0.1
+        return replace(found, fits=Fitted(missed, np.array([1e3]), np.array([1e6])))
 
     monkeypatch.setattr(inference, "search", worse)
     method = JointInference(Slippery(2), PROBLEM, CONFIG)
     next(iter(method))
-    assert optima_of(method)[SLIPPERY].theta[0, 0] == pytest.approx(0.65, abs=0.01)
-    assert optima_of(method)[AS_COMMANDED.name].theta[0, 0] == pytest.approx(0.65, abs=0.01)
+    assert optima_of(method)[SLIPPERY].fits.theta[0, 0] == pytest.approx(0.65, abs=0.01)
+    assert optima_of(method)[AS_COMMANDED.name].fits.theta[0, 0] == pytest.approx(0.65, abs=0.01)
