@@ -59,12 +59,6 @@ def test_a_size_that_would_rather_be_beyond_its_range_is_named(pull, theta, beyo
     assert said == [expected] * beyond
 
 
-def test_a_small_fin_is_not_absent():
-    theta = MIDDLE.copy()
-    theta[0] = 0.1
-    assert findings(known(Mode(theta, np.diag(KNOWN), 0.0)), [FIN, TAIL]) == []
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_two_sizes_that_trade_off_are_named_with_what_would_tell(sign):
     information = np.diag(KNOWN)

@@ -16,7 +16,7 @@ from eea.joint.parameters import SURE
 from eea.joint.problem import AS_COMMANDED, Hypothesis, Part
 from eea.joint.search import Optima, search
 from eea.joint.session import JointInference
-from tests.eea.joint.swing import CONFIG, SIGMA, SWING, simulate
+from tests.eea.joint.swing import CONFIG, SIGMA, SWING, infer, simulate
 
 SLIPPERY = "the arm has no friction"
 ARM = Part({"arm.length": "length", "arm.friction": "friction"}, area=("length", "friction"))
@@ -91,3 +91,14 @@ def test_what_another_hypothesis_found_is_tried_as_commanded_too(
     next(iter(method))
     assert optima_of(method)[SLIPPERY].fits.theta[0, 0] == pytest.approx(0.65, abs=0.01)
     assert optima_of(method)[AS_COMMANDED.name].fits.theta[0, 0] == pytest.approx(0.65, abs=0.01)
+
+
+def test_hypotheses_that_fail_have_no_probability_in_the_findings() -> None:
+    belief = infer(motor=0.0, alternatives="always").belief
+    assert belief.good
+    assert belief.findings[0].startswith("the motor is dead (")
+    wrong = replace(belief.goodness, good=False, verdict="no body explains the log")
+    assert replace(belief, goodness=wrong).findings[:2] == [
+        "no body explains the log",
+        "the best of the hypotheses that fail: the motor is dead",
+    ]

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from eea import (
-    ConfigurationError,
     EngineTarget,
     JointConfig,
     JointInference,
@@ -19,8 +18,6 @@ from eea.fish.estimate import fish_problem
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.parameters import Parameters
-from eea.joint.problem import AS_COMMANDED, Hypothesis
 from eea.joint.serialization import from_arrays, to_arrays
 
 STEPS = 96
@@ -43,26 +40,18 @@ def believed(damage: str, part: str = "left flipper", rounds: int = 2, **more) -
 
 
 @pytest.mark.parametrize(
-    ("damage", "part", "name"),
+    ("damage", "part", "fault"),
     [
-        ("left_pectoral:reversed", "left flipper", "the servo of the left flipper is reversed"),
-        pytest.param(
-            "caudal:seized", "tail", "the servo of the tail is seized", marks=pytest.mark.slow
-        ),
-        pytest.param(
-            "left_pectoral:dead", "left flipper", "the servo of the left flipper is dead",
-            marks=pytest.mark.slow,
-        ),
-        pytest.param(
-            "left_pectoral:weak=0.5", "left flipper", "the servo of the left flipper is weak",
-            marks=pytest.mark.slow,
-        ),
+        ("left_pectoral:reversed", "left flipper", "reversed"),
+        pytest.param("caudal:seized", "tail", "seized", marks=pytest.mark.slow),
+        pytest.param("left_pectoral:dead", "left flipper", "dead", marks=pytest.mark.slow),
+        pytest.param("left_pectoral:weak=0.5", "left flipper", "weak", marks=pytest.mark.slow),
     ],
-)  # fmt: skip
-def test_a_servos_fault_is_named(damage: str, part: str, name: str) -> None:
+)
+def test_a_servos_fault_is_named(damage: str, part: str, fault: str) -> None:
     belief = believed(damage, part, rounds=1 if "reversed" in damage else 2)
     assert belief.good, belief.verdict
-    assert belief.findings[0].startswith(f"{name} (")
+    assert belief.findings[0].startswith(f"the servo of the {part} is {fault} (")
     assert belief.branches[0].probability > 0.8
     if "weak" in damage:
         middle, low, high = belief.table()[f"servo of the {part}"]
@@ -82,19 +71,6 @@ def test_what_no_hypothesis_says_is_noticed() -> None:
     belief = believed("left_pectoral:dead@0.4", rounds=1, alternatives="never")
     assert not belief.good
     assert belief.findings[0].startswith("no body explains the log")
-
-
-def test_a_switch_is_inferred_where_a_hypothesis_frees_it() -> None:
-    joint = fish_joint(fish_problem(), EngineSimulator(STEPS))
-    weak = next(h for h in joint.hypotheses if h.name == "the servo of the tail is weak")
-    plain, freed = (Parameters.of(joint, 2, (), h) for h in (AS_COMMANDED, weak))
-    assert set(freed.names) - set(plain.names) == {"servo of the tail"}
-    assert not len(plain.freed_entries())
-    (entry,) = freed.freed_entries()
-    assert freed.names[entry] == "servo of the tail"
-    assert freed.prior_precision[entry] == 0.0
-    with pytest.raises(ConfigurationError, match="what is freed in 'odd' must be one of"):
-        replace(joint, hypotheses=(Hypothesis("odd", freed=("lag",)),))
 
 
 def test_a_reversed_tail_is_no_fault_that_shows() -> None:
