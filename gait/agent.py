@@ -20,18 +20,8 @@ def respond_all(
 ) -> None:
     """Set the actions (B, 3) of B robots with one controller: ``network.respond``, one by one.
 
-    Parameters
-    ----------
-    genes, layout
-        See ``network.respond``.
-    scratch
-        (B, n), which lives through an episode.
-    time
-        In s since the episode began.
-    felt
-        (B, 12) up, north and gyro, and the way to the goal.
-    fins
-        (B, 3) where the fins are believed to be, in turns.
+    ``scratch`` (B, n) lives through an episode; ``felt`` (B, 12) holds up, north, gyro and the way
+    to the goal, and ``fins`` (B, 3) the assumed fin angles in turns.
     """
     for i in range(len(actions)):
         up = (felt[i, 0], felt[i, 1], felt[i, 2])

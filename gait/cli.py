@@ -97,7 +97,7 @@ class Evolve:
 
             def report(row: Generation) -> None:
                 rows.append(row)
-                show(len(rows), _row_text(row))
+                show(len(rows), f"final {row.final:6.2f}  mean {row.mean:6.2f}  nodes {row.nodes}")
 
             try:
                 evolved = evolve_gait(
@@ -121,21 +121,15 @@ class Evolve:
 
 @dataclass(frozen=True)
 class TransferCommand:
-    """Swim a controller on the body it was evolved on, and on a target.
-
-    Attributes
-    ----------
-    controller
-        A controller.json, as evolve writes it; it holds the body it was evolved on.
-    out
-        Folder for transfer.json and trajectories.png; none are written without it.
-    """
+    """Swim a controller on the body it was evolved on, and on a target."""
 
     controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
+    """A controller.json, as evolve writes it; it holds the body it was evolved on."""
     target_morphology: TargetMorphology = None
     damage: TargetDamage = "none"
     target_world: WorldConfig = field(default_factory=WorldConfig)
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
+    """Folder for transfer.json and trajectories.png; none are written without it."""
     config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
         default_factory=TransferConfig
     )
@@ -205,7 +199,8 @@ class BaselineCommand:
 
             def report(steps: int, curve: Sequence[CurvePoint]) -> None:
                 points[:] = curve
-                show(steps, _point_text(curve[-1]) if curve else "PPO")
+                last = [f"training {p.training:6.2f}  score {p.score:6.2f}" for p in curve[-1:]]
+                show(steps, "".join(last) or "PPO")
 
             try:
                 learned = train(bodies, config, damage=schedule, out=self.out, on_step=report)
@@ -269,11 +264,3 @@ def _result_text(evolved: Evolved, config: EvolveConfig) -> str:
         worst, half = np.quantile(evolved.distances, (0.0, 0.5))
         what = f"{len(evolved.distances)} bodies: {worst:.2f} on the worst, median {half:.2f}"
     return f"{evolved.fitness:.2f} units in {config.seconds:g} s {over} {what}"
-
-
-def _row_text(row: Generation) -> str:
-    return f"final {row.final:6.2f}  mean {row.mean:6.2f}  species {row.species}  nodes {row.nodes}"
-
-
-def _point_text(point: CurvePoint) -> str:
-    return f"training {point.training:6.2f}  score {point.score:6.2f}"

@@ -118,24 +118,25 @@ class Controller:
                 "controller.weights must be zero from a node to itself or an earlier one, unless "
                 "controller.layers gives the layers of a network with memory"
             )
-        if self.layers is not None:
-            if not isinstance(self.layers, list | tuple) or not self.layers:
+        layers = self.layers
+        if layers is not None:
+            if not isinstance(layers, list | tuple):
                 raise InvalidArgumentError(
-                    f"controller.layers must be a list of node counts; got {brief(self.layers)}"
+                    f"controller.layers must be a list of node counts; got {brief(layers)}"
                 )
-            layers = tuple(integer("controller.layers", n, 1, nodes) for n in self.layers)
+            layers = tuple(integer("controller.layers", n, 1, nodes) for n in layers)
             if sum(layers) != nodes or layers[-1] < len(OUTPUTS):
                 raise InvalidArgumentError(
                     f"controller.layers must sum to {nodes} nodes, {len(OUTPUTS)} or more in the "
                     f"last; got {layers}"
                 )
-            object.__setattr__(self, "layers", layers)
-        for name, array in (("bias", bias), ("response", response), ("weights", weights)):
+        for array in (bias, response, weights):
             array.setflags(write=False)
-            object.__setattr__(self, name, array)
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
-        object.__setattr__(self, "clock", clock)
-        object.__setattr__(self, "seed", integer("controller.seed", self.seed, 0, MAXIMUM_SEED))
+        seed = integer("controller.seed", self.seed, 0, MAXIMUM_SEED)
+        vars(self).update(
+            weights=weights, bias=bias, response=response, layers=layers, clock=clock, seed=seed
+        )
         if self.sample is not None:
             instance("controller.sample", self.sample, str)
         one_of("controller.output", self.output, ("tanh", "clip"))
@@ -172,16 +173,11 @@ class Controller:
 
     def layout(self, nodes: int | None = None, memory: bool | None = None) -> NDArray[np.int64]:
         """Return the integers that ``network.respond`` reads, padded as :meth:`genes`."""
-        padded = self._padded(self.nodes if nodes is None else nodes)
+        padded = self._padded(nodes)
         remembers = self.memory if memory is None else memory
-        senses, ends = self.senses, padded._ends
-        return np.array(
-            [
-                *senses.layout, len(senses.names), padded.nodes, remembers,
-                self.output == "clip", len(ends), *ends,
-            ],
-            np.int64,
-        )  # fmt: skip
+        sizes = len(self.senses.names), padded.nodes, remembers, self.output == "clip"
+        ends = padded._ends
+        return np.array([*self.senses.layout, *sizes, len(ends), *ends], np.int64)
 
     def genes(self, nodes: int | None = None, memory: bool | None = None) -> NDArray[np.float64]:
         """Return the rows that ``network.respond`` reads, for one robot.
@@ -189,7 +185,7 @@ class Controller:
         For a batch of controllers of one :attr:`kind`, silent hidden nodes pad each to ``nodes``,
         and ``memory`` adds room for memory.
         """
-        padded = self._padded(self.nodes if nodes is None else nodes)
+        padded = self._padded(nodes)
         remembers = self.memory if memory is None else memory
         inputs = len(self.senses.names)
         rows = [np.array([self.clock])]
@@ -200,11 +196,11 @@ class Controller:
                 rows.append(padded.weights[n, :sources])
         return np.concatenate(rows, dtype=np.float64)
 
-    def _padded(self, nodes: int) -> Controller:
+    def _padded(self, nodes: int | None) -> Controller:
         """Return a controller with silent nodes between the hidden ones and the outputs."""
-        more = nodes - self.nodes
-        if not more:
+        if nodes is None or nodes == self.nodes:
             return self
+        more = nodes - self.nodes
         hidden, inputs = self.nodes - len(OUTPUTS), len(self.senses.names)
         place = np.concatenate([np.arange(hidden), np.arange(hidden, self.nodes) + more])
         weights = np.zeros((nodes, inputs + nodes))
@@ -226,13 +222,7 @@ class Controller:
         """Return a policy that steers one robot through one swim.
 
         It reads the first nine entries of an observation, and the last three if it senses a goal.
-        It raises InvalidArgumentError if these or the time are missing or not finite.
-
-        Parameters
-        ----------
-        fin_angles, servo_gain
-            Assumed initial fin angles (3,) in rad, and servo gains (3,); used by controllers that
-            sense their fins.
+        If it senses its fins, it assumes these initial angles (3,) in rad and servo gains (3,).
         """
         angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
         gains = finite_array("servo_gain", servo_gain, (3,))
@@ -243,15 +233,13 @@ class Controller:
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
             nonlocal action, due
             values = np.asarray(observation)
-            if values.ndim != 1 or len(values) < needed:
+            if values.ndim != 1 or len(values) < needed or not math.isfinite(time):
                 raise InvalidArgumentError(
-                    f"observation must be a row of at least {needed} numbers; "
-                    f"got shape {values.shape}"
+                    f"observation must be a row of at least {needed} numbers, at a finite time; "
+                    f"got shape {values.shape} at {time}"
                 )
             entries = np.concatenate([values[:_IMU_ENTRIES], values[-3:]])
             checked = finite_array("observation", entries, (_IMU_ENTRIES + 3,))
-            if not math.isfinite(time):
-                raise InvalidArgumentError(f"time must be finite; got {time}")
             if time >= due - TIMESTEP / 2:
                 due = time + hold
                 action = np.array(respond(checked, time))
@@ -286,17 +274,17 @@ class Controller:
         InvalidArgumentError names a field that does not fit.
         """
         names = {"inputs", "outputs", *cls.__dataclass_fields__}
-        fields = dict(check_fields("controller", _without_arrays(data), names, OPTIONAL))
+        fields = dict(_check_fields("controller", _without_arrays(data), names, OPTIONAL))
         senses = IMU_AND_CLOCK
         if "senses" in fields:
             known = Senses.__dataclass_fields__
-            given = check_fields("controller.senses", fields["senses"], known, ("goal",))
+            given = _check_fields("controller.senses", fields["senses"], known, ("goal",))
             fields["senses"] = senses = Senses(**given)
             _check_senses(senses)
         for name, expected in (("inputs", senses.names), ("outputs", OUTPUTS)):
             if fields.pop(name) != list(expected):
                 raise InvalidArgumentError(f"controller.{name} must be {', '.join(expected)}")
-        body = check_fields("controller.morphology", fields["morphology"], FINS)
+        body = _check_fields("controller.morphology", fields["morphology"], FINS)
         return cls(**{**fields, "morphology": Morphology.coerce(body)})
 
     def save(self, path: Path | str) -> None:
@@ -337,7 +325,7 @@ def _check_senses(senses: object) -> None:
     integer("controller.senses.clock", checked.clock, 0, MAXIMUM_HARMONICS)
 
 
-def check_fields(
+def _check_fields(
     argument: str, data: object, names: Collection[str], optional: Collection[str] = ()
 ) -> dict[str, Any]:
     """Return ``data`` if it is an object with these fields; the error names the wrong ones."""

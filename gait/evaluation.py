@@ -103,14 +103,11 @@ def evaluate(
     agent
         A function of observations (E, k) that returns actions (E, 3); an :class:`Agent`; or a
         ``Controller``, which is given the true initial fin angles.
-    env
-        An environment id, or a vector environment of E robots.
-    episodes
-        E, with an id.
+    env, episodes, options
+        An environment id, the number E of its robots, and its options such as
+        ``damage="random:severe"``; or a vector environment of E robots.
     seed
         Episode i has the seed ``seed + i``.
-    options
-        Of the environment with an id, such as ``damage="random:severe"`` or ``observe_fins``.
 
     Raises
     ------

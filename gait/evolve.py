@@ -20,14 +20,13 @@ from gait.config import CMA_POPULATION
 from gait.config import EvolveConfig as EvolveConfig
 from gait.controller import Controller
 from gait.files import run_folder
-from gait.fitness import Scorer, Swims, draw_swims, every_pair, penalize_diverged
+from gait.fitness import Scorer, Swims, draw_swims, every_pair, penalize_diverged, swim_scores
 from gait.history import FILES, History, Scores, finalists_of, read_checkpoint
 from gait.history import Generation as Generation
 from gait.rollout import ZERO_POSE, lane_world, random_poses, stream
 from gait.search import cma, neat
 from gait.search.ask_tell import Proposal, Search
 from gait.search.templates import Template
-from gait.task import swim_scores
 
 FINAL_POSES = 32  # random ones of the fixed swims from which a run's best controller is chosen
 MAXIMUM_BODIES = 1000
@@ -121,7 +120,7 @@ def evolve_gait(
         or a damaged checkpoint.
     """
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
-    world = lane_world(None if world is None else instance("world", world, WorldConfig))
+    world = lane_world(world)
     bodies = body_array(morphologies)
     _check(bodies, config, scorer, world)
     body, sample = median_body(bodies), sample_stamp(bodies) if len(bodies) > 1 else None

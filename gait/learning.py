@@ -35,11 +35,10 @@ from gait.config import Sense, TaskName, check_interval, check_senses, make_sens
 from gait.controller import MAXIMUM_NODES, MAXIMUM_SEED, Controller
 from gait.evolve import FINAL_POSES
 from gait.files import CONTROLLER_FILE, run_folder, write_rows
-from gait.fitness import Swims
+from gait.fitness import Swims, swim_scores
 from gait.mlp_export import dense_network, with_memory
 from gait.network import OUTPUTS, Senses
 from gait.rollout import random_poses, stream
-from gait.task import swim_scores
 
 CURVE_FILE = "curve.csv"
 FILES = (CURVE_FILE, CONTROLLER_FILE)  # and a sample's bodies.json
@@ -145,7 +144,7 @@ class Learned:
         The one with the highest score over all epochs.
     score
         Its mean distance in 20 s from 32 fixed random poses, in units of 5 cm (see
-        :func:`gait.task.swim_scores` for other tasks); for a sample, from as many for each body.
+        :func:`gait.fitness.swim_scores` for other tasks); for a sample, from as many for each body.
     curve
         One point an epoch.
     """
@@ -289,13 +288,12 @@ class _Learner:
     def controller(self) -> Controller:
         """Return the policy's mean action as a controller."""
         policy, config = self.model.policy, self.config
-        dense = [
-            module
+        layers = [
+            (module.weight.detach().numpy(), module.bias.detach().numpy())
             for part in (policy.mlp_extractor.policy_net, policy.action_net)
             for module in part.modules()
             if isinstance(module, load_extra("torch").nn.Linear)
         ]
-        layers = [(to_array(module.weight), to_array(module.bias)) for module in dense]
         moments = self.normal.obs_rms
         scale = np.sqrt(moments.var + self.normal.epsilon)
         network = dense_network(layers, moments.mean, scale)
@@ -327,11 +325,6 @@ def load_extra(module: str) -> Any:
             f"here ({error}): "
             'pip install ".[rl]" in a clone of the repository'
         ) from None
-
-
-def to_array(tensor: Any) -> NDArray[np.floating]:
-    """Return a torch tensor as an array of its own."""
-    return np.array(tensor.detach().numpy())
 
 
 @contextmanager

@@ -15,10 +15,18 @@ from aquafish_gym.engines.worlds import Triple
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    finite_array,
+    instance,
+    integer,
+    one_of,
+)
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, program_of
 from gait.policy import ControllerLike, new_policy
+
+Floats = NDArray[np.float64]
 
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
 MAXIMUM_POSES = 10_000
@@ -35,22 +43,6 @@ _GAIT = 0x67616974
 class Swim:
     """One swim, sampled at its start and after each command of 0.05 s.
 
-    Attributes
-    ----------
-    time
-        (T,) in s.
-    position
-        (T, 3) of the capsule's centre in the world, units of 5 cm, from the origin.
-    quaternion
-        (T, 4) from body to world, (x, y, z, w).
-    fin_angles
-        (T, 3) left and right pectoral angle and caudal phase, in rad.
-    current
-        Velocity of the water in the world, in units/s.
-    gyro, commands
-        (N, 3) gyroscope at the end of each 0.01 s, rad/s about the body's axes, and the command
-        until then, rev/s, rev/s and Hz; None for a swim read from a file.
-
     Examples
     --------
     >>> still = swim(lambda observation, time: (0.0, 0.0, 0.0), None, engine="numba", seconds=1)
@@ -58,13 +50,16 @@ class Swim:
     21
     """
 
-    time: NDArray[np.float64]
-    position: NDArray[np.float64]
-    quaternion: NDArray[np.float64]
-    fin_angles: NDArray[np.float64]
+    time: Floats  #: (T,) in s.
+    position: Floats  #: (T, 3) of the capsule's centre in the world, from the origin, in units.
+    quaternion: Floats  #: (T, 4) from body to world, (x, y, z, w).
+    fin_angles: Floats  #: (T, 3) left and right pectoral angle and caudal phase, in rad.
+    #: Velocity of the water in the world, in units/s.
     current: Triple = field(default=(0.0, 0.0, 0.0), kw_only=True)
-    gyro: NDArray[np.float64] | None = field(default=None, kw_only=True)
-    commands: NDArray[np.float64] | None = field(default=None, kw_only=True)
+    #: (N, 3) gyroscope at the end of each 0.01 s, rad/s about the body's axes, and the command
+    #: until then, rev/s, rev/s and Hz; None for a swim read from a file.
+    gyro: Floats | None = field(default=None, kw_only=True)
+    commands: Floats | None = field(default=None, kw_only=True)
 
     @property
     def distance(self) -> float:
@@ -140,9 +135,40 @@ def swim_all(
     (0, 2)
     """
     world = lane_world(world)
-    bodies = body_array(morphologies)
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
+    bodies, poses = pair_swims(morphologies, fin_angles)
+    swims, time = len(poses), step_count(seconds) * TIMESTEP
+    kind = np.dtype(one_of("dtype", dtype, ("float32", "float64"))).type
+    angles = _for_each_swim("believed", poses if believed is None else believed, swims)
+    gains = _for_each_swim("believed_gain", believed_gain, swims)
+    distances = np.empty((len(controllers), swims))
+    if not distances.size:
+        return distances
+    scenario = world.edit(Scenario.fill({"body": bodies, "fin_angles": poses}))
+    kinds: dict[tuple[Any, ...], list[int]] = {}
+    for i, controller in enumerate(controllers):
+        kinds.setdefault(controller.kind, []).append(i)
+    for those in kinds.values():
+        rows = np.tile(np.arange(swims), len(those))
+        found = rollout(
+            program_of([controllers[i] for i in those], swims),
+            scenario.take(rows),
+            seconds=time,
+            believed=angles[rows],
+            believed_gain=gains[rows],
+            dtype=kind,
+            threads=threads,
+            substeps=world.substeps,
+        )
+        far = found.end[:, 1] - world.current[1] * time
+        distances[those] = far.reshape(len(those), swims)
+    return distances
+
+
+def pair_swims(morphologies: MorphologiesLike, fin_angles: ArrayLike) -> tuple[Floats, Floats]:
+    """Return bodies (Q, 9) and poses (Q, 3) of Q swims; one of either is for all."""
+    bodies = body_array(morphologies)
     poses = finite_array("fin_angles", fin_angles, (None, 3), unit="rad")
     swims = len(bodies) if len(poses) == 1 else len(poses)
     if len(bodies) not in (1, swims):
@@ -150,54 +176,15 @@ def swim_all(
             "morphologies and fin_angles must be equally many, or one for all; "
             f"got {len(bodies)} and {len(poses)}"
         )
-    steps = step_count(seconds)
-    kind = np.float32 if one_of("dtype", dtype, ("float32", "float64")) == "float32" else np.float64
-    angles, gains = _beliefs(poses, swims, believed, believed_gain)
-    distances = np.empty((len(controllers), swims))
-    if not distances.size:
-        return distances
-    fields = {
-        "body": np.broadcast_to(bodies, (swims, 9)),
-        "fin_angles": np.broadcast_to(poses, (swims, 3)),
-    }
-    scenario = world.edit(Scenario.fill(fields))
-    kinds: dict[tuple[Any, ...], list[int]] = {}
-    for i, controller in enumerate(controllers):
-        kinds.setdefault(controller.kind, []).append(i)
-    for those in kinds.values():
-        some = [controllers[i] for i in those]
-        found = rollout(
-            program_of(some, swims),
-            scenario.take(np.tile(np.arange(swims), len(some))),
-            seconds=steps * TIMESTEP,
-            believed=np.tile(angles, (len(some), 1)),
-            believed_gain=np.tile(gains, (len(some), 1)),
-            dtype=kind,
-            threads=threads,
-            substeps=world.substeps,
-        )
-        far = found.end[:, 1] - world.current[1] * (steps * TIMESTEP)
-        distances[those] = far.reshape(len(some), swims)
-    return distances
+    return np.broadcast_to(bodies, (swims, 9)), np.broadcast_to(poses, (swims, 3))
 
 
-def _beliefs(
-    poses: NDArray[np.float64], swims: int, believed: ArrayLike | None, gain: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the assumed fin angles (Q, 3) and servo gains (Q, 3) of each swim."""
-    rows = {
-        "believed": finite_array(
-            "believed", poses if believed is None else believed, (None, 3), unit="rad"
-        ),
-        "believed_gain": finite_array("believed_gain", gain, (None, 3), flat=True),
-    }
-    for name, table in rows.items():
-        if len(table) not in (1, swims):
-            raise InvalidArgumentError(
-                f"{name} must be one for all swims or {swims}; got {len(table)}"
-            )
-    angles, gains = rows.values()
-    return np.broadcast_to(angles, (swims, 3)), np.broadcast_to(gains, (swims, 3))
+def _for_each_swim(name: str, values: ArrayLike, swims: int) -> Floats:
+    """Return values (Q, 3) from one row for all swims, or one for each."""
+    table = finite_array(name, values, (None, 3), flat=name == "believed_gain")
+    if len(table) not in (1, swims):
+        raise InvalidArgumentError(f"{name} must be one for all swims or {swims}; got {len(table)}")
+    return np.broadcast_to(table, (swims, 3))
 
 
 def swim(
@@ -217,19 +204,10 @@ def swim(
     controller
         A function from observation and time to an action (see ``gait.Policy``), or an object with
         a method ``policy`` that returns one: an evolved or learned controller, or your own.
-    morphology
-        Its body, as ``Morphology.coerce`` takes it.
-    fin_angles
-        (3,) initial left and right pectoral angle and caudal phase, rad.
+    morphology, fin_angles, seconds, world, believed, believed_gain
+        Of one swim; otherwise as of :func:`swim_all`. A ``world`` may have a lag.
     engine
         ``"pybullet"``, ``"numba"`` (compiled, float64), or ``"auto"``: PyBullet if installed.
-    seconds
-        Length of the swim.
-    world
-        The water and the servos; None is ``WorldConfig()``.
-    believed, believed_gain
-        What a controller that senses its fins assumes: initial angles (3,) in rad, None for the
-        true ones, and servo gains (3,).
 
     Raises
     ------
@@ -240,35 +218,40 @@ def swim(
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
-    steps = step_count(seconds)
+    time = step_count(seconds) * TIMESTEP
     if isinstance(controller, Controller):
         policy = controller.policy(angles if believed is None else believed, believed_gain)
     else:
         policy = new_policy(controller)
-    config = world or WorldConfig()
+    config = check_world(world)
     found = rollout(
         [policy],
         config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]})),
         engine=check_engine(engine),
-        seconds=steps * TIMESTEP,
+        seconds=time,
         interval=INTERVAL,
         record="path",
         substeps=config.substeps,
-    )
+    ).path
     return Swim(
-        found.path.time,
-        found.path.position[0],
-        found.path.quaternion[0],
-        found.path.fin_angles[0],
+        found.time,
+        found.position[0],
+        found.quaternion[0],
+        found.fin_angles[0],
         current=config.current,
-        gyro=found.path.gyro[0],
-        commands=found.path.commands[0],
+        gyro=found.gyro[0],
+        commands=found.commands[0],
     )
+
+
+def check_world(world: WorldConfig | None) -> WorldConfig:
+    """Return a world; None is the default."""
+    return _MODEL_WORLD if world is None else instance("world", world, WorldConfig)
 
 
 def lane_world(world: WorldConfig | None) -> WorldConfig:
     """Return a world without a lag, which batches do not have; None is the default."""
-    world = world or _MODEL_WORLD
+    world = check_world(world)
     if world.lag:
         raise InvalidArgumentError(
             f"world.lag must be 0 in a batch; got {world.lag:g} s. gait.swim has lags"

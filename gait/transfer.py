@@ -21,7 +21,16 @@ from aquafish_gym.utils.validation import (
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import MAXIMUM_SEED, Controller
 from gait.policy import ControllerLike
-from gait.rollout import MAXIMUM_POSES, SECONDS, Swim, random_poses, step_count, swim, swim_all
+from gait.rollout import (
+    MAXIMUM_POSES,
+    SECONDS,
+    Swim,
+    check_world,
+    random_poses,
+    step_count,
+    swim,
+    swim_all,
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,18 +64,10 @@ class TransferConfig:
 
 @dataclass(frozen=True)
 class Scored:
-    """A controller's swims on one body. Distances are in units of 5 cm.
+    """A controller's swims on one body. Distances are in units of 5 cm, NaN where it diverged."""
 
-    Attributes
-    ----------
-    swim
-        The swim from the zero pose.
-    random_distances
-        (poses,) distance from each random pose; NaN where the robot diverged.
-    """
-
-    swim: Swim
-    random_distances: NDArray[np.float64] = field(repr=False)
+    swim: Swim  #: From the zero pose.
+    random_distances: NDArray[np.float64] = field(repr=False)  #: (poses,) from each random pose.
 
     @property
     def distance(self) -> float:
@@ -87,12 +88,7 @@ class Scored:
 
 @dataclass(frozen=True)
 class Transfer:
-    """A controller on its native body and on the target.
-
-    Attributes
-    ----------
-    poses
-        (poses, 3) random fin angles, the same for both bodies, in rad.
+    """A controller on its native body and on the target, from the same random poses (n, 3) in rad.
 
     Examples
     --------
@@ -118,11 +114,8 @@ class Transfer:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the distances and poses, ready for JSON; None where a robot diverged."""
-        return {
-            "poses": self.poses.tolist(),
-            "native": self.native.to_dict(),
-            "target": self.target.to_dict(),
-        }
+        bodies = {"native": self.native.to_dict(), "target": self.target.to_dict()}
+        return {"poses": self.poses.tolist(), **bodies}
 
 
 def transfer(
@@ -185,7 +178,7 @@ def score(
     ``believed_gain`` are as in :class:`TransferConfig`. Raises as :func:`gait.swim`.
     """
     angles = finite_array("poses", poses, (None, 3), unit="rad")
-    world = WorldConfig() if world is None else instance("world", world, WorldConfig)
+    world = check_world(world)
     error = finite_array("angle_error", angle_error, (3,), unit="rad")
 
     def swim_from(pose: NDArray[np.float64]) -> Swim:

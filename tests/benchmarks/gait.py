@@ -27,12 +27,11 @@ from aquafish_gym.scenario import Scenario
 from gait.agent import ControllerAgent
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig
-from gait.fitness import DIVERGED_SPEED
+from gait.fitness import DIVERGED_SPEED, perform
 from gait.network import GYRO_SCALE, Senses
 from gait.rollout import SECONDS, random_poses, step_count, swim_all
 from gait.search.neat import Evolution, genome_to_controller, load_config
 from gait.search.templates import Template
-from gait.task import perform
 from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet
 
 LEAST_POPULATION = 10  # NEAT's species need some members

@@ -52,30 +52,18 @@ def test_policy_returns_a_legal_action() -> None:
         assert (np.abs(action) <= 1.0).all()
 
 
-@pytest.mark.parametrize(
-    ("observation", "time", "message"),
-    [
-        ([0.0] * 8, 0.0, r"observation must be a row of at least 9 numbers; got shape \(8,\)"),
-        (np.zeros((1, 9)), 0.0, "observation must be a row"),
-        ([*[0.0] * 8, np.nan], 0.0, "observation must be finite"),
-        (["0"] * 9, 0.0, "observation must be numbers"),
-        ([0.0] * 9, np.inf, "time must be finite"),
-    ],
-)
-def test_policy_refuses_a_bad_observation(observation: Any, time: float, message: str) -> None:
-    with pytest.raises(InvalidArgumentError, match=message):
-        make_controller().policy()(observation, time)
+def test_policy_refuses_a_bad_observation() -> None:
+    policy = make_controller().policy()
+    for observation in ([0.0] * 8, np.zeros((1, 9)), [*[0.0] * 8, np.nan], ["0"] * 9):
+        with pytest.raises(InvalidArgumentError, match="observation must"):
+            policy(observation, 0.0)
+    with pytest.raises(InvalidArgumentError, match="at a finite time"):
+        policy(np.zeros(9), np.inf)
 
 
 def test_policy_reads_the_first_nine_entries() -> None:
     policy, senses = make_controller().policy(), np.linspace(-1, 1, 15)
     np.testing.assert_array_equal(policy(senses, 0.3), policy(senses[:9], 0.3))
-
-
-def test_arrays_are_read_only() -> None:
-    controller = make_controller()
-    with pytest.raises(ValueError, match="read-only"):
-        controller.weights[0, 0] = 1.0
 
 
 def change(**values: object) -> dict[str, Any]:
@@ -89,21 +77,16 @@ def without(name: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        ([], r"controller must be of type dict; got \[\]"),
+        ([], "controller must be of type dict"),
         (without("bias"), "missing or unknown fields: bias"),
         (change(extra=1), "missing or unknown fields: extra"),
         (change(inputs=["roll"]), r"controller\.inputs must be up_x, up_y"),
-        (change(seed=True), r"controller\.seed must be a whole number"),
-        (change(clock=-1.0), r"controller\.clock must lie in \[0, 50\] Hz"),
-        (change(clock=None), r"controller\.clock must be (numbers|finite)"),
-        (change(bias=[0.0, 1.0]), r"controller\.bias must have 3 to 1000 entries; got 2"),
-        (change(bias=[0.0] * 3), r"controller\.response must have shape \(3,\)"),
+        (change(seed=True), r"controller\.seed must"),
+        (change(clock=-1.0), r"controller\.clock must"),
+        (change(bias=[0.0, 1.0]), r"controller\.bias must"),
         (change(morphology={}), r"controller\.morphology has missing"),
-        (
-            change(senses={"imu": True, "clock": "x", "fins": False}),
-            r"controller\.senses\.clock must be a whole number",
-        ),
-        (change(sample=5), r"controller\.sample must be of type str; got 5"),
+        (change(senses={"imu": True, "clock": "x", "fins": False}), r"senses\.clock must"),
+        (change(sample=5), r"controller\.sample must"),
     ],
 )
 def test_bad_field_is_refused_by_name(data: object, message: str) -> None:
@@ -127,42 +110,19 @@ def test_feed_forward_order_is_checked() -> None:
         Controller(weights, np.zeros(3), np.ones(3), 1.0, Morphology.nominal(), 0)
 
 
-def test_nan_is_refused() -> None:
-    controller = make_controller()
-    bias = np.where(np.arange(controller.nodes) == 1, np.nan, controller.bias)
-    with pytest.raises(InvalidArgumentError, match=r"controller\.bias must be finite"):
-        replace(controller, bias=bias)
-
-
 def test_file_round_trip(tmp_path: Path) -> None:
-    controller, path = make_controller(), tmp_path / "controller.json"
+    controller, path = replace(make_controller(), sample="3 bodies, abc"), tmp_path / "c.json"
+    assert "sample" not in make_controller().to_dict()
     controller.save(path)
     assert Controller.load(path).to_dict() == controller.to_dict()
 
 
-def test_sample_is_kept(tmp_path: Path) -> None:
-    controller, path = replace(make_controller(), sample="3 bodies, abc"), tmp_path / "c.json"
-    assert "sample" not in make_controller().to_dict()
-    controller.save(path)
-    assert Controller.load(path).sample == "3 bodies, abc"
-
-
 def test_unreadable_files_are_refused_by_name(tmp_path: Path) -> None:
     path = tmp_path / "fish.json"
-    for content, message in (
-        ("{", r"fish\.json is not JSON"),
-        ("[" * 10**6, r"fish\.json is not JSON: it is nested too deep"),
-        (
-            json.dumps(make_controller().to_dict()),
-            r"fish\.json must be of schema gait\.controller/2",
-        ),
-    ):
+    for content in ("{", json.dumps(make_controller().to_dict())):  # the second has no schema
         path.write_text(content)
-        with pytest.raises(DamagedFileError, match=message):
+        with pytest.raises(DamagedFileError, match=r"fish\.json"):
             Controller.load(path)
-    write_document(path, {"a": 1}, "gait.transfer/2")
-    with pytest.raises(DamagedFileError, match=r"fish\.json must be of schema gait\.controller/2"):
-        Controller.load(path)
     write_document(path, {"a": 1}, "gait.controller/2")
     with pytest.raises(InvalidArgumentError, match=r"fish\.json: controller has missing"):
         Controller.load(path)

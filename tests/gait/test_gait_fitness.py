@@ -8,7 +8,7 @@ import pytest
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import fitness
-from gait.fitness import DIVERGED_SPEED, distances, draw_swims, every_pair, penalize_diverged
+from gait.fitness import DIVERGED_SPEED, distances, draw_swims, penalize_diverged
 from gait.rollout import random_poses, stream, swim_all
 from gait_fakes import make_controller
 
@@ -24,18 +24,6 @@ def test_bodies_are_dealt_equally(count: int) -> None:
     assert len(drawn) == min(count, len(POSES))
     assert times.max() - times.min() <= 1
     np.testing.assert_array_equal(swims.poses, POSES)
-
-
-def test_pairs_have_less_variance_than_crossed_swims() -> None:
-    """What ``fitness`` says of its design, with effects of body, pose and both of like size."""
-    rng = np.random.default_rng(0)
-    body, pose = rng.normal(size=(4000, 9)), rng.normal(size=(4000, 9))
-    rest = rng.normal(size=(4000, 9))
-    pairs = (body + pose + rest).mean(axis=1)
-    body3, pose3 = body[:, :3].repeat(3, axis=1), np.tile(pose[:, :3], 3)
-    crossed = (body3 + pose3 + rest).mean(axis=1)
-    assert pairs.var() == pytest.approx(1 / 9 + 1 / 9 + 1 / 9, rel=0.1)
-    assert crossed.var() == pytest.approx(1 / 3 + 1 / 3 + 1 / 9, rel=0.1)
 
 
 def test_batch_of_bodies_agrees_with_each_alone() -> None:
@@ -89,9 +77,3 @@ def test_bad_arguments_are_refused_by_name() -> None:
         distances(controllers, BODIES, np.zeros(3))
     with pytest.raises(InvalidArgumentError, match=r"bodies must have shape \(any, 9\)"):
         distances(controllers, np.zeros((2, 8)))
-
-
-def test_every_pair_lists_swims_body_by_body() -> None:
-    swims = every_pair(BODIES[:2], POSES[:3])
-    np.testing.assert_array_equal(swims.bodies, BODIES[[0, 0, 0, 1, 1, 1]])
-    np.testing.assert_array_equal(swims.poses, POSES[[0, 1, 2, 0, 1, 2]])

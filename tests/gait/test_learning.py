@@ -21,11 +21,11 @@ from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraErro
 from gait import learning
 from gait.controller import Controller
 from gait.files import BODIES_FILE, CONTROLLER_FILE
+from gait.fitness import perform
 from gait.learning import CURVE_FILE, LearningConfig, _Learner, train
 from gait.network import OUTPUTS, Senses, forward
 from gait.rollout import random_poses, stream, swim_all
 from gait.search.templates import Template
-from gait.task import perform
 from gait_fakes import contents
 
 HALF = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())

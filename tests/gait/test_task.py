@@ -17,10 +17,10 @@ from gait.agent import ControllerAgent
 from gait.config import EvolveConfig
 from gait.controller import Controller
 from gait.evolve import evolve_gait
+from gait.fitness import perform
 from gait.network import Senses
 from gait.rollout import random_poses, swim_all
 from gait.search.templates import Template
-from gait.task import perform
 from gait_fakes import contents
 
 BODY = Morphology.nominal()
