@@ -81,14 +81,16 @@ def objective_fitness(models: ArrayLike, target: ArrayLike, layout: BitLayout) -
     return fitness
 
 
+def chance_errors(target: ArrayLike, layout: BitLayout) -> Floats:
+    """Return the exact mean errors (n,) of uniform random genomes, as shares of the ranges."""
+    truth = finite("target", target, (len(layout),))
+    pairs = zip(layout.variables, truth, strict=True)
+    return np.array([np.abs(v.levels - true).mean() / (v.high - v.low) for v, true in pairs])
+
+
 def chance_level(target: ArrayLike, layout: BitLayout) -> float:
     """Return the exact mean OBJ_FIT of uniform random genomes against a target (n,)."""
-    truth = finite("target", target, (len(layout),))
-    errors = [
-        np.abs(variable.levels - true).mean() / (variable.high - variable.low)
-        for variable, true in zip(layout.variables, truth, strict=True)
-    ]
-    return float(1.0 - np.mean(errors))
+    return float(1.0 - chance_errors(target, layout).mean())
 
 
 def mid_range_level(target: ArrayLike, layout: BitLayout) -> float:

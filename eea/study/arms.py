@@ -39,6 +39,11 @@ def angle_label(label: str, condition: str) -> str:
     return f"{label} (assumes zero)" if condition == "none" else label
 
 
+def spoken(name: str) -> str:
+    """Return ``left pectoral width`` for ``left_pectoral.width``."""
+    return name.replace("_", " ").replace(".", " ")
+
+
 def arm_order(arm: str) -> tuple[int, str]:
     """Return a sort key: the paper's order, then names."""
     order = list(FIGURES)
@@ -46,13 +51,5 @@ def arm_order(arm: str) -> tuple[int, str]:
 
 
 def comparisons(arms: Sequence[str]) -> list[tuple[str, str]]:
-    """Return which arms are compared, first less second.
-
-    A variant, whose name continues another arm's, is compared with that arm.
-    """
-    pairs = [(first, second) for first, second in COMPARISONS if {first, second} <= set(arms)]
-    for arm in arms:
-        plain = [other for other in arms if arm.startswith(f"{other}-")]
-        if arm not in dict(pairs) and plain:
-            pairs.append((arm, max(plain, key=len)))
-    return pairs
+    """Return which arms are compared, first less second."""
+    return [pair for pair in COMPARISONS if set(pair) <= set(arms)]

@@ -10,12 +10,9 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
-from numpy.typing import NDArray
 from scipy.optimize import isotonic_regression
 
 from eea.study.tables import MINUS
-
-Floats = NDArray[np.float64]
 
 # Okabe and Ito's palette, which colour-blind readers can tell apart, and a wine red.
 _COLOURS = {
@@ -31,6 +28,7 @@ _OTHERS = ("#000000", "#8C6D31", "#7F7F7F", "#637939", "#843C39", "#5254A3")
 _LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (8, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 GREY, SMALL = "0.35", 8
+GUESS_LINES = {"random bodies": "--", "mid-range body": ":", "quantisation limit": "-"}
 _NAME = 0.08  # of the height of axes, for a name of two small lines
 
 
@@ -47,34 +45,25 @@ def duration_colour(steps: int, durations: Sequence[int]) -> Any:
     return colormaps["viridis"](0.78 * (1.0 - share))
 
 
-def draw_levels(axes: Axes, summary: Mapping[str, Any]) -> None:
-    """Draw the two levels of guessing and the quantisation limit, named at the edge."""
-    levels = [
-        ("random\nbodies", summary["chance"], "--", 1.2),
-        ("mid-range\nbody", summary["mid_range"], ":", 1.2),
-        ("quantisation\nlimit", summary["nearest"], "-", 0.8),
-    ]
-    levels.sort(key=lambda level: level[1])
-    for _, value, line, width in levels:
-        axes.axhline(value, color=GREY, ls=line, lw=width, zorder=1.5)
+def draw_levels(axes: Axes, guesses: Mapping[str, float]) -> None:
+    """Draw the levels of guessing and the quantisation limit, named at the edge."""
+    for (name, level), width in zip(guesses.items(), (1.2, 1.2, 0.8), strict=True):
+        axes.axhline(level, color=GREY, ls=GUESS_LINES[name], lw=width, zorder=1.5)
     axes.set_ylim(top=1.01)
-    # The scale is final now, so names that would overlap can be moved apart.
+    # The scale is final now, so names that would overlap can be moved apart as little as needed:
+    # less a gap for each name below, their places must only not fall, an isotonic regression.
     bottom, top = axes.get_ylim()
-    places = _spaced(np.array([(level[1] - bottom) / (top - bottom) for level in levels]), _NAME)
-    for (name, *_), place in zip(levels, places, strict=True):
-        axes.annotate(
-            name, (1.0, place), (4, 0), xycoords="axes fraction", textcoords="offset points",
-            va="center", fontsize=SMALL - 1, color=GREY, linespacing=0.9, annotation_clip=False,
-        )  # fmt: skip
-
-
-def _spaced(places: Floats, gap: float) -> Floats:
-    """Return ascending places in [0, 1], moved as little as keeps them apart and inside."""
-    # Less a gap for each place below, they must only not fall: isotonic regression.
-    shift = gap * np.arange(len(places))
+    names = sorted(guesses, key=lambda name: guesses[name])
+    shift = _NAME * np.arange(len(names))
+    places = np.array([(guesses[name] - bottom) / (top - bottom) for name in names])
     rising = isotonic_regression(places - shift).x
-    spaced: Floats = np.clip(rising, gap / 2, 1.0 - gap / 2 - shift[-1]) + shift
-    return spaced
+    inside = np.clip(rising, _NAME / 2, 1.0 - _NAME / 2 - shift[-1]) + shift
+    for name, place in zip(names, inside, strict=True):
+        axes.annotate(
+            name.replace(" ", "\n"), (1.0, place), (4, 0), xycoords="axes fraction",
+            textcoords="offset points", va="center", fontsize=SMALL - 1, color=GREY,
+            linespacing=0.9, annotation_clip=False,
+        )  # fmt: skip
 
 
 def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
@@ -106,9 +95,3 @@ def signed_axis(axes: Axes) -> None:
             lambda value, _: f"{value:+.2g}".replace("-", MINUS) if abs(value) > 1e-9 else "0"
         )
     )
-
-
-def fins_and_sizes(names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Return the fins and the sizes that dimensions are of, each in the order of the first."""
-    pairs = [name.partition(".") for name in names]
-    return list(dict.fromkeys(p[0] for p in pairs)), list(dict.fromkeys(p[2] for p in pairs))

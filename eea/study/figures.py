@@ -12,29 +12,25 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MultipleLocator
 
 from aquafish_gym.morphology import FINS
-from aquafish_gym.rendering.pictures import FORMATS, new_figure, save_figure
-from aquafish_gym.utils.validation import one_of
-from eea.study.arms import FIGURES, angle_label
+from aquafish_gym.rendering.pictures import new_figure, save_figure
+from eea.study.arms import FIGURES, angle_label, spoken
 from eea.study.drawing import (
     GREY,
+    GUESS_LINES,
     MARKERS,
-    Floats,
     arm_style,
     draw_levels,
     duration_colour,
-    fins_and_sizes,
     grid,
     legend_below,
     round_axis,
     signed_axis,
 )
 from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
-from eea.study.statistics import FEWEST, curve_interval
-from eea.study.tables import duration_name, spoken
+from eea.study.statistics import Floats, curve_interval
+from eea.study.tables import duration_name
 
 _ROUND = "round (experiments on the target)"
-_MOST_LINES = 8  # in one figure
-_NAMES = {"final", "paired", "conditions", "dimensions", "angles", *FIGURES.values()}
 
 
 def save_study_figures(
@@ -43,27 +39,13 @@ def save_study_figures(
     directory: Path,
     formats: Sequence[str] = ("png",),
 ) -> list[Path]:
-    """Draw the figures of a study; return the files.
-
-    Figures of an earlier report that this one does not draw are removed from the directory.
-
-    Raises
-    ------
-    UnknownNameError
-        If a format is not in ``FORMATS``.
-    """
-    for form in formats:
-        one_of("format", form, FORMATS)
+    """Draw the figures of a study in some of ``FORMATS``; return the files."""
     directory.mkdir(exist_ok=True)
     paths = []
     for name, figure in study_figures(results, summary).items():
         for form in formats:
             paths.append(directory / f"{name}.{form}")
             save_figure(figure, paths[-1])
-    for old in directory.iterdir():
-        ours = old.stem in _NAMES or old.stem.startswith("rounds-")
-        if ours and old.suffix[1:] in FORMATS and old not in paths:
-            old.unlink()
     return paths
 
 
@@ -74,9 +56,9 @@ def study_figures(results: StudyResults, summary: Mapping[str, Any]) -> dict[str
         FIGURES.get(arm, f"rounds-{arm}"): rounds_figure(results, summary, arm) for arm in arms
     }
     figures["final"] = final_figure(results, summary)
-    if any(comparison["rows"] for comparison in summary["paired"]):
-        figures["paired"] = paired_figure(summary)
-    if len(arms) <= _MOST_LINES and summary["dimensions"]["arms"]:
+    if any(row["last_round"]["interval"] for row in summary["paired"]):
+        figures["paired"] = paired_figure(results, summary)
+    if any(summary["dimension_error"].values()):
         figures["conditions"] = conditions_figure(results, summary)
         figures["dimensions"] = dimensions_figure(results, summary)
         if any(results.conditions[arm] != "ideal" for arm in arms):
@@ -119,11 +101,7 @@ def conditions_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figu
     figure = new_figure(4.8, 3.9)
     axes = figure.add_subplot()
     _draw_arms(axes, results, "obj_fit")
-    title = "mean over durations" if len(results.durations()) > 1 else "mean over replicates"
-    if len({tuple(results.durations(arm)) for arm in results.arms}) > 1:
-        title = "mean over each condition's durations"
-    if any(len(results.last_rounds(arm)) >= FEWEST for arm in results.arms):
-        title += ",\nand its 95% interval"
+    title = "mean over durations,\nand its 95% interval"
     axes.set_title(title, fontsize="medium")
     _finish_rounds(axes, results, summary)
     legend_below(figure, axes, 2)
@@ -132,19 +110,17 @@ def conditions_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figu
 
 def dimensions_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
     """Return the error of each dimension against round, one line an arm, a row of panels a fin."""
-    found = summary["dimensions"]
-    fins, sizes = fins_and_sizes(LAYOUT.names)
-    figure = new_figure(7.0, 0.9 + 1.75 * len(fins))
-    panels = figure.subplots(len(fins), len(sizes), sharex=True, sharey=True, squeeze=False)
+    figure = new_figure(7.0, 0.9 + 1.75 * len(FINS))
+    panels = figure.subplots(len(FINS), 3, sharex=True, sharey=True)
+    sizes = [name.partition(".")[2] for name in LAYOUT.names[:3]]
     for name, column in zip(LAYOUT.names, DIMENSION_ERRORS, strict=True):
         fin, _, size = name.partition(".")
-        axes = panels[fins.index(fin), sizes.index(size)]
+        axes = panels[FINS.index(fin), sizes.index(size)]
         _draw_arms(axes, results, column)
-        chance, middle = found["chance_error"][name], found["mid_range_error"][name]
-        limit = found["nearest_error"][name]
-        axes.axhline(chance, color=GREY, ls="--", lw=1, label="random bodies")
-        axes.axhline(middle, color=GREY, ls=":", lw=1.2, label="mid-range body")
-        axes.axhline(limit, color=GREY, lw=0.8, label="quantisation limit")
+        for (guess, errors), width in zip(
+            summary["guess_errors"].items(), (1.0, 1.2, 0.8), strict=True
+        ):
+            axes.axhline(errors[name], color=GREY, ls=GUESS_LINES[guess], lw=width, label=guess)
         axes.set_title(spoken(name), fontsize="medium")
         grid(axes)
         round_axis(axes, results.rounds)
@@ -180,67 +156,56 @@ def final_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
     Boxes reach from quartile to quartile with a line at the median.
     """
     arms, every = results.arms, results.durations()
-    names = [results.labels[arm].replace(", ", ",\n") for arm in arms]
-    crowded = len(arms) > 8 or max(len(line) for name in names for line in name.split("\n")) > 14
-    share = max(0.3 if crowded else 1.1, 0.29 * len(every))
-    figure = new_figure(max(4.8, 0.8 + share * len(arms)), 5.2 if crowded else 3.8)
+    figure = new_figure(max(4.8, 0.8 + max(1.1, 0.29 * len(every)) * len(arms)), 3.8)
     axes = figure.add_subplot()
     width = 0.84 / len(every)
     for i, arm in enumerate(arms):
-        for j, steps in enumerate(every):
-            if steps in results.durations(arm):
-                last = results.replicates.loc[arm].loc[steps, "obj_fit"].to_numpy()
-                place = i + (j - (len(every) - 1) / 2) * width
-                _draw_distribution(axes, place, width, last, duration_colour(steps, every))
+        for steps in results.durations(arm):
+            last = results.replicates.loc[arm].loc[steps, "obj_fit"].to_numpy()
+            place = i + (every.index(steps) - (len(every) - 1) / 2) * width
+            _draw_distribution(axes, place, width, last, duration_colour(steps, every))
     for steps in every:
         colour = duration_colour(steps, every)
         axes.plot([], [], "o", ms=5, color=colour, label=f"{steps} steps")
     axes.set_xlim(-0.5, len(arms) - 0.5)
-    axes.set_xticks(range(len(arms)), names)
-    if crowded:
-        axes.tick_params(axis="x", rotation=90)
+    axes.set_xticks(range(len(arms)), [results.labels[arm].replace(", ", ",\n") for arm in arms])
     for i in range(1, len(arms)):
         axes.axvline(i - 0.5, color="0.85", lw=0.8, zorder=0)
     grid(axes, "y")
-    draw_levels(axes, summary)
+    draw_levels(axes, summary["guesses"])
     axes.set_ylabel(f"OBJ_FIT after {results.rounds} rounds")
     legend_below(figure, axes, 4)
     return figure
 
 
-def paired_figure(summary: Mapping[str, Any]) -> Figure:
+def paired_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
     """Return paired differences of OBJ_FIT with their 95% intervals, by comparison and duration.
 
-    A point is hollow where the interval holds 0, and a cross where there is no interval.
+    A point is hollow where the interval holds 0.
     """
-    labels, durations = summary["labels"], summary["durations"]
-    shown = [comparison for comparison in summary["paired"] if comparison["rows"]]
-    keys = sorted(
-        {tuple(row["durations"]) for c in shown for row in c["rows"]}, key=lambda k: (len(k), *k)
-    )
-    colours = {
-        key: duration_colour(key[0], durations) if len(key) == 1 else "black" for key in keys
+    shown: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    for row in summary["paired"]:
+        if row["last_round"]["interval"]:
+            shown.setdefault((row["first"], row["second"]), []).append(row)
+    keys = {tuple(row["durations"]) for rows in shown.values() for row in rows}
+    styles: dict[tuple[int, ...], tuple[str, Any, float]] = {
+        key: ("o", duration_colour(key[0], results.durations()), 1.6)
+        if len(key) == 1
+        else ("D", "black", 2.4)
+        for key in sorted(keys, key=lambda key: (len(key), *key))
     }
-    # For names of one line, and of two, beside one row.
-    gap = 0.8 if len(keys) > 1 else 1.5
-    lines = sum(len(comparison["rows"]) + gap for comparison in shown)
-    figure = new_figure(5.4, 1.3 + 0.18 * lines)
+    gap = 0.8 if len(keys) > 1 else 1.5  # for names of two lines beside one row
+    figure = new_figure(5.4, 1.3 + 0.18 * sum(len(rows) + gap for rows in shown.values()))
     axes = figure.add_subplot()
     place, ticks = 0.0, []
-    for comparison in shown:
-        rows = comparison["rows"]
+    for (first, second), rows in shown.items():
         for i, row in enumerate(rows):
-            key, last = tuple(row["durations"]), row["last_round"]
-            colour, single = colours[key], len(key) == 1
-            mark = "o" if single else "D"
-            if last["interval"] is None:
-                axes.plot(last["mean"], place + i, "x", ms=5, mew=1.6, color=colour)
-                continue
-            low, high = last["interval"]
+            mark, colour, width = styles[tuple(row["durations"])]
+            low, high = row["last_round"]["interval"]
             fill = "white" if low <= 0.0 <= high else colour
-            axes.plot([low, high], [place + i] * 2, color=colour, lw=1.6 if single else 2.4)
-            axes.plot(last["mean"], place + i, mark, ms=5, color=colour, mfc=fill)
-        name = f"{labels[comparison['first']]}\nless {labels[comparison['second']]}"
+            axes.plot([low, high], [place + i] * 2, color=colour, lw=width)
+            axes.plot(row["last_round"]["mean"], place + i, mark, ms=5, color=colour, mfc=fill)
+        name = f"{results.labels[first]}\nless {results.labels[second]}"
         ticks.append((place + (len(rows) - 1) / 2, name))
         place += len(rows) + gap
         axes.axhline(place - (1 + gap) / 2, color="0.9", lw=0.8)
@@ -249,17 +214,11 @@ def paired_figure(summary: Mapping[str, Any]) -> Figure:
     axes.set_yticks([tick for tick, _ in ticks], [name for _, name in ticks])
     axes.tick_params(axis="y", length=0)
     grid(axes, "x")
-    intervals = [row["last_round"]["interval"] for c in shown for row in c["rows"]]
-    notes = []
-    if any(interval is not None for interval in intervals):
-        notes.append("95% interval (hollow where it holds 0)")
-    if None in intervals:
-        notes.append(f"crosses: under {FEWEST} replicates, no interval")
-    axes.set_xlabel(",\n".join(["paired difference of OBJ_FIT", *notes]), fontsize="medium")
+    note = "95% interval (hollow where it holds 0)"
+    axes.set_xlabel(f"paired difference of OBJ_FIT,\n{note}", fontsize="medium")
     signed_axis(axes)
-    for key in keys:
-        mark = "o" if len(key) == 1 else "D"
-        axes.plot([], [], mark, ms=5, color=colours[key], label=duration_name(key))
+    for key, (mark, colour, _) in styles.items():
+        axes.plot([], [], mark, ms=5, color=colour, label=duration_name(key))
     legend_below(figure, axes, 3)
     return figure
 
@@ -282,7 +241,7 @@ def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = Fa
 
 def _finish_rounds(axes: Axes, results: StudyResults, summary: Mapping[str, Any]) -> None:
     """Give axes of OBJ_FIT against round their scale, the same for all of a study's arms."""
-    least = min(summary["chance"], summary["mid_range"])
+    least = min(summary["guesses"].values())
     for arm in results.arms:
         for steps in results.durations(arm):
             curves = results.curves(arm, "obj_fit", [steps])
@@ -292,7 +251,7 @@ def _finish_rounds(axes: Axes, results: StudyResults, summary: Mapping[str, Any]
     axes.set_xlabel(_ROUND)
     axes.set_ylabel("OBJ_FIT, likeness to the true body")
     grid(axes)
-    draw_levels(axes, summary)
+    draw_levels(axes, summary["guesses"])
 
 
 def _draw_distribution(axes: Axes, place: float, width: float, values: Floats, colour: Any) -> None:

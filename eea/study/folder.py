@@ -41,11 +41,12 @@ def read_description(folder: Path) -> dict[str, Any]:
         )
     document = read_document(path, SCHEMA, "study")
     try:
-        read_plan(document)
-        if not isinstance(document.get("rounds"), int) or not document["rounds"]:
-            raise ValueError("rounds")
-    except ValueError as name:
-        raise DamagedFileError(f"{path} is damaged: it does not state the {name}") from None
+        arms_have_settings = all("condition" in arm for arm in document["arms"].values())
+        sound = arms_have_settings and document["rounds"] >= 1 and bool(read_plan(document))
+    except (AttributeError, KeyError, TypeError, ValueError):
+        sound = False
+    if not sound:
+        raise DamagedFileError(f"{path} is damaged: it needs rounds, arms and their replicates")
     return document
 
 

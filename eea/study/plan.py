@@ -38,31 +38,14 @@ def replicate_keys(plan: Plan) -> list[ReplicateKey]:
 
 
 def read_plan(document: Mapping[str, Any]) -> Plan:
-    """Return the plan in a study.json, ``replicates``: each arm's steps and their seeds.
-
-    Raises
-    ------
-    ValueError
-        If it is missing or has another form; the message names the wrong part.
-    """
-    arms, table = document.get("arms"), document.get("replicates")
-    if not isinstance(arms, dict) or not all(isinstance(arm, dict) for arm in arms.values()):
-        raise ValueError("arms")
-    if not isinstance(table, dict) or table.keys() != arms.keys():
-        raise ValueError("replicates")
-    plan: Plan = {}
-    for arm, durations in table.items():
-        sound = isinstance(durations, dict) and all(map(str.isdecimal, durations))
-        if not sound or not durations:
-            raise ValueError(f"replicates.{arm}")
-        plan[arm] = {}
-        for steps, seeds in durations.items():
-            span: dict[str, Any] = seeds if isinstance(seeds, dict) else {}
-            first, count = span.get("first"), span.get("count")
-            if type(first) is not int or type(count) is not int or first < 0 or count < 1:
-                raise ValueError(f"replicates.{arm}.{steps}")
-            plan[arm][int(steps)] = range(first, first + count)
-    return plan
+    """Return the plan in a study.json, whose ``replicates`` are as of ``written_plan``."""
+    return {
+        arm: {
+            int(steps): range(seeds["first"], seeds["first"] + seeds["count"])
+            for steps, seeds in document["replicates"][arm].items()
+        }
+        for arm in document["arms"]
+    }
 
 
 def written_plan(plan: Plan) -> dict[str, Any]:

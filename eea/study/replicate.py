@@ -20,24 +20,14 @@ MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is measured
 
 @dataclass(frozen=True)
 class World:
-    """The target of a study and the water that it shares with its models.
+    """The target of a study and the water that it shares with its models."""
 
-    Attributes
-    ----------
-    morphology, damage
-        The target's body before the damage, and its damage.
-    target_engine
-        The target's engine.
-    current
-        Velocity of the water, units/s, for target and models.
-    gap
-        How the target's world differs from the models'.
-    """
-
-    morphology: Morphology
+    morphology: Morphology  #: The target's body before the damage.
     damage: Damage
     target_engine: str = "numba"
+    #: Velocity of the water, units/s, for target and models.
     current: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    #: How the target's world differs from the models'.
     gap: RealityGap = field(default_factory=RealityGap)
 
 
@@ -76,16 +66,11 @@ class Replicate:
         InvalidArgumentError, EngineUnavailableError, ConfigurationError
             If a setting is wrong or an engine is not installed.
         """
-        world = self.world
+        world, rng = self.world, streams(self.seed)["target"]
         target = EngineTarget(
-            world.morphology,
-            world.damage,
-            streams(self.seed)["target"],
-            self.config.steps,
-            world.target_engine,
-            world.current,
-            gap=world.gap,
-        )
+            world.morphology, world.damage, rng, self.config.steps, world.target_engine,
+            world.current, gap=world.gap,
+        )  # fmt: skip
         return fish_eea(
             target, self.config, self.seed, target.morphology, current=world.current, threads=1
         )
@@ -109,24 +94,20 @@ def replicate(job: Replicate) -> dict[str, Any]:
     The records have no times, so that equal jobs give equal results. The condition joint adds
     ``belief``: the ``coverage`` of its intervals (the share of true sizes inside, by mass), their
     mean ``width`` as a share of the ranges, and whether the fit is ``good``, with its ``verdict``.
-
-    Raises
-    ------
-    InvalidArgumentError, EngineUnavailableError, ConfigurationError
-        See ``Replicate.session``.
+    It raises as ``Replicate.session``.
     """
     session = job.session()
-    for _record in session:
-        pass
+    records = [record.to_dict() for record in session]
+    for record in records:
+        del record["seconds"]
     result = session.result
-    timeless = [record.to_dict() for record in result.rounds]
-    for line in timeless:
-        del line["seconds"]
-    sure = {} if result.belief is None else {"belief": _sureness(result, result.belief)}
-    return {**job.key._asdict(), "stopped": result.stopped, "rounds": timeless, **sure}
+    document = {**job.key._asdict(), "stopped": result.stopped, "rounds": records}
+    if result.belief is not None:
+        document["belief"] = _coverage(result, result.belief)
+    return document
 
 
-def _sureness(result: Result, belief: Belief) -> dict[str, Any]:
+def _coverage(result: Result, belief: Belief) -> dict[str, Any]:
     """Return a posterior's coverage, width and verdict, ready for JSON."""
     assert result.truth is not None
     coverage, width = {}, {}

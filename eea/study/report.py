@@ -18,7 +18,7 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
 
     Raises
     ------
-    UnknownNameError
+    InvalidArgumentError
         If there is no such format.
     ConfigurationError
         If the folder holds no study or no finished replicate.
@@ -41,5 +41,5 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
     written = [path / name for name in (CSV, "summary.json", "summary.md")]
     write_bytes(written[0], results.to_csv().encode())
     write_json(written[1], summary)
-    write_bytes(written[2], markdown(summary, names).encode())
+    write_bytes(written[2], markdown(results, summary, names).encode())
     return [*written, *figures]

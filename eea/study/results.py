@@ -24,7 +24,8 @@ from aquafish_gym.runs.storage import DamagedFileError, read_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
-from eea.study.arms import arm_label, arm_order
+from eea.fish import RealityGap
+from eea.study.arms import arm_label, arm_order, spoken
 from eea.study.folder import STUDY, read_description
 from eea.study.plan import RUNS, Plan, ReplicateKey, read_plan, replicate_keys
 
@@ -37,43 +38,30 @@ LAYOUT: BitLayout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS
 KEYS = ["arm", "steps", "seed"]  # of a replicate
 ANGLE_ERRORS = [f"angle_error.{fin}" for fin in FINS]  # rad
 DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
-SPREADS = [f"spread.{name}" for name in LAYOUT.names]  # the population's SDs, shares of the ranges
 # A record's fields, in the order of their columns.
 _NUMBERS = ("objective_fitness", "model_fitness", "action_fitness")
 _LISTS = ("angle_error", "dimension_error", "spread")
 COLUMNS = [
     *KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
-    *ANGLE_ERRORS, *DIMENSION_ERRORS, *SPREADS,
+    *ANGLE_ERRORS, *DIMENSION_ERRORS,
+    *(f"spread.{name}" for name in LAYOUT.names),  # the population's SDs, shares of the ranges
 ]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class StudyResults:
-    """The finished replicates of a study, and what was run.
+    """The finished replicates of a study, and what was run."""
 
-    Attributes
-    ----------
-    table
-        A row for each round of each finished replicate, with ``COLUMNS``; arms in the paper's
-        order, then steps, seeds and rounds ascending; numbers to 5 significant digits. ``act_fit``
-        is NaN in the first round, whose action is random.
-    truth
-        The target's dimensions, shape (n,).
-    labels
-        Arm to its name for readers.
-    conditions
-        Arm to its condition, as "out-of-band".
-    run
-        The target and its settings, ready for JSON.
-    """
-
+    #: A row for each round of each finished replicate, with ``COLUMNS``; arms in the paper's order,
+    #: then steps, seeds and rounds ascending; numbers to 5 significant digits. ``act_fit`` is NaN
+    #: in the first round, whose action is random.
     table: pd.DataFrame
     rounds: int
-    truth: Floats
-    plan: Plan
-    labels: dict[str, str]
-    conditions: dict[str, str]
-    run: dict[str, Any]
+    planned: int  #: How many replicates study.json plans.
+    truth: Floats  #: The target's dimensions, shape (n,).
+    target: str  #: The target in words.
+    labels: dict[str, str]  #: Arm to its name for readers.
+    conditions: dict[str, str]  #: Arm to its condition, as "out-of-band".
 
     @cached_property
     def replicates(self) -> pd.DataFrame:
@@ -130,38 +118,50 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
         If a file is damaged; the message names it.
     """
     path = Path(folder)
-    header = read_description(path)
-    plan, arms = read_plan(header), header["arms"]
+    study = read_description(path)
+    plan, arms = read_plan(study), study["arms"]
     try:
-        damage = Damage.coerce(header["target_damage"])
-        morphology = Morphology.coerce(header["target_morphology"])
-        truth = damage.body(morphology).to_array()
+        damage = Damage.coerce(study["target_damage"])
+        body = Morphology.coerce(study["target_morphology"])
+        truth = damage.body(body).to_array()
     except (InvalidArgumentError, KeyError) as error:
         raise DamagedFileError(f"{path / STUDY} does not state the target: {error}") from None
-    sizes = zip(DIMENSIONS, morphology.to_array().tolist(), strict=True)
-    run = {
-        "target_changes": {d.name: size for d, size in sizes if size != d.nominal},
-        "target_damage": str(damage),
-        **({"gap": header["gap"]} if header.get("gap") else {}),
-    }
     return StudyResults(
-        _table(path, plan, header),
-        header["rounds"],
-        truth,
-        plan,
-        {arm: arm_label(arm, arms[arm].get("estimation", {}).get("population")) for arm in plan},
-        {arm: str(arms[arm].get("condition")) for arm in plan},
-        run,
+        table=_table(path, plan, study),
+        rounds=study["rounds"],
+        planned=len(replicate_keys(plan)),
+        truth=truth,
+        target=_in_words(body, damage, RealityGap(**study.get("gap", {}))),
+        labels={
+            arm: arm_label(arm, arms[arm].get("estimation", {}).get("population")) for arm in plan
+        },
+        conditions={arm: arms[arm]["condition"] for arm in plan},
     )
 
 
-def _table(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
+def _in_words(body: Morphology, damage: Damage, gap: RealityGap) -> str:
+    """Return a sentence about the target."""
+    changed = [
+        f"{spoken(dimension.name)} {size:g}"
+        for dimension, size in zip(DIMENSIONS, body.to_array().tolist(), strict=True)
+        if size != dimension.nominal
+    ]
+    text = "The target has the nominal body"
+    if changed:
+        text += f" with {', '.join(changed)} (in units of 5 cm)"
+    text += f" and the damage `{damage}`" if damage else " without damage"
+    if gap.changes:
+        text += f"; its world differs from its models' in {gap}"
+    return f"{text}."
+
+
+def _table(folder: Path, plan: Plan, study: dict[str, Any]) -> pd.DataFrame:
     """Return the table of ``StudyResults``; raises as ``read_study``."""
     source = folder / CSV
     if source.exists() and not (folder / RUNS).exists():
         content = read_bytes(source, "results", MOST_BYTES).decode(errors="replace")
     else:
-        ordered = sorted(replicate_keys(plan), key=lambda p: (arm_order(p.arm), p.steps, p.seed))
+        ordered = sorted(replicate_keys(plan), key=lambda k: (arm_order(k.arm), k.steps, k.seed))
         rows = [row for key in ordered for row in _rows(folder, key)]
         if not rows:
             raise ConfigurationError(
@@ -178,16 +178,15 @@ def _table(folder: Path, plan: Plan, header: dict[str, Any]) -> pd.DataFrame:
         sound = False
     if not sound or table.empty:
         raise DamagedFileError(f"{source} is damaged: it is no table of rounds")
-    most = header["rounds"]
-    for (arm, steps, seed), rounds in table.groupby(KEYS, sort=False)["round"]:
-        key = ReplicateKey(arm, steps, seed)
-        planned = seed in plan.get(arm, {}).get(steps, ())
-        early = planned and header["arms"][arm].get("accurate") is not None
-        complete = len(rounds) <= most if early else len(rounds) == most
-        if not planned or not complete or list(rounds) != list(range(1, len(rounds) + 1)):
+    most, planned = study["rounds"], set(replicate_keys(plan))
+    for replicate, rounds in table.groupby(KEYS, sort=False)["round"]:
+        key, count = ReplicateKey(*replicate), len(rounds)
+        early = key in planned and study["arms"][key.arm].get("accurate") is not None
+        complete = list(rounds) == list(range(1, count + 1)) and (count == most or early)
+        if key not in planned or count > most or not complete:
             raise DamagedFileError(
                 f"{folder} is damaged: {key.name} must have the rounds that {STUDY} plans, 1 to "
-                f"{most}; it has {len(rounds)}"
+                f"{most}; it has {count}"
             )
     return table
 

@@ -117,10 +117,3 @@ def sign_test(gains: Sequence[float]) -> float:
     """Return the exact two-sided p of the signs of the gains; ties do not count."""
     wins, losses = sum(g > 0 for g in gains), sum(g < 0 for g in gains)
     return float(stats.binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
-
-
-def rank_correlation(x: Floats, y: Floats) -> float | None:
-    """Return Spearman's rank correlation of (n,) and (n,); None if either is constant."""
-    if len(x) < 2 or np.ptp(x) == 0 or np.ptp(y) == 0:
-        return None
-    return float(stats.spearmanr(x, y).statistic)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,26 +26,17 @@ MOST_JOBS = 100_000
 class Study:
     """The replicates of a study, and everything that determines their results.
 
-    Attributes
-    ----------
-    arms
-        Name to settings; their steps, rounds and time limit are not used.
-    steps
-        Lengths of trials; each arm has each.
-    first_seed, replicates
-        The seeds from the first on, the same in each arm, so that arms are paired.
-
     Raises
     ------
     ConfigurationError
         If an argument is wrong or there is no replicate.
     """
 
-    arms: Mapping[str, Config]
-    steps: tuple[int, ...]
+    arms: Mapping[str, Config]  #: Name to settings, without steps, rounds and time limit.
+    steps: tuple[int, ...]  #: Lengths of trials; each arm has each.
     rounds: int
     first_seed: int
-    replicates: int
+    replicates: int  #: Seeds of each arm at each length; the same in all, so that arms are paired.
     world: World
 
     def __post_init__(self) -> None:
@@ -65,13 +56,17 @@ class Study:
                 raise ConfigurationError(
                     f"time_limit must be None in a study; the arm {name} has {config.time_limit}"
                 )
-        cells = len(list(self._cells()))
-        whole("arms times steps times replicates", cells * self.replicates, 1, MOST_JOBS)
+        count = len(self.arms) * len(self.steps) * self.replicates
+        whole("arms times steps times replicates", count, 1, MOST_JOBS)
+        self._configs()  # checks the steps and the rounds
 
-    def _cells(self) -> Iterator[tuple[str, Config]]:
-        for name, config in self.arms.items():
-            for steps in self.steps:
-                yield name, replace(config, steps=steps, rounds=self.rounds)
+    def _configs(self) -> list[tuple[str, Config]]:
+        """Return the name and the settings of each arm at each length of trial."""
+        return [
+            (name, replace(config, steps=steps, rounds=self.rounds))
+            for name, config in self.arms.items()
+            for steps in self.steps
+        ]
 
     @property
     def seeds(self) -> range:
@@ -82,7 +77,7 @@ class Study:
         """Return every replicate, by arm, steps and seed."""
         return [
             Replicate(name, config, seed, self.world)
-            for name, config in self._cells()
+            for name, config in self._configs()
             for seed in self.seeds
         ]
 

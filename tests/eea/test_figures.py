@@ -57,17 +57,6 @@ def test_a_figure_of_the_paper_shows_mean_and_sd_against_round(study):
         curves = results.curves("in-band", "obj_fit", [steps]).to_numpy()
         assert lines[f"{steps} steps"].get_ydata() == pytest.approx(curves.mean(axis=0))
     assert below.lines[-1].get_ydata() == pytest.approx(curves.std(axis=0, ddof=1))
-    levels = sorted({line.get_ydata()[0] for line in axes.lines if len(line.get_ydata()) == 2})
-    assert levels == sorted(summary[level] for level in ("chance", "mid_range", "nearest"))
-
-
-def test_every_replicate_is_a_point(study):
-    results, summary = study
-    axes = figures.final_figure(results, summary).axes[0]
-    points = [c.get_offsets() for c in axes.collections if len(c.get_offsets()) == 5]
-    assert len(points) == 6 * 4
-    last = results.curves("ideal", "obj_fit", [128]).to_numpy()[:, -1]
-    assert sorted(points[0][:, 1]) == pytest.approx(sorted(last))
 
 
 def test_inferred_angles_are_in_degrees(study):

@@ -9,7 +9,6 @@ from eea.study.statistics import (
     curve_interval,
     interval,
     paired_difference,
-    rank_correlation,
     ratio_interval,
     sign_test,
     summarize,
@@ -35,11 +34,6 @@ def test_an_interval_is_of_enough_numbers_and_the_same_each_time():
     assert interval(SKEWED[: FEWEST - 1]) is None
     assert interval(np.full(6, 0.3)) == [pytest.approx(0.3)] * 2
     assert interval(SKEWED) == interval(SKEWED.copy())
-
-
-def test_an_interval_moves_and_stretches_with_the_numbers():
-    low, high = interval(SKEWED)
-    assert interval(10 - 2 * SKEWED) == pytest.approx([10 - 2 * high, 10 - 2 * low], rel=0.01)
 
 
 def test_one_failure_among_equals_does_not_take_the_interval_out_of_range():
@@ -111,11 +105,3 @@ def test_a_ratio_holds_the_ratio_of_the_means():
     low, high = ratio_interval(rng.normal(3, 0.1, 10), rng.normal(6, 0.1, 10))
     assert 0.47 < low < 0.5 < high < 0.53
     assert ratio_interval(SKEWED[:4], SKEWED[:4]) is None
-
-
-def test_a_rank_correlation_by_hand():
-    x, y = np.array([1.0, 2.0, 2.0, 3.0]), np.array([1.0, 30.0, 2.0, 400.0])
-    assert rank_correlation(x, y) == pytest.approx(4.5 / 22.5**0.5)
-    assert rank_correlation(x, -x) == pytest.approx(-1.0)
-    assert rank_correlation(x, np.ones(4)) is None
-    assert rank_correlation(x[:1], y[:1]) is None

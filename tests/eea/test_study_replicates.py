@@ -17,7 +17,6 @@ from eea.core.config import CONDITIONS, PaperConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
 from eea.core.genetic import GeneticConfig
-from eea.study.plan import ReplicateKey, joined, read_plan, replicate_keys, written_plan
 from eea.study.replicate import Replicate, World, replicate, warm_up
 
 CONFIG = PaperConfig(
@@ -86,26 +85,3 @@ def test_a_rehearsal_refuses_what_no_replicate_could_run():
     nowhere = replace(make(), world=replace(WORLD, current=(0.0, 0.0, float("nan"))))
     with pytest.raises(InvalidArgumentError, match="current must be finite"):
         warm_up([nowhere])
-
-
-PLAN = {"a": {16: range(2, 4), 32: range(1)}, "b": {16: range(1)}}
-
-
-def test_a_plan_is_read_as_it_was_written():
-    written = written_plan(PLAN)
-    assert written["a"] == {"16": {"first": 2, "count": 2}, "32": {"first": 0, "count": 1}}
-    assert read_plan({"arms": {"a": {}, "b": {}}, "replicates": written}) == PLAN
-    assert replicate_keys(PLAN) == [
-        ReplicateKey("a", 16, 2),
-        ReplicateKey("a", 16, 3),
-        ReplicateKey("a", 32, 0),
-        ReplicateKey("b", 16, 0),
-    ]
-
-
-def test_plans_join_where_no_seed_is_left_out():
-    assert joined({"a": {16: range(2, 4)}}, {"a": {16: range(4, 6), 32: range(1)}}) == {
-        "a": {16: range(2, 6), 32: range(1)}
-    }
-    with pytest.raises(ValueError, match="seeds 2 to 3; 5 to 5 would leave a gap in those of a at"):
-        joined({"a": {16: range(2, 4)}}, {"a": {16: range(5, 6)}})
