@@ -46,29 +46,10 @@ class EEA(Session[EEAState]):
 
     Examples
     --------
-    ``examples/toy_robot.py`` has a whole robot.
+    ``examples/toy_robot.py`` defines a whole robot.
 
-    >>> import numpy as np
-    >>> from eea.core.estimation import EstimationConfig
-    >>> from eea.core.experiment import Trials
-    >>> from eea.core.exploration import ExplorationConfig
-    >>> from eea.core.genome import action_layout, model_layout
-    >>> class Wheel(Simulator):
-    ...     def simulate(self, trials):
-    ...         turned = trials.commands * 0.1 * np.arange(16) + trials.angles
-    ...         return RecordedLog(gyro=(trials.models * np.sin(turned))[:, :, None])
-    >>> class Robot:
-    ...     def perform(self, command):
-    ...         trial = Trials(np.array([[0.6]]), command[None], np.array([[0.5]]))
-    ...         return Wheel().simulate(trial)
-    >>> problem = Problem(
-    ...     model_layout([("radius", 1.0, 6)]), action_layout([("speed", 0.0, 2.0)]), ("angle",), 1
-    ... )
-    >>> small = PaperConfig(steps=16, rounds=2, estimation=EstimationConfig(generations=8),
-    ...     exploration=ExplorationConfig(4, 2))
-    >>> result = EEA(Robot(), Wheel(), problem, small, truth=[0.6]).run()
-    >>> len(result.rounds), result.objective_fitness > result.chance
-    (2, True)
+    >>> for record in EEA(robot, simulator, problem, PaperConfig()):  # doctest: +SKIP
+    ...     print(record.round, record.model_fitness)
     """
 
     config: PaperConfig

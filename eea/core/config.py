@@ -56,13 +56,11 @@ class PaperConfig:
             real("accurate", self.accurate, float("-inf"), 1.0)
         for name, kind in PARTS.items():
             instance(name, getattr(self, name), kind)
-        models, populations = (
-            self.estimation.population,
-            {
-                "exploration.population": self.exploration.population,
-                "estimation.population": self.estimation.population,
-            },
-        )
+        models = self.estimation.population
+        populations = {
+            "exploration.population": self.exploration.population,
+            "estimation.population": models,
+        }
         if self.condition == "in-band":
             at_most("in_band.k", self.in_band.k, "estimation.population", models)
         if self.condition == "out-of-band":
@@ -182,11 +180,9 @@ def recovery_config(steps: int = 256, rounds: int = 16) -> PaperConfig:
     """Return the EEA's best settings, those of the damage-recovery case study.
 
     They differ from the paper's Out-of-Band Inference in two settings. With ``revisit=5`` each
-    inference also updates the angles of five earlier trials, which the paper locks in together
-    with errors made while the models were poor. Over the ten replicates of docs/recovery the mean
-    OBJ_FIT after 16 rounds is 0.979, against 0.954 without. (On the undamaged robot, after 12
-    rounds, there is no significant gain: docs/paper_map.md.) Five models judge the angles, as in
-    Fig. 10, which halves the number of trials.
+    inference also updates the angles of five earlier trials, which the paper locks in: the mean
+    OBJ_FIT of docs/recovery after 16 rounds is 0.979, against 0.954 without. Five models judge the
+    angles, as in Fig. 10, which halves the number of trials.
     """
     searching = OutOfBandConfig(sampled_models=5, revisit=5)
     return PaperConfig(steps=steps, rounds=rounds, out_of_band=searching)

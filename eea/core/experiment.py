@@ -115,16 +115,6 @@ class Simulator(Protocol):
     """A model of the robot in which the body and the hidden angles can be chosen.
 
     A class that inherits from this one only needs ``simulate``: numpy compares its logs.
-
-    Examples
-    --------
-    >>> class Swing(Simulator):
-    ...     def simulate(self, trials):
-    ...         time = 0.01 * np.arange(1, 65)
-    ...         rate = trials.models[:, :1] * np.sin(trials.commands[:, :1] * time + trials.angles)
-    ...         return RecordedLog(gyro=rate[:, :, None])
-    >>> Swing().simulate(Trials(np.ones((5, 2)), np.ones((5, 1)), np.zeros((5, 1)))).gyro.shape
-    (5, 64, 1)
     """
 
     @abstractmethod

@@ -17,13 +17,7 @@ def action_fitness(behaviors: Coefficients) -> Floats:
     Behaviours are (A, M, F): A actions, M models, F coefficients.
     """
     models = behaviors.shape[1]
-    if np.iscomplexobj(behaviors):
-        sums = np.array([_pairwise_sum(action) for action in behaviors])
-    else:
-        # sum over i < j of |x_i - x_j| is sum over ranks k of (2 k - (M - 1)) x_(k).
-        weights = 2.0 * np.arange(models) - (models - 1)
-        ordered = np.sort(behaviors, axis=1).astype(np.float64)
-        sums = np.einsum("m,amf->a", weights, ordered)
+    sums = np.array([_pairwise_sum(action) for action in behaviors])
     return disagreement(sums / behaviors.shape[2], models)
 
 
@@ -35,7 +29,7 @@ def disagreement(apart: Floats, models: int) -> Floats:
 
 
 def _pairwise_sum(behaviors: Coefficients) -> float:
-    """Return the sum of all pairs' differences for one action, complex behaviours (M, F).
+    """Return the sum of all pairs' differences for one action, behaviours (M, F).
 
     Each model is compared with all later ones, in place on real and imaginary parts: that fits a
     core's cache and is ten times as fast as gathering pairs of complex numbers.

@@ -5,7 +5,8 @@ from __future__ import annotations
 import time
 from typing import Unpack
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.morphology import Morphology
 from eea.core.config import FitConfig, JointConfig
@@ -16,9 +17,10 @@ from eea.fish.interpolation import at_times, steps_for
 from eea.fish.joint import SwimWindows, fish_joint
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import FEWEST, SwimLog
-from eea.fish.windows import BEFORE, log_windows
+from eea.fish.windows import BEFORE, LogWindows, log_windows
 from eea.joint.inference import fit
 from eea.joint.least_squares import Observed
+from eea.joint.problem import JointProblem
 from eea.joint.session import round_fit
 
 
@@ -69,24 +71,27 @@ def infer_log(
     True
     """
     began = time.monotonic()
-    windows = log_windows(log, moving).windows
+    windows = log_windows(log, moving)
     settings = vars(FitConfig() if joint is None else joint)
     config = JointConfig(**settings | {"steps": windows.gyro.shape[1], "rounds": 1})
-    rng, problem = streams(seed)["estimation"], fish_problem()
-    engine = EngineSimulator(steps_for(windows.time), **simulator)
-    fish, swims = at_times(
-        fish_joint(problem, engine, SwimWindows(windows.interval, windows.begun)),
-        SwimWindows.array(windows.series, windows.spin),
-        windows.time,
-    )
+    rng = streams(seed)["estimation"]
+    fish, swims = windows_problem(windows, **simulator)
+    layout = fish.problem.models
     body = None if truth is None else Morphology.coerce(truth).to_array()
     posterior = fit(Observed(swims, windows.gyro), fish, config, rng)
     command = windows.series[-1, windows.begun // windows.interval :].mean(axis=0)
     seconds = time.monotonic() - began
-    record = RoundRecord.of(
-        1, command, None, round_fit(posterior), problem.models, body, None, seconds
-    )
-    return MorphologyEstimate(config, seed, problem.models, body, [record], belief=posterior)
+    record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
+    return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior)
+
+
+def windows_problem(
+    windows: LogWindows, **simulator: Unpack[SimulatorOptions]
+) -> tuple[JointProblem, NDArray[np.void]]:
+    """Return the joint problem of a log's windows, and the windows as its commands (E,)."""
+    engine = EngineSimulator(steps_for(windows.time), **simulator)
+    joint = fish_joint(fish_problem(), engine, SwimWindows(windows.interval, windows.begun))
+    return at_times(joint, SwimWindows.array(windows.series, windows.spin), windows.time)
 
 
 def log_nuisances(moving: bool) -> tuple[str, ...]:

@@ -46,15 +46,6 @@ class EngineTarget:
         How the target's world differs from its models', which ``current`` and ``substeps``
         describe. The hidden angles are the same for all gaps, except a seized servo's.
 
-    Attributes
-    ----------
-    damage
-        The damage.
-    morphology
-        The body with every fault of its fins, whenever they begin.
-    engine
-        The engine's own name, never ``"auto"``.
-
     Raises
     ------
     InvalidArgumentError, UnknownNameError, EngineUnavailableError, ConfigurationError
@@ -62,12 +53,6 @@ class EngineTarget:
 
     Examples
     --------
-    >>> fish = EngineTarget(None, "left_pectoral:length=0.5", steps=64, engine="numba")
-    >>> fish.perform(np.array([0.4, -0.3, 0.8])).gyro.shape
-    (1, 64, 3)
-
-    A tail that fails half a second into each trial:
-
     >>> fish = EngineTarget(None, "caudal:dead@0.5; gyro_z:bias=0.1", steps=64, engine="numba")
     >>> fish.perform(np.array([0.4, -0.3, 0.8])).gyro.shape
     (1, 64, 3)
@@ -86,8 +71,9 @@ class EngineTarget:
     ) -> None:
         instance("gap", gap, RealityGap)
         self.damage, whole = Damage.coerce(damage), Morphology.coerce(morphology)
+        #: The body with every fault of its fins, whenever they begin.
         self.morphology: Morphology = self.damage.body(whole)
-        self.engine: str = resolve_engine("engine", engine)
+        self.engine: str = resolve_engine("engine", engine)  #: Never "auto".
         self._rng = np.random.default_rng() if rng is None else rng
         self._gap, self._steps = gap, steps
         shared = finite_array("current", current, (3,), unit="units/s")

@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Unpack
 
 from eea.core.angles import Floats
-from eea.fish.estimate import fish_problem
-from eea.fish.interpolation import at_times, steps_for
-from eea.fish.simulator import EngineSimulator, SimulatorOptions
+from eea.fish.simulator import SimulatorOptions
 from eea.fish.swim_log import SwimLog
 
 if TYPE_CHECKING:
@@ -90,23 +88,18 @@ def watch_swim(
     60 s of swimming, 59 windows: this is still the body that was inferred
     """
     # scipy.stats is imported here to keep `import eea.fish.watch` quick.
-    from eea.fish.joint import SwimWindows, fish_joint
+    from eea.fish.log_inference import windows_problem
     from eea.fish.windows import log_windows
     from eea.joint.change_detection import ALARM, ChangeDetector
 
-    cut, _, ends, _ = log_windows(log, True, WINDOW)
-    joint = fish_joint(
-        fish_problem(),
-        EngineSimulator(steps_for(cut.time), **simulator),
-        SwimWindows(cut.interval, cut.begun),
-    )
-    joint, observed = at_times(joint, SwimWindows.array(cut.series, cut.spin), cut.time)
+    windows = log_windows(log, True, WINDOW)
+    joint, observed = windows_problem(windows, **simulator)
     detector = ChangeDetector(joint, belief, ALARM if alarm is None else alarm, seed)
     looks: list[WindowTest] = []
-    for i, gyro in enumerate(cut.gyro):
+    for i, gyro in enumerate(windows.gyro):
         looks.append(detector.look(observed[i : i + 1], gyro))
         if progress is not None:
-            progress(i + 1, len(cut.gyro))
+            progress(i + 1, len(windows.gyro))
         if until_noticed and not looks[-1].same:
             break
-    return Watched(ends[: len(looks)], tuple(looks), detector.alarm)
+    return Watched(windows.ends[: len(looks)], tuple(looks), detector.alarm)

@@ -20,8 +20,8 @@ LONGEST = {False: 1024, True: 512}  # samples of a trial from rest, and of a win
 MOST_WINDOWS = 8  # of swims: more tell little, slowly
 
 
-class Windows(NamedTuple):
-    """Swims cut into E windows of T samples, to be simulated for K steps of 0.01 s."""
+class LogWindows(NamedTuple):
+    """E windows of T samples of a log, to be simulated for K steps of 0.01 s."""
 
     series: Floats  #: (E, K, 3) commands.
     spin: Floats  #: (E, 3) the gyroscope's reading just before, rad/s.
@@ -29,12 +29,6 @@ class Windows(NamedTuple):
     interval: int  #: Samples that each command is held.
     begun: int  #: Samples of a series before its window.
     time: Floats  #: (E, T) of the readings, s after each window's beginning.
-
-
-class LogWindows(NamedTuple):
-    """The parts of a log that are compared with simulated swims."""
-
-    windows: Windows
     names: tuple[str, ...]  #: Of each window: "trial 2", or "trial 1 from 5.3 s".
     ends: Floats  #: (E,) when each ends, s of swimming since the record began, over all trials.
     remarks: tuple[str, ...]  #: The parts that are not used, in sentences.
@@ -98,13 +92,22 @@ def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None
         ]
     interval = _held_for(series)
     spin = np.array([log.gyro[begin] if moving else np.zeros(3) for _, begin in cuts])
-    cut = Windows(series[:, ::interval], spin, samples, interval, lead, times)
     before = np.cumsum([0.0, *log.seconds])  # s of swimming before each trial
     ends = [
         before[trial] + log.time[begin + count * averaged] - log.time[log.blocks[trial].start]
         for trial, begin in cuts
     ]
-    return LogWindows(cut, tuple(names), np.array(ends), tuple(remarks))
+    return LogWindows(
+        series=series[:, ::interval],
+        spin=spin,
+        gyro=samples,
+        interval=interval,
+        begun=lead,
+        time=times,
+        names=tuple(names),
+        ends=np.array(ends),
+        remarks=tuple(remarks),
+    )
 
 
 def _cuts(

@@ -13,7 +13,6 @@ from eea.core.config import CONDITIONS, JointConfig, PaperConfig, config_for, re
 from eea.core.estimation import EstimationConfig
 from eea.core.experiment import RecordedLog, Trials
 from eea.core.exploration import ExplorationConfig
-from eea.core.fitness import mid_range_level, quantisation_limit
 from eea.core.genetic import GeneticConfig
 from eea.core.session import STREAMS, streams
 from eea.study.presets import FIGURES, figure_config
@@ -94,19 +93,6 @@ def test_truth_affects_only_the_records():
     assert (hidden.chance, hidden.mid_range, hidden.nearest) == (None, None, None)
 
 
-def test_json_holds_everything():
-    result = eea_of(QUICK).run()
-    document = json.loads(result.to_json())
-    assert document["schema"] == "eea.result/1"
-    assert document["morphology"] == list(result.model) == list(result.rounds[-1].morphology)
-    assert document["truth"] == TRUTH.tolist()
-    assert document["config"]["estimation"]["population"] == 10
-    assert document["rounds"][0]["command"] == list(result.rounds[0].command)
-    assert document["mid_range"] == mid_range_level(TRUTH, MODELS)
-    assert document["nearest"] == quantisation_limit(TRUTH, MODELS)
-    assert document["dimensions"] == list(MODELS.names)
-
-
 def test_run_stops_when_model_is_accurate_and_stays_stopped():
     eea = eea_of(replace(QUICK, condition="ideal", rounds=50, accurate=0.6))
     result = eea.run()
@@ -175,10 +161,8 @@ def test_ideal_condition_needs_revealing_target():
 @pytest.mark.parametrize(
     ("log", "message"),
     [
-        (None, "must return a log with gyro; it returned None"),
         (RecordedLog(np.zeros((2, 64, 3))), "the log of one trial; it returned 2"),
         (RecordedLog(np.full((64, 3), np.nan)), "must be finite"),
-        (RecordedLog(np.zeros((64, 2))), r"\(B, T, 3\)"),
         (RecordedLog(np.zeros((65, 3))), "target must log trials of 64 .*; it logged 65"),
     ],
 )
@@ -191,7 +175,7 @@ def test_wrong_log_raises_target_error(log, message):
         EEA(Broken(), FakeSimulator(), PROBLEM, QUICK).run()
 
 
-@pytest.mark.parametrize("angles", [None, [1.0, 2.0], [0.0, np.nan, 0.0], "left"])
+@pytest.mark.parametrize("angles", [None, [0.0, np.nan, 0.0]])
 def test_revealed_angles_must_be_three_numbers(angles):
     class Confused(FakeTarget):
         @property
@@ -251,9 +235,6 @@ def test_conditions_have_settings_by_name():
     [
         ({"condition": "outofband"}, "did you mean 'out-of-band'"),
         ({"steps": 100}, "steps must be a power of two; got 100"),
-        ({"rounds": 0}, "rounds"),
-        ({"accurate": 1.5}, "accurate"),
-        ({"time_limit": -1.0}, "time_limit"),
         ({"genetic": None}, "genetic must be of type GeneticConfig; got None"),
         (
             {"condition": "in-band", "in_band": InBandConfig(k=26)},
@@ -276,9 +257,8 @@ def test_bad_paper_settings_are_refused(settings, message):
 
 @pytest.mark.parametrize(
     "settings",
-    [{"steps": 31}, {"noise": 0.0}, {"alternatives": "maybe"}, {"descents": 97},
-     {"max_interval_width": 2}, {"nuisances": "lag"}],
-)  # fmt: skip
+    [{"steps": 31}, {"noise": 0.0}, {"alternatives": "maybe"}, {"nuisances": "lag"}],
+)
 def test_bad_joint_settings_are_refused(settings):
     with pytest.raises(ConfigurationError, match=next(iter(settings))):
         JointConfig(**settings)

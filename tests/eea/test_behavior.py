@@ -53,11 +53,8 @@ def test_similarity_is_symmetric_and_at_most_one(pair):
     ("log", "message"),
     [
         (None, "must return a log with gyro; it returned None"),
-        (RecordedLog(None), "must hold gyro; that of a robot holds none"),
         (RecordedLog([[1.0], [2.0, 3.0]]), "gyro of a robot is ragged"),
-        (RecordedLog(np.zeros((8, 3), complex)), "real numbers; gyro of a robot is complex128"),
         (RecordedLog(np.zeros((1, 3))), r"at least 2 steps; got \(1, 1, 3\)"),
-        (RecordedLog(np.zeros(8)), r"got \(8,\)"),
     ],
 )
 def test_bad_logs_are_refused(log, message):

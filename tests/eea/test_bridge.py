@@ -46,19 +46,6 @@ def test_every_genome_is_a_body_and_a_command_the_fish_accepts():
     assert log.rpy.shape == log.gyro.shape == (31, 8, 3)
 
 
-def test_a_trial_is_the_same_to_the_bit_in_any_batch():
-    rng = np.random.default_rng(0)
-    bodies = fish_models().decode(fish_models().random(37, rng))
-    commands = fish_actions().decode(fish_actions().random(37, rng))
-    angles = rng.uniform(-np.pi, np.pi, (37, 3))
-    simulator = EngineSimulator(64)
-    whole = simulator.simulate(Trials(bodies, commands, angles))
-    for part in (slice(0, 1), slice(5, 22), slice(36, 37)):
-        alone = simulator.simulate(Trials(bodies[part], commands[part], angles[part]))
-        assert np.array_equal(alone.rpy, whole.rpy[part])
-        assert np.array_equal(alone.gyro, whole.gyro[part])
-
-
 @pytest.mark.parametrize("engine", ["pybullet", "numba"])
 def test_the_target_hides_new_angles_before_every_command(engine):
     if engine == "pybullet":
@@ -124,41 +111,14 @@ def test_a_target_needs_only_perform():
         estimate_morphology_of(Tank(), replace(QUICK, condition="ideal"))
 
 
-def test_a_target_of_other_steps_than_the_models_is_refused():
-    target = EngineTarget(None, DAMAGE, np.random.default_rng(0), 33, "numba")
-    with pytest.raises(eea.TargetError, match=r"must log trials of 32 steps, .*; it logged 33"):
-        estimate_morphology_of(target, QUICK)
-
-
-def test_an_estimate_is_shown_in_a_line():
-    estimate = estimate_morphology(None, DAMAGE, QUICK, 1, target_engine="numba")
-    assert estimate.objective_fitness == estimate.rounds[-1].objective_fitness
-    fits = (estimate.rounds[-1].model_fitness, estimate.objective_fitness)
-    assert repr(estimate) == (
-        "MorphologyEstimate(none, 2 rounds of 32 steps, seed 1; "
-        "MOD_FIT {:.3f}, OBJ_FIT {:.3f})".format(*fits)
-    )
-    unknown = estimate_morphology_of(
-        EngineTarget(None, DAMAGE, np.random.default_rng(0), 32, "numba"), QUICK
-    )
-    assert "OBJ_FIT" not in repr(unknown)
-    empty = eea.MorphologyEstimate(QUICK, 0, fish_models())
-    assert repr(empty) == "MorphologyEstimate(none, 0 rounds of 32 steps, seed 0)"
-    assert empty.objective_fitness is None
-
-
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
         ({"damage": "left_pectral:length=0.5"}, UnknownNameError, "did you mean 'left_pectoral'"),
         ({"target_morphology": [0.1] * 8}, InvalidArgumentError, "morphology"),
-        ({"target_morphology": [-0.1] * 9}, InvalidArgumentError, "morphology"),
         ({"engine": "nunba"}, UnknownNameError, "did you mean 'numba'"),
         ({"target_engine": "bullet"}, UnknownNameError, "did you mean 'pybullet'"),
-        ({"dtype": "float16"}, UnknownNameError, "dtype"),
         ({"current": (0, np.nan, 0)}, InvalidArgumentError, "current must be finite"),
-        ({"threads": 0}, InvalidArgumentError, "threads"),
-        ({"substeps": 0}, InvalidArgumentError, "substeps"),
     ],
 )
 def test_bad_arguments_are_refused_before_anything_swims(arguments, error, message):

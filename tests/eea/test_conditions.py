@@ -111,10 +111,7 @@ def test_revisit_updates_earlier_experiments():
     [
         (lambda: InBandConfig(k=0), "in_band.k"),
         (lambda: InBandConfig(confidence=1.5), "in_band.confidence"),
-        (lambda: OutOfBandConfig(period=0), "out_of_band.period"),
-        (lambda: OutOfBandConfig(inner_population=1), "out_of_band.inner_population"),
         (lambda: OutOfBandConfig(sampled_models=0), "out_of_band.sampled_models"),
-        (lambda: OutOfBandConfig(revisit=-1), "out_of_band.revisit"),
     ],
 )
 def test_bad_settings_are_refused(make, message):

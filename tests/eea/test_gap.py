@@ -29,13 +29,6 @@ def fish(gap: RealityGap, **options) -> EngineTarget:
     )
 
 
-def test_no_gap_is_the_plain_target_to_the_bit():
-    plain = EngineTarget(None, DAMAGE, np.random.default_rng(3), STEPS, "numba")
-    same = fish(RealityGap())
-    for _ in range(2):
-        assert np.array_equal(plain.perform(COMMAND).gyro, same.perform(COMMAND).gyro)
-
-
 @pytest.mark.parametrize(
     ("gap", "told"),
     [
@@ -124,10 +117,8 @@ def test_a_gap_says_what_it_is():
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        ({"drag": (1.0,)}, "drag must have shape"),
         ({"gyro_noise": -0.1}, "gyro_noise must lie in"),
         ({"gyro_bias": (0.0, 0.0, float("nan"))}, "gyro_bias must be finite"),
-        ({"seized_angle": "up"}, "seized_angle must be numbers"),
         ({"substeps": 0}, "substeps must be a whole number"),
     ],
 )

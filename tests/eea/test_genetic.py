@@ -72,11 +72,9 @@ def test_evolving_counts_ones_and_asks_for_no_genome_twice():
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ({"tournament_size": 0}, "genetic.tournament_size must be a whole number"),
         ({"crossover_rate": 1.5}, r"genetic.crossover_rate must be a finite number in \[0, 1\]"),
         ({"mutations": float("nan")}, "genetic.mutations must be a finite number"),
         ({"elites": -1}, "genetic.elites"),
-        ({"elites": True}, "genetic.elites"),
     ],
 )
 def test_bad_settings_are_refused(settings, message):

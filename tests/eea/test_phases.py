@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eea.core.behavior import summarize
-from eea.core.checks import ConfigurationError, TargetError
+from eea.core.checks import TargetError
 from eea.core.conditions import Ideal
 from eea.core.estimation import Estimation, EstimationConfig, SimilarityTable
 from eea.core.experiment import Context, Experiment, RecordedLog, Trials
@@ -138,10 +138,3 @@ def test_simulator_must_log_every_trial_and_step():
         evolved(estimation(simulator=FakeSimulator(STEPS + 1)), 1)
     with pytest.raises(TargetError, match="a log for each of 75 trials; it returned 74"):
         evolved(estimation(simulator=Lazy()), 3)
-
-
-@pytest.mark.parametrize("config", [ExplorationConfig, EstimationConfig])
-@pytest.mark.parametrize("settings", [{"population": 1}, {"generations": 0}, {"generations": 2.5}])
-def test_bad_settings_are_refused(config, settings):
-    with pytest.raises(ConfigurationError, match=next(iter(settings))):
-        config(**settings)

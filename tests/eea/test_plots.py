@@ -2,9 +2,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import pytest
-
-from eea.core.checks import ConfigurationError
 from eea.core.config import PaperConfig
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
@@ -37,11 +34,6 @@ def test_the_figure_shows_both_fitnesses_and_the_levels_beside_them():
     assert set(lines["quantisation limit"].get_ydata()) == {result.nearest}
 
 
-def test_without_the_truth_only_the_model_fitness_is_drawn():
-    lines = labels(fitness_figure(fake_eea(QUICK, truth=False).run()))
-    assert [label[:7] for label in lines] == ["MOD_FIT"]
-
-
 def test_a_fitness_below_zero_is_said_to_be_cut():
     result = fake_eea(QUICK).run()
     result.rounds = [replace(record, model_fitness=0.1) for record in result.rounds]
@@ -50,8 +42,3 @@ def test_a_fitness_below_zero_is_said_to_be_cut():
     axes = fitness_figure(result).axes[0]
     assert axes.get_ylim()[0] == 0
     assert [text.get_text() for text in axes.texts] == ["cut at 0: MOD_FIT falls to -3.25"]
-
-
-def test_nothing_to_draw_is_refused():
-    with pytest.raises(ConfigurationError, match="at least one round"):
-        fitness_figure(fake_eea(QUICK).result)

@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.core.checks import TargetError
 from eea.core.experiment import Simulator, Trials
 from eea.core.model_evaluator import DIVERGED, ModelEvaluator
 from eea.fish.simulator import EngineSimulator
@@ -98,18 +96,6 @@ def test_what_compares_in_the_engine_is_not_inherited() -> None:
 
     with pytest.raises(dataclasses.FrozenInstanceError):
         EngineSimulator(STEPS).current = (1.0, 0.0, 0.5)  # type: ignore[misc]
-
-
-def test_it_checks_what_the_long_way_checks() -> None:
-    lab = evaluator(compiled=True)
-    observed, which = np.zeros((1, 195), complex), np.zeros(30, np.intp)
-    with pytest.raises(InvalidArgumentError, match="body"):
-        lab.similarities(Trials(-TRIALS.models, TRIALS.commands, TRIALS.angles), observed, which)
-    with pytest.raises(InvalidArgumentError, match=r"which must lie in \[0, 0\]; got 0 to 7"):
-        lab.similarities(TRIALS, observed, which + 7 * (np.arange(30) == 3))
-    other = ModelEvaluator(EngineSimulator(64), STEPS, 3)
-    with pytest.raises(TargetError, match="128 steps"):
-        other.similarities(TRIALS, observed, which)
 
 
 def test_it_swims_in_the_simulators_water() -> None:

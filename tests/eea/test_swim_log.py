@@ -165,12 +165,12 @@ def test_other_files_are_refused(tmp_path):
 
 def test_windows_of_simulated_trials_are_what_was_simulated():
     log = recorded(steps=100)
-    cut, names, ends, remarks = log_windows(log)
-    assert (names, remarks, cut.begun, cut.interval) == (("trial 1", "trial 2"), (), 0, 100)
+    cut = log_windows(log)
+    assert (cut.names, cut.remarks, cut.begun, cut.interval) == (("trial 1", "trial 2"), (), 0, 100)
     assert np.array_equal(cut.series, np.array(COMMANDS)[:, None])
     assert np.array_equal(cut.gyro, log.gyro.reshape(2, 101, 3)[:, 1:])
     np.testing.assert_allclose(cut.time, np.tile(TIMESTEP * np.arange(1, 101), (2, 1)))
-    np.testing.assert_allclose(ends, [1.0, 2.0])
+    np.testing.assert_allclose(cut.ends, [1.0, 2.0])
 
 
 def test_commands_that_change_are_followed_on_the_logs_clock():
@@ -178,7 +178,7 @@ def test_commands_that_change_are_followed_on_the_logs_clock():
     commands = np.zeros((120, 3))
     commands[time >= 0.3, 0], commands[time >= 0.515, 0] = 0.4, -0.2
     gyro = np.random.default_rng(0).normal(size=(120, 3))
-    cut, *_ = log_windows(SwimLog(time, gyro, commands))
+    cut = log_windows(SwimLog(time, gyro, commands))
     assert cut.interval == 1
     turned = TIMESTEP * np.cumsum(cut.series[0, :, 0])
     # The change after 0.515 s came with the row at 0.5167 s, which lies within a step.
@@ -190,23 +190,23 @@ def test_commands_that_change_are_followed_on_the_logs_clock():
 def test_many_readings_are_averaged_and_unused_ones_reported():
     time = np.arange(30_000) / 1000.0
     gyro = np.stack([0.1 * time, np.sin(time), 0 * time], axis=1)
-    cut, _, _, remarks = log_windows(SwimLog(time, gyro, np.full((30_000, 3), 0.2)))
+    cut = log_windows(SwimLog(time, gyro, np.full((30_000, 3), 0.2)))
     assert cut.gyro.shape == (1, 1023, 3)  # of 1024 the first is before the simulator's first step
     np.testing.assert_allclose(cut.gyro[0, :, 0], 0.1 * cut.time[0])
-    assert remarks == ("of the 30 s of trial 1 the first 10.2 s are used",)
+    assert cut.remarks == ("of the 30 s of trial 1 the first 10.2 s are used",)
 
 
 def test_a_record_in_mid_swim_is_cut_into_windows():
     log = recorded(steps=700)
-    cut, names, ends, remarks = log_windows(log, moving=True)
+    cut = log_windows(log, moving=True)
     assert cut.gyro.shape == (2, 512, 3)
-    assert (names, cut.begun) == (("trial 1 from 0.2 s", "trial 2 from 0.2 s"), 20)
+    assert (cut.names, cut.begun) == (("trial 1 from 0.2 s", "trial 2 from 0.2 s"), 20)
     assert np.array_equal(cut.spin, log.gyro[[20, 721]])
     assert np.array_equal(cut.gyro[0], log.gyro[21:533])
-    assert remarks[0] == "of the 7 s of trial 1 the first 5.32 s are used"
-    np.testing.assert_allclose(ends, [5.32, 12.32])  # s of swimming, over both trials
+    assert cut.remarks[0] == "of the 7 s of trial 1 the first 5.32 s are used"
+    np.testing.assert_allclose(cut.ends, [5.32, 12.32])  # s of swimming, over both trials
     seconds = log_windows(log, moving=True, seconds=1.0)
-    assert seconds.windows.gyro.shape == (12, 100, 3)
+    assert seconds.gyro.shape == (12, 100, 3)
     np.testing.assert_allclose(seconds.ends, [t + i for t in (0.2, 7.2) for i in range(1, 7)])
     with pytest.raises(InvalidArgumentError, match="trial 1 must have at least 32 samples"):
         log_windows(recorded(steps=40), moving=True)

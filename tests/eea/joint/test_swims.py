@@ -91,14 +91,14 @@ def test_from_rest_the_current_is_found_too() -> None:
 def test_windows_are_cut_where_they_should_be() -> None:
     log = swim(3, 601)
     short = SwimLog(*(part[:301] for part in (log.time, log.gyro, log.commands)))
-    cut = log_windows(together(log, short), moving=True, seconds=2.5).windows
+    cut = log_windows(together(log, short), moving=True, seconds=2.5)
     assert cut.interval == 1  # of commands held for 25 rows, the first of which is cut at 24
     assert [len(part) for part in cut[:3]] == [3, 3, 3]
     np.testing.assert_array_equal(cut.gyro[1], log.gyro[BEFORE + 251 : BEFORE + 501])
     np.testing.assert_array_equal(cut.spin[1], log.gyro[BEFORE + 250])
     held = np.repeat(cut.series, cut.interval, axis=1)
     np.testing.assert_array_equal(held[1], log.commands[250 : 500 + BEFORE])
-    resting = log_windows(log).windows
+    resting = log_windows(log)
     assert resting.gyro.shape == (1, 600, 3)
     assert resting.begun == 0
 
