@@ -47,26 +47,12 @@ def body_array(bodies: MorphologiesLike, argument: str = "morphologies") -> NDAr
 
 
 def median_body(bodies: NDArray[np.float64]) -> Morphology:
-    """Return the body of the median of each size of bodies (M, 9).
-
-    Correlations between sizes of a sample are lost.
-
-    Examples
-    --------
-    >>> median_body(np.array([[0.2] * 9, [0.4] * 9, [0.1] * 9])).caudal
-    (0.2, 0.2, 0.2)
-    """
+    """Return the body of the median of each size of bodies (M, 9), without their correlations."""
     return Morphology.from_array(np.median(bodies, axis=0))
 
 
 def sample_stamp(bodies: NDArray[np.float64]) -> str:
-    """Return the count and a hash of bodies (M, 9).
-
-    Examples
-    --------
-    >>> sample_stamp(np.zeros((2, 9)))
-    '2 bodies, 81c611f35bff7949'
-    """
+    """Return the count and a hash of bodies (M, 9): "2 bodies, 81c611f35bff7949"."""
     digest = hashlib.sha256(np.ascontiguousarray(bodies, np.float64).tobytes()).hexdigest()[:16]
     return f"{len(bodies)} bodies, {digest}"
 
@@ -126,13 +112,7 @@ def _numbered(index: int, row: object) -> Morphology:
 
 
 def morphology_of(document: Mapping[str, Any]) -> Morphology:
-    """Return the body that a JSON object is, or has as its ``morphology``.
-
-    Examples
-    --------
-    >>> morphology_of({"morphology": [0.0] * 9}).caudal
-    (0.0, 0.0, 0.0)
-    """
+    """Return the body that a JSON object is, or has as its ``morphology``."""
     body = document.get("morphology", document)
     if body is None:
         raise InvalidArgumentError("its morphology is null, so it has no body yet")

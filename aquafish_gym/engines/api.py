@@ -44,7 +44,7 @@ Engine = Callable[[Scenario, NDArray[np.float64], Settings], ImuLog]
 
 # Loaded when first used: importing the package stays quick, and works without them.
 ENGINES: dict[str, str] = {
-    "numba": "aquafish_gym.engines.compiled.lanes:simulate_lanes",
+    "numba": "aquafish_gym.engines.compiled.simulate:simulate_lanes",
     "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
 }
 

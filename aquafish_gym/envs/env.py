@@ -6,7 +6,6 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
@@ -25,14 +24,14 @@ from aquafish_gym.rendering import (
     render_pose,
     usable_modes,
 )
-from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
 ONLY = np.zeros(1, np.intp)  # the one robot among all
 
 
-class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
+class AquaFishEnv(episode.Timing, gym.Env[Observation, NDArray[np.float32]]):
     r"""A damaged robot fish that observes its IMU and nothing else.
 
     ## Description
@@ -42,8 +41,7 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     default, to swim forward. The task is hard because the robot does not know its fins' angles,
     what is broken, and what will break.
 
-    It is the robot of the Estimation-Exploration Algorithm's studies of damage recovery. Drag
-    is quadratic and scale-free; the unit of length is 5 cm. Axes: x to the right, y forward, z
+    Drag is quadratic and scale-free; the unit of length is 5 cm. Axes: x to the right, y forward, z
     up.
 
     ## Action Space
@@ -59,13 +57,11 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Observation Space
 
-    The output of an inertial measurement unit: the directions up and north (the world's y, where
-    the robot faces at the start) and the gyro, all in the robot's own axes. Up and north hold the
-    same as roll, pitch and yaw without their jumps, as an accelerometer and a compass measure
-    them. Velocity, position and damage are never observed; a task with a goal adds the way to it.
-    The fins' angles are hidden. `observe_fins=True` adds the true angles; `"reckoned"` integrates
-    the commands from the true initial angles and is wrong under servo faults. Broken sensors
-    change the observation.
+    The output of an inertial measurement unit, in the robot's own axes: the directions up and north
+    (the world's y, where the robot faces at the start), which say the same as roll, pitch and yaw
+    without their jumps, and the gyro. Velocity, position and damage are never observed. The fins'
+    angles are hidden: `observe_fins=True` adds them, `"reckoned"` integrates the commands from the
+    true initial angles and is wrong under servo faults. Broken sensors change the observation.
 
     | Num | Observation | Min | Max | Unit |
     |-----|-------------|-----|-----|------|
@@ -78,13 +74,11 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
 
     ## Rewards
 
-    The reward is the sum of its terms, all of them in `info` (0 at a reset, so that its keys are
-    always the same). The terms of the task "forward" are:
+    The reward is the sum of its terms, all of them in `info`. Those of the task "forward", whose
+    weights are `task=SwimForward(forward_weight=1.0, ctrl_weight=1e-4)`, are:
 
     - *reward_forward*: the mean speed along the world's y over the step, in units/s.
     - *reward_ctrl*: minus 1e-4 times the sum of the squares of the action.
-
-    `task=SwimForward(forward_weight=1.0, ctrl_weight=1e-4)` has other weights.
 
     `info` also holds `x_position`, `y_position`, `z_position` (units), `x_velocity`,
     `y_velocity`, `z_velocity` (means over the step, units/s), `distance_from_origin`,
@@ -96,23 +90,21 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     ## Starting State
 
     At rest at the origin, upright, facing along y. The fins start as `fin_angles` sets them:
-    `"random"` (uniform on the circle, drawn at every reset), `"zero"` (flippers straight back,
-    tail straight and about to sweep) or three angles in rad.
-
-    `reset(options=...)` takes `fin_angles`, `morphology` and `damage` for that episode alone.
+    `"random"` (uniform on the circle), `"zero"` (flippers straight back, tail straight and about to
+    sweep) or three angles in rad. `reset(options=...)` takes `fin_angles`, `morphology` and
+    `damage` for that episode alone.
 
     ## Episode End
 
     ### Termination
 
-    Only if the simulation diverges. This was seen at one start in 2000 with every size at an end
-    of its range in a current of 20 units/s along every axis, and never otherwise. `info` then has
-    `diverged` true, the reward is 0 and the observation is the last good one.
+    Only if the simulation diverges: seen at one start in 2000 with every size at an end of its
+    range in a current of 20 units/s along every axis. `info` then has `diverged` true, the reward
+    is 0 and the observation is the last good one.
 
     ### Truncation
 
-    After 20 s: 2000 physics steps, which is 100 steps at the default `frame_skip`. Another task
-    may last longer.
+    After 20 s, or the time of another task: 100 steps at the default `frame_skip`.
 
     ## Arguments
 
@@ -153,7 +145,6 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012
-    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -197,27 +188,10 @@ class AquaFishEnv(gym.Env[Observation, NDArray[np.float32]]):
         self._reckoned: Vector = self._fin_angles
         self._state = at_rest((0.0, 0.0, 0.0))
 
-    @property
-    def spec(self) -> EnvSpec | None:
-        """Gymnasium's description, with the length of an episode of this task and frame_skip."""
-        return episode.with_length(self._spec, self._last)
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = spec
-
-    @property
-    def dt(self) -> float:
-        """Length of one step, s."""
-        return TIMESTEP * self.frame_skip
-
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode; the seed is for its random choices.
-
-        ``options`` are ``fin_angles``, ``morphology`` and ``damage`` for this episode alone.
-        """
+        """Begin an episode; see Starting State."""
         number = None if seed is None else integer("seed", seed, 0)
         config = self._config.with_options(options)  # may refuse
         super().reset(seed=number)

@@ -200,16 +200,33 @@ def check_frame_skip(value: object, seconds: float) -> int:
     return skip
 
 
-def with_length(spec: EnvSpec | None, steps: int) -> EnvSpec | None:
-    """Return Gymnasium's description of an environment with the length of its episodes.
+class Timing:
+    """The steps of an environment, in its ``spec`` and in seconds."""
 
-    A limit in the registry would also cut off episodes of another ``frame_skip`` or task.
-    """
-    if spec is None:
-        return None
-    found = copy.copy(spec)
-    found.max_episode_steps = steps
-    return found
+    frame_skip: int
+    _last: int  # how many steps an episode has
+    _spec: EnvSpec | None = None
+
+    @property
+    def spec(self) -> EnvSpec | None:
+        """Gymnasium's description, with the length of an episode of this task and frame_skip.
+
+        A limit in the registry would also cut off episodes of another ``frame_skip`` or task.
+        """
+        if self._spec is None:
+            return None
+        found = copy.copy(self._spec)
+        found.max_episode_steps = self._last
+        return found
+
+    @spec.setter
+    def spec(self, spec: EnvSpec | None) -> None:
+        self._spec = spec
+
+    @property
+    def dt(self) -> float:
+        """Length of one step, s."""
+        return TIMESTEP * self.frame_skip
 
 
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode, VectorEnv
@@ -15,7 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.engines.api import ENGINES, MAXIMUM_THREADS, TIMESTEP
+from aquafish_gym.engines.api import ENGINES, MAXIMUM_THREADS
 from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import batching, episode
@@ -42,7 +41,7 @@ QUATERNION, POSITION, GYRO = FIELDS["orientation"], FIELDS["position"], FIELDS["
 SPEEDS = slice(FIELDS["velocity"].start, GYRO.stop)
 
 
-class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
     """Many of :class:`~aquafish_gym.envs.env.AquaFishEnv` in the lanes of one engine.
 
     Made by ``gym.make_vec("AquaFish-v0", num_envs=64)``. Spaces, rewards, start, end and ``info``
@@ -77,8 +76,6 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
     >>> observations.shape, rewards.shape
     ((3, 9), (3,))
     """
-
-    _spec: EnvSpec | None = None
 
     def __init__(
         self,
@@ -160,20 +157,6 @@ class AquaFishVectorEnv(VectorEnv[Observations, NDArray[np.float32], NDArray[Any
         self._everyone = np.arange(self.num_envs)
         self._reckoned: Floats = np.zeros((3, self.num_envs))
         self._begun = False
-
-    @property
-    def spec(self) -> EnvSpec | None:
-        """Gymnasium's description, with the length of an episode of this task and frame_skip."""
-        return episode.with_length(self._spec, self._last)
-
-    @spec.setter
-    def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = spec
-
-    @property
-    def dt(self) -> float:
-        """Length of one step, s."""
-        return TIMESTEP * self.frame_skip
 
     def reset(
         self,

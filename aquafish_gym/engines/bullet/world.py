@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from aquafish_gym.engines.api import Settings
 from aquafish_gym.engines.bullet.push import compiled, follow, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.engines.worlds import RUNAWAY, LaggedWorld, Triple, World
+from aquafish_gym.engines.worlds import RUNAWAY, Triple, World
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
@@ -87,7 +87,7 @@ _UNLIMITED = 1e9
 _SOLVER_ITERATIONS = 50
 
 
-class BulletWorld:
+class BulletWorld(World):
     """One robot in a PyBullet world.
 
     It belongs to the process that made it: it can be neither pickled nor used after a fork.
@@ -119,7 +119,7 @@ class BulletWorld:
         self.world_spin: Vector = (0.0, 0.0, 0.0)
 
     def close(self) -> None:
-        """Give the client back; the world is of no more use. Closing twice does no harm."""
+        """Give the client back; the world is of no more use."""
         self._closing()
 
     def _check_process(self) -> None:
@@ -138,8 +138,7 @@ class BulletWorld:
             'make a new one, or use engine="numba"'
         )
 
-    def reset(self, scenario: Scenario) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`; the scenario is already checked."""
+    def _start(self, scenario: Scenario) -> None:
         self._check_process()
         angles = _triple(scenario.fin_angles[0])
         if not np.isfinite(angles).all():
@@ -152,7 +151,6 @@ class BulletWorld:
         self._build((*angles[:2], float(caudal_angle(rest.phase))))
 
     def update(self, scenario: Scenario) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._check_process()
         was = self._column
         self._set(scenario)
@@ -169,7 +167,6 @@ class BulletWorld:
         p.resetBaseVelocity(self._robot, self.velocity, self.world_spin, physicsClientId=client)
 
     def set_current(self, current: Triple) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._current = _triple(current)
 
     def _set(self, scenario: Scenario) -> None:
@@ -258,11 +255,7 @@ class BulletWorld:
         for joint, rate in enumerate(self._drive.speeds):
             self._turn(joint, rate)
 
-    def advance(self, command: Vector, steps: int = 1) -> None:
-        """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s.
-
-        A robot that leaves the finite numbers is ``diverged`` and stays so until it is reset.
-        """
+    def _swim(self, command: Vector, steps: int) -> None:
         self._check_process()
         if self._robot < 0:
             raise RuntimeError("reset the PyBullet world before advancing it")
@@ -301,13 +294,11 @@ class BulletWorld:
         self.orientation = (math.nan,) * 4
 
     def state(self) -> State:
-        """Return the robot's state on plain floats."""
         spin = to_body(rotation(self.orientation), self.world_spin)
         return State(self.orientation, self.position, self.velocity, spin, *self._now())
 
     @property
     def fin_angles(self) -> Vector:
-        """Left and right pectoral angle and caudal phase in (-pi, pi], rad."""
         left, right, phase = (math.atan2(sine, cosine) for cosine, sine in self._now()[:3])
         return (left, right, phase)
 
@@ -335,9 +326,7 @@ def simulate_bullet(
     for i in range(batch):
         one = scenario.take(i)
         changes = {change.step: change.to for change in one.schedule}
-        bare = BulletWorld(settings.substeps)
-        lag = float(one.servo_lag[0])
-        world: World = LaggedWorld(bare, lag) if lag else bare
+        world = BulletWorld(settings.substeps)
         try:
             world.reset(one)
             series = [_triple(command) for command in commands[i].reshape(-1, 3)]
@@ -345,11 +334,11 @@ def simulate_bullet(
                 if t in changes:
                     world.update(changes[t])
                 world.advance(series[min(t // settings.interval, len(series) - 1)])
-                position[i, t] = bare.position
-                quaternion[i, t] = bare.orientation
-                spins[t] = bare.world_spin
-                fin_angles[i, t] = bare.fin_angles
-            diverged[i] = bare.diverged
+                position[i, t] = world.position
+                quaternion[i, t] = world.orientation
+                spins[t] = world.world_spin
+                fin_angles[i, t] = world.fin_angles
+            diverged[i] = world.diverged
         finally:
             world.close()
         good = steps

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.engines.worlds import RUNAWAY, Triple
+from aquafish_gym.engines.worlds import RUNAWAY, Triple, World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.physics.dynamics import step
@@ -74,11 +74,10 @@ def compile_single(reactive: bool = False) -> Any:
     return compiled(advance, slow=True, nogil=True, error_model="numpy")
 
 
-class CompiledWorld:
+class CompiledWorld(World):
     """One robot on the compiled engine, in double precision: the robot of the lanes.
 
-    A :class:`~aquafish_gym.engines.worlds.World`; unlike PyBullet's it can be pickled, copied
-    and carried across a fork.
+    Unlike PyBullet's it can be pickled, copied and carried across a fork.
     """
 
     def __init__(self, substeps: int = 1) -> None:
@@ -86,28 +85,24 @@ class CompiledWorld:
         # The whole robot. No views of it are kept: a copy's would show the original.
         self._numbers = np.zeros(SIZE)
         self._gains = (1.0, 1.0, 1.0)
-        self._reactive = self.diverged = False
+        self._reactive = False
 
-    def reset(self, scenario: Scenario) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
+    def _start(self, scenario: Scenario) -> None:
         self._numbers[STATE] = start_rows(scenario.fin_angles)[STATE, 0]
         self._reactive = scenario.reactive
         self.diverged = False
         self.update(scenario)
 
     def update(self, scenario: Scenario) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._numbers[ROBOT] = robot_parameters(scenario.body, scenario.drag)[:, 0]
         self._numbers[CURRENT] = scenario.current[0]
         left, right, caudal = scenario.servo_gain[0].tolist()
         self._gains = (left, right, caudal)
 
     def set_current(self, current: Triple) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
         self._numbers[CURRENT] = current
 
-    def advance(self, command: Vector, steps: int = 1) -> None:
-        """See :class:`~aquafish_gym.engines.worlds.World`."""
+    def _swim(self, command: Vector, steps: int) -> None:
         (left, right, caudal), (a, b, c) = command, self._gains
         swim = compile_single(self._reactive)
         h, count = TIMESTEP / self._substeps, steps * self._substeps
