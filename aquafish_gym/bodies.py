@@ -87,7 +87,7 @@ def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[M
     InvalidArgumentError
         If the file cannot be read or holds no body; the message names file and argument.
     """
-    document = read_document(path, argument=argument, schema_optional=True)
+    document = read_document(path, argument=argument)
     several = "morphologies" in document
     if several:  # whatever else it may say it is
         document = read_document(path, SCHEMA, argument, schema_optional=True)

@@ -266,7 +266,7 @@ def read_morphology(path: Path | None, argument: str) -> Morphology:
     """
     if path is None:
         return Morphology.nominal()
-    document = read_document(path, argument=argument, schema_optional=True)
+    document = read_document(path, argument=argument)
     try:
         return morphology_of(document)
     except InvalidArgumentError as error:

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from aquafish.recovery.held_out import damage_of
-from aquafish.recovery.warm_up import warmup_config
 from aquafish_gym import Morphology
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core import JointConfig, PaperConfig, Result, streams
@@ -22,6 +21,7 @@ from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.fish.joint import HYPOTHESES
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.problem import AS_COMMANDED
+from eea.study.presets import smoke
 from gait import Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.rollout import random_poses
@@ -210,14 +210,13 @@ def warm_up(jobs: Sequence[GapJob]) -> None:
 @cache
 def _warm_up(world: str, method: str, settings: Settings) -> None:
     brief = replace(settings.gait, generations=1, population=10, poses=1, seconds=0.1)
-    eea, joint = warmup_config(settings.eea), warmup_config(settings.joint)
-    assert isinstance(eea, PaperConfig)
-    assert isinstance(joint, JointConfig)
-    small = GapJob(
-        world,
-        method,
-        0,
-        replace(settings, eea=eea, joint=joint, gait=brief, poses=1),
+    quick = replace(
+        settings,
+        eea=replace(smoke(settings.eea), rounds=2),
+        joint=replace(smoke(settings.joint), rounds=2),
+        gait=brief,
+        poses=1,
     )
+    small = GapJob(world, method, 0, quick)
     result, _ = _model(small)
     _swim(small, evolve_gait(result.model, replace(brief, threads=1)).controller)

@@ -18,26 +18,14 @@ from aquafish.recovery.report import HELD_OUT, Outcomes, build_report, to_markdo
 from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.command_line import (
-    BodyDamage,
-    BodyFile,
-    Out,
-    TargetEngine,
-    read_morphology,
-)
+from aquafish_gym.command_line import BodyDamage, BodyFile, Out, TargetEngine, read_morphology
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.jobs import finished, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from eea.core.config import (
-    MAXIMUM_ROUNDS,
-    RECOVERY,
-    JointConfig,
-    PaperConfig,
-    recovery_config,
-)
+from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, JointConfig, PaperConfig, recovery_config
 from eea.fish.gap import MOST_SPIN
 from gait.controller import Controller
 from gait.evolve import EvolveConfig
@@ -49,12 +37,12 @@ REPORT = "report.json"
 
 @dataclass(frozen=True)
 class Recover:
-    """The case study: break a fish, let it model itself, evolve a gait, and score it.
+    """The case study: damage a fish, infer its body, evolve a gait for it, and score the gait.
 
     Ten treatments differ in the body that the gait is evolved for and in the search. DIR holds
     report.md, report.json, figures, a film, and for each treatment of each replicate its
     outcome.json, morphology.json and controller.json (bodies.json with joint inference). The same
-    command resumes. (The self-model alone: python -m eea recover.)
+    command resumes.
     """
 
     out: Out = Path("out/recovery")
@@ -76,10 +64,6 @@ class Recover:
     """Population of candidate bodies in the EEA."""
     angle_sets: int = RECOVERY.out_of_band.inner_population
     """Population of Out-of-Band's inner search for the fin angles."""
-    sampled_models: int | None = RECOVERY.out_of_band.sampled_models
-    """Bodies that score the angles in that search; None for all."""
-    revisit: int = RECOVERY.out_of_band.revisit
-    """Earlier trials whose angles each of its searches infers again; the paper's 0 keeps them."""
     gyro_noise: float = 0.01
     """Standard deviation of the robot's gyroscope noise, rad/s."""
     generations: int = 60
@@ -171,12 +155,7 @@ class Recover:
     def _eea(self) -> PaperConfig:
         """Return the settings of the paper's self-models, except the condition."""
         eea = recovery_config(self.steps, self.rounds)
-        out_of_band = replace(
-            eea.out_of_band,
-            inner_population=self.angle_sets,
-            sampled_models=self.sampled_models,
-            revisit=self.revisit,
-        )
+        out_of_band = replace(eea.out_of_band, inner_population=self.angle_sets)
         estimation = replace(eea.estimation, population=self.models)
         return replace(eea, estimation=estimation, out_of_band=out_of_band)
 
@@ -236,10 +215,7 @@ class Recover:
 def read_outcomes(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:
     """Return the outcomes by treatment, in the order of the seeds.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If one is missing or damaged.
+    Raises InvalidArgumentError if one is missing or damaged.
     """
     outcomes: dict[str, list[dict[str, Any]]] = {name: [] for name in TREATMENTS}
     for job in jobs:

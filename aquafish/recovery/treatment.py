@@ -9,7 +9,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish.recovery.warm_up import warmup_config
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
@@ -19,6 +18,7 @@ from eea.core.config import Condition, Config
 from eea.core.fitness import objective_fitness
 from eea.fish import EngineTarget, RealityGap, fish_eea, fish_models
 from eea.fish.fins import fins_after
+from eea.study.presets import smoke
 from gait.evolve import EvolveConfig, damaged_at_random, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer
@@ -250,7 +250,7 @@ def _posterior(
 
 
 def warm_up(jobs: Sequence[Treatment]) -> None:
-    """Compile all that treatments need, by running two very small ones."""
+    """Compile all that treatments need: run two very small ones."""
     job = jobs[0]
     small = replace(job, transfer=replace(job.transfer, poses=1, seconds=0.1))
     steps = job.eea.steps
@@ -262,7 +262,7 @@ def warm_up(jobs: Sequence[Treatment]) -> None:
     fins = EvolveConfig(search="cma", restarts=1, random_candidates=10, senses=senses, **few)
     models: tuple[Config, ...] = (PaperConfig(steps=steps), JointConfig(steps=steps))
     for name, gait, model in zip(("out-of-band", "joint-fins"), (neat, fins), models, strict=True):
-        treat(replace(small, treatment=name, gait=gait, eea=warmup_config(model)))
+        treat(replace(small, treatment=name, gait=gait, eea=replace(smoke(model), rounds=2)))
 
 
 def _finite(distances: NDArray[np.float64]) -> list[float]:

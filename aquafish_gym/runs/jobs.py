@@ -1,11 +1,11 @@
-"""Jobs: long work in parts, each of which is finished in a file of its own.
+"""Jobs: long work in parts, each of which ends with a file of its own.
 
 A *job* is a small frozen description with a name for people and a file, relative to the folder. Its
-*work* is a pure function of a module that takes the job and returns a dictionary ready for JSON; it
-touches no file. So a job can run in any process of any machine, and more than once, with the same
-bytes as its result. A result is written the moment it arrives: an interruption costs the running
-jobs and no other, and the same command resumes. Measured times are no result: what the work returns
-under ``seconds`` goes to a file beside the result's, see :func:`read_seconds`.
+*work* is a pure function of a module that takes the job and returns a dictionary ready for JSON. So
+a job can run in any process of any machine, and more than once, with the same bytes as its result.
+A result is written when it arrives: an interruption costs only the running jobs, and the same
+command resumes. Times are not results: what the work returns under ``seconds`` goes to a file
+beside the result's, see :func:`read_seconds`.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import sys
 import traceback
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Executor, Future, wait
+from concurrent.futures import CancelledError, Executor, Future
 from contextlib import contextmanager
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from aquafish_gym.runs.storage import (
@@ -35,8 +35,7 @@ SCHEMA = "aquafish.result/1"
 SECONDS = "aquafish.seconds/1"
 TRIES = 3  # how often a job whose workers die is started
 _TICK = 0.5  # s; the longest that Ctrl-C may have to wait
-_PATIENCE = 3.0  # s; a warm-up that takes longer is reported
-_LONGEST = 300  # characters of a reason
+_LONGEST = 300  # characters of a failure's reason
 
 Answer = tuple[bytes | None, Any, str]  # a result's file, its times, and why there is none
 Report = Callable[[str, int], None]  # a line, and by how many jobs the bar advances
@@ -62,7 +61,7 @@ def run_jobs(
     *,
     count: int | None = None,
     scheduler: str | None = None,
-    warm_up: Callable[[Sequence[Job]], object] | None = None,
+    warm_up: Callable[[Sequence[Job]], object] = lambda _jobs: None,
     describe: Callable[[dict[str, Any]], str] = lambda _result: "",
 ) -> list[str]:
     """Run the jobs whose files are missing, in order; return a sentence for each that failed.
@@ -76,20 +75,18 @@ def run_jobs(
     count, scheduler
         Worker processes, or the address of a dask scheduler; see ``workers.workers``.
     warm_up
-        Runs in one worker before any job, as to compile for all of them.
+        Takes the missing jobs before any of them runs, as to compile for all workers.
     describe
         Returns the number that matters in a result, for the progress bar.
 
     Raises
     ------
-    InvalidArgumentError
-        If two jobs have one file, or a file is outside the folder.
     KeyboardInterrupt
         On Ctrl-C or SIGTERM, with the number of jobs left.
     OSError
         If no process can start, a cluster has gone, or a file cannot be written.
     """
-    _check_files(jobs)
+    assert len({job.file for job in jobs}) == len(jobs), "each job needs a file of its own"
     done = finished(folder, jobs)
     missing = [job for job in jobs if job not in done]
     for job in missing:
@@ -100,8 +97,7 @@ def run_jobs(
     left, failures = len(missing), []
     try:
         with interrupts(), workers(count, scheduler) as executor, _progress(left) as report:
-            if warm_up is not None:
-                _warm_up(executor, warm_up, missing, report)
+            warm_up(missing)
             for job, (content, seconds, reason) in _run_all(executor, work, missing, report):
                 left -= 1
                 if content is None:
@@ -135,13 +131,7 @@ def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
 
 
 def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
-    """Return a job's result, or ``None`` without a file.
-
-    Raises
-    ------
-    DamagedFileError
-        If the file holds something else.
-    """
+    """Return a job's result, or ``None`` without a file; DamagedFileError if it is not one."""
     path = folder / job.file
     if not path.exists():
         return None
@@ -149,25 +139,13 @@ def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
 
 
 def read_seconds(folder: Path, job: JobLike) -> Any:
-    """Return the times that a job's work measured; ``None`` without any."""
+    """Return the times that a job's work measured, or ``None`` without any."""
     path = _beside(folder / job.file)
     return read_document(path, SECONDS, "times")["seconds"] if path.exists() else None
 
 
 def _beside(path: Path) -> Path:
     return path.with_suffix(".times.json")
-
-
-def _warm_up(
-    executor: Executor, warm_up: Callable[[Sequence[Job]], object], jobs: list[Job], report: Report
-) -> None:
-    future = executor.submit(warm_up, jobs)
-    if not wait([future], _PATIENCE).done:
-        report("warming up: the first run on a machine compiles, for a minute or two", 0)
-    try:
-        future.result()
-    except WorkerDiedError as error:
-        raise OSError(f"no job was started: {error}") from None
 
 
 def _run_all(
@@ -214,12 +192,9 @@ def _run_all(
 
 
 def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> Answer:
-    """Run a job; return its file's bytes and its times, or ``None`` twice and why it failed."""
+    """Run a job; return its file's bytes and its times, or ``None`` twice and the reason."""
     try:
-        result = work(job)
-        if not isinstance(result, dict) or "job" in result:
-            raise TypeError("the work must return a dictionary, without a key 'job'")
-        result = dict(result)
+        result = dict(work(job))
         seconds = result.pop("seconds", None)
         return encode_document({"job": job.file, **result}, SCHEMA), seconds, ""
     except (Exception, SystemExit) as error:
@@ -263,15 +238,3 @@ def _without_job(job: JobLike, document: dict[str, Any], name: str) -> dict[str,
     if document.pop("job", None) != job.file:
         raise DamagedFileError(f"{name} holds the result of another job than {job.name}")
     return document
-
-
-def _check_files(jobs: Sequence[JobLike]) -> None:
-    seen: dict[str, JobLike] = {}
-    for job in jobs:
-        path = PurePosixPath(job.file)
-        if path.is_absolute() or ".." in path.parts or not path.name:
-            raise InvalidArgumentError(f"a job's file must be in the folder; got {job.file!r}")
-        if job.file in seen:
-            both = f"{seen[job.file].name} and {job.name} both have {job.file}"
-            raise InvalidArgumentError(f"jobs must have a file each; {both}")
-        seen[job.file] = job

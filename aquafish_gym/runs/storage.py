@@ -89,19 +89,15 @@ def write_json(path: str | os.PathLike[str], document: Any) -> None:
 def write_document(
     path: str | os.PathLike[str], content: Mapping[str, Any], schema: str | None = None
 ) -> None:
-    """Write what :func:`encode_document` returns; see there, and :func:`write_bytes`."""
+    """Write what :func:`encode_document` returns, whole or not at all."""
     write_bytes(path, encode_document(content, schema))
 
 
 def encode_document(content: Mapping[str, Any], schema: str | None = None) -> bytes:
-    """Return a document as it stands in a file: its schema, then its content.
+    """Return the bytes of a document: its schema, then its content, as JSON.
 
-    Numpy numbers and arrays become numbers and lists, paths become text.
-
-    Raises
-    ------
-    ValueError, TypeError
-        For NaN, infinity, and anything else that JSON cannot hold.
+    Numpy numbers and arrays become numbers and lists, paths become text. Raises ValueError or
+    TypeError for what JSON cannot hold, such as NaN.
     """
     whole = dict(content) if schema is None else {"schema": schema, **content}
     if schema is not None and whole["schema"] != schema:
@@ -118,15 +114,9 @@ def read_document(
 ) -> dict[str, Any]:
     """Return the content of a document, without its schema.
 
-    The document must have the ``schema``; with ``schema_optional``, for what people write by hand,
-    it may have none. In messages ``argument`` names the file.
-
-    Raises
-    ------
-    DamagedFileError
-        If the file holds something else.
-    InvalidArgumentError
-        If it cannot be read.
+    With ``schema_optional``, for what people write by hand, it may have none. In messages
+    ``argument`` names the file. Raises DamagedFileError if the file holds something else, and
+    InvalidArgumentError if it cannot be read.
     """
     content = read_bytes(path, argument, most_bytes)
     return decode_document(content, f"{argument}: {path}", schema, schema_optional)
@@ -152,10 +142,7 @@ def decode_document(
 def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> bytes:
     """Return the content of a regular file of at most ``most_bytes``.
 
-    Raises
-    ------
-    InvalidArgumentError
-        If it is longer, or a device, pipe or directory; before anything of it is read.
+    Anything else, such as a device or pipe, raises InvalidArgumentError before it is read.
     """
     try:
         # Without O_NONBLOCK, opening a pipe waits for a writer.

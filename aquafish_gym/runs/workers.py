@@ -35,13 +35,7 @@ class WorkerDiedError(RuntimeError):
 
 
 def check_workers(count: int | None, scheduler: str | None) -> None:
-    """Check the arguments of :func:`workers`, except whether the scheduler answers.
-
-    Raises
-    ------
-    InvalidArgumentError
-        For a number out of range, or an address without its protocol.
-    """
+    """Refuse a number out of range, or an address without its protocol."""
     if count is not None:
         integer("workers", count, 1, MOST_WORKERS)
     if scheduler is not None and not re.fullmatch(r"[a-z]+://\S+", scheduler):
@@ -53,10 +47,10 @@ def check_workers(count: int | None, scheduler: str | None) -> None:
 
 @contextmanager
 def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
-    """Give an executor, whose processes are killed if the block ends by an error or Ctrl-C.
+    """Yield an executor, whose processes are killed if the block ends by an error or Ctrl-C.
 
     It has ``count`` processes of this machine, by default one for each core that this process may
-    use; or the workers of the dask scheduler at an address such as ``tcp://host:8786``. These need
+    use; or the workers of the dask scheduler at an address such as ``tcp://host:8786``. Those need
     this package, but no shared file system.
 
     Raises

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -78,36 +77,11 @@ def test_a_dead_worker_fails_only_its_own_job(tmp_path, undisturbed):
     assert {name: done[name] for name in undisturbed} == undisturbed
 
 
-def test_warming_up_runs_once_in_a_worker(tmp_path):
-    run_jobs(JOBS[:1], work, tmp_path, count=1, warm_up=note_process)
-    assert int(Path(os.environ["NOTE"]).read_text()) != os.getpid()
-    with pytest.raises(OSError, match="no job was started: its process died"):
-        run_jobs(JOBS, work, tmp_path, count=1, warm_up=die)
-
-
-@pytest.fixture(autouse=True)
-def _note(tmp_path, monkeypatch):
-    monkeypatch.setenv("NOTE", str(tmp_path / "note"))
-
-
-def note_process(_jobs):
-    Path(os.environ["NOTE"]).write_text(str(os.getpid()))
-
-
-def die(_jobs):
-    os._exit(1)
-
-
-@pytest.mark.parametrize("file", ["../a.json", "/a.json", "", "a/../../b.json"])
-def test_a_file_outside_the_folder_is_refused(tmp_path, file):
-    class Outside(Task):
-        file = ""
-
-    Outside.file = file
-    with pytest.raises(InvalidArgumentError, match="must be in the folder"):
-        run_jobs([Outside(1)], work, tmp_path)
-    with pytest.raises(InvalidArgumentError, match="count 1 and count 1 both have"):
-        run_jobs([Task(1), replace(Task(1), memory="elsewhere")], work, tmp_path)
+def test_warm_up_takes_the_missing_jobs(tmp_path):
+    warmed = []
+    for jobs in (JOBS[:1], JOBS[:2], JOBS[:2]):
+        run_jobs(jobs, work, tmp_path, count=1, warm_up=warmed.append)
+    assert warmed == [JOBS[:1], JOBS[1:2]]
 
 
 def start(folder, action, count):
