@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from contextlib import ExitStack
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Literal
@@ -73,9 +73,8 @@ class Infer:
         console = plain_console()
         for sentence in remarks:
             console.print(sentence)
-        with ExitStack() as stack:
+        with nullcontext() if self.out is None else lock(ensure_writable_directory(self.out)):
             if self.out is not None:
-                stack.enter_context(lock(ensure_writable_directory(self.out)))
                 self._write_manifest(self.out, log, joint, truth)
             count = f"{len(log)} trial{'' if len(log) == 1 else 's'}"
             with console.status(f"fitting {count}, {sum(log.seconds):.3g} s of swimming"):

@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from rich.console import Console
 from tyro.conf import FlagCreatePairsOff, arg
 
 from aquafish_gym.command_line import (
@@ -34,7 +33,7 @@ from eea.cli.outcome import (
 )
 from eea.cli.progress import plain_console, progress_bar
 from eea.core.checks import ConfigurationError
-from eea.core.config import Config, JointConfig, config_for
+from eea.core.config import Config, config_for
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
@@ -76,13 +75,7 @@ class Run:
     threads: Threads = None
 
     def config(self) -> Config:
-        """Return the settings of the condition with those of the options.
-
-        Raises
-        ------
-        ConfigurationError
-            If a setting is wrong or contradicts the condition.
-        """
+        """Return the settings of the condition with those of the options."""
         name = self.condition
         if self.paper and name == "recovery":
             raise ConfigurationError("--paper must not be given with the condition recovery")
@@ -131,35 +124,20 @@ def _fill(folder: Path, session: Session[Any], intact: Morphology, damage: Damag
                 console.print(_round_line(record, session.result))
                 bar.update(task, advance=1)
     finally:
-        write_outcome(folder, session.result)
-        _conclude(folder, session.result, intact, damage, console)
-
-
-def _conclude(
-    folder: Path, result: Result, intact: Morphology, damage: Damage, console: Console
-) -> None:
-    lines = ["no round was completed"]
-    if result.rounds:
-        draw_outcome(folder, result)
-        lines = [*size_table(result), *damage_lines(intact, damage, result), *belief_lines(result)]
-        lines += file_lines(folder, result)
-    for line in [*lines, f"stopped: {_reason(result)}; written to {folder}"]:
-        console.print(line)
-
-
-def _reason(result: Result) -> str:
-    config = result.config
-    if result.stopped == "narrow" and isinstance(config, JointConfig):
-        width = config.max_interval_width
-        return f"narrow, every {MASS:.0%} interval is at most {width:.2g} of its range"
-    return result.stopped
+        result = session.result
+        write_outcome(folder, result)
+        lines = ["no round was completed"]
+        if result.rounds:
+            draw_outcome(folder, result)
+            lines = [*size_table(result), *damage_lines(intact, damage, result)]
+            lines += [*belief_lines(result), *file_lines(folder, result)]
+        for line in [*lines, f"stopped: {result.stopped}; written to {folder}"]:
+            console.print(line)
 
 
 def _round_line(record: RoundRecord, result: Result) -> str:
-    counted = f"{record.round:2d}/{result.config.rounds}"
-    fitness = record.objective_fitness
-    rest = f"OBJ_FIT {fitness:5.3f}  {record.seconds:6.1f} s"
-    if result.belief is None:
-        return f"experiments {counted}  best MOD_FIT {record.model_fitness:6.3f}  {rest}"
-    wide = 100.0 * result.width(MASS)
-    return f"experiments {counted}  {MASS:.0%} intervals {wide:.2g}% of the ranges wide  {rest}"
+    found = f"best MOD_FIT {record.model_fitness:6.3f}"
+    if result.belief is not None:
+        found = f"{MASS:.0%} intervals {100.0 * result.width(MASS):.2g}% of the ranges wide"
+    counted, fitness = f"{record.round:2d}/{result.config.rounds}", record.objective_fitness
+    return f"experiments {counted}  {found}  OBJ_FIT {fitness:5.3f}  {record.seconds:6.1f} s"

@@ -81,13 +81,7 @@ class StudyCommand:
     format: tuple[Format, ...] = ("png",)
 
     def study(self) -> Study:
-        """Return the study that the options describe.
-
-        Raises
-        ------
-        InvalidArgumentError, ConfigurationError
-            If an option is wrong, or no arm is selected.
-        """
+        """Return the study that the options describe."""
         for name, values in (("steps", self.steps), ("format", self.format)):
             if values == ():
                 raise ConfigurationError(f"--{name} must have one value or more; got none")
@@ -124,12 +118,8 @@ class StudyCommand:
     def execute(self) -> None:
         """Make the replicates that are missing, and write the study's report.
 
-        Raises
-        ------
-        InvalidArgumentError, EngineUnavailableError, ConfigurationError
-            If an option is wrong, or the folder holds something else; nothing has changed then.
-        SystemExit
-            With code 1, if a replicate could not be made. The others are.
+        Nothing is written if an option is wrong or the folder holds something else. The exit code
+        is 1 if a replicate failed; the others are made.
         """
         study = self.study()
         check_workers(self.workers, self.scheduler)
@@ -143,13 +133,9 @@ class StudyCommand:
             write_description(folder, document)
             jobs.sort(key=lambda job: -job.config.steps)  # the longest first
             failures = run_jobs(
-                jobs,
-                replicate,
-                folder,
-                count=self.workers,
-                scheduler=self.scheduler,
+                jobs, replicate, folder, count=self.workers, scheduler=self.scheduler,
                 describe=_objective_fitness,
-            )
+            )  # fmt: skip
             for failure in failures:
                 print(f"failed: {failure}", file=sys.stderr)
             if len(failures) < len(jobs):

@@ -196,7 +196,7 @@ def test_a_folder_without_a_study_or_a_finished_replicate_is_refused(tmp_path):
         {"replicates": {}},
         {"replicates": {"ideal": {"128": {}}}},
         {"target_morphology": {"tail": [1, 2, 3]}},
-        {"target_damage": "none"},
+        {"target_damage": ["left_fin:dead"]},
     ],
 )
 def test_a_damaged_description_is_refused(tmp_path, changed):
