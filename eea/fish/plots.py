@@ -142,7 +142,7 @@ def posterior_figure(result: Result) -> Figure:
     figure.axes[0].set_title("sizes", fontsize="medium")
     if len(columns) > 1:
         figure.axes[1].set_title("nuisances; prior in grey", fontsize="medium")
-    done, config = belief.branches[0].parameters.trials, result.config
+    done, config = len(belief.branches[0].parameters.slots), result.config
     figure.suptitle(
         f"{done} trial{'' if done == 1 else 's'} of {config.steps} steps, seed {result.seed}: "
         f"density, 50% and 90% interval{'' if result.truth is None else ', truth (▼)'}"
@@ -175,7 +175,7 @@ def _nuisances(belief: JointPosterior) -> list[Row]:
     """Return the rows of the nuisances; those of each trial share a row."""
     best = belief.branches[0]
     names, joint = best.parameters.names, best.parameters.joint
-    draws = best.natural(best.posterior.sample(DRAWS, np.random.default_rng(0)))
+    draws = best.parameters.natural(best.posterior.sample(DRAWS, np.random.default_rng(0)))
     wide, half = belief.table(0.9), belief.table(0.5)
     rows = []
     for nuisance in joint.nuisances:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import chdtrc, log_ndtr
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, brief, finite
+from eea.core.checks import ConfigurationError, finite
 
 LAGS = 10  # samples
 ALARM = 1e-3  # rate of false alarms
@@ -43,13 +42,7 @@ class Goodness:
     verdict: str  #: In a sentence.
 
 
-def goodness_of_fit(
-    residuals: Sequence[ArrayLike] | NDArray[np.float64],
-    parameters: int,
-    sigma: float | None = None,
-    *,
-    alarm: float = ALARM,
-) -> Goodness:
+def goodness_of_fit(residuals: ArrayLike, parameters: int, sigma: float | None = None) -> Goodness:
     """Test residuals (E, T, axes), rad/s, for being white noise.
 
     Size: the sum of squares over sigma^2 against chi-square with as many degrees of freedom as
@@ -60,28 +53,19 @@ def goodness_of_fit(
     false alarms. Peak: the largest residual against normal noise. The three are joined by
     Bonferroni. Of 6000 white residuals 0.10% raised an alarm at a rate of 0.1%.
 
-    Parameters
-    ----------
-    residuals
-        Arrays (T, axes), one a trial.
-    parameters
-        Number of fitted parameters.
-    sigma
-        Standard deviation of the noise if known, rad/s.
-    alarm
-        Rate of false alarms.
+    ``parameters`` is their number, ``sigma`` the standard deviation of the noise if known, rad/s.
 
     Raises
     ------
     ConfigurationError
         If residuals are not finite, not longer than the lags, or fewer than the parameters.
     """
-    trials = _trials(residuals)
-    count = sum(trial.size for trial in trials)
-    if count <= parameters or min(map(len, trials)) <= LAGS:
+    trials = finite("residuals", residuals, (None, None, None))
+    count = trials.size
+    if count <= parameters or trials.shape[1] <= LAGS:
         raise ConfigurationError(
-            f"residuals must outnumber parameters, {parameters}, and each trial lags, {LAGS}; "
-            f"got {count} in trials of {min(map(len, trials))} samples or more"
+            f"residuals must outnumber parameters, {parameters}, and each trial's lags, {LAGS}; "
+            f"got {count} in trials of {trials.shape[1]} samples"
         )
     squares = sum(float((trial**2).sum()) for trial in trials)
     rms = (squares / count) ** 0.5
@@ -95,11 +79,11 @@ def goodness_of_fit(
     corrected = np.minimum(shares + parameters / (count - parameters), 0.0)
     excess = np.where(shares > 0.0, shares, corrected)
     whiteness_p = float(chdtrc(LAGS, float(((excess / spread) ** 2).sum())))
-    peak, off = _largest(trials, FLOOR)
+    peak, off = _largest(trials)
     peak_p = min(1.0, float(2.0 * count * np.exp(log_ndtr(-peak))))
     chances = [whiteness_p, peak_p] + ([] if size_p is None else [size_p])
     p = min(1.0, len(chances) * min(chances))
-    good = p >= alarm
+    good = p >= ALARM
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
     if good:
         words = f"the best fit leaves {rms:.3g} rad/s, as noise would ({how_sure})"
@@ -117,16 +101,14 @@ def goodness_of_fit(
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words)
 
 
-def autocorrelation(
-    residuals: Sequence[ArrayLike] | NDArray[np.float64], lags: int, floor: float = 0.0
-) -> tuple[Floats, Floats]:
-    """Return the autocorrelations at lags 1 to ``lags`` over trials and axes, and white noise's sd.
+def autocorrelation(residuals: Floats, lags: int, floor: float = 0.0) -> tuple[Floats, Floats]:
+    """Return the autocorrelations (lags,) of residuals (E, T, axes), and white noise's sd (lags,).
 
-    Both have shape (lags,). They are about zero, not the mean: a constant residual is an error. A
-    trial's axis is weighted by its length; one with an rms up to ``floor`` is left out.
+    They are about zero, not the mean: a constant residual is an error. A trial's axis with an rms
+    up to ``floor`` is left out.
     """
     above, weight, variance = np.zeros(lags), 0.0, np.zeros(lags)
-    for trial in _trials(residuals):
+    for trial in residuals:
         length = len(trial)
         powers = (trial**2).sum(axis=0)
         used = trial[:, powers > length * floor**2]
@@ -141,17 +123,17 @@ def autocorrelation(
     return above / weight, np.sqrt(variance) / weight
 
 
-def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:
+def _largest(trials: Floats) -> tuple[float, float]:
     """Return the largest residual, in its axis's rms over all trials, and as it is."""
     samples = np.concatenate(trials)
     rms = np.sqrt(np.mean(samples**2, axis=0))
     most = np.abs(samples).max(axis=0)
-    worst = int(np.argmax(np.where(rms > floor, most / np.maximum(rms, floor), 0.0)))
+    worst = int(np.argmax(np.where(rms > FLOOR, most / np.maximum(rms, FLOOR), 0.0)))
     return float(most[worst] / rms[worst]), float(most[worst])
 
 
-def effective_count(residuals: Sequence[ArrayLike] | NDArray[np.float64]) -> float:
-    """Return the effective number of independent samples of ``residuals``, N at most.
+def effective_count(residuals: Floats) -> float:
+    """Return the effective number of independent samples of residuals (E, T, axes).
 
     It is N / (1 + 2 (r1 + r2 + ...)), with the autocorrelations up to the first that is not
     positive (Geyer 1992).
@@ -163,20 +145,10 @@ def effective_count(residuals: Sequence[ArrayLike] | NDArray[np.float64]) -> flo
     >>> round(smooth.size / effective_count(smooth))  # sums of five: 1 + 2 (0.8 + ... + 0.2)
     5
     """
-    trials = _trials(residuals)
-    count = sum(trial.size for trial in trials)
-    most = max(max(map(len, trials)) // 2, 1)
+    most = max(residuals.shape[1] // 2, 1)
     lags = min(16, most)
-    while (shares := autocorrelation(trials, lags)[0]).min() > 0.0 and lags < most:
+    while (shares := autocorrelation(residuals, lags)[0]).min() > 0.0 and lags < most:
         lags = min(2 * lags, most)
     ends = np.flatnonzero(shares <= 0.0)
     total = float(shares[: ends[0] if len(ends) else len(shares)].sum())
-    return max(count / (1.0 + 2.0 * total), 1.0)
-
-
-def _trials(residuals: Sequence[ArrayLike] | NDArray[np.float64]) -> list[Floats]:
-    """Return the residuals as a list of arrays (T, axes); at least one, with a sample."""
-    trials = [finite("residuals", trial, (None, None)) for trial in residuals]
-    if not trials or min(trial.size for trial in trials) == 0:
-        raise ConfigurationError(f"residuals must hold samples; got {brief(residuals)}")
-    return trials
+    return max(residuals.size / (1.0 + 2.0 * total), 1.0)

@@ -41,22 +41,11 @@ class HypothesisPosterior:
     parameters: Parameters
     posterior: Posterior
 
-    def natural(self, theta: Floats) -> Floats:
-        """Return vectors (..., P) in natural units; angles stay rad."""
-        joint = self.parameters.joint
-        ranges = {v.name: (v.low, v.high) for v in joint.problem.models.variables}
-        ranges |= {n.name: (n.low, n.high) for n in joint.nuisances}
-        low, high = np.transpose(
-            [ranges.get(name.partition("@")[0], (0.0, 1.0)) for name in self.parameters.names]
-        )
-        values: Floats = low + (high - low) * theta
-        return values
-
     def summary(self, mass: float) -> dict[str, tuple[float, float, float]]:
         """Return the median and the interval of each unknown, by name, in natural units."""
-        rows = self.natural(np.array([self.posterior.median(), *self.posterior.interval(mass)]))
-        middle, low, high = rows.tolist()
-        return dict(zip(self.parameters.names, zip(middle, low, high, strict=True), strict=True))
+        shares = np.array([self.posterior.median(), *self.posterior.interval(mass)])
+        rows = map(tuple, self.parameters.natural(shares).T.tolist())
+        return dict(zip(self.parameters.names, rows, strict=True))
 
     def modes(self) -> dict[str, Any]:
         """Return the optima with their probabilities, in natural units, ready for JSON.
@@ -67,7 +56,7 @@ class HypothesisPosterior:
         return {
             "names": list(self.parameters.names),
             "probabilities": self.posterior.weights.tolist(),
-            "values": self.natural(theta).tolist(),
+            "values": self.parameters.natural(theta).tolist(),
         }
 
 

@@ -57,7 +57,8 @@ class Parameters:
     prior_precision: Floats
     prior_information: Floats
     slots: NDArray[np.intp]
-    _constants: Floats
+    _places: NDArray[np.intp]  # (P,) the slot that takes each entry
+    _constants: Floats  # (W,) and the following: of the slots
     _offset: Floats
     _span: Floats
 
@@ -75,71 +76,66 @@ class Parameters:
         Nuisances outside ``groups`` are nominal; those in ``per_trial`` groups vary by trial.
         """
         models, hidden = joint.problem.models, joint.problem.hidden
-        entries: list[tuple[str, float, float]] = []  # name, prior mean, prior precision
-        circular: list[bool] = []
-        width = len(models) + len(joint.nuisances) + len(hidden)
-        slots = np.full((trials, width), FIXED, dtype=np.intp)
-        constants = np.zeros(width)
+        angles = np.zeros(len(hidden))
+        low = np.concatenate([models.low, [n.low for n in joint.nuisances], angles])
+        span = np.concatenate(
+            [models.span, [n.high - n.low for n in joint.nuisances], angles + 1.0]
+        )
+        slots = np.full((trials, len(low)), FIXED, dtype=np.intp)
+        constants = np.zeros(len(low))
+        entries: list[tuple[str, int, float, float]] = []  # name, slot, prior mean and precision
+        own: list[tuple[str, int, float, float]] = []  # the same, of every trial
 
-        def enter(name: str, mean: float = 0.5, precision: float = 0.0, turns: bool = False) -> int:
-            entries.append((name, mean, precision))
-            circular.append(turns)
+        def enter(name: str, slot: int, mean: float, precision: float) -> int:
+            entries.append((name, slot, mean, precision))
             return len(entries) - 1
 
         for i, name in enumerate(models.names):
             if name in hypothesis.fixed:
-                constants[i] = (hypothesis.fixed[name] - models.low[i]) / models.span[i]
-                enter(name, constants[i], SURE)
+                constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
+                enter(name, i, constants[i], SURE)
             else:
-                slots[:, i] = enter(name)
-        own: list[tuple[int, str, float, float, bool]] = []  # what each trial has of its own
+                slots[:, i] = enter(name, i, 0.5, 0.0)
         for i, nuisance in enumerate(joint.nuisances, len(models)):
-            span = nuisance.high - nuisance.low
-            mean, precision = (nuisance.nominal - nuisance.low) / span, (span / nuisance.sd) ** 2
-            constants[i] = mean
-            if nuisance.name in hypothesis.fixed:
-                constants[i] = (hypothesis.fixed[nuisance.name] - nuisance.low) / span
-            elif nuisance.name in hypothesis.freed:
-                slots[:, i] = enter(nuisance.name, mean, precision)
-            elif nuisance.start or (nuisance.group in groups and not nuisance.switch):
-                if nuisance.start or nuisance.group in per_trial:
-                    own.append((i, nuisance.name, mean, precision, False))
-                else:
-                    slots[:, i] = enter(nuisance.name, mean, precision)
+            name = nuisance.name
+            constants[i] = mean = (nuisance.nominal - low[i]) / span[i]
+            precision = (span[i] / nuisance.sd) ** 2
+            inferred = nuisance.start or (nuisance.group in groups and not nuisance.switch)
+            by_trial = nuisance.start or nuisance.group in per_trial
+            if name in hypothesis.fixed:
+                constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
+            elif name in hypothesis.freed or (inferred and not by_trial):
+                slots[:, i] = enter(name, i, mean, precision)
+            elif inferred:
+                own.append((name, i, mean, precision))
         for i, name in enumerate(hidden, len(models) + len(joint.nuisances)):
             if name in hypothesis.shared_angles:
-                slots[:, i] = enter(name, 0.0, turns=True)
+                slots[:, i] = enter(name, i, 0.0, 0.0)
             else:
-                own.append((i, name, 0.0, 0.0, True))
+                own.append((name, i, 0.0, 0.0))
         for e in range(trials):
-            for i, name, mean, precision, turns in own:
-                slots[e, i] = enter(f"{name}@{e + 1}", mean, precision, turns)
-        turning = np.array(circular)
-        angles = np.zeros(len(hidden))
+            for name, i, mean, precision in own:
+                slots[e, i] = enter(f"{name}@{e + 1}", i, mean, precision)
+        names, places, means, precisions = zip(*entries, strict=True)
+        turning = np.array(places) >= len(models) + len(joint.nuisances)
         return cls(
             joint,
-            tuple(name for name, _, _ in entries),
-            np.where(turning, -np.inf, 0.0),
-            np.where(turning, np.inf, 1.0),
-            turning,
-            np.array([mean for _, mean, _ in entries]),
-            np.array([precision for _, _, precision in entries]),
-            np.diag([precision for _, _, precision in entries]),
-            slots,
-            constants,
-            np.concatenate([models.low, [n.low for n in joint.nuisances], angles]),
-            np.concatenate(
-                [models.span, [n.high - n.low for n in joint.nuisances], angles + 1.0]
-            ),
-        )  # fmt: skip
+            names,
+            low=np.where(turning, -np.inf, 0.0),
+            high=np.where(turning, np.inf, 1.0),
+            circular=turning,
+            prior_mean=np.array(means),
+            prior_precision=np.array(precisions),
+            prior_information=np.diag(precisions),
+            slots=slots,
+            _places=np.array(places),
+            _constants=constants,
+            _offset=low,
+            _span=span,
+        )
 
     def __len__(self) -> int:
         return len(self.names)
-
-    @property
-    def trials(self) -> int:
-        """How many trials."""
-        return len(self.slots)
 
     @property
     def body(self) -> int:
@@ -156,6 +152,11 @@ class Parameters:
         natural = self._offset + self._span * local
         edges = np.cumsum([self.body, len(self.joint.nuisances)])
         return Inputs(*np.split(natural, edges, axis=-1))
+
+    def natural(self, theta: Floats) -> Floats:
+        """Return vectors (..., P) in natural units; angles stay rad."""
+        values: Floats = self._offset[self._places] + self._span[self._places] * theta
+        return values
 
     def models(self, theta: Floats) -> Floats:
         """Return the bodies (..., n) of vectors (..., P), in natural units."""

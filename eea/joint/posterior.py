@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import ConfigurationError, brief, finite, real, whole
@@ -214,9 +214,9 @@ class Posterior:
 
 
 def intervals(
-    draws: ArrayLike, low: ArrayLike, high: ArrayLike, circular: ArrayLike, mass: float = 0.9
+    draws: Floats, low: Floats, high: Floats, circular: NDArray[np.bool_], mass: float = 0.9
 ) -> tuple[Floats, Floats]:
-    """Return the ends, (P,) and (P,), of intervals that each hold a share ``mass`` of the draws.
+    """Return the ends (P,) of intervals that each hold a share ``mass`` of the draws (S, P).
 
     They are equal-tailed, which does not depend on the unit. But an equal-tailed interval never
     reaches a bound, and so never holds a missing fin: where the density is higher at a bound than
@@ -224,46 +224,24 @@ def intervals(
     includes a narrower one. An angle's is the shortest arc, from low in [-pi, pi) to high, which
     may exceed pi.
 
-    Parameters
-    ----------
-    draws
-        (S, P).
-    low, high
-        (P,), the bounds.
-    circular
-        (P,): which are angles, rad.
-    mass
-        From 0 to 1.
-
     Raises
     ------
     ConfigurationError
-        If ``mass`` is not in [0, 1], or a shape is wrong.
-
-    Examples
-    --------
-    >>> fading = np.random.default_rng(0).exponential(0.1, (4000, 1))
-    >>> least, most = intervals(fading, [0.0], [9.0], [False])
-    >>> least, most.round(1)
-    (array([0.]), array([0.2]))
+        If ``mass`` is not in [0, 1].
     """
     real("mass", mass, 0.0, 1.0)
-    draws = finite("draws", draws, (None, None))
-    size = draws.shape[1]
-    least, most = finite("low", low, (size,)), finite("high", high, (size,))
-    turning = np.asarray(circular, dtype=np.bool_)
     tail = 0.5 * (1.0 - mass)
     one, two, near, start, end, far, three, four = np.quantile(
         draws, [0.05, 0.15, 0.1, tail, 1.0 - tail, 0.9, 0.85, 0.95], axis=0
     )
     # A tenth of the draws lies between each pair of these, whose distances are as 1/density.
-    at_low = four - three > PILED * (near - least)
-    at_high = two - one > PILED * (most - far)
-    one_sided = (at_low != at_high) & ~turning
+    at_low = four - three > PILED * (near - low)
+    at_high = two - one > PILED * (high - far)
+    one_sided = (at_low != at_high) & ~circular
     to, since = np.quantile(draws, [mass, 1.0 - mass], axis=0)
-    start = np.where(one_sided, np.where(at_low, least, since), start)
-    end = np.where(one_sided, np.where(at_low, to, most), end)
-    for k in np.flatnonzero(turning):
+    start = np.where(one_sided, np.where(at_low, low, since), start)
+    end = np.where(one_sided, np.where(at_low, to, high), end)
+    for k in np.flatnonzero(circular):
         start[k], end[k] = _shortest_arc(draws[:, k], mass)
     return start, end
 

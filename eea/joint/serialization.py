@@ -61,7 +61,7 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
         "sigma": posterior.sigma,
         "samples": posterior.samples,
         "goodness": asdict(posterior.goodness),
-        "trials": parameters.trials,
+        "trials": len(parameters.slots),
         "branches": [
             {
                 "hypothesis": branch.hypothesis.name,

@@ -18,7 +18,6 @@ from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, wr
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.inference.cases import Case, measure
 from tests.inference.plots import save_pictures
-from tests.inference.rehearsal import rehearse
 from tests.inference.settings import SETTINGS
 from tests.inference.summary import summarise
 from tests.inference.swims import SWIMS, summarise_swims
@@ -32,21 +31,19 @@ REPORT = "report.json"
 
 @dataclass(frozen=True)
 class Inference:
-    """Infer many random robots and print how right and how sure the results are.
+    """Infer many random robots and print errors, coverage, missed optima and alarms.
 
-    In each setting robots are drawn, swim some trials and are inferred: how near the body is, how
-    often intervals hold the truth, whether the best optimum was found, and whether a world that no
-    body explains is noticed. What was done is kept: the same command goes on.
+    Results are kept: the same command goes on where it was stopped.
     """
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIRECTORY")] = Path("out/inference")
-    """Where every robot's result is kept, and report.json and the pictures are written."""
+    """Directory of every robot's result, report.json and the pictures."""
     page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
     """A Markdown page whose marked tables to fill, such as docs/inference.md."""
     bodies: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1.0
-    """How many robots, as a share of each setting's own number."""
+    """Number of robots, as a share of each setting's own."""
     seed: int = 0
-    """All that is random follows from it."""
+    """Seed of all that is random."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SETTING ...")] = ()
     """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco; and of the
     swims: window, unchanged, struck."""
@@ -74,7 +71,7 @@ class Inference:
         }
 
     def execute(self) -> None:
-        """Infer whom is missing, and print the tables."""
+        """Infer the robots that are missing, and print the tables."""
         cases = self.cases()
         if self.page is not None and not self.page.is_file():
             raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
@@ -124,7 +121,7 @@ def _read(folder: Path, case: Case) -> dict[str, Any]:
 
 
 def _warm_up(cases: Sequence[Case]) -> None:
-    rehearse(cases[0])
+    measure(cases[0])
 
 
 if __name__ == "__main__":

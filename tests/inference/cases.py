@@ -126,19 +126,13 @@ def _all_unknowns(belief: JointPosterior, robot: Robot, rng: np.random.Generator
 def truth_of(parameters: Parameters, robot: Robot) -> Floats:
     """Return the truth as a vector (P,) of the unknowns."""
     joint = parameters.joint
-    values = dict(zip(joint.problem.models.names, robot.body.tolist(), strict=True))
-    values |= {n.name: v for n, v in zip(joint.nuisances, robot.world.tolist(), strict=True)}
-    ranges = {v.name: (v.low, v.high) for v in joint.problem.models.variables}
-    ranges |= {n.name: (n.low, n.high) for n in joint.nuisances}
-    theta = np.empty(len(parameters))
-    for i, name in enumerate(parameters.names):
-        plain, _, trial = name.partition("@")
-        if trial:
-            theta[i] = robot.angles[int(trial) - 1][joint.problem.hidden.index(plain)]
-        else:
-            low, high = ranges[plain]
-            theta[i] = (values[plain] - low) / (high - low)
-    return theta
+    names = [*joint.problem.models.names, *(n.name for n in joint.nuisances)]
+    values = dict(zip(names, [*robot.body, *robot.world], strict=True))
+    for trial, angles in enumerate(robot.angles, 1):
+        values |= {f"{n}@{trial}": a for n, a in zip(joint.problem.hidden, angles, strict=True)}
+    low, high = parameters.natural(np.array([[0.0], [1.0]]))
+    truth = np.array([values[name] for name in parameters.names])
+    return (truth - low) / (high - low)
 
 
 def _excess(branch: HypothesisPosterior, sigma: float, robot: Robot, truth: Floats) -> float:

@@ -51,7 +51,7 @@ def draw_world(setting: Setting, rng: np.random.Generator) -> Floats:
 
 
 class Robot(EngineTarget):
-    """A robot as the inference asks it; its commands, hidden angles and logs are kept.
+    """A robot that keeps its commands, hidden angles and logs.
 
     Where the setting is not ``fast`` it performs random commands instead of those asked for.
     """
@@ -99,5 +99,5 @@ class Robot(EngineTarget):
 
     @property
     def observed(self) -> Observed:
-        """What it was told and felt so far."""
+        """All trials so far."""
         return Observed(np.array(self.commands), np.array(self.logs))

@@ -99,8 +99,6 @@ def _known(number: int) -> tuple[Controller, JointPosterior]:
     body, rng = Morphology.nominal(), np.random.default_rng([number, 1])
 
     class Fish:
-        """Performs trials as everywhere, with a gyroscope's noise."""
-
         def perform(self, command: Floats) -> RecordedLog:
             world = CompiledWorld()
             world.reset(Scenario.create(body, fin_angles=rng.uniform(-np.pi, np.pi, 3)))

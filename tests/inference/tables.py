@@ -118,7 +118,7 @@ def asked_table(parts: Mapping[str, Any]) -> Table:
         "asked and found",
         ("setting", "what", "asked", "found", "met"),
         [
-            (SETTINGS[name].title, words(a["what"]), _bounds(a), _number(a["what"], a["found"]),
+            (SETTINGS[name].title, _words(a["what"]), _bounds(a), _number(a["what"], a["found"]),
              "yes" if a["met"] else "no")
             for name, part in parts.items()
             for a in part["asked"]
@@ -127,7 +127,7 @@ def asked_table(parts: Mapping[str, Any]) -> Table:
     )  # fmt: skip
 
 
-def words(what: str) -> str:
+def _words(what: str) -> str:
     """Return a target's entry in words."""
     if what.startswith("rounds."):
         _, trials, entry = what.split(".")
