@@ -30,10 +30,7 @@ class Log(Protocol):
 def summarize(
     log: Log, steps: int | None = None, axes: int | None = None, source: str = "a robot"
 ) -> Coefficients:
-    """Return the behaviours of a log's trials, shape (B, axes * (T // 2 + 1)).
-
-    See :func:`gyro_samples` for the parameters and errors.
-    """
+    """Return the behaviours (B, axes * (T // 2 + 1)) of a log; see :func:`gyro_samples`."""
     samples = gyro_samples(log, steps, axes, source) * DEGREES
     axes_first = np.ascontiguousarray(samples.transpose(0, 2, 1))
     coefficients: Coefficients = np.fft.rfft(axes_first, axis=-1).reshape(len(samples), -1)

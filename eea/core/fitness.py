@@ -56,10 +56,7 @@ def model_fitness(similarities: Floats) -> Floats:
 def dimension_errors(models: ArrayLike, target: ArrayLike, layout: BitLayout) -> Floats:
     """Return how far models (..., n) are from the target (n,), as shares (..., n) of the ranges.
 
-    Raises
-    ------
-    ConfigurationError
-        If the target is not finite or not of shape (n,).
+    A target that is not finite or of another shape raises ``ConfigurationError``.
     """
     truth = finite("target", target, (len(layout),))
     errors: Floats = np.abs(np.asarray(models, dtype=np.float64) - truth) / layout.span

@@ -61,10 +61,7 @@ class Variable:
 class BitLayout:
     """How a genome's bits make its variables' values.
 
-    Parameters
-    ----------
-    variables
-        In the order of their bits.
+    ``variables`` are in the order of their bits.
 
     Examples
     --------

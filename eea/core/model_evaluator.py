@@ -15,13 +15,7 @@ DIVERGED = -1e6  # far below any real similarity, and finite, so that means stay
 
 
 class ModelEvaluator:
-    """Runs batches of models through a simulator and counts them.
-
-    Parameters
-    ----------
-    simulator
-        Its logs must have ``steps`` samples of ``axes`` axes.
-    """
+    """Runs models through a simulator, whose logs have ``steps`` samples of ``axes`` axes."""
 
     def __init__(self, simulator: Simulator, steps: int, axes: int) -> None:
         for method in ("simulate", "comparer"):

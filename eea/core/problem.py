@@ -19,14 +19,10 @@ class Problem:
     A pendulum with a motor, of unknown length, friction and initial angle:
 
     >>> from eea.core.genome import action_layout, model_layout
-    >>> pendulum = Problem(
-    ...     models=model_layout([("length", 2.0, 6), ("friction", 1.0, 5)]),
-    ...     actions=action_layout([("torque", -1.0, 1.0)]),
-    ...     hidden=("angle",),
-    ...     axes=1,
-    ... )
-    >>> len(pendulum.models), len(pendulum.actions), len(pendulum.hidden)
-    (2, 1, 1)
+    >>> models = model_layout([("length", 2.0, 6), ("friction", 1.0, 5)])
+    >>> actions = action_layout([("torque", -1.0, 1.0)])
+    >>> len(Problem(models, actions, hidden=("angle",), axes=1).models)
+    2
     """
 
     models: BitLayout  #: The genome of a body: the dimensions to be found.

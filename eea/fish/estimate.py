@@ -48,13 +48,8 @@ class MorphologyEstimate(Result):
     Examples
     --------
     >>> from eea.core.config import PaperConfig
-    >>> from eea.core.estimation import EstimationConfig
-    >>> quick = PaperConfig(condition="none", steps=32, rounds=1, estimation=EstimationConfig(4, 2))
-    >>> estimate = estimate_morphology(None, "caudal:missing", quick, target_engine="numba")
-    >>> estimate.morphology.caudal  # doctest: +SKIP
-    (0.13, 1.43, 0.52)
-    >>> str(estimate).startswith("MorphologyEstimate(none, 1 round of 32 steps, seed 0; MOD_FIT")
-    True
+    >>> MorphologyEstimate(PaperConfig(), 0, fish_models())
+    MorphologyEstimate(out-of-band, 0 rounds of 256 steps, seed 0)
     """
 
     @property
@@ -120,8 +115,7 @@ def estimate_morphology_of(
 ) -> MorphologyEstimate:
     """Infer the body of any target that performs commands, such as a physical robot.
 
-    Ctrl-C raises KeyboardInterrupt and nothing is returned. To keep the complete rounds, or to
-    continue later, iterate over ``fish_eea``, whose ``.result`` is readable after every round.
+    To keep the complete rounds of an interrupted run, or to continue it, iterate over ``fish_eea``.
 
     Parameters
     ----------

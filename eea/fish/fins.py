@@ -6,14 +6,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from aquafish_gym.command import SERVOS
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
 from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError
 from eea.core.result import Result
-from eea.fish.joint import GAIN, LAG
-from eea.fish.joint import SERVOS as SWITCHES
+from eea.fish.joint import GAIN, LAG, SERVOS
 from eea.joint.joint_posterior import SAMPLES, JointPosterior
 
 
@@ -36,11 +34,6 @@ def fins_after(result: Result) -> Fins:
 
     Given the initial angles, they follow by integrating the commands, which ``Controller.policy``
     and ``gait.swim`` continue to do. The most probable hypothesis is used.
-
-    Parameters
-    ----------
-    result
-        A result of joint inference, after one trial or more.
 
     Raises
     ------
@@ -65,10 +58,9 @@ def fins_after(result: Result) -> Fins:
     theta = best.posterior.sample(SAMPLES, np.random.default_rng(0))
     inputs = best.parameters.inputs(best.parameters.local(theta))
     nuisances, angles = inputs.nuisances[:, -1], inputs.angles[:, -1]
-    gains = nuisances[:, GAIN] * nuisances[:, SWITCHES]
+    gains = nuisances[:, GAIN] * nuisances[:, SERVOS]
     turning = result.config.steps * TIMESTEP - nuisances[:, LAG, None]
     command = np.array(result.rounds[-1].command)
-    assert len(command) == len(SERVOS)
     waves = np.exp(1j * (angles + TAU * gains * command * turning)).mean(axis=0)
     lengths = np.clip(np.abs(waves), 1e-12, 1.0)
     return Fins(

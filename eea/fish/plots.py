@@ -28,13 +28,7 @@ LEAST = 0.01  # probability of a hypothesis that is named
 
 
 def fitness_figure(result: Result) -> Figure:
-    """Return a figure of OBJ_FIT, where the truth is known, and MOD_FIT against round.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is no round.
-    """
+    """Return a figure of OBJ_FIT, where the truth is known, and MOD_FIT against round."""
     if not result.rounds:
         raise ConfigurationError("result must have at least one round to be drawn; it has none")
     figure = new_figure(6.4, 4.2, dpi=150)
@@ -115,11 +109,6 @@ def posterior_figure(result: Result) -> Figure:
     A row is the range of one quantity, with its density, the 50% and 90% intervals (thick and thin)
     and the truth where known. At the left are the body's sizes over all hypotheses, at the right
     the nuisances of the most probable one, with their priors in grey.
-
-    Raises
-    ------
-    ConfigurationError
-        If the condition is another, or no round was completed.
     """
     belief = result.belief
     if not isinstance(belief, JointPosterior):

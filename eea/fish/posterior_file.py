@@ -17,14 +17,8 @@ if TYPE_CHECKING:
 def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
     """Write a ``result.belief`` of joint inference to an ``.npz`` file, whole or not at all.
 
-    The file has everything except the simulator.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is another belief.
-    CannotWriteError
-        If the file cannot be written.
+    The file has everything except the simulator. ``ConfigurationError`` if it is another belief,
+    ``CannotWriteError`` if the file cannot be written.
     """
     from eea.joint.joint_posterior import JointPosterior
     from eea.joint.serialization import to_arrays
@@ -46,9 +40,6 @@ def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
 
     Examples
     --------
-    >>> config = JointConfig(steps=32, rounds=1)  # doctest: +SKIP
-    >>> estimate = estimate_morphology(None, "caudal:missing", config)  # doctest: +SKIP
-    >>> save_posterior("posterior.npz", estimate.belief)  # doctest: +SKIP
     >>> low, high = load_posterior("posterior.npz").interval(0.9)  # doctest: +SKIP
     """
     # scipy is imported here to keep `import eea.fish` quick.

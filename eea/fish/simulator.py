@@ -29,8 +29,8 @@ class SimulatorOptions(TypedDict, total=False):
 class EngineSimulator(Simulator):
     """Candidate fish, simulated in batches.
 
-    It cannot be subclassed, since comparisons in the engine would bypass another ``simulate``. To
-    add noise, for example, inherit from ``eea.Simulator`` and hold one of these.
+    It cannot be subclassed, since comparisons in the engine would bypass another ``simulate``:
+    inherit from ``eea.Simulator`` and hold one of these.
 
     Raises
     ------

@@ -106,7 +106,8 @@ class SwimLog:
                     f"commands of trial {number} must be one, or one for each of its "
                     f"{len(samples)} samples; got {len(each)}"
                 )
-            time.append(_ends(len(samples) + 1)[moving:])
+            # Rounded to what people write.
+            time.append(np.round(TIMESTEP * np.arange(len(samples) + 1), 9)[moving:])
             gyro.append(np.concatenate([np.zeros((1, 3)), samples])[moving:])
             executed.append(np.concatenate([each, each[-1:]])[moving:])
         return cls(
@@ -134,11 +135,6 @@ class SwimLog:
     def name(self, index: int) -> str:
         """Return the name of a trial, counted from 0, by its own number."""
         return f"trial {self.trial[self.blocks[index].start]}"
-
-
-def _ends(count: int) -> Floats:
-    """Return when steps end (count,), in s, from 0, rounded to what people write."""
-    return np.round(TIMESTEP * np.arange(count), 9)
 
 
 def _rows(

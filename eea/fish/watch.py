@@ -56,7 +56,7 @@ def watch_swim(
 ) -> Watched:
     """Compare a swim, second by second, with the posterior of a body.
 
-    See ``eea.joint.change_detection`` for the test.
+    ``eea.joint.change_detection`` describes the test.
 
     Parameters
     ----------
@@ -75,11 +75,6 @@ def watch_swim(
         Called after each window with the number of windows done and of all.
     **simulator
         See ``EngineSimulator``.
-
-    Raises
-    ------
-    ConfigurationError, InvalidArgumentError
-        If an argument is out of range, or the swim is shorter than a window.
 
     Examples
     --------

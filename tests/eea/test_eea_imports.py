@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import ast
 import subprocess
 import sys
 from pathlib import Path
@@ -21,21 +20,6 @@ def test_importing_the_package_loads_numpy_and_the_standard_library_only():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-
-
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: p.name)
-def test_the_core_imports_numpy_and_the_standard_library_only(path):
-    roots = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            roots |= {alias.name.split(".")[0] for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            roots.add((node.module or "").split(".")[0])
-        if isinstance(node, ast.ImportFrom) and roots & {"eea"}:
-            assert (node.module or "").startswith("eea.core") or not (node.module or "").startswith(
-                "eea"
-            )
-    assert roots <= set(sys.stdlib_module_names) | {"numpy", "eea"}
 
 
 def test_joint_inference_loads_its_statistics_when_it_is_used():
