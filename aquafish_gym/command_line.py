@@ -33,11 +33,8 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 
-BAD_INPUT: tuple[type[Exception], ...] = (
-    InvalidArgumentError,
-    EngineUnavailableError,
-    MissingExtraError,
-)
+Errors = tuple[type[Exception], ...]
+BAD_INPUT: Errors = (InvalidArgumentError, EngineUnavailableError, MissingExtraError)
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
 UNREAD = 141  # as of a program that SIGPIPE ends
 RESUMES = "the same command resumes"  # in the message of an interrupted command
@@ -106,7 +103,7 @@ class Command(Protocol):
         """Run it."""
 
 
-#: A command's class, or where it is ("module:Class"), loaded when asked for; and a summary.
+#: Name -> a command's class, or its place ("module:Class"), loaded when it runs; and a summary.
 Commands = Mapping[str, tuple[type[Command] | str, str]]
 
 
@@ -114,11 +111,11 @@ def run_command_line(
     program: str,
     commands: type[Command] | Commands,
     arguments: Sequence[str] | None = None,
-    refused: tuple[type[Exception], ...] = BAD_INPUT,
+    refused: Errors = BAD_INPUT,
 ) -> int:
     """Run a command of a program, by default with the process's arguments; return the exit code.
 
-    It is 0; 1 if the machine fails (a full disk, no more memory); 2 for a wrong command, option or
+    It is 0; 1 if the machine fails (a full disk, no memory); 2 for a wrong command, option or
     setting, which errors in ``refused`` report; 130 after Ctrl-C or SIGTERM; 141 if the reader of
     the output has left. Other errors pass.
     """
@@ -177,16 +174,11 @@ def parse(
     command: type[Command],
     prog: str,
     words: Sequence[str],
-    refused: tuple[type[Exception], ...] = BAD_INPUT,
+    refused: Errors = BAD_INPUT,
 ) -> Command:
     """Return the command with the options of ``words``; --help prints and exits.
 
-    Raises
-    ------
-    InvalidArgumentError
-        For an unknown or missing option or a value that cannot be read.
-    Exception
-        One of ``refused``, if the command's own checks raise it.
+    Raises InvalidArgumentError for a wrong option, and what the command's own checks raise.
     """
     box = io.StringIO()
     try:
@@ -256,13 +248,8 @@ def _refuse_empty_values(words: Sequence[str]) -> None:
 def read_morphology(path: Path | None, argument: str) -> Morphology:
     """Return the body in a JSON file, or the nominal body for None.
 
-    The file holds what ``Morphology.to_dict`` gives, or an object whose ``morphology`` is that or
-    nine numbers in the order of ``DIMENSIONS``, as the results of estimations and studies do.
-
-    Raises
-    ------
-    InvalidArgumentError
-        If it holds no body; the message names the file and the argument.
+    The file holds what ``Morphology.to_dict`` returns, or an object whose ``morphology`` is that or
+    nine numbers in the order of ``DIMENSIONS``. Raises InvalidArgumentError if it holds no body.
     """
     if path is None:
         return Morphology.nominal()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import subprocess
@@ -15,7 +14,6 @@ from typing import Literal
 import pytest
 
 from aquafish_gym.command_line import TargetDamage, read_morphology, run_command_line
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
 
 
@@ -59,13 +57,6 @@ def test_success_is_0_and_help_explains(capsys: pytest.CaptureFixture[str]) -> N
         printed = capsys.readouterr().out
         assert "--far FLOAT" in printed
         assert ("How far." in printed) is explained
-
-
-def test_version_names_the_program(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run("--version") == 0
-    name, version = capsys.readouterr().out.split()
-    assert name == "fish"
-    assert version[0].isdigit()
 
 
 def test_damage_has_one_name_and_keeps_the_old_one(capsys: pytest.CaptureFixture[str]) -> None:
@@ -181,19 +172,6 @@ def test_a_reader_that_leaves_is_no_error() -> None:
         done = subprocess.run(command, stdout=theirs, stderr=subprocess.PIPE, text=True)
         os.close(theirs)
         assert (done.returncode, done.stderr) == (141, ""), words
-
-
-def test_a_morphology_comes_from_a_file_or_is_nominal(tmp_path: Path) -> None:
-    body = Morphology.coerce({"caudal": (0.1, 0.2, 0.3)})
-    path = tmp_path / "body.json"
-    assert read_morphology(None, "body") == Morphology.nominal()
-    for document in (
-        body.to_dict(),
-        {"morphology": body.to_dict(), "model_fitness": 0.1},
-        {"morphology": body.to_array().tolist(), "rounds": []},
-    ):
-        path.write_text(json.dumps(document))
-        assert read_morphology(path, "body") == body
 
 
 @pytest.mark.parametrize(

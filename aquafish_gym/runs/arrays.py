@@ -37,13 +37,8 @@ def read_arrays(
 ) -> dict[str, NDArray[Any]]:
     """Return the arrays of an npz archive, which must be those of ``shapes`` and no others.
 
-    Those named in ``optional`` may be missing. File and arrays have at most ``most_bytes`` each. In
-    messages ``argument`` names the file.
-
-    Raises
-    ------
-    InvalidArgumentError, DamagedFileError
-        If the file cannot be read, is too large, or holds something else.
+    Those named in ``optional`` may be missing. The file has at most ``most_bytes``, and so have the
+    arrays. Raises as ``storage.read_document``.
     """
     name = f"{argument}: {path}"
     try:

@@ -141,10 +141,7 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
 def parse_json(argument: str, text: object) -> Any:
     """Return the value of a text in JSON, whose numbers must be finite and keys unique.
 
-    Raises
-    ------
-    InvalidArgumentError
-        For anything else, and for a text whose value would take much more memory than itself.
+    Raises InvalidArgumentError, also for a text whose value would take much more memory than it.
     """
     if not isinstance(text, str | bytes | bytearray):
         raise InvalidArgumentError(f"{argument} must be text in JSON; got {brief(text)}")

@@ -161,14 +161,9 @@ def test_without_pybullet_only_the_pictures_of_the_robot_are_missing(
 MISTAKES = {
     "damage": (("--damage", "left_pectorl:length=0.5"), "did you mean 'left_pectoral'"),
     "steps": (("--steps", "100"), "steps must be a power of two; got 100"),
-    "body": (("--morphology", "nowhere.json"), "morphology must be a file that can be read"),
-    "nothing": (("--out", ""), "--out must not be empty"),
     "models": (("--models", "0"), "estimation.population must be"),
     "replicates": (("--replicates", "0"), "replicates must be a whole number of at least 1"),
-    "workers": (("--workers", "0"), "workers must be"),
     "scheduler": (("--scheduler", "127.0.0.1"), "such as tcp://host:8786; got '127.0.0.1'"),
-    "choice": (("--target-engine", "bullet"), "'pybullet'"),
-    "option": (("--round", "3"), "--rounds"),
 }
 
 

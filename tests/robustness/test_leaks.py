@@ -1,4 +1,4 @@
-"""A hundred environments leave no memory, client or file behind."""
+"""Environments leave no memory, client or file behind."""
 
 from __future__ import annotations
 

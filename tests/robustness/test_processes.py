@@ -15,7 +15,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from gymnasium.vector import AsyncVectorEnv
-from worker_jobs import ACTIONS, MAKERS, make_env, play, run_simulate
+from worker_jobs import ACTIONS, MAKERS, make_env, play
 
 CONTEXTS = [c for c in ("spawn", "fork") if c in multiprocessing.get_all_start_methods()]
 
@@ -139,22 +139,3 @@ def test_an_interrupted_step_leaves_other_worlds_alone(monkeypatch: pytest.Monke
     assert play(struck) == calm
     for one in (env, struck):
         one.close()
-
-
-def test_an_interrupted_simulation_gives_its_client_back(monkeypatch: pytest.MonkeyPatch) -> None:
-    import pybullet
-
-    from aquafish_gym.engines.bullet import world
-
-    expected = run_simulate(("pybullet", 0))
-    idle = len(world._idle_clients)
-
-    def interrupt(*_: Any, **__: Any) -> Any:
-        raise KeyboardInterrupt
-
-    with monkeypatch.context() as patch:
-        patch.setattr(pybullet, "stepSimulation", interrupt)
-        with pytest.raises(KeyboardInterrupt):
-            run_simulate(("pybullet", 0))
-    assert len(world._idle_clients) == idle
-    assert run_simulate(("pybullet", 0)) == expected
