@@ -153,11 +153,8 @@ def change_in_words(before: Morphology, after: Morphology, tolerance: float = 0.
 
     Examples
     --------
-    >>> whole = Morphology.nominal()
-    >>> change_in_words(whole, Morphology.coerce({"caudal": (0.0, 0.0, 0.0)}))
+    >>> change_in_words(Morphology.nominal(), Morphology.coerce({"caudal": (0.0, 0.0, 0.0)}))
     'tail: missing'
-    >>> change_in_words(whole, whole)
-    'nothing is broken'
     """
     was, now = before.to_array(), after.to_array()
     parts = []

@@ -171,19 +171,6 @@ def test_the_compiled_wrench_is_the_plain_one_to_the_last_bit(world: BulletWorld
     assert ends[0] == ends[1]
 
 
-def test_a_second_command_takes_over(world: BulletWorld) -> None:
-    """Commands may change between steps; so they do in an environment."""
-    robot = robot_from_column(robot_parameters(NOMINAL[None])[:, 0])
-    state = at_rest(STILL)
-    world.reset(start(NOMINAL, STILL))
-    for command in ((0.5, 0.2, 0.3), (-0.1, 0.5, 1.0), (0.0, 0.0, 0.0)):
-        world.advance(command, 30)
-        for _ in range(30):
-            state = step(robot, state, drive(command, 0.01), STILL, 0.01)
-    np.testing.assert_allclose(world.position, state.position, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(world.state().spin, state.spin, rtol=0, atol=1e-12)
-
-
 def test_divergence_is_caught_and_fills_with_nan() -> None:
     """A current of 1 km/s makes explicit drag explode; such a robot must not hide."""
     trials = Trials(np.stack([MAXIMA, NOMINAL]), np.full((2, 3), 0.5), np.zeros((2, 3)))
@@ -223,44 +210,6 @@ def test_resets_and_worlds_do_not_leak() -> None:
     before = resident_kilobytes()
     work(400)
     assert resident_kilobytes() - before < 2000  # saveState would have left 40 MB
-
-
-FORK = """
-import os, sys
-from aquafish_gym.engines.bullet.world import BulletWorld
-from aquafish_gym.scenario import Scenario
-zero = (0.0, 0.0, 0.0)
-world = BulletWorld()
-idle = BulletWorld()
-idle.close()
-world.reset(Scenario.create())
-if os.fork() == 0:
-    try:
-        world.advance(zero)
-    except RuntimeError as error:
-        print(error, flush=True)
-    own = BulletWorld()
-    own.reset(Scenario.create())
-    own.advance((0.5, 0.5, 0.5), 10)
-    print("child", own.position, flush=True)
-    os._exit(0)
-os.wait()
-world.advance((0.5, 0.5, 0.5), 10)
-print("parent", world.position, flush=True)
-"""
-
-
-@pytest.mark.slow  # tests/robustness/test_processes.py asks the same of the environment
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
-def test_a_world_is_refused_across_a_fork() -> None:
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", FORK], capture_output=True, text=True, timeout=120
-    )
-    lines = done.stdout.splitlines()
-    assert done.returncode == 0, done.stderr
-    assert "before a fork" in lines[0]
-    assert lines[1].removeprefix("child") == lines[2].removeprefix("parent")
-    assert done.stderr == ""  # pybullet prints its build time there when imported bare
 
 
 def test_without_pybullet_the_sentence_says_what_to_do() -> None:

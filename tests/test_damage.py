@@ -144,14 +144,6 @@ def test_bad_text_is_refused(text: str, sentence: str) -> None:
         Damage.parse(text)
 
 
-@pytest.mark.parametrize(
-    "several", [["caudal:missing"], ["caudal:missing", "none"], [Damage(), Damage()]]
-)
-def test_list_of_texts_is_refused_for_one_robot(several: list[object]) -> None:
-    with pytest.raises(InvalidArgumentError, match="must be one robot's, whose faults are joined"):
-        Damage.coerce(several)
-
-
 def test_a_fin_that_outgrows_its_range_is_refused() -> None:
     with pytest.raises(InvalidArgumentError, match=r"left_pectoral.length 3.2.*\[0, 2\]"):
         Damage.parse("left_pectoral:length=2").apply(Morphology.nominal())
@@ -246,11 +238,6 @@ def test_an_estimate_within_the_tolerance_is_no_damage() -> None:
     assert change_in_words(grown, whole).count("instead of none") == 3
 
 
-def test_a_body_reads_back_from_its_json_exactly() -> None:
-    body = Damage.parse("caudal:width=0.3").apply(Morphology.nominal())
-    assert Morphology.from_json(body.to_json()) == body
-
-
 def test_random_fins_are_one_or_two_with_one_fault_each() -> None:
     drawn = [Damage.random(np.random.default_rng(seed)) for seed in range(300)]
     assert {len(damage) for damage in drawn} == {1, 2}
@@ -325,15 +312,6 @@ def test_each_robot_may_have_damage_of_its_own() -> None:
             mine, other = (getattr(each, "to", each) for each in (mine, other))
             for name, table in mine.arrays().items():
                 np.testing.assert_array_equal(table, other.arrays()[name], name)
-
-
-def test_entangled_fin_is_wider_within_its_range() -> None:
-    assert Damage.parse("left_pectoral:entangled=0.5").apply(NOMINAL).left_pectoral == (
-        0.7,
-        1.6,
-        0.1,
-    )
-    assert Damage.parse("caudal:entangled=1").apply(NOMINAL).caudal == (0.4, 1.4, 1.0)
 
 
 @given(damages)

@@ -140,8 +140,6 @@ def simulate(
     >>> log = simulate(None, (0.4, 0.4, 0.5), steps=100)
     >>> log.rpy.shape
     (1, 100, 3)
-    >>> simulate(None, (0.4, 0.4, 0.5), steps=100, servo_gain=(1, 0, 1), record="gyro")
-    ImuLog(B=1, T=100: gyro)
     """
     tables = {
         "morphologies": check_field("body", morphologies, "morphologies"),
@@ -177,19 +175,7 @@ def simulate_scenario(
 ) -> ImuLog:
     """Return what the IMUs of a scenario's B robots log: without the faults of its sensors.
 
-    Parameters
-    ----------
-    scenario
-        The robots, their water and what changes on the way.
-    commands
-        (B, 3) or (B, K, 3), checked.
-    steps, engine, dtype, substeps, threads, record, interval, begun
-        See :func:`simulate`.
-
-    Raises
-    ------
-    InvalidArgumentError, UnknownNameError, EngineUnavailableError
-        See :func:`simulate`.
+    ``commands`` are (B, 3) or (B, K, 3), checked; for the rest see :func:`simulate`.
     """
     engine = check_engine(resolve_engine("engine", engine))
     settings = Settings(

@@ -352,13 +352,10 @@ class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float
         if self.render_mode is None:
             return None
         now = self._now
-        robots = (
-            self._robots.now.body,
-            now[POSITION].T,
-            now[QUATERNION].T,
-            angles_of_rows(now).T,
-        )
+        poses = (now[POSITION].T, now[QUATERNION].T, angles_of_rows(now).T)
         return tuple(
             render_pose(Morphology.from_array(sizes), (position, quaternion), angles)
-            for sizes, position, quaternion, angles in zip(*robots, strict=True)
+            for sizes, position, quaternion, angles in zip(
+                self._robots.now.body, *poses, strict=True
+            )
         )

@@ -9,7 +9,6 @@ from aquafish_gym.rendering.render import (
     usable_modes,
     write_gif,
 )
-from aquafish_gym.rendering.robot_mesh import fin_poses
 from aquafish_gym.rendering.scenery import Camera, Frame
 
 __all__ = [
@@ -18,7 +17,6 @@ __all__ = [
     "Frame",
     "Window",
     "check_render_mode",
-    "fin_poses",
     "render_motion",
     "render_pose",
     "usable_modes",

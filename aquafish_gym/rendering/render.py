@@ -1,4 +1,4 @@
-"""Pictures and films of the robot: grey body, red fins, over a ruled sea floor.
+"""Pictures and films of the robot: grey body, red fins, over a chequered sea floor.
 
 PyBullet's software renderer draws the robot, in a client of its own, whatever engine moved it.
 ``scenery`` draws the background.
@@ -149,9 +149,7 @@ class Window:
 
     Examples
     --------
-    >>> pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     >>> window = Window()  # doctest: +SKIP
-    >>> window.show(Morphology.nominal(), pose, (0.0, 0.0, 0.0))  # doctest: +SKIP
     """
 
     def __init__(self) -> None:

@@ -17,7 +17,7 @@ from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics import robot
 from aquafish_gym.physics.kinematics import caudal_angle
-from aquafish_gym.rendering.scenery import Floats, Frame, Pixels, View, multiply, rotate
+from aquafish_gym.rendering.scenery import Floats, Frame, Pixels, View
 
 _GREY = (0.62, 0.64, 0.67, 1.0)
 _DARK = (0.38, 0.40, 0.43, 1.0)
@@ -32,15 +32,16 @@ def fin_poses(
     morphology: Morphology, position: Floats, quaternion: Floats, fin_angles: ArrayLike
 ) -> list[tuple[Floats, Floats]]:
     """Return the centre and the orientation of each fin in the world."""
+    p = load_pybullet()
     left, right, phase = np.asarray(fin_angles, dtype=np.float64)
     angles = (left, right, caudal_angle((math.cos(phase), math.sin(phase))))
     poses = []
     for fin, hinge, axis, angle in zip(FINS, HINGES, AXES, angles, strict=True):
-        turn = np.append(np.array(axis) * math.sin(angle / 2), math.cos(angle / 2))
-        whole = multiply(quaternion, turn)
-        middle = np.array([0.0, -getattr(morphology, fin)[1] / 2, 0.0])
-        place = position + rotate(quaternion, np.array(hinge)) + rotate(whole, middle)
-        poses.append((place, whole))
+        turn = (*(np.array(axis) * math.sin(angle / 2)), math.cos(angle / 2))
+        middle = (0.0, -getattr(morphology, fin)[1] / 2, 0.0)
+        at_hinge = p.multiplyTransforms(position, quaternion, hinge, turn)
+        place, whole = p.multiplyTransforms(*at_hinge, middle, (0.0, 0.0, 0.0, 1.0))
+        poses.append((np.array(place), np.array(whole)))
     return poses
 
 
@@ -105,8 +106,9 @@ class Figure:
             p.resetBasePositionAndOrientation(
                 part, where.tolist(), how.tolist(), physicsClientId=self.client
             )
-            corners += [where + rotate(how, sign * half) for sign in _CORNERS]
-        return np.array(corners)
+            matrix = np.reshape(p.getMatrixFromQuaternion(how), (3, 3))
+            corners.append(where + (_CORNERS * half) @ matrix.T)
+        return np.concatenate(corners)
 
 
 @functools.cache

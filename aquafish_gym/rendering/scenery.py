@@ -1,4 +1,4 @@
-"""The camera, and the background of its pictures: water over a ruled floor."""
+"""The camera, and the background of its pictures: water over a chequered floor."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ Floats = NDArray[np.float64]
 Pixels = NDArray[np.float32]
 Frame = NDArray[np.uint8]
 
-_WATER, _SAND, _LINE = np.array([(200, 232, 243), (138, 194, 214), (96, 158, 186)], np.float64)
+_WATER, _LIGHT, _DARK = np.array([(200, 232, 243), (152, 205, 222), (112, 172, 197)], np.float64)
 _FLOOR = -3.0  # z; lower under a robot that dives
-_SPACING = 2.0  # between the floor's lines; every fifth is a stronger one
+_TILE = 2.0
 _CLEARANCE = 2.0
 _VISIBILITY = 2.5  # of the camera's distance, where the floor has faded to 1/e
 
@@ -70,38 +70,20 @@ class Camera:
 
 
 class View(NamedTuple):
-    """A camera's eye and its right, up and forward axes, (3,) each, in the world.
-
-    ``slope`` is the tangent of half the vertical field of view, ``distance`` the eye's from
-    what it looks at.
-    """
+    """A camera's eye and axes, (3,) each, in the world."""
 
     eye: Floats
     right: Floats
     up: Floats
     forward: Floats
-    slope: float
-    distance: float
-
-
-def multiply(a: Floats, b: Floats) -> Floats:
-    """Return the quaternion a b, (x, y, z, w): first b, then a."""
-    return np.concatenate(
-        [a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3]), [a[3] * b[3] - a[:3] @ b[:3]]]
-    )
-
-
-def rotate(q: Floats, v: Floats) -> Floats:
-    """Turn a vector by a quaternion (x, y, z, w)."""
-    u = q[:3]
-    turned: Floats = v + 2 * np.cross(u, np.cross(u, v) + q[3] * v)
-    return turned
+    slope: float  #: The tangent of half the vertical field of view.
+    distance: float  #: From the eye to what it looks at.
 
 
 def water_and_floor(width: int, height: int, view: View, position: Floats) -> Pixels:
     """Return the water and its floor behind a robot, (height, width, 3) up to 255.
 
-    The floor is a ruled plane that fades with the distance: a plain background shows no motion.
+    The floor fades with the distance: a plain background shows no motion.
     """
     eye, right, up, forward, slope, distance = view
     rows = slope * (1 - (2 * np.arange(height) + 1) / height)[:, None]
@@ -113,21 +95,9 @@ def water_and_floor(width: int, height: int, view: View, position: Floats) -> Pi
     seen = (ray[2] < -1e-6) & (depth < 0)
     along = np.minimum(np.where(seen, depth / np.where(seen, ray[2], 1.0), 1e3), 1e3)
     x, y = eye[0] + along * ray[0], eye[1] + along * ray[1]
-    # Size of a pixel on the floor, larger where the floor is seen at a low angle.
-    blur = (2 * slope / height) * along / np.sqrt(np.maximum(np.abs(ray[2]), 1e-3)) + 1e-6
-    lines = 0.45 * _ruling(x, y, _SPACING, 0.05, blur)
-    lines = np.maximum(lines, _ruling(x, y, 5 * _SPACING, 0.12, blur))[..., None]
+    # Smooth tiles neither flicker nor have jagged edges.
+    tiles = 0.5 + 0.5 * np.sin(np.pi / _TILE * x) * np.sin(np.pi / _TILE * y)
+    floor = _LIGHT + tiles[..., None] * (_DARK - _LIGHT)
     fade = np.where(seen, np.exp(-along / (_VISIBILITY * distance)), 0.0)[..., None]
-    picture: Pixels = (_WATER + fade * (_SAND + lines * (_LINE - _SAND) - _WATER)).astype(
-        np.float32
-    )
+    picture: Pixels = (_WATER + fade * (floor - _WATER)).astype(np.float32)
     return picture
-
-
-def _ruling(x: Floats, y: Floats, spacing: float, width: float, blur: Floats) -> Floats:
-    """Return the share of each pixel that lines every ``spacing`` cover, 0 to 1."""
-    u, v = x / spacing, y / spacing
-    off = spacing * np.minimum(np.abs(u - np.rint(u)), np.abs(v - np.rint(v)))
-    # Lines thinner than a pixel fade instead of flickering.
-    cover: Floats = np.clip((width / 2 - off) / blur + 0.5, 0, 1) * np.minimum(1, width / blur)
-    return cover

@@ -12,7 +12,6 @@ from tests.verification.agreement import (
     WHAT,
     quantiles,
     single_precision,
-    swim,
 )
 from tests.verification.trials import random_trials
 
@@ -121,8 +120,3 @@ BOUNDS = {1.28: 1e-5, 2.56: 2e-5, 5.12: 5e-5, 20.0: 5e-4}
 @pytest.mark.parametrize("what", WHAT)
 def test_float32_stays_near_float64_at_the_median(growth: dict, what: str, seconds: float) -> None:
     assert 0 < growth[what, seconds]["median"] < BOUNDS[seconds]
-
-
-def test_no_robot_diverges_in_single_precision() -> None:
-    trials = random_trials(250)
-    assert not swim("numba", "float32", trials, 512).diverged.any()

@@ -6,7 +6,6 @@ import os
 import pathlib
 import subprocess
 import sys
-import threading
 
 import numpy as np
 import pytest
@@ -112,11 +111,3 @@ def test_a_batch_refuses_commands_for_another_number_of_robots() -> None:
     for call in (lambda c: lanes.advance(c, 8), lambda c: lanes.spectra(c, 8)):
         with pytest.raises(ValueError, match=r"commands must have shape \(5, 3\); got \(1, 3\)"):
             call(np.zeros((1, 3)))
-
-
-def test_a_process_keeps_one_pool_of_threads() -> None:
-    bodies, commands = np.full((400, 9), 0.3), np.zeros((400, 3))
-    before = threading.active_count()
-    for threads in (2, 5, 3, 4):
-        lane_batch(bodies, np.zeros((400, 3)), threads=threads).advance(commands, 400)
-    assert threading.active_count() <= before + 5

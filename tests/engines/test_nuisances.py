@@ -59,14 +59,6 @@ def test_each_robot_swims_as_alone(dtype: str) -> None:
         assert_array_equal(alone.position[0], together.position[i])  # type: ignore[index]
 
 
-@pytest.mark.parametrize("name", DIFFERENT)
-def test_one_row_serves_all_robots(name: str) -> None:
-    row = DIFFERENT[name][0]
-    one, each = (swim(**{name: value}) for value in (row, np.array([row] * COUNT)))
-    assert_same(one, each)
-    assert (one.gyro != swim().gyro).any()
-
-
 def test_many_conditions_spread_one_robot() -> None:
     log = simulate(None, (0.3, 0.3, 0.5), steps=9, lag=[0.0, 0.01, 0.02], record="gyro")
     assert len(log) == 3
@@ -149,13 +141,6 @@ def test_gyroscope_is_differentiable_in_the_lag() -> None:
             assert 1e-9 < abs(side - here).max() < 1e-3  # type: ignore[operator]
     slopes = [(swim(lag=0.025 + d).gyro - swim(lag=0.025).gyro) / d for d in (1e-6, -1e-6)]  # type: ignore[operator]
     assert_allclose(*slopes, atol=1e-3 * abs(slopes[0]).max())
-
-
-def test_lagged_batch_in_parts_is_the_batch_in_one() -> None:
-    whole = lane_batch(BODIES, ANGLES).advance(COMMANDS, 60, "gyro", DIFFERENT["lag"])
-    lanes = lane_batch(BODIES, ANGLES)
-    parts = [lanes.advance(COMMANDS, n, "gyro", DIFFERENT["lag"]).gyro for n in (1, 12, 47)]
-    assert_array_equal(np.concatenate(parts, axis=1), whole.gyro)  # type: ignore[arg-type]
 
 
 # --- schedules -----------------------------------------------------------------------------------

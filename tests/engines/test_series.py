@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose, assert_array_equal
+from numpy.testing import assert_allclose
 
 from aquafish_gym import simulate
 from aquafish_gym.physics.attitude import rotations
@@ -81,16 +81,6 @@ def test_trial_in_two_parts_equals_the_whole(cut: int, reactive: bool) -> None:
         velocity=np.einsum("bji,bj->bi", turned, now["velocity"]), **servos,
     )  # fmt: skip
     assert_allclose(rest.gyro, whole.gyro[:, cut:], rtol=0, atol=1e-11)
-
-
-def test_lags_of_other_robots_change_nothing() -> None:
-    together = swim(lag=LAGS)
-    for i in (0, 5):
-        alone = simulate(
-            BODIES[i], SERIES[i : i + 1], ANGLES[i], steps=STEPS, dtype="float64", record="gyro",
-            interval=INTERVAL, lag=LAGS[i],
-        )  # fmt: skip
-        assert_array_equal(alone.gyro[0], together.gyro[i])  # type: ignore[index]
 
 
 @pytest.mark.parametrize(

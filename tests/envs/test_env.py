@@ -21,12 +21,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import aquafish_gym
-from aquafish_gym.command import scale_action, servo_speeds
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.envs.episode import check_action, check_single_action, observation_space, observe
+from aquafish_gym.envs.episode import observation_space, observe
 from aquafish_gym.envs.tasks import SwimForward
-from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
 )
@@ -182,16 +180,6 @@ def test_options_hold_for_one_episode() -> None:
     assert info["morphology"].tolist() == [0.4, 1.6, 0.1, 0.4, 1.6, 0.1, 0.4, 0.7, 0.6]
 
 
-def test_a_current_carries_the_robot() -> None:
-    env = make(current=(0.0, 1.0, 0.0), fin_angles="zero")
-    env.reset()
-    still = np.array([0.0, 0.0, -1.0], np.float32)  # no servo moves
-    for _ in range(25):
-        *_, info = env.step(still)
-    assert 0.9 < info["y_position"] < 5.0
-    assert info["x_position"] == pytest.approx(0.0, abs=1e-9)
-
-
 def test_divergence_terminates_the_episode() -> None:
     env = make()
     env.reset()
@@ -254,43 +242,6 @@ def test_returned_arrays_are_not_reused(engine: str) -> None:
     other.close()
 
 
-def test_single_robot_equals_the_batch_in_float64() -> None:
-    rng = np.random.default_rng(8)
-    bodies = rng.uniform(0.1, 1.0, (3, 9)) * (0.4, 1.6, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, 0.6)
-    kwargs: dict[str, Any] = {
-        "fin_angles": "random",
-        "observe_fins": True,
-        "current": (0.2, -0.4, 0.1),
-        "task": SwimForward(ctrl_weight=0.3),
-    }
-    batch = AquaFishVectorEnv(3, morphology=bodies, dtype="float64", **kwargs)
-    singles = [make(morphology=body, **kwargs) for body in bodies]
-    seen, info = batch.reset(seed=2)
-    for i, env in enumerate(singles):
-        one, told = env.reset(seed=2 + i)
-        same((one, told), (seen[i], {name: info[name][i] for name in told}))
-    for _ in range(60):
-        actions = rng.uniform(-1.2, 1.2, (3, 3)).astype(np.float32)
-        seen, reward, terminated, truncated, info = batch.step(actions)
-        for i, env in enumerate(singles):
-            one, *rest, told = env.step(actions[i])
-            same(
-                (one, *rest, told),
-                (seen[i], reward[i], terminated[i], truncated[i], {k: info[k][i] for k in told}),
-            )
-
-
-@given(
-    hnp.arrays(st.sampled_from([np.float32, np.float64]), 3, elements=st.floats(-2, 2, width=32))
-)
-@settings(max_examples=100, deadline=None)
-def test_single_action_check_equals_the_general_one(action: Any) -> None:
-    short = check_single_action(action)
-    long = check_action(action, (3,))
-    assert list(short) == long.tolist()
-    assert list(servo_speeds(short)) == scale_action(long).tolist()
-
-
 ENV = AquaFishEnv(engine="numba")
 
 
@@ -316,11 +267,6 @@ def test_an_action_is_three_finite_numbers_or_refused(action: Any) -> None:
     else:
         with pytest.raises(InvalidArgumentError, match="action must"):
             ENV.step(action)
-
-
-def test_stepping_before_resetting_is_refused() -> None:
-    with pytest.raises(ResetNeeded):
-        AquaFishEnv(engine="numba").step(GO)
 
 
 @pytest.mark.parametrize(

@@ -201,23 +201,6 @@ def test_list_is_one_for_each_robot(name: str, value: Any, got: str) -> None:
         envs.reset(options={name: value})
 
 
-def test_random_damage_varies_and_repeats_with_the_seed() -> None:
-    envs = AquaFishVectorEnv(4, damage="random:moderate@1-3", frame_skip=1000)
-    names = ("morphology", "servo_gain", "sensor_bias", "sensor_noise", "sensor_lost")
-
-    def truths() -> list[Any]:
-        infos = [envs.reset(seed=7)[1]]
-        infos += [envs.step(np.zeros((4, 3), np.float32))[-1] for _ in range(12)]
-        assert max(int(info["faults"].max()) for info in infos) == 1
-        return [np.concatenate([info[n].reshape(4, -1) for n in names], axis=1) for info in infos]
-
-    one, two = truths(), truths()
-    assert all((a == b).all() for a, b in zip(one, two, strict=True))
-    # Step 1 of episodes, which begin at steps 0, 3, 6 and 9.
-    struck = np.array([one[i] for i in (1, 4, 7, 10)]).reshape(16, -1)
-    assert len(np.unique(struck, axis=0)) > 8
-
-
 @settings(max_examples=30, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.sampled_from(["mild", "moderate", "severe"]))
 def test_observations_of_random_damage_stay_in_the_space(seed: int, tier: str) -> None:

@@ -168,17 +168,6 @@ def test_torchrl_wraps_a_batch(name: str, mode: str) -> None:
     assert np.isfinite(found["next", "reward"].numpy()).all()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", IDS)
-def test_torchrl_makes_four_in_processes(name: str) -> None:
-    pytest.importorskip("torchrl")
-    from torchrl.envs import GymEnv
-
-    env = GymEnv(f"aquafish_gym:{name}", num_envs=4, engine="numba")
-    assert env.rollout(5).batch_size == (4, 5)
-    env.close()
-
-
 FEW = {
     "ppo": ["n_envs:2", "n_steps:100", "batch_size:100"],
     "sac": ["n_envs:2", "learning_starts:100", "batch_size:16"],
@@ -254,14 +243,3 @@ def test_the_dataset_that_is_here_can_be_swum_again() -> None:
         np.testing.assert_allclose(rows, episode.observations, rtol=1e-4, atol=1e-4)
         np.testing.assert_allclose(earned, episode.rewards, rtol=1e-4, atol=1e-4)
         assert info["faults"] == episode.infos["faults"][-1] > 0
-
-
-def test_without_minari_the_remedy_is_said(tmp_path: pathlib.Path) -> None:
-    example = pathlib.Path(__file__).parents[2] / "examples" / "minari_dataset.py"
-    code = (
-        f"import runpy, sys; sys.modules['minari'] = None; sys.argv = ['x', {str(tmp_path)!r}]; "
-        f"runpy.run_path({str(example)!r}, run_name='__main__')"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert 'pip install "minari[hdf5,create]"' in done.stderr

@@ -232,26 +232,6 @@ def test_divergence_is_detected_before_overflow(row: int, speed: float) -> None:
         assert (seen[1] == good[1]).all()
 
 
-def test_seeds_are_for_the_robots_that_are_reset() -> None:
-    kwargs: dict[str, Any] = {"fin_angles": "random"}
-    ours = make(autoreset_mode="Disabled", **kwargs)
-    theirs = gym.make_vec(
-        "AquaFish-v0",
-        num_envs=COUNT,
-        engine="numba",
-        vectorization_mode="sync",
-        vector_kwargs={"autoreset_mode": AutoresetMode.DISABLED},
-        **kwargs,
-    )
-    mask = np.array([False, True, False])
-    for env in (ours, theirs):
-        env.reset(seed=3)
-        env.reset(seed=20, options={"reset_mask": mask})
-    a, b = (env.reset()[1]["fin_angles"] for env in (ours, theirs))
-    np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)
-    theirs.close()
-
-
 def test_bad_actions_and_masks_are_refused() -> None:
     env = make()
     with pytest.raises(ResetNeeded):
