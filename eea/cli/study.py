@@ -28,7 +28,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import Condition, Config, config_for
 from eea.fish import RealityGap
 from eea.study.folder import extended, write_description
-from eea.study.presets import FIGURE_ARMS, FIGURES, smoke
+from eea.study.presets import ARMS, FIGURE_ARMS, smoke
 from eea.study.replicate import World, replicate, warm_up
 from eea.study.study import Study
 
@@ -112,7 +112,7 @@ class StudyCommand:
             raise ConfigurationError("either --figure or --conditions must have one value or more")
         if figure:
             names = FIGURE_ARMS if "all" in figure else figure
-            return {FIGURE_ARMS[name]: FIGURES[f"fig{name}"] for name in names}
+            return {FIGURE_ARMS[name]: ARMS[FIGURE_ARMS[name]] for name in names}
         return {condition: config_for(condition) for condition in self.conditions or ()}
 
     def execute(self) -> None:

@@ -24,15 +24,7 @@ _GROWING = ("replicates", "versions", "source", "arms")  # these may differ when
 
 
 def read_description(folder: Path) -> dict[str, Any]:
-    """Return the content of a folder's study.json.
-
-    Raises
-    ------
-    ConfigurationError
-        If there is none.
-    InvalidArgumentError
-        If it cannot be read, is damaged or incomplete; the message names it.
-    """
+    """Return the content of a folder's study.json; refuse a missing or damaged one by name."""
     path = folder / STUDY
     if not path.exists():
         raise ConfigurationError(

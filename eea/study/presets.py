@@ -10,28 +10,21 @@ from eea.core.conditions import OutOfBandConfig
 from eea.core.config import Config, JointConfig, PaperConfig
 from eea.core.estimation import EstimationConfig
 
-FIGURES: dict[str, PaperConfig] = {
-    "fig5": PaperConfig(condition="ideal"),
-    "fig6": PaperConfig(condition="none"),
-    "fig7": PaperConfig(condition="in-band"),
-    "fig8": PaperConfig(condition="in-band", estimation=EstimationConfig(population=200)),
-    "fig9": PaperConfig(condition="out-of-band"),
-    "fig10": PaperConfig(
+# The arms of Figs. 5 to 10, in this order.
+ARMS: dict[str, PaperConfig] = {
+    "ideal": PaperConfig(condition="ideal"),
+    "none": PaperConfig(condition="none"),
+    "in-band": PaperConfig(condition="in-band"),
+    "in-band-200": PaperConfig(condition="in-band", estimation=EstimationConfig(population=200)),
+    "out-of-band": PaperConfig(condition="out-of-band"),
+    "out-of-band-100": PaperConfig(
         condition="out-of-band",
         estimation=EstimationConfig(population=100),
         out_of_band=OutOfBandConfig(inner_population=50, sampled_models=5),
     ),
 }
-
-# Figure number -> the arm that it shows.
-FIGURE_ARMS: dict[str, str] = {
-    "5": "ideal",
-    "6": "none",
-    "7": "in-band",
-    "8": "in-band-200",
-    "9": "out-of-band",
-    "10": "out-of-band-100",
-}
+FIGURE_ARMS = {str(number): arm for number, arm in enumerate(ARMS, 5)}
+FIGURES = {f"fig{number}": config for number, config in enumerate(ARMS.values(), 5)}
 
 
 def figure_config(name: str, steps: int = 256, rounds: int = 25) -> PaperConfig:

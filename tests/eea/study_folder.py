@@ -85,13 +85,8 @@ def make_records(rng, start, end, rounds):
         records.append(
             {
                 "round": number,
-                "command": rng.uniform(-0.5, 0.5, 3).tolist(),
                 "action_fitness": None if number == 1 else float(rng.uniform(0.2, 0.4)),
                 "model_fitness": float(1.0 - 2 * level),
-                "morphology": body.tolist(),
-                "min_angle": [0.0] * 3,
-                "max_angle": [0.0] * 3,
-                "true_angles": [0.0] * 3,
                 "angle_error": [0.0] * 3,
                 "objective_fitness": float(1.0 - error.mean()),
                 "dimension_error": error.tolist(),
