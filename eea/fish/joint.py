@@ -120,39 +120,38 @@ def fish_signal(
     ``fish_joint``. With ``swims``, ``commands`` are rows of ``SwimWindows.array``.
     """
     reactive = nuisances[:, REACTIVE] > 0.5
-    signal: NDArray[np.floating] | None = None
-    for kind in (False, True):
-        rows = reactive == kind
-        if not rows.any():
-            continue
-        series, timing = commands[rows], {}
-        scenario = _edited(bodies[rows], angles[rows], nuisances[rows], simulator, kind)
-        if swims is not None:
-            timing = {"interval": swims.interval, "begun": swims.begun}
-            if swims.moving:
-                scenario = _in_mid_swim(scenario, nuisances[rows], series["spin"])
-            series = series["series"]
-        gyro = simulate_scenario(
-            scenario,
-            series,
-            simulator.steps,
-            simulator.engine,
-            "float64" if fine else simulator.dtype,
-            simulator.substeps,
-            simulator.threads,
-            record="gyro",
-            **timing,
-        ).gyro
-        assert gyro is not None
-        gyro += nuisances[rows, None, BIAS].astype(gyro.dtype)
-        if rows.all():
-            whole: NDArray[np.floating] = gyro
-            return whole
-        if signal is None:
-            signal = np.empty((len(bodies), *gyro.shape[1:]), gyro.dtype)
-        signal[rows] = gyro
-    assert signal is not None
-    return signal
+    if reactive.any() and not reactive.all():  # an engine's call has one kind of water
+        parts = [
+            fish_signal(
+                bodies[rows], nuisances[rows], commands[rows], angles[rows], fine, simulator, swims
+            )
+            for rows in (~reactive, reactive)
+        ]
+        signal = np.empty((len(bodies), *parts[0].shape[1:]), parts[0].dtype)
+        signal[~reactive], signal[reactive] = parts
+        return signal
+    series, timing = commands, {}
+    scenario = _edited(bodies, angles, nuisances, simulator, bool(reactive.any()))
+    if swims is not None:
+        timing = {"interval": swims.interval, "begun": swims.begun}
+        if swims.moving:
+            scenario = _in_mid_swim(scenario, nuisances, commands["spin"])
+        series = commands["series"]
+    gyro = simulate_scenario(
+        scenario,
+        series,
+        simulator.steps,
+        simulator.engine,
+        "float64" if fine else simulator.dtype,
+        simulator.substeps,
+        simulator.threads,
+        record="gyro",
+        **timing,
+    ).gyro
+    assert gyro is not None
+    gyro += nuisances[:, None, BIAS].astype(gyro.dtype)
+    found: NDArray[np.floating] = gyro
+    return found
 
 
 def _edited(
