@@ -115,18 +115,8 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
 class LaneVecEnv(SB3VecEnv):
     """Robots of one task, from random poses, that observe a ``Controller``'s inputs.
 
-    Parameters
-    ----------
-    count
-        Number of robots.
-    bodies
-        (M, 9) sizes of the bodies that robots have, in turn; M at most ``count``.
-    senses, clock
-        The inputs, and the frequency of the clock in Hz.
-    interval
-        Steps of 0.01 s that an action is held.
-    task, damage
-        As the environment's.
+    The ``count`` robots have the bodies (M, 9) in turn; M is at most ``count``. The clock is in Hz,
+    and an action is held for ``interval`` steps of 0.01 s.
     """
 
     def __init__(

@@ -51,12 +51,7 @@ class Rated(Search, Protocol):
 class SuccessiveHalving:
     """Several searches in turn: after each stage the best go on, after the last one only the best.
 
-    Parameters
-    ----------
-    searches
-        The searches, at least one.
-    stages
-        How many go on at each stage, and the generations that each then has.
+    ``stages`` say how many go on at each stage, and the generations that each then has.
     """
 
     def __init__(self, searches: Sequence[Rated], stages: Stages) -> None:

@@ -105,20 +105,10 @@ def multistart(
     restarts: int,
     rng: np.random.Generator,
 ) -> Search:
-    """Return a search from the best of random candidates, by successive halving.
+    """Return a search from the best of random candidates (S, D), by successive halving.
 
-    Parameters
-    ----------
-    candidates
-        (S, D) random vectors.
-    build
-        Makes a controller of a vector (D,).
-    population
-        Controllers in a generation of CMA-ES.
-    restarts
-        Number of CMA-ES searches that start.
-    rng
-        Source of all random numbers.
+    ``restarts`` searches start, each with ``population`` controllers in a generation; all random
+    numbers come from ``rng``.
     """
     first = RandomCandidates(candidates, build, restarts)
 

@@ -114,17 +114,8 @@ def multistart(
 ) -> Search:
     """Return a search by several NEAT runs, each for some generations; then the best goes on.
 
-    Parameters
-    ----------
-    evolutions
-        The runs. A single one is plain NEAT.
-    build
-        Makes a controller of a genome.
-    generations
-        Generations of each run.
-    tuning
-        Population and random numbers of CMA-ES, which then tunes the best network of each run by
-        successive halving; None to continue the best NEAT run.
+    A single run is plain NEAT. ``tuning`` is the population and the random numbers of CMA-ES, which
+    then tunes the best network of each run by successive halving; None continues the best run.
     """
     starts = [Start(evolution, build) for evolution in evolutions]
     search = SuccessiveHalving(starts, [(len(starts), generations)])

@@ -16,9 +16,6 @@ from aquafish_gym.bodies import read_bodies, write_bodies
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics import compiling
-from aquafish_gym.runs.manifest import lock, write_manifest
-from aquafish_gym.runs.storage import CannotWriteError
-from gait import history
 from gait.__main__ import main
 from gait.controller import Controller
 from gait_fakes import contents, make_controller, read_history
@@ -140,33 +137,6 @@ def test_interrupted_evolve_keeps_its_files_and_resumes(tmp_path: Path) -> None:
     Controller.load(out / "controller.json")
     assert main(["evolve", "--out", str(out), *settings, str(done + 2)]) == 0
     assert len(read_history(out / "history.csv")) == done + 2
-
-
-def test_folder_with_other_results_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    with lock(tmp_path):
-        write_manifest(tmp_path, "a study", {"seed": 1})
-    before = contents(tmp_path)
-    assert main(["evolve", "--out", str(tmp_path), *QUICK]) == 2
-    assert f"{tmp_path} holds a study" in capsys.readouterr().err
-    assert contents(tmp_path) == before
-
-
-def test_full_disk_is_one_line_and_the_run_resumes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    words = ["evolve", "--out", str(tmp_path / "out"), *QUICK]
-
-    def full(path: Path, _rows: object) -> None:
-        raise CannotWriteError(f"cannot write {path}: No space left on device")
-
-    with monkeypatch.context() as patch:
-        patch.setattr(history, "write_rows", full)
-        assert main(words) == 1
-    assert capsys.readouterr().err.endswith("No space left on device\n")
-    assert main(words) == 0
-    assert len(read_history(tmp_path / "out" / "history.csv")) == 3
 
 
 def test_baseline_learns_and_is_transferred(

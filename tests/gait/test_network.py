@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aquafish_gym.command import lane_servo_speeds, scale_action
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import sine_cosine
 from aquafish_gym.physics.attitude import attitude, directions
@@ -81,15 +80,6 @@ def test_forward_is_neat_pythons_activate(
             assert found == pytest.approx(out, abs=1e-12 if not recurrent else 1e-9)
 
 
-@given(angle, angle, angle)
-def test_attitude_enters_alike_in_both_of_its_triples(
-    roll: float, pitch: float, yaw: float
-) -> None:
-    one = directions((roll, pitch, yaw))
-    other = directions((roll + math.pi, math.pi - pitch, yaw - 3 * math.pi))
-    np.testing.assert_allclose(one, other, atol=1e-13)
-
-
 @given(st.integers(0, 2**32))
 def test_directions_are_rows_of_the_rotation_matrix(seed: int) -> None:
     r, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
@@ -124,11 +114,3 @@ def test_upright_and_facing_north_reads_plainly() -> None:
         "caudal_cosine": 1.0,
     }
     assert named == pytest.approx(expected, abs=1e-15)
-
-
-@given(st.lists(st.floats(-1.0, 1.0), min_size=3, max_size=3))
-def test_commands_are_scaled_as_actions_are(action: list[float]) -> None:
-    left, right, caudal = action
-    assert lane_servo_speeds((left, right, caudal)) == pytest.approx(
-        tuple(scale_action(np.array(action))), abs=1e-15
-    )
