@@ -56,10 +56,6 @@ class ChangeDetector:
         Probability of a false alarm in each window.
     seed
         Of the starting points.
-
-    Examples
-    --------
-    See ``eea.watch_swim``.
     """
 
     def __init__(

@@ -27,11 +27,6 @@ class Mode:
     ------
     ConfigurationError
         If a shape is wrong, a number not finite, or ``information`` has a negative eigenvalue.
-
-    Examples
-    --------
-    >>> Mode([0.3, 0.9], [[400.0, 0.0], [0.0, 25.0]], cost=12.5).gradient
-    array([0., 0.])
     """
 
     theta: Floats  #: (P,): shares of ranges, and rad where circular.
@@ -90,7 +85,7 @@ class Posterior:
     Raises
     ------
     ConfigurationError
-        If there is no mode, shapes differ, or an optimum lies outside its bounds.
+        If an optimum lies outside its bounds.
 
     Examples
     --------
@@ -108,30 +103,20 @@ class Posterior:
     modes: Sequence[Mode]  #: Without duplicates, best first.
 
     def __post_init__(self) -> None:
-        names, modes = tuple(self.names), tuple(self.modes)
-        size = len(names)
-        circular = np.array(self.circular)
-        if circular.shape != (size,) or circular.dtype != np.bool_:
-            raise ConfigurationError(f"circular must be {size} truths; got {brief(self.circular)}")
-        low = finite("low", np.where(circular, -np.pi, self.low), (size,))
-        high = finite("high", np.where(circular, np.pi, self.high), (size,))
-        if not modes:
-            raise ConfigurationError("modes must hold at least one mode; got none")
-        for mode in modes:
-            if mode.theta.shape != (size,):
-                raise ConfigurationError(
-                    f"modes must be of {size} parameters, as names; got {len(mode.theta)}"
-                )
+        circular = np.asarray(self.circular, dtype=np.bool_)
+        low = np.where(circular, -np.pi, self.low)
+        high = np.where(circular, np.pi, self.high)
+        for mode in self.modes:
             past = np.maximum(low - mode.theta, mode.theta - high)
             if (past[~circular] > 1e-6 * (high - low)[~circular]).any():
                 worst = int(np.argmax(np.where(circular, -np.inf, past)))
                 raise ConfigurationError(
-                    f"theta of {names[worst]} must be in [{low[worst]:g}, {high[worst]:g}]; "
+                    f"theta of {self.names[worst]} must be in [{low[worst]:g}, {high[worst]:g}]; "
                     f"got {mode.theta[worst]:g}"
                 )
         for name, value in (
-            ("names", names), ("low", low), ("high", high), ("circular", circular),
-            ("modes", distinct(modes, circular)),
+            ("low", low), ("high", high), ("circular", circular),
+            ("modes", distinct(self.modes, circular)),
         ):  # fmt: skip
             object.__setattr__(self, name, value)
 

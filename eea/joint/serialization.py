@@ -1,7 +1,8 @@
 """A joint posterior as a few arrays of numbers, and back: for a file without pickle.
 
-The array ``header`` is JSON: names, ranges, hypotheses and the goodness of fit. The modes of all
-hypotheses follow one another in flat arrays.
+The array ``header`` is UTF-8 of JSON: names, ranges, hypotheses and the goodness of fit. The modes
+of all hypotheses follow one another in flat arrays of float64: ``theta``, ``information``,
+``gradient`` and ``cost``.
 """
 
 from __future__ import annotations
@@ -34,14 +35,7 @@ LEAST_SIGMA = 1e-300
 
 
 def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
-    """Return all of a posterior except its simulator and warm start, for :func:`from_arrays`.
-
-    Returns
-    -------
-    dict
-        ``header``, UTF-8 of JSON as bytes, and float64 ``theta`` and ``gradient`` (P, ...),
-        ``information`` (P * P, ...) and ``cost`` (1, ...) of all modes in order, flat.
-    """
+    """Return all of a posterior except its simulator and warm start, for :func:`from_arrays`."""
     parameters = posterior.branches[0].parameters
     joint, problem = parameters.joint, parameters.joint.problem
     modes = [mode for branch in posterior.branches for mode in branch.posterior.modes]

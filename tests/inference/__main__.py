@@ -49,8 +49,6 @@ class Inference:
     swims: window, unchanged, struck."""
     workers: int | None = None
     """Processes, of one thread each; a core each by default."""
-    markdown: bool = False
-    """Print the tables in Markdown."""
 
     def cases(self) -> dict[str, list[Case]]:
         """Return the robots of each setting."""
@@ -98,10 +96,7 @@ class Inference:
         tables = make_tables(report)
         console = Console(highlight=False)
         for table in tables.values():
-            if self.markdown:
-                print(f"\n{table.title}\n\n{table.markdown()}")
-            else:
-                console.print(table.rich())
+            console.print(table.rich())
         if self.page is not None:
             shown = Pictures(folder.resolve().name, tuple(pictures))
             filled = fill_page(self.page.read_text(encoding="utf-8"), {**tables, "pictures": shown})

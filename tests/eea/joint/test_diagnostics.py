@@ -45,8 +45,6 @@ def test_of_data_that_tell_nothing_one_sentence_says_so():
     precision[:5] = 0.0
     said = findings(known(Mode(MIDDLE, np.diag(precision), 0.0)), [FIN, TAIL])
     assert said == ["the data tell next to nothing of the body: each size may be almost any"]
-    precision[0] = 1e4
-    assert len(findings(known(Mode(MIDDLE, np.diag(precision), 0.0)), [FIN, TAIL])) == 4
 
 
 @pytest.mark.parametrize(("pull", "theta", "beyond"), [(6, 1, 1), (3, 1, 0), (-6, 0, 0)])

@@ -10,8 +10,7 @@ import pytest
 from aquafish_gym import Morphology, simulate
 from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import wrap
-from eea.core.checks import ConfigurationError
-from eea.core.config import JointConfig, PaperConfig
+from eea.core.config import JointConfig
 from eea.fish import RealityGap
 from eea.fish.estimate import fish_eea
 from eea.fish.fins import fins_after
@@ -54,10 +53,3 @@ def test_a_fin_that_is_stuck_stays_where_it_was() -> None:
     assert fins.servo_gain[0] == 0.0
     assert abs(wrap(fins.angles[0] - target.start_angles[0])) < 0.05
     assert config.steps * TIMESTEP > 2.0
-
-
-def test_without_a_posterior_nobody_knows() -> None:
-    target = EngineTarget(None, None, np.random.default_rng(0), steps=32, engine="numba")
-    none = fish_eea(target, PaperConfig("none", steps=32, rounds=1), 0, threads=1)
-    with pytest.raises(ConfigurationError, match="result must be of the condition joint"):
-        fins_after(none.result)

@@ -10,7 +10,6 @@ import pytest
 from aquafish_gym.runs.arrays import write_arrays
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import load_posterior, save_posterior
-from eea.core.checks import TargetError
 from eea.joint.serialization import to_arrays
 from swing import infer
 
@@ -56,13 +55,6 @@ def test_posterior_survives_a_file_to_the_bit(path, motor):
     assert again.read_bytes() == path.read_bytes()
 
 
-def test_posterior_from_file_cannot_simulate(result, path):
-    save_posterior(path, result.belief)
-    joint = load_posterior(path).branches[0].parameters.joint
-    with pytest.raises(TargetError, match="read from a file cannot simulate"):
-        joint.simulate(np.ones((1, 2)), np.ones((1, 2)), np.ones((1, 1)), np.ones((1, 1)), True)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -72,16 +64,8 @@ def test_posterior_from_file_cannot_simulate(result, path):
         ({"branches": []}, "must hold as many numbers as its header says"),
         ({"nuisances": [{"name": "bias"}]}, "lacks something"),
         ({"goodness": {}}, "lacks something: TypeError"),
-        ({"parts": {"arm": None}}, "lacks something: TypeError"),
-        ({"problem": 3}, "lacks something: TypeError"),
-        *(
-            ({"sigma": sigma}, "its sigma must be a finite number")
-            for sigma in ("much", float("nan"), -1, 0, 10**400)
-        ),
-        *(
-            ({"samples": samples}, "its samples must be a whole number")
-            for samples in (1e12, 10**15, -1)
-        ),
+        ({"sigma": 10**400}, "its sigma must be a finite number"),
+        ({"samples": 10**15}, "its samples must be a whole number"),
     ],
 )
 def test_wrong_header_is_refused(result, path, changes, message):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,8 +11,6 @@ from scipy.stats import kstest
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.core.checks import ConfigurationError
 from eea.core.config import FitConfig
 from eea.core.experiment import RecordedLog
 from eea.fish.estimate import MorphologyEstimate
@@ -101,18 +98,6 @@ def test_windows_are_cut_where_they_should_be() -> None:
     resting = log_windows(log)
     assert resting.gyro.shape == (1, 600, 3)
     assert resting.begun == 0
-
-
-@pytest.mark.parametrize(
-    ("samples", "options", "says"),
-    [
-        (45, {"moving": True}, "trial 1 must have at least 32 samples"),
-        (300, {"joint": FitConfig(nuisances=("current",)), "moving": True}, "nuisances"),
-    ],
-)
-def test_what_makes_no_sense_is_refused(samples: int, options: dict[str, Any], says: str) -> None:
-    with pytest.raises((ConfigurationError, InvalidArgumentError), match=says):
-        infer_log(swim(3, samples), **options)
 
 
 def test_an_unchanged_body_raises_no_alarm_more_often_than_is_said(
