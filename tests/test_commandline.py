@@ -59,6 +59,13 @@ def test_success_is_0_and_help_explains(capsys: pytest.CaptureFixture[str]) -> N
         assert ("How far." in printed) is explained
 
 
+def test_version_names_the_program(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("--version") == 0
+    name, version = capsys.readouterr().out.split()
+    assert name == "fish"
+    assert version[0].isdigit()
+
+
 def test_damage_has_one_name_and_keeps_the_old_one(capsys: pytest.CaptureFixture[str]) -> None:
     for option in ("--damage", "--target-damage"):
         assert run(option, "caudal:missing") == 0
