@@ -166,7 +166,10 @@ def _chosen(
 def _usage(prog: str, commands: Commands) -> str:
     """Return a line for each command."""
     width = max(map(len, commands))
-    first = f"usage: {prog} COMMAND [OPTIONS]; {prog} COMMAND --help lists the options\n"
+    first = (
+        f"usage: {prog} COMMAND [OPTIONS]; "
+        f"{prog} COMMAND --help lists the options, -H explains them\n"
+    )
     return "\n".join([first, *(f"  {n:{width}}  {text}" for n, (_, text) in commands.items())])
 
 
@@ -220,7 +223,11 @@ def _one_line(box: str, command: type[Command]) -> str:
     if found := re.match(
         r"invalid choice '(.*)' for argument '(.*)'. Expected .*? \((.*)\)", message
     ):
-        one_of(found[2], found[1], re.findall(r"'(.*?)'", found[3]))
+        choices = re.findall(r"'(.*?)'", found[3])
+        if "None" in choices:  # then tyro lists them in any order
+            choices.remove("None")
+            choices.sort(key=lambda one: (not one.isdigit(), one.zfill(2), one))
+        one_of(found[2], found[1], choices)
     return message
 
 

@@ -66,8 +66,8 @@ class Evolve:
     does well on all of them at no extra time.
 
     Into --out go controller.json (the best so far), history.csv (a row a generation), history.png,
-    checkpoint.json and settings.json. The same command resumes an interrupted run; more
-    --generations (--cma-generations, of NEAT) prolong it.
+    checkpoint.json and settings.json. The same command resumes an interrupted run; with more
+    generations (--generations, with NEAT --cma-generations) it goes on.
 
     Columns of history.csv, with distances in units of 5 cm:
     - generation: from 0, over all starts.

@@ -45,8 +45,8 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
             pass
     except (OSError, ValueError) as error:  # a null character is a ValueError
         raise InvalidArgumentError(
-            f"{argument} must be a directory that can be written; {brief(str(directory))} cannot: "
-            f"{_reason(error)}"
+            f"{argument} must be a directory that can be written; {brief(str(directory))}: "
+            f"{'it is a file' if directory.is_file() else _reason(error)}"
         ) from None
     return directory
 

@@ -47,9 +47,9 @@ class Run:
     """Let a damaged robot infer its own body from a few trials.
 
     Into --out go settings.json, result.json (all rounds so far), times.json, morphology.json (the
-    inferred body) and rounds.png; joint inference adds posterior.npz, posterior.png and bodies.json
-    (50 bodies from the posterior). The same command replaces an earlier run; a folder with other
-    settings is refused.
+    inferred body) and rounds.png; joint inference adds posterior.npz, posterior.png and, with 50
+    bodies from the posterior, bodies.json. The same command starts the run again; a folder with
+    other settings is refused.
     """
 
     out: Out
@@ -131,7 +131,8 @@ def _fill(folder: Path, session: Session[Any], intact: Morphology, damage: Damag
             draw_outcome(folder, result)
             lines = [*size_table(result), *damage_lines(intact, damage, result)]
             lines += [*belief_lines(result), *file_lines(folder, result)]
-        for line in [*lines, f"stopped: {result.stopped}; written to {folder}"]:
+        why = "all rounds are done" if result.stopped == "rounds" else result.stopped
+        for line in [*lines, f"stopped: {why}; written to {folder}"]:
             console.print(line)
 
 

@@ -41,7 +41,7 @@ _PAPERS_STEPS = (128, 256, 512, 1024)
 class StudyCommand:
     """Make the paper's figures, or compare conditions: many replicates of several arms.
 
-    --figure or --conditions selects the arms. Into --out go study.json (what is run),
+    The arms are selected by --figure or --conditions. Into --out go study.json (what is run),
     runs/ARM/STEPS/SEED.json (a finished replicate each) and, at the end, results.csv, summary.md
     and figures. The same command resumes an interrupted study; a command with more seeds, steps or
     arms extends it.
@@ -109,7 +109,10 @@ class StudyCommand:
         if self.preset == "smoke" and figure is None and self.conditions is None:
             figure = ("all",)
         if bool(figure) == bool(self.conditions):
-            raise ConfigurationError("either --figure or --conditions must have one value or more")
+            raise ConfigurationError(
+                "either --figure or --conditions must have one value or more, as --figure all; "
+                "--preset smoke needs neither"
+            )
         if figure:
             names = FIGURE_ARMS if "all" in figure else figure
             return {FIGURE_ARMS[name]: ARMS[FIGURE_ARMS[name]] for name in names}

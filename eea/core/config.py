@@ -87,7 +87,7 @@ PARTS: dict[str, type] = {
 
 @dataclass(frozen=True, kw_only=True)
 class FitConfig:
-    """Settings of one fit of joint inference (:func:`eea.joint.inference.fit`).
+    """Settings of one fit of joint inference, ``eea.joint.inference.fit``.
 
     Examples
     --------

@@ -38,14 +38,15 @@ def fitness_figure(result: Result) -> Figure:
     levels = (
         ("random bodies", result.chance, "--", 1.0),
         ("mid-range body", result.mid_range, ":", 1.0),
-        ("quantisation limit", result.nearest, "-", 0.8),
+        ("quantisation limit", result.nearest if result.belief is None else None, "-", 0.8),
     )
     for name, level, line, width in levels:
         if level is not None:
             axes.axhline(level, color="0.4", ls=line, lw=width, label=name)
     style: dict[str, Any] = {"lw": 2, "marker": "o", "ms": 4}
     name = "MOD_FIT, fit to the target's behaviour"
-    axes.plot(number, model, color=VERMILION, label=name, **style)
+    # Wider, to be seen under an equal OBJ_FIT.
+    axes.plot(number, model, color=VERMILION, label=name, **(style | {"lw": 5, "ms": 9}))
     objective = [r.objective_fitness for r in result.rounds if r.objective_fitness is not None]
     if objective:
         name = "OBJ_FIT, likeness to the true body"
@@ -56,7 +57,7 @@ def fitness_figure(result: Result) -> Figure:
         note = f"cut at 0: MOD_FIT falls to {min(model):.3g}"
         axes.text(0.01, 0.01, note, transform=axes.transAxes, color=VERMILION, fontsize="small")
     axes.set_xlim(0.5, len(number) + 0.5)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     axes.set_xlabel("round (experiments on the target)")
     axes.set_ylabel("fitness")
     axes.grid(color="0.92")
@@ -82,8 +83,10 @@ def watched_figure(watched: Watched) -> Figure:
     if watched.noticed is not None:
         axes.axvline(watched.noticed, color=VERMILION, lw=0.8, ls="--")
     axes.set_yscale("log")
+    axes.set_ylim(min(0.1, excess.min() / 2), max(10.0, excess.max() * 2))
+    axes.yaxis.set_major_formatter("{x:g}")
     axes.set_xlabel("time (s)")
-    axes.set_ylabel("misfit, of noise alone")
+    axes.set_ylabel("misfit / misfit of noise")
     axes.legend(loc="upper left", fontsize="small")
     return figure
 

@@ -14,8 +14,8 @@ from aquafish_gym.engines.api import MAXIMUM_SUBSTEPS, simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.scenario import Scenario, check_row
-from aquafish_gym.utils.validation import finite_array, integer
+from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core.angles import Floats, wrap
 from eea.core.checks import instance
 from eea.fish.gap import RealityGap
@@ -34,9 +34,10 @@ class EngineTarget:
         for the nominal one.
     damage
         A ``Damage`` without random parts, its text, a list of them, or None. Each trial is an
-        episode: a fault with an onset of 1 s begins at 1 s of every trial. A seized servo without
-        an angle has its angle of the first trial in all; a dead one is anywhere. Every sample of
-        the log is an observation of the sensor. The ``gap`` adds to the damage.
+        episode: a fault with an onset of 1 s begins at 1 s of every trial, before the trial's end.
+        A seized servo without an angle has its angle of the first trial in all; a dead one is
+        anywhere. Every sample of the log is an observation of the sensor. The ``gap`` adds to the
+        damage.
     rng
         Draws the hidden angles: the pectorals' over the whole turn, the caudal fin's phase over
         the whole cycle.
@@ -85,6 +86,12 @@ class EngineTarget:
         for stage in (self._scenario, *(change.to for change in self._scenario.schedule)):
             check_row("servo_gain", stage.servo_gain[0])
         self._simulate(np.zeros(3), np.zeros(3))  # refuses wrong settings
+        for fault in self.damage.faults:
+            if fault.span[0] >= steps * TIMESTEP:
+                raise InvalidArgumentError(
+                    f"damage must begin within the trial, which lasts {steps * TIMESTEP:g} s; "
+                    f"got {fault}"
+                )
         self._start_angles = np.zeros(3)
         self._first_angles: Floats | None = None
 
