@@ -11,6 +11,7 @@ import fcntl
 import json
 import os
 import re
+import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
@@ -27,34 +28,39 @@ LIBRARIES = (
     "aquafish-gym", "cma", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy",
 )  # fmt: skip
 _PART = re.compile(r"\..+\.[a-z0-9_]{8}" + re.escape(PART))  # as write_bytes names them
+_MARK = "aquafish lock of process "
 
 
 @contextmanager
 def lock(folder: Path) -> Iterator[None]:
     """Lock a folder for this process, and remove what a killed one left half written.
 
-    The system releases the lock of a process that dies. Raises InvalidArgumentError if another
-    process has it.
+    The system releases the lock of a process that dies.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If another process has it, or the file of its name is no lock of ours.
     """
     path = folder / LOCK
     while True:
-        try:
-            handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-        except OSError as error:
-            raise InvalidArgumentError(f"out: cannot lock {path}: {error.strerror}") from None
-        with os.fdopen(handle, "r+", errors="replace") as file:
+        with _opened(path) as file:
+            held = file.read(len(_MARK) + 20)
+            if held and not held.startswith(_MARK):
+                raise InvalidArgumentError(f"out: {path} is no lock of this program; remove it")
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
-                holder = file.read(20).strip() or "that is starting"
+                holder = held.removeprefix(_MARK).strip() or "that is starting"
                 raise InvalidArgumentError(
                     f"out: {folder} is in use by another command, process {holder}"
                 ) from None
-            if not _is_at(handle, path):
-                continue  # the last process to hold it has just removed it
+            if not _is_at(file.fileno(), path):
+                continue  # its last holder has just removed it: this is another file
             with contextlib.suppress(OSError):  # a full disk: locked all the same
+                file.seek(0)
                 file.truncate()
-                file.write(f"{os.getpid()}\n")
+                file.write(f"{_MARK}{os.getpid()}\n")
                 file.flush()
             try:
                 _sweep(folder)
@@ -62,6 +68,19 @@ def lock(folder: Path) -> Iterator[None]:
             finally:
                 path.unlink(missing_ok=True)
             return
+
+
+def _opened(path: Path) -> Any:
+    """Open a lock's file, created if missing, without following a link."""
+    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    try:
+        handle = os.open(path, flags, 0o666)
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            os.close(handle)
+            raise OSError(0, "it is no regular file")
+    except OSError as error:
+        raise InvalidArgumentError(f"out: cannot lock {path}: {error.strerror}") from None
+    return os.fdopen(handle, "r+", encoding="utf-8", errors="replace")
 
 
 def _is_at(handle: int, path: Path) -> bool:

@@ -28,17 +28,26 @@ def test_a_folder_is_locked_once(tmp_path):
 
 
 def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
-    (tmp_path / LOCK).write_text("1\n")
+    (tmp_path / LOCK).write_text("aquafish lock of process 1\n")
     with lock(tmp_path):
         assert str(os.getpid()) in (tmp_path / LOCK).read_text()
 
 
-def test_a_link_is_no_lock(tmp_path):
+def test_a_file_of_the_user_is_no_lock(tmp_path):
     mine = tmp_path / "mine"
     mine.write_text("my notes")
+    (tmp_path / "lock").write_text("my notes")
+    with lock(tmp_path):
+        pass
     (tmp_path / LOCK).symlink_to(mine)
     refused(tmp_path, "cannot lock")
-    assert mine.read_text() == "my notes"
+    (tmp_path / LOCK).unlink()
+    os.link(mine, tmp_path / LOCK)
+    refused(tmp_path, "is no lock of this program")
+    (tmp_path / LOCK).unlink()
+    os.mkfifo(tmp_path / LOCK)
+    refused(tmp_path, "cannot lock")
+    assert mine.read_text() == (tmp_path / "lock").read_text() == "my notes"
 
 
 def test_files_of_killed_writes_are_removed_and_no_others(tmp_path, monkeypatch):
