@@ -53,14 +53,11 @@ def draw_outcome(folder: Path, result: Result, rounds: bool = True) -> None:
 
 def file_lines(folder: Path, result: Result) -> list[str]:
     """Return lines that name the body's files, with the command that uses them."""
-    evolve = "aquafish evolve --morphology"
-    lines = [f"the inferred body is in {folder / MODEL}; a gait for it: {evolve} {folder / MODEL}"]
+    evolve = f"aquafish evolve --morphology {folder}"
+    lines = [f"the inferred body is in {folder / MODEL}; a gait for it: {evolve}/{MODEL}"]
     if result.belief is not None:
-        bodies = folder / BODIES
-        lines.append(
-            f"{SAMPLED} bodies from the posterior are in {bodies}; one gait for all: "
-            f"{evolve} {bodies}"
-        )
+        found = f"{SAMPLED} bodies from the posterior are in {folder / BODIES}"
+        lines.append(f"{found}; one gait for all: {evolve}/{BODIES}")
     return lines
 
 

@@ -54,12 +54,9 @@ def test_a_run_writes_its_rounds_its_result_and_its_figure(tmp_path, capsys):
     out = tmp_path / "new" / "run"
     assert main([*QUICK, "--out", str(out)]) == 0
     result = read_document(out / "result.json", "eea.result/1")
-    settings = read_document(out / "settings.json")["settings"]
     assert [r["round"] for r in result["rounds"]] == [1, 2]
     assert result["stopped"] == "rounds"
     assert result["truth"][1] == 0.8
-    assert settings["steps"] == result["config"]["steps"] == 32
-    assert settings["target_damage"] == "left_pectoral:length=0.5"
     names = {"settings.json", "result.json", "times.json", "morphology.json", "rounds.png"}
     assert {path.name for path in out.iterdir()} == names
     printed = capsys.readouterr().out
@@ -94,13 +91,7 @@ def test_joint_inference_writes_its_posterior(tmp_path, capsys):
     assert belief.table(0.9)["left_pectoral.length"] == tuple(ends)
     bodies = body_array(read_bodies(out / "bodies.json"))
     assert np.array_equal(bodies, belief.sample(50, np.random.default_rng(0)))
-    low, high = belief.interval(0.9)
     printed = capsys.readouterr().out
-    row = f"{'left_pectoral.length':26s} {result['morphology'][1]:6.3f}"
-    assert f"\n{row}  {low[1]:6.3f} to {high[1]:5.3f}   0.800\n" in printed
-    truth = np.array(result["truth"])
-    inside = int(((low <= truth) & (truth <= high)).sum())
-    assert f"\nthe 90% intervals contain {inside} of the 9 true sizes\n" in printed
     for sentence in [*belief.findings, belief.verdict]:
         assert printed.count(f"\n{sentence}\n") == 1
 
@@ -151,16 +142,6 @@ def test_an_interrupted_run_keeps_its_rounds_and_can_be_repeated(tmp_path, monke
     assert main(arguments) == 0
     assert rounds_in(tmp_path)[:2] == result["rounds"]
     assert read_document(tmp_path / "result.json")["stopped"] == "rounds"
-
-
-def test_a_body_is_read_from_a_file(tmp_path):
-    body = tmp_path / "body.json"
-    sizes = {"left_pectoral": [0, 0, 0], "right_pectoral": [1, 2, 0.5], "caudal": [0.5, 2, 1]}
-    body.write_text(json.dumps(sizes))
-    out = tmp_path / "out"
-    assert main([*QUICK, "--target-morphology", str(body), "--out", str(out)]) == 0
-    truth = json.loads((out / "result.json").read_text())["truth"]
-    assert truth == [0, 0, 0, 1, 2, 0.5, 0.5, 2, 1]
 
 
 def test_damage_and_what_was_found_of_it_are_in_words():
