@@ -21,7 +21,7 @@ import gymnasium as gym
 import aquafish_gym
 
 PACKAGES = {"aquafish", "aquafish_gym", "eea", "gait"}
-SMALL_MODEL = ("--rounds", "1", "--steps", "16", "--estimation.population", "6",
+SMALL_MODEL = ("--paper", "--rounds", "1", "--steps", "16", "--estimation.population", "6",
                "--estimation.generations", "2", "--exploration.population", "6",
                "--exploration.generations", "2")  # fmt: skip
 
