@@ -59,7 +59,13 @@ BodiesFile = Annotated[
     Path | None,
     arg(metavar="FILE", help=f"bodies.json of a sample of bodies, or JSON file of one: {_BODY}"),
 ]
-BodyDamage = Annotated[str, arg(metavar="DAMAGE", help=f"Damage of the body: {_FIN_DAMAGE}")]
+BodyDamage = Annotated[
+    str,
+    arg(
+        metavar="DAMAGE",
+        help=f"Damage of the body: {_FIN_DAMAGE} Only run and study take servos and sensors.",
+    ),
+]
 TargetMorphology = Annotated[
     Path | None, arg(metavar="FILE", help=f"JSON file of the target before its damage: {_BODY}")
 ]

@@ -5,8 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
+from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import write_document
 from eea.core.result import SCHEMA, Result
 from eea.fish import save_posterior
@@ -15,7 +14,6 @@ RESULT, TIMES, MODEL, PICTURE = "result.json", "times.json", "morphology.json", 
 POSTERIOR, BODIES, MARGINALS = "posterior.npz", "bodies.json", "posterior.png"
 SAMPLED = 50  # bodies from the posterior
 MASS = 0.9  # of the intervals that are printed
-SHARE_WORDS = {0.0: "nothing of", 0.25: "a quarter of", 0.5: "half", 0.75: "three quarters of"}
 
 
 def write_outcome(folder: Path, result: Result) -> None:
@@ -79,24 +77,6 @@ def size_table(result: Result) -> list[str]:
             f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}"
         )
     return lines
-
-
-def damage_lines(intact: Morphology, damage: Damage, result: Result) -> list[str]:
-    """Return a line for each size that the damage changed, and one for all other faults.
-
-    For example ``left flipper: half its length, found 0.79 where it was 1.60``.
-    """
-    assert result.truth is not None
-    sizes = zip(DIMENSIONS, intact.to_array(), result.truth, result.model, strict=True)
-    lines = []
-    for dimension, before, after, found in sizes:
-        if after != before:
-            share = after / before if before else float("inf")
-            words = SHARE_WORDS.get(round(share, 6), f"{share:.0%} of")
-            what = f"{FIN_WORDS[dimension.fin]}: {words} its {dimension.size}"
-            lines.append(f"{what}, found {found:.2f} where it was {before:.2f}")
-    others = Damage(tuple(fault for fault in damage if fault.phrase or fault.when))
-    return lines + ([others.describe(intact)] if others else []) or ["nothing was broken"]
 
 
 def belief_lines(result: Result) -> list[str]:

@@ -24,7 +24,6 @@ from eea.cli.options import AlgorithmOptions
 from eea.cli.outcome import (
     MASS,
     belief_lines,
-    damage_lines,
     draw_outcome,
     file_lines,
     remove_outcome,
@@ -39,6 +38,13 @@ from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
 
 KIND = "a run of the algorithm"
+# Why a session ended, in words.
+STOPPED = {
+    "rounds": "all rounds are done",
+    "narrow": "all intervals are narrow enough",
+    "accurate": "the body is accurate enough",
+    "time": "the time limit is over",
+}
 Method = Literal["joint", "out-of-band", "in-band", "ideal", "none", "recovery"]
 
 
@@ -129,9 +135,9 @@ def _fill(folder: Path, session: Session[Any], intact: Morphology, damage: Damag
         lines = ["no round was completed"]
         if result.rounds:
             draw_outcome(folder, result)
-            lines = [*size_table(result), *damage_lines(intact, damage, result)]
+            lines = [*size_table(result), f"damage: {damage.describe(intact)}"]
             lines += [*belief_lines(result), *file_lines(folder, result)]
-        why = "all rounds are done" if result.stopped == "rounds" else result.stopped
+        why = STOPPED.get(result.stopped, result.stopped)
         for line in [*lines, f"stopped: {why}; written to {folder}"]:
             console.print(line)
 

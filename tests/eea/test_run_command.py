@@ -10,16 +10,13 @@ import pytest
 import eea.cli.run
 from aquafish_gym.bodies import body_array, read_bodies
 from aquafish_gym.command_line import parse, read_morphology
-from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document
 from eea.__main__ import REFUSED as ERRORS
 from eea.__main__ import main
-from eea.cli.outcome import damage_lines
 from eea.cli.run import Run
 from eea.core.config import Config, JointConfig, PaperConfig, recovery_config
-from eea.core.result import Result
-from eea.fish import fish_models, load_posterior
+from eea.fish import load_posterior
 from quick_run import QUICK
 
 JOINT = [
@@ -65,8 +62,7 @@ def test_a_run_writes_its_rounds_its_result_and_its_figure(tmp_path, capsys):
     body = Morphology.from_array(result["morphology"])
     assert read_morphology(out / "morphology.json", "body") == body
     assert read_morphology(out / "result.json", "body") == body
-    found = f"left flipper: half its length, found {body.left_pectoral[1]:.2f} where it was 1.60"
-    assert f"\n{found}\n" in printed
+    assert "\ndamage: left flipper: half its length, 0.80 where it was 1.60\n" in printed
 
 
 def test_equal_runs_have_equal_results_and_times_of_their_own(tmp_path):
@@ -142,20 +138,3 @@ def test_an_interrupted_run_keeps_its_rounds_and_can_be_repeated(tmp_path, monke
     assert main(arguments) == 0
     assert rounds_in(tmp_path)[:2] == result["rounds"]
     assert read_document(tmp_path / "result.json")["stopped"] == "rounds"
-
-
-def test_damage_and_what_was_found_of_it_are_in_words():
-    def lines(damage, model=None):
-        what = Damage.parse(damage)
-        truth = what.body(Morphology.nominal()).to_array()
-        stub = type("Found", (Result,), {"model": truth if model is None else np.array(model)})
-        return damage_lines(
-            Morphology.nominal(), what, stub(PaperConfig(), 0, fish_models(), truth)
-        )
-
-    assert lines("none") == ["nothing was broken"]
-    found = [0.4, 0.79, 0.1, 0.4, 1.6, 0.1, 0.4, 1.4, 0.6]
-    assert lines("left_pectoral:length=0.5", found) == [
-        "left flipper: half its length, found 0.79 where it was 1.60"
-    ]
-    assert len(lines("caudal:width=0.9;caudal:dead@1;gyro_x:bias=0.1")) == 2
