@@ -50,6 +50,7 @@ from aquafish_gym.engines.compiled.recording import (
     GYRO,
     SPECTRUM,
     WIDTHS,
+    put_command,
     put_sample,
     write_blocks,
 )
@@ -189,7 +190,9 @@ def compile_kernel(
                 if record & SPECTRUM:
                     put_vector(series, 0, t, steps, scale(unit, state.spin))
                 elif record:
-                    put_sample(blocks, record, in_block, rpy, state, speeds)
+                    put_sample(blocks, record, in_block, rpy, state)
+                    if closed:  # an open loop, the faster for it, keeps no command
+                        put_command(blocks, record, in_block, speeds)
                     in_block += 1
                     if in_block == BLOCK or t == steps - 1:
                         write_blocks(blocks, logs, record, t + 1 - in_block, in_block, group, zero)

@@ -23,10 +23,8 @@ RPY, GYRO, POSE, SPECTRUM, COMMANDS = 1, 2, 4, 8, 16
 CHANNELS = {RPY: 3, GYRO: 3, POSE: 10, COMMANDS: 3}
 
 
-def put_sample(
-    blocks: Any, record: int, at: int, rpy: Vector, state: State, command: Vector
-) -> None:
-    """Put sample ``at`` of a block: roll, pitch and yaw, the gyroscope, the pose, the command."""
+def put_sample(blocks: Any, record: int, at: int, rpy: Vector, state: State) -> None:
+    """Put sample ``at`` of a block: roll, pitch and yaw, the gyroscope, the pose."""
     if record & RPY:
         put_vector(blocks[0], 0, at, BLOCK, rpy)
     if record & GYRO:
@@ -37,6 +35,10 @@ def put_sample(
         put_vector(blocks[2], 3, at, BLOCK, (q[0], q[1], q[2]))
         put(blocks[2], 6 * BLOCK + at, q[3])
         put_vector(blocks[2], 7, at, BLOCK, joint_angles(state))
+
+
+def put_command(blocks: Any, record: int, at: int, command: Vector) -> None:
+    """Put the command of sample ``at`` of a block."""
     if record & COMMANDS:
         put_vector(blocks[3], 0, at, BLOCK, command)
 
