@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier, edit_each
 from aquafish_gym.damage.faults import PARTS
-from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
+from aquafish_gym.morphology import FINS, MAXIMA, SIZES, Morphology, change_in_words
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 
@@ -142,6 +142,13 @@ def test_several_faults_join_in_any_form() -> None:
 def test_bad_text_is_refused(text: str, sentence: str) -> None:
     with pytest.raises(InvalidArgumentError, match=sentence):
         Damage.parse(text)
+
+
+def test_entangled_fin_gains_a_share_of_the_width_it_lacks() -> None:
+    before = Morphology.nominal().to_array()
+    after = Damage.parse("left_pectoral:entangled=0.25").apply(Morphology.nominal()).to_array()
+    assert after[0] == pytest.approx(before[0] + 0.25 * (MAXIMA[0] - before[0]))
+    np.testing.assert_array_equal(after[1:], before[1:])
 
 
 def test_a_fin_that_outgrows_its_range_is_refused() -> None:

@@ -199,3 +199,27 @@ def test_starts_vary_and_repeat(name: str) -> None:
     one = starts(name, 0)
     assert one == starts(name, 0)
     assert len({*one, *starts(name, 4)}) == 24  # robots 0 to 3 of seed 4 are no robots of seed 0
+
+
+def test_onsets_vary_and_repeat() -> None:
+    def onsets(seed: int) -> list[list[int]]:
+        envs = gym.make_vec("AquaFishRecovery-v0", num_envs=8, autoreset_mode="SameStep")
+        info = envs.reset(seed=seed)[1]
+        assert not info["faults"].any()
+        broken = [
+            envs.step(np.zeros((8, 3), np.float32))[-1]["faults"].astype(int) for _ in range(600)
+        ]
+        episodes = np.array(broken).reshape(2, 300, 8)
+        # The last step of an episode already tells of the next one, in which all is whole.
+        assert (episodes[:, -1] == 0).all()
+        first = episodes.argmax(axis=1)
+        assert (episodes.max(axis=1) == 1).all()
+        assert ((first >= 74) & (first < 150)).all()
+        found: list[list[int]] = first.tolist()
+        return found
+
+    one = onsets(0)
+    assert one == onsets(0)
+    assert one != onsets(1)
+    assert len({onset for episode in one for onset in episode}) > 8
+    assert all(a != b for a, b in zip(*one, strict=True))

@@ -23,7 +23,12 @@ from hypothesis.extra import numpy as hnp
 import aquafish_gym
 from aquafish_gym.engines.compiled.single import CompiledWorld
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.envs.episode import observation_space, observe
+from aquafish_gym.envs.episode import (
+    check_action,
+    check_single_action,
+    observation_space,
+    observe,
+)
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -290,3 +295,10 @@ def test_spec_has_the_length_of_an_episode(name: str, kwargs: dict[str, Any], st
     shorter = gym.make(name, engine="numba", max_episode_steps=3, **kwargs)
     assert shorter.spec is not None
     assert shorter.spec.max_episode_steps == 3
+
+
+@given(st.lists(st.floats(-3, 3, width=32), min_size=3, max_size=3))
+def test_fast_action_check_agrees_with_the_general_one(action: list[float]) -> None:
+    for dtype in (np.float32, np.float64):
+        array = np.array(action, dtype)
+        assert check_single_action(array) == tuple(check_action(array, (3,)).tolist())
