@@ -5,8 +5,8 @@
     python -m tests.golden --write       # accept the present results; say why in the commit
 
 Numbers are hashed to six significant digits, since the last digits of numpy's sines and transforms
-differ between CPUs. Joint inference magnifies them: its cases are well-posed and keep three decimals.
-Times, versions and paths are left out.
+differ between CPUs. Joint inference magnifies them: its cases are well-posed and keep three
+decimals. Times, versions and paths are left out.
 """
 
 from __future__ import annotations

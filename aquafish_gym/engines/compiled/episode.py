@@ -84,7 +84,7 @@ def sense(
     north: Vector,
     gyro: Vector,
 ) -> tuple[Vector, Vector, Vector]:
-    """Return up, north and gyro as the sensors observe them: ``Sensors.say`` in any arithmetic.
+    """Return up, north and gyro as the sensors observe them: ``Sensors.observe`` in any arithmetic.
 
     ``noise`` has three rows for each control step, or none; ``first`` is whether this is the first
     observation since sensors changed.
