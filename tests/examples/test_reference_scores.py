@@ -28,11 +28,12 @@ def small(out: Path, *entries: str, episodes: int = 3) -> Scores:
 
 
 def test_a_committed_controller_has_its_committed_scores() -> None:
+    # Processors differ in a last digit of NumPy's sines, and an episode of 100 s magnifies it.
     kept = json.loads((COMMITTED / "forward" / "CMA-ES--fins" / "100.json").read_text())
     found = play("AquaFishRecovery-v0", Controller.from_dict(kept["controller"]))
     for column, scores in kept["scores"]["AquaFishRecovery-v0"].items():
         for name, values in scores.items():
-            np.testing.assert_allclose(found[column][name], values, rtol=1e-6, atol=1e-6)
+            np.testing.assert_allclose(found[column][name], values, rtol=1e-3, atol=1e-3)
 
 
 def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
