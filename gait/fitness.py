@@ -173,12 +173,12 @@ def perform(
     program = program_of(controllers, swims)
     dt = program.interval * TIMESTEP
     rngs = [np.random.default_rng(first + q) for q in range(swims)]
-    config = check_episode(None, damage, (0.0, 0.0, 0.0), "zero", judged.seconds)
+    config = check_episode(judged, damage=damage)
     configs = [
         config.with_options({"morphology": body, "fin_angles": pose})
         for body, pose in zip(bodies, poses, strict=True)
     ]
-    scenario, memory = begin_episodes(configs, rngs, judged.begin, program.interval)
+    scenario, memory = begin_episodes(configs, rngs, program.interval)
     found = rollout(
         program,
         scenario.take(np.tile(np.arange(swims), len(controllers))),

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.damage.damage import is_list_of_faults
-from aquafish_gym.envs.episode import EpisodeConfig
+from aquafish_gym.envs.episode import EpisodeConfig, Rows
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer
 
@@ -17,55 +17,43 @@ Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Info = dict[str, Any]
 
-ALL_OR_EACH = ("morphology", "damage", "fin_angles")  # may be one for all robots, or one each
-
 
 def three(rows: Floats) -> Vector:
     x, y, z = rows
     return (x, y, z)
 
 
-def of_each(arguments: Mapping[str, Any], count: int) -> dict[str, list[Any]]:
-    """Return each argument as a list: one for all robots, or one for each of ``count``."""
-    found = {}
-    for name, value in arguments.items():
-        rows = isinstance(value, list | tuple) if name == "damage" else has_rows(value)
-        if name == "damage" and rows and value and is_list_of_faults(value):
-            raise InvalidArgumentError(
-                "damage must be one for all robots or a list of texts or Damages, one each; got a "
-                f"list of {len(value)} faults, which might be either: make it Damage(...)"
-            )
-        each = list(value) if rows and name in ALL_OR_EACH else [value]
-        if len(each) != count and not (len(each) == 1 and each[0] is value):
-            joined = "; faults of one robot are joined by ';'" if name == "damage" else ""
-            raise InvalidArgumentError(
-                f"{name} must be one for all robots or num_envs = {count} of them; "
-                f"got {len(each)}{joined}"
-            )
-        found[name] = each
-    return found
-
-
-def has_rows(value: object) -> bool:
-    """Return whether a value is several rows, and not one of three or nine numbers."""
-    if isinstance(value, np.ndarray):
-        return value.ndim == 2
-    if isinstance(value, list | tuple) and value:
-        return not isinstance(value[0], int | float | np.number)
-    return False
+def of_each(name: str, value: Any, count: int) -> list[Any]:
+    """Return an argument for each of ``count`` robots, given one for all or a list of them."""
+    if name == "damage":
+        several = isinstance(value, list | tuple) and not (value and is_list_of_faults(value))
+    elif isinstance(value, list | tuple):
+        several = bool(value) and not isinstance(value[0], int | float | np.number)
+    else:
+        several = isinstance(value, np.ndarray) and value.ndim == 2
+    if not several:
+        return [value] * count
+    if len(value) != count:
+        joined = "; faults of one robot are joined by ';'" if name == "damage" else ""
+        raise InvalidArgumentError(
+            f"{name} must be one for all robots or num_envs = {count} of them; "
+            f"got {len(value)}{joined}"
+        )
+    return list(value)
 
 
 def with_options(
-    starts: list[EpisodeConfig], several: Mapping[str, list[Any]]
+    configs: list[EpisodeConfig], options: Mapping[str, Any], rows: Rows
 ) -> list[EpisodeConfig]:
-    """Return configurations with options, each with one value for all or one for each robot."""
+    """Return the configurations of the robots ``rows`` with options, for all or one for each."""
+    each = {name: of_each(name, value, len(configs)) for name, value in options.items()}
     made: dict[tuple[int, ...], EpisodeConfig] = {}
     found = []
-    for i, start in enumerate(starts):
-        options = {name: values[i % len(values)] for name, values in several.items()}
-        key = (id(start), *map(id, options.values()))
+    for i in rows.tolist():
+        own = {name: values[i] for name, values in each.items()}
+        key = (id(configs[i]), *map(id, own.values()))
         if key not in made:
-            made[key] = start.with_options(options)
+            made[key] = configs[i].with_options(own)
         found.append(made[key])
     return found
 
@@ -74,10 +62,7 @@ def check_seeds(seed: object, count: int) -> list[int | None]:
     """Return a seed for each robot, from one number, one each, or None."""
     if seed is None:
         return [None] * count
-    # Bytes are a sequence of whole numbers, and no seeds.
-    if not isinstance(seed, list | tuple | range) and not (
-        isinstance(seed, np.ndarray) and seed.ndim
-    ):
+    if not isinstance(seed, list | tuple | range | np.ndarray):
         first = integer("seed", seed, 0)
         return [first + i for i in range(count)]
     if len(seed) != count:
@@ -87,11 +72,8 @@ def check_seeds(seed: object, count: int) -> list[int | None]:
 
 def check_mask(mask: object, count: int) -> Mask:
     """Return a mask (count,) of the robots to reset, at least one."""
-    try:
-        found = np.asarray(mask)
-    except (ValueError, RecursionError):  # ragged, or too deep
-        found = np.zeros(0)
-    if found.dtype.kind != "b" or found.shape != (count,) or not found.any():
+    found: Mask = mask if isinstance(mask, np.ndarray) else np.zeros(0, np.bool_)
+    if found.dtype != np.bool_ or found.shape != (count,) or not found.any():
         raise InvalidArgumentError(
             f'options["reset_mask"] must be ({count},) of bool with at least one True; '
             f"got {brief(mask)}"
@@ -106,8 +88,10 @@ def masked(info: Info, mask: Mask) -> Info:
 
 def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -> Info:
     """Return ``info`` of new episodes, with that of the ended ones in ``final_info``."""
-    masks = [name for name in info if name.startswith("_")]
-    final = {name: info[name] & ended if name in masks else info[name].copy() for name in info}
+    final = {
+        name: value & ended if name.startswith("_") else value.copy()
+        for name, value in info.items()
+    }
     for name, value in fresh.items():
         info[name][ended] = value[ended]
     observations = np.full(len(ended), None, dtype=object)

@@ -13,9 +13,9 @@ from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import episode
-from aquafish_gym.envs.tasks import Memory, Step, check_task, check_water
+from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import TAU, Vector, subtract
+from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.physics.kinematics import at_rest
 from aquafish_gym.rendering import (
     RENDER_MODES,
@@ -31,7 +31,7 @@ Observation = NDArray[np.float32]
 ONLY = np.zeros(1, np.intp)  # the one robot among all
 
 
-class AquaFishEnv(episode.Timing, gym.Env[Observation, NDArray[np.float32]]):
+class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     r"""A damaged robot fish that observes its IMU and nothing else.
 
     ## Description
@@ -159,15 +159,10 @@ class AquaFishEnv(episode.Timing, gym.Env[Observation, NDArray[np.float32]]):
         task: object = "forward",
         reactive: bool = False,
     ) -> None:
-        self.task = check_task(task)
-        self._config = episode.check_episode(
-            morphology, damage, current, fin_angles, self.task.seconds
-        )
-        check_water(self.task, self._config.current)
+        super().__init__(task, frame_skip, observe_fins)
+        self._config = episode.check_episode(self.task, morphology, damage, current, fin_angles)
         self._engine = check_engine(engine)
-        self._observe_fins, self._reckons = episode.check_observe_fins(observe_fins)
         self._reactive = flag("reactive", reactive)
-        self.frame_skip = episode.check_frame_skip(frame_skip, self.task.seconds)
         self.render_mode = check_render_mode(render_mode)
         # The class states which modes there are, the environment which of them work here.
         self.metadata = {
@@ -175,10 +170,8 @@ class AquaFishEnv(episode.Timing, gym.Env[Observation, NDArray[np.float32]]):
         }  # fmt: skip
         self.action_space = episode.action_space()
         self.observation_space = episode.observation_space(self._observe_fins, self.task.has_goal)
-        self._limits = episode.limits(self._observe_fins, self.task.has_goal)
         self._world: World | None = None
         self._window: Window | None = None
-        self._last = round(self.task.seconds / self.dt)
         self._steps = self._last  # no episode has begun
         self._robots = episode.Robots(Scenario.create(self._config.morphology), self.frame_skip)
         self._read_robot()
@@ -193,10 +186,10 @@ class AquaFishEnv(episode.Timing, gym.Env[Observation, NDArray[np.float32]]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode; see Starting State."""
         number = None if seed is None else integer("seed", seed, 0)
-        config = self._config.with_options(options)  # may refuse
+        config = self._config.with_options(episode.check_options(options))  # may refuse
         super().reset(seed=number)
         start, memories = episode.begin_episodes(
-            [config], [self.np_random], self.task.begin, self.frame_skip, self._reactive
+            [config], [self.np_random], self.frame_skip, self._reactive
         )
         self._memory = tuple(memories[0].tolist())
         if self._world is None:
@@ -213,7 +206,7 @@ class AquaFishEnv(episode.Timing, gym.Env[Observation, NDArray[np.float32]]):
             self.render()
         still = Step(here, here, self._state.orientation, (0.0, 0.0, 0.0), self._memory, self.dt)
         nothing = dict.fromkeys(self.task.reward_terms(still), 0.0)
-        return self._observe(), self._info(here) | nothing
+        return self._observe(), self._info(here, nothing)
 
     def step(
         self, action: NDArray[np.float32]
@@ -233,9 +226,7 @@ class AquaFishEnv(episode.Timing, gym.Env[Observation, NDArray[np.float32]]):
             self._steps = self._last
         elif self._steps == self._next_change:
             self._change()
-        info = self._info(before)
-        info.update(terms)
-        info["diverged"] = diverged
+        info = self._info(before, terms, diverged)
         if self.render_mode == "human":
             self.render()
         truncated = self._steps == self._last and not diverged
@@ -278,30 +269,28 @@ class AquaFishEnv(episode.Timing, gym.Env[Observation, NDArray[np.float32]]):
             self._world.update(self._robots.now)
 
     def _observe(self) -> Observation:
-        state, way = self._state, None
-        if self.task.has_goal:
-            way = subtract(self.task.goal(self._memory), state.position)
+        goal = self.task.goal(self._memory) if self.task.has_goal else None
         fins = None
         if self._observe_fins:
             fins = self._reckoned if self._reckons else self._fin_angles
-        truth = episode.observe(state.orientation, state.spin, fins, way)
+        seen = episode.observe(self._state, fins, goal)
         sensors = self._robots.sensors
-        if not sensors.broken:
-            return truth
-        observed: Observation = sensors.observe(
-            truth[None], self._limits, [self.np_random], ONLY
-        )[0]  # fmt: skip
-        return observed
+        if sensors.broken:
+            seen = sensors.observe(seen[None], self._limits, [self.np_random], ONLY)[0]
+        return seen
 
     def _read_robot(self) -> None:
         self._truth = {name: np.array(rows[0]) for name, rows in self._robots.truth().items()}
         self._next_change = int(self._robots.next_change[0])
 
-    def _info(self, before: Vector) -> dict[str, Any]:
+    def _info(
+        self, before: Vector, terms: dict[str, float], diverged: bool = False
+    ) -> dict[str, Any]:
         return episode.motion_info(before, self._state.position, self.dt) | {
-            "diverged": False,
+            "diverged": diverged,
             "fin_angles": np.array(self._fin_angles),
             **{name: value.copy() for name, value in self._truth.items()},
+            **terms,
         }
 
     def render(self) -> Any:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import copy
 import math
-from bisect import bisect
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
@@ -17,10 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage, edit_each
 from aquafish_gym.damage.sensors import Sensors
-from aquafish_gym.envs.tasks import Memory
+from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Number, Vector
+from aquafish_gym.physics.arithmetic import Vector, subtract
+from aquafish_gym.physics.kinematics import State
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
 
@@ -37,23 +36,21 @@ OPTIONS = ("fin_angles", "morphology", "damage")
 class EpisodeConfig:
     """What an episode begins with; made by :func:`check_episode`.
 
-    ``fin_angles`` is ``"random"`` or three angles in rad; ``seconds`` is the episode's length.
+    ``fin_angles`` is ``"random"`` or three angles in rad.
     """
 
+    task: Task
+    current: Triple
     morphology: Morphology
     damage: Damage
     fin_angles: str | Triple
-    current: Triple
-    seconds: float
 
-    def with_options(self, options: object, also: tuple[str, ...] = ()) -> EpisodeConfig:
-        """Return it with the options of ``reset``; those in ``also`` are not read."""
-        if options is None:
+    def with_options(self, options: Mapping[str, Any]) -> EpisodeConfig:
+        """Return it with the options of ``reset``."""
+        if not options:
             return self
-        if not isinstance(options, Mapping):
-            raise InvalidArgumentError(f"options must be a dictionary; got {brief(options)}")
         for name in options:
-            one_of("options", name, OPTIONS + also)
+            one_of("options", name, OPTIONS)
         found = replace(
             self,
             morphology=Morphology.coerce(options.get("morphology", self.morphology)),
@@ -62,9 +59,10 @@ class EpisodeConfig:
         )
         for fault in found.damage:
             latest = fault.onset[1] if isinstance(fault.onset, tuple) else fault.onset
-            if latest >= self.seconds:
+            if latest >= self.task.seconds:
                 raise InvalidArgumentError(
-                    f"damage must strike before the episode ends at {self.seconds:g} s; got {fault}"
+                    "damage must strike before the episode ends at "
+                    f"{self.task.seconds:g} s; got {fault}"
                 )
         if not found.damage.is_random:
             body = found.morphology.to_array()[None]
@@ -73,34 +71,48 @@ class EpisodeConfig:
 
 
 def check_episode(
-    morphology: object, damage: object, current: ArrayLike, fin_angles: object, seconds: float
+    task: Task,
+    morphology: object = None,
+    damage: object = None,
+    current: ArrayLike = (0.0, 0.0, 0.0),
+    fin_angles: object = "zero",
 ) -> EpisodeConfig:
-    """Return the configuration of an environment's arguments."""
+    """Return the configuration of an environment's arguments, for a checked task."""
     x, y, z = check_row("current", current).tolist()
-    whole = EpisodeConfig(Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), (x, y, z), seconds)
+    if type(task).current is not Task.current and any((x, y, z)):
+        raise InvalidArgumentError(
+            f"current must be 0 where the task has a current of its own; got {(x, y, z)} with "
+            f"{type(task).__name__}"
+        )
+    whole = EpisodeConfig(task, (x, y, z), Morphology.nominal(), Damage(), (0.0, 0.0, 0.0))
     return whole.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )
 
 
+def check_options(options: object) -> dict[str, Any]:
+    """Return the options of ``reset`` as a dictionary of their own."""
+    if options is not None and not isinstance(options, Mapping):
+        raise InvalidArgumentError(f"options must be a dictionary; got {brief(options)}")
+    return dict(options or {})
+
+
 def begin_episodes(
     configs: Sequence[EpisodeConfig],
     rngs: Sequence[np.random.Generator],
-    begin: Callable[[np.random.Generator], Memory],
     hold: int,
     reactive: bool = False,
 ) -> tuple[Scenario, Floats]:
     """Return a scenario of n robots, schedule included, and their tasks' memories (n, M).
 
-    Each robot draws its fin angles, then its task's memory (``begin``), then its damage: a seed
-    gives the same task with and without damage. ``hold`` is how many steps of 0.01 s an action is
-    held.
+    Each robot draws its fin angles, then its task's memory, then its damage: a seed gives the same
+    task with and without damage. ``hold`` is how many steps of 0.01 s an action is held.
     """
     angles, memories, damages = np.empty((len(configs), 3)), [], []
     for row, config, rng in zip(angles, configs, rngs, strict=True):
         random = isinstance(config.fin_angles, str)
         row[:] = rng.uniform(-math.pi, math.pi, 3) if random else config.fin_angles
-        memories.append(begin(rng))
+        memories.append(config.task.begin(rng))
         damages.append(config.damage.sample(rng))
     fields = {
         "body": np.array([config.morphology.to_array() for config in configs]),
@@ -190,22 +202,29 @@ def check_frame_skip(value: object, seconds: float) -> int:
     steps = round(seconds / TIMESTEP)
     skip = integer("frame_skip", value, 1, steps)
     if steps % skip:
-        divisors = [n for n in range(1, steps + 1) if steps % n == 0]
-        after = bisect(divisors, skip)
-        low, high = divisors[after - 1 : after + 1]
         raise InvalidArgumentError(
             f"frame_skip must divide {steps}, the physics steps of an episode of "
-            f"{seconds:g} s; got {skip}; the nearest are {low} and {high}"
+            f"{seconds:g} s; got {skip}"
         )
     return skip
 
 
-class Timing:
-    """The steps of an environment, in its ``spec`` and in seconds."""
+class Setting:
+    """The task, the steps and the observations of an environment, and its ``spec``."""
 
-    frame_skip: int
-    _last: int  # how many steps an episode has
     _spec: EnvSpec | None = None
+
+    def __init__(self, task: object, frame_skip: object, observe_fins: object) -> None:
+        self.task = check_task(task)
+        self.frame_skip = check_frame_skip(frame_skip, self.task.seconds)
+        self._last = round(self.task.seconds / self.dt)  # how many steps an episode has
+        self._observe_fins, self._reckons = check_observe_fins(observe_fins)
+        self._limits = limits(self._observe_fins, self.task.has_goal)
+
+    @property
+    def dt(self) -> float:
+        """Length of one step, s."""
+        return TIMESTEP * self.frame_skip
 
     @property
     def spec(self) -> EnvSpec | None:
@@ -213,20 +232,11 @@ class Timing:
 
         A limit in the registry would also cut off episodes of another ``frame_skip`` or task.
         """
-        if self._spec is None:
-            return None
-        found = copy.copy(self._spec)
-        found.max_episode_steps = self._last
-        return found
+        return self._spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = spec
-
-    @property
-    def dt(self) -> float:
-        """Length of one step, s."""
-        return TIMESTEP * self.frame_skip
+        self._spec = spec and replace(spec, max_episode_steps=self._last)
 
 
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:
@@ -282,30 +292,27 @@ def observation_space(observe_fins: bool, has_goal: bool) -> Box[np.float32]:
 
 
 def observe(
-    quaternion: Iterable[Number],
-    gyro: Iterable[Number],
-    fin_angles: ArrayLike | None = None,
-    way: Vector | None = None,
+    state: State, fin_angles: ArrayLike | None = None, goal: Vector | None = None
 ) -> NDArray[np.float32]:
     """Return the observation of whole sensors, (9,), or more with the fins' angles or a goal.
 
     Every number may be a row (B,) instead; the result is then (B, 9) or more. Values saturate at
-    the bounds of the observation space. The quaternion is x, y, z, w, from body to world; the gyro
-    about the body's axes, rad/s; the angles in rad; ``way`` leads to the goal, in the world.
+    the bounds of the observation space. The angles are in rad, the goal in the world.
     """
-    x, y, z, w = quaternion
+    x, y, z, w = state.orientation
     xx, yz, wx = x * x, y * z, w * x
     up = (2 * (x * z - w * y), 2 * (yz + wx), 1 - 2 * (xx + y * y))
     north = (2 * (x * y + w * z), 1 - 2 * (xx + z * z), 2 * (yz - wx))
     # The world's z, then its y, in body axes: rows of the rotation matrix.
-    senses = [*up, *north, *gyro]
+    senses = [*up, *north, *state.spin]
     if fin_angles is not None:
         senses += [*np.sin(fin_angles), *np.cos(fin_angles)]
-    if way is not None:
+    if goal is not None:
+        way = subtract(goal, state.position)
         east = (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))
         senses += [way[0] * east[i] + way[1] * north[i] + way[2] * up[i] for i in range(3)]
     seen = np.array(senses).T
-    most = limits(fin_angles is not None, way is not None)
+    most = limits(fin_angles is not None, goal is not None)
     np.maximum(seen, -most, out=seen)
     np.minimum(seen, most, out=seen)
     return seen.astype(np.float32, "C")

@@ -1,4 +1,9 @@
-"""The built-in tasks: swim forward, recover, hold a station, reach waypoints."""
+"""The built-in tasks: swim forward, recover, hold a station, reach waypoints.
+
+Their ``current``, ``goal``, ``rewards`` and ``remember`` are straight-line code, which the compiled
+loop of a rollout runs too. There ``self`` is :class:`TaskNumbers`, and a ``Number`` is a vector
+register of robots' numbers.
+"""
 
 from __future__ import annotations
 
@@ -21,48 +26,30 @@ from aquafish_gym.physics.arithmetic import (
     subtract,
     where_less,
 )
-from aquafish_gym.scenario import MAXIMUM_CURRENT
+from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, flag, one_of
 
+LONGEST = 3600.0  # s
 MOST = 1e6  # of a weight: a reward must stay finite
 LEAST = 1e-3  # units, of a distance that others are divided by
-
-
-# The built-in tasks are written as plain functions, which the compiled loop of a rollout runs too:
-# of the task's own numbers, and of others that are floats, rows, or lanes of vector registers.
+# The least and the greatest value of each number that a built-in task may have, and its unit.
+RANGES = {
+    "seconds": (TIMESTEP, LONGEST, "s"),
+    "ctrl_weight": (0.0, MOST, ""),
+    "forward_weight": (-MOST, MOST, ""),
+    "slowest": (0.0, MAXIMUM_CURRENT, "units/s"),
+    "fastest": (0.0, MAXIMUM_CURRENT, "units/s"),
+    "half": (LEAST, MOST, "units"),
+    "turning": (0.0, MOST, "rad/s"),
+    "apart": (0.0, MOST, "units"),
+    "radius": (0.0, MOST, "units"),
+    "reached_weight": (-MOST, MOST, ""),
+}
 # Lanes give every task the same count of remembered numbers, so that a memory is read by index.
 REMEMBERED = 6
-
-
-class TaskNumbers(NamedTuple):
-    """The numbers of all built-in tasks; of each its own, the others 0."""
-
-    ctrl_weight: float
-    forward_weight: float
-    half: float
-    apart: float
-    radius: float
-    reached_weight: float
-
-
-class TaskFunctions(NamedTuple):
-    """A task as straight-line functions of ``(task, memory or step)``; None where it has none."""
-
-    reward_terms: Callable[[Any, Step], tuple[Number, ...]]
-    current: Callable[[Any, Memory, Number], Vector] | None = None
-    goal: Callable[[Any, Memory], Vector] | None = None
-    remember: Callable[[Any, Step], Memory] | None = None
-    make_step: type[Step] = Step
-
-
-def task_functions(task: Task) -> TaskFunctions | None:
-    """Return the functions that a compiled loop runs; None of a task that is not built in."""
-    return _FUNCTIONS.get(type(task))
-
-
-def task_numbers(task: Task) -> TaskNumbers:
-    """Return the numbers that go with :func:`task_functions`."""
-    return TaskNumbers(*(float(getattr(task, name, 0.0)) for name in TaskNumbers._fields))
+# Multiples of these, modulo 1, are spread evenly over the unit square, wherever they begin (the
+# R2 sequence of M. Roberts, 2018).
+_SPREAD = (0.7548776662466927, 0.5698402909980532)
 
 
 def distance(a: Vector, b: Vector) -> Number:
@@ -71,65 +58,21 @@ def distance(a: Vector, b: Vector) -> Number:
     return square_root(x * x + y * y + z * z)
 
 
-def effort(action: Vector) -> Number:
-    """Return the sum of the action's squares."""
+def effort_cost(task: Any, action: Vector) -> Number:
+    """Return ``ctrl_weight`` times the sum of the action's squares."""
     left, right, caudal = action
-    return left * left + right * right + caudal * caudal
+    return task.ctrl_weight * (left * left + right * right + caudal * caudal)
 
 
-def _price(task: Any, step: Step) -> Number:
-    return -task.ctrl_weight * effort(step.action)
-
-
-def _forward_terms(task: Any, step: Step) -> tuple[Number, ...]:
-    speed = (step.after[1] - step.before[1]) / step.dt
-    return task.forward_weight * speed, _price(task, step)
-
-
-def _station_current(_task: Any, memory: Memory, seconds: Number) -> Vector:
-    speed, heading, turning = memory[0], memory[1], memory[2]
-    cosine, sine = cosine_sine(heading + turning * seconds)
-    return (speed * cosine, speed * sine, 0.0 * speed)
-
-
-def _origin(_task: Any, memory: Memory) -> Vector:
-    zero = 0.0 * memory[0]
-    return (zero, zero, zero)
-
-
-def _station_terms(task: Any, step: Step) -> tuple[Number, ...]:
-    place = _origin(task, step.memory)
-    before, after = distance(step.before, place), distance(step.after, place)
-    away = after / task.half
-    return 1.0 / (1.0 + away * away), (before - after) / step.dt, _price(task, step)
-
-
-def _waypoint(_task: Any, memory: Memory) -> Vector:
-    return (memory[0], memory[1], memory[2])
-
-
-def _reached(task: Any, step: Step) -> Number:
-    return where_less(distance(step.after, _waypoint(task, step.memory)), task.radius, 1.0, 0.0)
-
-
-def _waypoint_terms(task: Any, step: Step) -> tuple[Number, ...]:
-    goal = _waypoint(task, step.memory)
-    nearer = distance(step.before, goal) - distance(step.after, goal)
-    return nearer / step.dt, task.reached_weight * _reached(task, step), _price(task, step)
-
-
-# Multiples of these, modulo 1, are spread evenly over the unit square, wherever they begin (the
-# R2 sequence of M. Roberts, 2018).
-_SPREAD = (0.7548776662466927, 0.5698402909980532)
-
-
-def _fraction(x: Number) -> Number:
+def fraction(x: Number) -> Number:
+    """Return a number modulo 1."""
     return x - floor(x)
 
 
-def _next_waypoint(task: Any, place: Vector, u: Number, v: Number, count: Number) -> Vector:
-    up = 2.0 * _fraction(u + _SPREAD[0] * count) - 1.0  # uniform on the sphere, as is height
-    cosine, sine = cosine_sine(TAU * _fraction(v + _SPREAD[1] * count))
+def next_waypoint(task: Any, place: Vector, u: Number, v: Number, count: Number) -> Vector:
+    """Return the point after ``place``, ``count`` points after the first; u, v are the offset."""
+    up = 2.0 * fraction(u + _SPREAD[0] * count) - 1.0  # uniform on the sphere, as is height
+    cosine, sine = cosine_sine(TAU * fraction(v + _SPREAD[1] * count))
     flat = square_root(1.0 - up * up)
     return (
         place[0] + task.apart * flat * cosine,
@@ -138,37 +81,37 @@ def _next_waypoint(task: Any, place: Vector, u: Number, v: Number, count: Number
     )
 
 
-def _waypoint_remember(task: Any, step: Step) -> Memory:
+def has_reached(task: Any, step: Step) -> Number:
+    """Return 1 where a step ended at the waypoint, else 0."""
     m = step.memory
-    reached = _reached(task, step)
-    there = _next_waypoint(task, (m[0], m[1], m[2]), m[4], m[5], m[3] + 1.0)
-    return (
-        m[0] + reached * (there[0] - m[0]),
-        m[1] + reached * (there[1] - m[1]),
-        m[2] + reached * (there[2] - m[2]),
-        m[3] + reached,
-        m[4],
-        m[5],
-    )
+    return where_less(distance(step.after, (m[0], m[1], m[2])), task.radius, 1.0, 0.0)
 
 
 @dataclass(frozen=True)
-class _Moving(Task):
-    """A task with a small penalty on effort."""
+class BuiltIn(Task):
+    """A task in straight-line code, with a small penalty on effort."""
 
+    terms: ClassVar[tuple[str, ...]]  # the names of ``rewards``
+    seconds: float = 20.0
     ctrl_weight: float = 1e-4
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        self._checked("ctrl_weight", 0.0, MOST)
+        for name, (low, high, unit) in RANGES.items():
+            if hasattr(self, name):
+                value = float(finite_array(name, getattr(self, name), (), low, high, unit))
+                object.__setattr__(self, name, value)
 
-    def _checked(self, name: str, low: float, high: float, unit: str = "") -> None:
-        value = float(finite_array(name, getattr(self, name), (), low, high, unit))
-        object.__setattr__(self, name, value)
+    def rewards(self, step: Step) -> tuple[Number, ...]:
+        """Return the values of the reward's terms."""
+        raise NotImplementedError
+
+    def reward_terms(self, step: Step) -> dict[str, Number]:
+        """Return the terms of the reward by name."""
+        return dict(zip(self.terms, self.rewards(step), strict=True))
 
 
 @dataclass(frozen=True)
-class SwimForward(_Moving):
+class SwimForward(BuiltIn):
     """Swim along the world's +y, which the robot faces at the start, with little effort.
 
     As in Gymnasium's Swimmer: the mean speed over the step, less a small penalty on the action.
@@ -181,16 +124,13 @@ class SwimForward(_Moving):
         Of the sum of the action's squares; not negative.
     """
 
+    terms: ClassVar[tuple[str, ...]] = ("reward_forward", "reward_ctrl")
     forward_weight: float = 1.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._checked("forward_weight", -MOST, MOST)
-
-    def reward_terms(self, step: Step) -> dict[str, Number]:
-        """Return ``reward_forward`` and ``reward_ctrl``."""
-        forward, price = _forward_terms(self, step)
-        return {"reward_forward": forward, "reward_ctrl": price}
+    def rewards(self, step: Step) -> tuple[Number, ...]:
+        """Return the speed along +y in units/s, weighted, and the effort's cost, negative."""
+        speed = (step.after[1] - step.before[1]) / step.dt
+        return self.forward_weight * speed, -effort_cost(self, step.action)
 
 
 @dataclass(frozen=True)
@@ -204,7 +144,7 @@ class Recover(SwimForward):
 
 
 @dataclass(frozen=True)
-class HoldStation(_Moving):
+class HoldStation(BuiltIn):
     """Stay at the start, in a current from anywhere in the horizontal plane.
 
     The reward of a step falls with the distance d from the start, as 1 / (1 + (d / half)^2).
@@ -221,6 +161,7 @@ class HoldStation(_Moving):
     """
 
     has_goal: ClassVar[bool] = True
+    terms: ClassVar[tuple[str, ...]] = ("reward_near", "reward_progress", "reward_ctrl")
     seconds: float = 60.0
     slowest: float = 0.1
     fastest: float = 0.3
@@ -229,10 +170,7 @@ class HoldStation(_Moving):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._checked("slowest", 0.0, MAXIMUM_CURRENT, "units/s")
-        self._checked("fastest", self.slowest, MAXIMUM_CURRENT, "units/s")
-        self._checked("half", LEAST, MOST, "units")
-        self._checked("turning", 0.0, MOST, "rad/s")
+        finite_array("fastest", self.fastest, (), self.slowest, MAXIMUM_CURRENT, "units/s")
 
     def begin(self, rng: np.random.Generator) -> tuple[float, ...]:
         """Return the current's speed, its initial direction, and how fast it turns."""
@@ -241,20 +179,27 @@ class HoldStation(_Moving):
 
     def current(self, memory: Memory, seconds: Number) -> Vector:
         """Return the current."""
-        return _station_current(self, memory, seconds)
+        speed, heading, turning = memory[0], memory[1], memory[2]
+        cosine, sine = cosine_sine(heading + turning * seconds)
+        return (speed * cosine, speed * sine, 0.0 * speed)
 
     def goal(self, memory: Memory) -> Vector:
         """Return the origin, where the robot begins."""
-        return _origin(self, memory)
+        zero = 0.0 * memory[0]
+        return (zero, zero, zero)
 
-    def reward_terms(self, step: Step) -> dict[str, Number]:
-        """Return ``reward_near``, ``reward_progress`` (units/s towards it), and ``reward_ctrl``."""
-        near, progress, price = _station_terms(self, step)
-        return {"reward_near": near, "reward_progress": progress, "reward_ctrl": price}
+    def rewards(self, step: Step) -> tuple[Number, ...]:
+        """Return nearness, the speed towards the start in units/s, and the effort's cost."""
+        zero = 0.0 * step.memory[0]
+        start = (zero, zero, zero)
+        before, after = distance(step.before, start), distance(step.after, start)
+        away = after / self.half
+        near = 1.0 / (1.0 + away * away)
+        return near, (before - after) / step.dt, -effort_cost(self, step.action)
 
 
 @dataclass(frozen=True)
-class ReachWaypoints(_Moving):
+class ReachWaypoints(BuiltIn):
     """Swim to a point, then to the next: in 3-D, each ``apart`` from the last in any direction.
 
     Attributes
@@ -268,6 +213,7 @@ class ReachWaypoints(_Moving):
     """
 
     has_goal: ClassVar[bool] = True
+    terms: ClassVar[tuple[str, ...]] = ("reward_progress", "reward_reached", "reward_ctrl")
     seconds: float = 60.0
     apart: float = 6.0
     radius: float = 1.5
@@ -275,9 +221,6 @@ class ReachWaypoints(_Moving):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._checked("apart", 0.0, MOST, "units")
-        self._checked("radius", 0.0, MOST, "units")
-        self._checked("reached_weight", -MOST, MOST)
         if self.radius >= self.apart:
             raise InvalidArgumentError(
                 f"radius must be less than apart, {self.apart:g}; got {self.radius:g}"
@@ -286,36 +229,77 @@ class ReachWaypoints(_Moving):
     def begin(self, rng: np.random.Generator) -> tuple[float, ...]:
         """Return the first point, how many were reached, and where the next ones come from."""
         u, v = rng.random(2).tolist()
-        return (*_next_waypoint(self, (0.0, 0.0, 0.0), u, v, 0.0), 0.0, u, v)
+        return (*next_waypoint(self, (0.0, 0.0, 0.0), u, v, 0.0), 0.0, u, v)
 
     def goal(self, memory: Memory) -> Vector:
         """Return the present point."""
-        return _waypoint(self, memory)
+        return (memory[0], memory[1], memory[2])
 
-    def reward_terms(self, step: Step) -> dict[str, Number]:
-        """Return ``reward_progress`` (units/s towards the point), ``reward_reached``, and ctrl."""
-        progress, reached, price = _waypoint_terms(self, step)
-        return {"reward_progress": progress, "reward_reached": reached, "reward_ctrl": price}
+    def rewards(self, step: Step) -> tuple[Number, ...]:
+        """Return the speed towards the point in units/s, the bonus, and the effort's cost."""
+        goal = (step.memory[0], step.memory[1], step.memory[2])
+        nearer = distance(step.before, goal) - distance(step.after, goal)
+        bonus = self.reached_weight * has_reached(self, step)
+        return nearer / step.dt, bonus, -effort_cost(self, step.action)
 
     def remember(self, step: Step) -> Memory:
         """Return the next point once one is reached."""
-        return _waypoint_remember(self, step)
+        m = step.memory
+        reached = has_reached(self, step)
+        there = next_waypoint(self, (m[0], m[1], m[2]), m[4], m[5], m[3] + 1.0)
+        return (
+            m[0] + reached * (there[0] - m[0]),
+            m[1] + reached * (there[1] - m[1]),
+            m[2] + reached * (there[2] - m[2]),
+            m[3] + reached,
+            m[4],
+            m[5],
+        )
 
 
-# Of exactly these classes: a subclass may have overridden a method.
-_FUNCTIONS: dict[type[Task], TaskFunctions] = {
-    SwimForward: TaskFunctions(_forward_terms),
-    Recover: TaskFunctions(_forward_terms),
-    HoldStation: TaskFunctions(_station_terms, _station_current, _origin),
-    ReachWaypoints: TaskFunctions(_waypoint_terms, goal=_waypoint, remember=_waypoint_remember),
-}
-
-TASKS: dict[str, Task] = {
+TASKS: dict[str, BuiltIn] = {
     "forward": SwimForward(),
     "station": HoldStation(),
     "waypoint": ReachWaypoints(),
     "recovery": Recover(),
 }
+
+
+class TaskNumbers(NamedTuple):
+    """The numbers of all built-in tasks; of each its own, the others 0."""
+
+    ctrl_weight: float
+    forward_weight: float
+    half: float
+    apart: float
+    radius: float
+    reached_weight: float
+
+
+class TaskFunctions(NamedTuple):
+    """The functions of a built-in task; None where it has none."""
+
+    rewards: Callable[[Any, Step], tuple[Number, ...]]
+    current: Callable[[Any, Memory, Number], Vector] | None
+    goal: Callable[[Any, Memory], Vector] | None
+    remember: Callable[[Any, Step], Memory] | None
+    make_step: type[Step] = Step
+
+
+def compiled_task(task: Task) -> tuple[TaskFunctions, TaskNumbers] | None:
+    """Return what the compiled loop takes of a task; None of one that is not built in."""
+    kind: Any = type(task)
+    # Of exactly these classes: a subclass may have overridden a method.
+    if kind not in (SwimForward, Recover, HoldStation, ReachWaypoints):
+        return None
+    functions = TaskFunctions(
+        kind.rewards,
+        None if kind.current is Task.current else kind.current,
+        None if kind.goal is Task.goal else kind.goal,
+        None if kind.remember is Task.remember else kind.remember,
+    )
+    numbers = (float(getattr(task, name, 0.0)) for name in TaskNumbers._fields)
+    return functions, TaskNumbers(*numbers)
 
 
 def check_task(task: object) -> Task:
@@ -327,13 +311,5 @@ def check_task(task: object) -> Task:
             f"task must be a Task or one of {', '.join(TASKS)}; got {brief(task)}"
         )
     flag("task.has_goal", task.has_goal)
+    finite_array("task.seconds", task.seconds, (), *RANGES["seconds"])
     return task
-
-
-def check_water(task: Task, current: Vector) -> None:
-    """Raise InvalidArgumentError if there is a current where the task has one of its own."""
-    if type(task).current is not Task.current and any(current):
-        raise InvalidArgumentError(
-            f"current must be 0 where the task has a current of its own; got {current} with "
-            f"{type(task).__name__}"
-        )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,13 +19,13 @@ from aquafish_gym.engines.packages import AUTO
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
-from aquafish_gym.envs.tasks import Step, check_task, check_water
+from aquafish_gym.envs.tasks import Step
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import TAU, Number, Vector, subtract
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.physics.arithmetic import TAU, Vector
+from aquafish_gym.physics.layout import FIELDS, angles_of_rows, state_from_numbers
 from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, flag, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
 
 Floats = NDArray[np.float64]
 Observations = NDArray[np.float32]
@@ -34,14 +34,15 @@ Counts = NDArray[np.int64]
 Info = dict[str, Any]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
-AUTORESET_MODES = {mode.value: mode for mode in AutoresetMode}
 
 # Rows of a table of states.
-QUATERNION, POSITION, GYRO = FIELDS["orientation"], FIELDS["position"], FIELDS["spin"]
-SPEEDS = slice(FIELDS["velocity"].start, GYRO.stop)
+QUATERNION, POSITION = FIELDS["orientation"], FIELDS["position"]
+SPEEDS = slice(FIELDS["velocity"].start, FIELDS["spin"].stop)
 
 
-class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]):
+class AquaFishVectorEnv(
+    episode.Setting, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
+):
     """Many of :class:`~aquafish_gym.envs.env.AquaFishEnv` in the lanes of one engine.
 
     Made by ``gym.make_vec("AquaFish-v0", num_envs=64)``. Spaces, rewards, start, end and ``info``
@@ -97,43 +98,40 @@ class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float
     ) -> None:
         from aquafish_gym.engines.compiled.lanes import LaneBatch
 
+        super().__init__(task, frame_skip, observe_fins)
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
         if one_of("engine", engine, (AUTO, *ENGINES)) not in (AUTO, "numba"):
             raise InvalidArgumentError(
                 f'the batched environment runs on engine="numba" alone; for engine={engine!r} '
                 'use gym.make_vec(..., vectorization_mode="sync")'
             )
-        if isinstance(autoreset_mode, AutoresetMode):
-            self.autoreset_mode = autoreset_mode
-        else:
-            name = one_of("autoreset_mode", autoreset_mode, AUTORESET_MODES)
-            self.autoreset_mode = AUTORESET_MODES[name]
+        name = getattr(autoreset_mode, "value", autoreset_mode)
+        modes = [mode.value for mode in AutoresetMode]
+        self.autoreset_mode = AutoresetMode(one_of("autoreset_mode", name, modes))
         if isinstance(render_mode, str) and render_mode == "human":
             raise InvalidArgumentError(
                 'render_mode="human" shows one robot: use gym.make; "rgb_array" gives a frame each'
             )
         self.render_mode = check_render_mode(render_mode)
-        self.task = check_task(task)
-        self._observe_fins, self._reckons = episode.check_observe_fins(observe_fins)
-        self.frame_skip = episode.check_frame_skip(frame_skip, self.task.seconds)
         self.metadata = {
             "render_modes": ["rgb_array"],
             "render_fps": max(1, round(1 / self.dt)),
             "autoreset_mode": self.autoreset_mode,
         }
-        self._limits = episode.limits(self._observe_fins, self.task.has_goal)
-        space = episode.observation_space(self._observe_fins, self.task.has_goal)
-        self.single_observation_space = space
+        self.single_observation_space = episode.observation_space(
+            self._observe_fins, self.task.has_goal
+        )
         self.single_action_space = episode.action_space()
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-        start = episode.check_episode(None, None, current, "zero", self.task.seconds)
-        check_water(self.task, start.current)
-        several = batching.of_each(
-            {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}, self.num_envs
+        start = episode.check_episode(self.task, current=current)
+        self._everyone = np.arange(self.num_envs)
+        self._configs = batching.with_options(
+            [start] * self.num_envs,
+            {"morphology": morphology, "damage": damage, "fin_angles": fin_angles},
+            self._everyone,
         )
-        self._configs = batching.with_options([start] * self.num_envs, several)
         fields = {
             "body": np.array([config.morphology.to_array() for config in self._configs]),
             "current": np.tile(start.current, (self.num_envs, 1)),
@@ -148,15 +146,12 @@ class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float
         )
         # The present states (25, num_envs), or the last ones before a robot diverged.
         self._now = self._lanes.rows()
-        self._last = round(self.task.seconds / self.dt)
         if max_episode_steps is not None:
             self._last = min(self._last, integer("max_episode_steps", max_episode_steps, 1))
         self._steps: Counts = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
-        self._everyone = np.arange(self.num_envs)
         self._reckoned: Floats = np.zeros((3, self.num_envs))
-        self._begun = False
 
     def reset(
         self,
@@ -171,22 +166,22 @@ class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float
         ``reset_mask`` (num_envs,) of bool.
         """
         seeds = batching.check_seeds(seed, self.num_envs)
+        given = episode.check_options(options)
         mask = np.ones(self.num_envs, np.bool_)
-        if isinstance(options, Mapping) and "reset_mask" in options:
-            mask = batching.check_mask(options["reset_mask"], self.num_envs)
-        if not self._begun and not mask.all():
+        if "reset_mask" in given:
+            mask = batching.check_mask(given.pop("reset_mask"), self.num_envs)
+        if not self._rngs and not mask.all():
             raise ResetNeeded("the first reset must be of every robot")
-        configs = self._chosen(mask, options)  # may refuse: nothing has changed until here
+        rows = np.flatnonzero(mask)
+        configs = batching.with_options(self._configs, given, rows)  # may refuse
         if not self._rngs:
             self._rngs = [seeding.np_random(s)[0] for s in seeds]
-        else:
-            for i in np.flatnonzero(mask).tolist():
-                if seeds[i] is not None:
-                    self._rngs[i] = seeding.np_random(seeds[i])[0]
-        self._begin(mask, configs)
-        self._begun = True
-        self._look(np.flatnonzero(mask))
-        return self._seen.copy(), batching.masked(self._info(self._now) | self._nothing(), mask)
+        for i in rows.tolist():
+            if seeds[i] is not None:
+                self._rngs[i] = seeding.np_random(seeds[i])[0]
+        self._begin(rows, configs)
+        self._look(rows)
+        return self._seen.copy(), batching.masked(self._first_info(), mask)
 
     def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
@@ -199,7 +194,7 @@ class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float
         """
         checked = episode.check_action(actions, (self.num_envs, 3))
         over = self._steps == self._last
-        if not self._begun or (over.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP):
+        if not self._rngs or (over.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
         action, before = batching.three(checked.T), self._now
         # A robot whose episode was over has swum for nothing, and begins the next one.
@@ -210,26 +205,26 @@ class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float
         self._change(diverged | over)
         reward = sum(terms.values(), np.zeros(self.num_envs))
         if over.any():
-            self._begin(over, self._chosen(over))
+            self._begin_next(over)
             before[:, over] = self._now[:, over]
         self._look(self._everyone)
         ended = self._steps == self._last
-        everyone = np.ones(self.num_envs, np.bool_)
         info = batching.masked(
-            {**self._info(before), "diverged": diverged.copy(), **terms}, everyone
+            self._info(before, terms, diverged), np.ones(self.num_envs, np.bool_)
         )
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             last = self._seen.copy()
-            self._begin(ended, self._chosen(ended))
+            self._begin_next(ended)
             self._look(np.flatnonzero(ended))
-            info = batching.put_final(info, self._info(self._now) | self._nothing(), last, ended)
+            info = batching.put_final(info, self._first_info(), last, ended)
         return self._seen.copy(), reward, diverged, ended & ~diverged, info
 
     def _simulate(self, action: Vector) -> Mask:
         """Swim one step; return which robots diverged, which keep their last states."""
         water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
-            self._lanes.set_current(self._of_all("current", water, 3).T)
+            x, y, z = (np.broadcast_to(one, (self.num_envs,)) for one in water)
+            self._lanes.set_current(np.stack([x, y, z], axis=1))
         # The lanes' own gains are 1: their product would be of single precision.
         gains = batching.three(self._robots.now.servo_gain.T)
         speeds = servo_speeds(action)
@@ -246,116 +241,88 @@ class AquaFishVectorEnv(episode.Timing, VectorEnv[Observations, NDArray[np.float
         self._now = now
         return lost
 
-    def _of_all(self, method: str, values: Sequence[Number], count: int) -> Floats:
-        """Return what a task's method gave, (count, num_envs); a number is every robot's."""
-        try:
-            rows = [np.broadcast_to(value, (self.num_envs,)) for value in values]
-        except (TypeError, ValueError):
-            rows = []
-        if len(rows) != count:
-            raise InvalidArgumentError(
-                f"{type(self.task).__name__}.{method} must return {count} numbers, each a float or "
-                f"a row of one for each of the {self.num_envs} robots; got {brief(values)}"
-            )
-        return np.array(rows, np.float64)
-
-    def _taken(self, before: Floats, action: Vector) -> Step:
-        here, there = batching.three(before[POSITION]), batching.three(self._now[POSITION])
-        x, y, z, w = self._now[QUATERNION]
-        return Step(here, there, (x, y, z, w), action, tuple(self._memory), self.dt)
-
-    def _nothing(self) -> dict[str, Floats]:
-        """Return the reward's terms where no step was taken, for ``info`` to have the same keys."""
-        zeros = np.zeros(self.num_envs)
-        return dict.fromkeys(self.task.reward_terms(self._taken(self._now, (zeros,) * 3)), zeros)
+    def _step_from(self, before: Floats, action: Vector) -> Step:
+        here, now = batching.three(before[POSITION]), state_from_numbers(self._now)
+        memory = tuple(self._memory)
+        return Step(here, now.position, now.orientation, action, memory, self.dt)
 
     def _reward(self, before: Floats, action: Vector, bad: Mask) -> dict[str, Floats]:
         """Return the terms of the reward, 0 under ``bad``, and let the task remember the step."""
-        step = self._taken(before, action)
+        step = self._step_from(before, action)
         terms = {
             name: np.where(bad, 0.0, np.broadcast_to(value, bad.shape))
             for name, value in self.task.reward_terms(step).items()
         }
         if len(self._memory):
-            remembered = self._of_all("remember", self.task.remember(step), len(self._memory))
-            self._memory = np.where(bad, self._memory, remembered)
+            pairs = zip(self._memory, self.task.remember(step), strict=True)
+            self._memory = np.array([np.where(bad, old, new) for old, new in pairs])
         return terms
 
     def _change(self, bad: Mask) -> None:
         """Let robots become what their schedules say, except those under ``bad``."""
-        changed = (self._robots.next_change == self._steps) & ~bad
-        if changed.any():
-            self._robots.change(np.flatnonzero(changed))
+        changed = np.flatnonzero((self._robots.next_change == self._steps) & ~bad)
+        if len(changed):
+            self._robots.change(changed)
             self._lanes.update(changed, self._lane_robots(changed))
 
-    def _lane_robots(self, mask: Mask) -> Scenario:
-        robots = self._robots.now.take(mask)
+    def _lane_robots(self, rows: Rows) -> Scenario:
+        robots = self._robots.now.take(rows)
         return replace(robots, servo_gain=np.ones_like(robots.servo_gain))
 
-    def _chosen(self, mask: Mask, options: dict[str, Any] | None = None) -> list[EpisodeConfig]:
-        """Return the configurations of the next episodes of the robots under ``mask``."""
-        if options is None:
-            return [self._configs[i] for i in np.flatnonzero(mask).tolist()]
-        if not isinstance(options, Mapping):
-            raise InvalidArgumentError(f"options must be a dictionary; got {brief(options)}")
-        several = batching.of_each(options, self.num_envs)
-        several.pop("reset_mask", None)
-        chosen = np.flatnonzero(mask).tolist()
-        return batching.with_options(
-            [self._configs[i] for i in chosen],
-            {name: values if len(values) == 1 else [values[i] for i in chosen]
-             for name, values in several.items()},
-        )  # fmt: skip
-
-    def _begin(self, mask: Mask, configs: list[EpisodeConfig]) -> None:
-        """Put the robots under ``mask`` at the start of new episodes."""
-        chosen = np.flatnonzero(mask)
-        rngs = [self._rngs[i] for i in chosen.tolist()]
-        start, memories = episode.begin_episodes(configs, rngs, self.task.begin, self.frame_skip)
-        self._steps[mask] = 0
-        self._robots.start(chosen, start)
+    def _begin(self, rows: Rows, configs: list[EpisodeConfig]) -> None:
+        """Put robots at the start of new episodes."""
+        rngs = [self._rngs[i] for i in rows.tolist()]
+        start, memories = episode.begin_episodes(configs, rngs, self.frame_skip)
+        self._steps[rows] = 0
+        self._robots.start(rows, start)
         if memories.shape[1] != len(self._memory):
             self._memory = np.zeros((memories.shape[1], self.num_envs))
-        self._memory[:, mask] = memories.T
-        self._reckoned[:, mask] = start.fin_angles.T
-        self._lanes.restart(mask, self._lane_robots(mask))
-        self._now[:, mask] = self._lanes.rows()[:, mask]
+        self._memory[:, rows] = memories.T
+        self._reckoned[:, rows] = start.fin_angles.T
+        self._lanes.restart(rows, self._lane_robots(rows))
+        self._now[:, rows] = self._lanes.rows()[:, rows]
+
+    def _begin_next(self, mask: Mask) -> None:
+        """Put the robots under ``mask`` at the start of their next episodes."""
+        rows = np.flatnonzero(mask)
+        self._begin(rows, [self._configs[i] for i in rows.tolist()])
 
     def _look(self, rows: Rows) -> None:
         """Let these robots observe the present state."""
-        # Of all robots views will do: copies would take as long as all that is computed here.
-        which = slice(None) if len(rows) == self.num_envs else rows
-        now, way = self._now[:, which], None
-        if self.task.has_goal:
-            goal = self.task.goal(tuple(self._memory[:, which]))
-            way = subtract(goal, batching.three(now[POSITION]))
+        goal = self.task.goal(tuple(self._memory)) if self.task.has_goal else None
         fins = None
         if self._observe_fins:
-            fins = self._reckoned[:, which] if self._reckons else angles_of_rows(now)
-        seen = episode.observe(now[QUATERNION], now[GYRO], fins, way)
+            fins = self._reckoned if self._reckons else angles_of_rows(self._now)
+        # Of all robots views will do: copies would take as long as all that is computed here.
+        which = slice(None) if len(rows) == self.num_envs else rows
+        seen = episode.observe(state_from_numbers(self._now), fins, goal)[which]
         sensors = self._robots.sensors
         if sensors.broken:
             seen = sensors.observe(seen, self._limits, self._rngs, rows)
         self._seen[which] = seen
 
-    def _info(self, before: Floats) -> Info:
+    def _info(self, before: Floats, terms: dict[str, Floats], diverged: Mask) -> Info:
         """Return ``info`` after a step from the states ``before``."""
         here, there = batching.three(before[POSITION]), batching.three(self._now[POSITION].copy())
         return episode.motion_info(here, there, self.dt) | {
-            "diverged": np.zeros(self.num_envs, np.bool_),
+            "diverged": diverged.copy(),
             "fin_angles": angles_of_rows(self._now).T.copy(),
             **self._robots.truth(),
+            **terms,
         }
+
+    def _first_info(self) -> Info:
+        """Return ``info`` where no step was taken: the reward's terms are 0."""
+        zeros = np.zeros(self.num_envs)
+        names = self.task.reward_terms(self._step_from(self._now, (zeros, zeros, zeros)))
+        return self._info(self._now, dict.fromkeys(names, zeros), np.zeros(self.num_envs, np.bool_))
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
         if self.render_mode is None:
             return None
-        now = self._now
-        poses = (now[POSITION].T, now[QUATERNION].T, angles_of_rows(now).T)
+        poses = np.concatenate([self._now, angles_of_rows(self._now)]).T
         return tuple(
-            render_pose(Morphology.from_array(sizes), (position, quaternion), angles)
-            for sizes, position, quaternion, angles in zip(
-                self._robots.now.body, *poses, strict=True
-            )
+            render_pose(Morphology.from_array(sizes), (pose[POSITION], pose[QUATERNION]), pose[-3:])
+            for sizes, pose in zip(self._robots.now.body, poses, strict=True)
         )

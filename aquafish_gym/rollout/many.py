@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.engines.worlds import RUNAWAY
-from aquafish_gym.envs.tasks import REMEMBERED, Memory, Step, Task, task_functions, task_numbers
+from aquafish_gym.envs.tasks import REMEMBERED, Memory, Step, Task, compiled_task
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.rollout.plan import Floats, Path, Plan, Program, Trajectories, is_noisy
@@ -35,13 +35,13 @@ def swim_all(
         raise InvalidArgumentError(
             f"servo_lag must be 0 where many swim at once; got {scenario.servo_lag.max():g} s"
         )
-    functions = None if task is None else task_functions(task)
+    compiled = None if task is None else compiled_task(task)
     lanes = LaneBatch(scenario, dtype, plan.substeps, threads)
     loop = ClosedLoop(lanes.batch, lanes.width, dtype, program.scratch)
     loop["fins"], loop["gain"] = fins.T / TAU, gains.T
     judge = None
-    if functions is not None and task is not None:
-        loop.functions, loop.task = functions, task_numbers(task)
+    if compiled is not None:
+        loop.functions, loop.task = compiled
         loop["memory"] = np.pad(plan.memory.T, ((0, REMEMBERED - plan.memory.shape[1]), (0, 0)))
     elif task is not None:
         judge = _Judge(task, plan, lanes, loop)

@@ -30,9 +30,8 @@ from aquafish_gym.envs.episode import (
     observe,
 )
 from aquafish_gym.envs.tasks import SwimForward
-from aquafish_gym.utils.validation import (
-    InvalidArgumentError,
-)
+from aquafish_gym.physics.kinematics import at_rest
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 ENGINES = ("numba", "pybullet")
 GO = np.array([0.8, 0.6, 0.4], np.float32)
@@ -166,7 +165,9 @@ def test_up_and_north_are_the_attitude(rpy: tuple[float, float, float], rate: fl
             hy * hp * hr - gy * gp * gr,
         ]
     )
-    seen = observe(quaternion, (0.0, rate, 0.0), None)
+    x, y, z, w = quaternion.tolist()
+    state = at_rest((0.0, 0.0, 0.0))._replace(orientation=(x, y, z, w), spin=(0.0, rate, 0.0))
+    seen = observe(state)
     np.testing.assert_allclose(seen[:3], matrix[2], atol=1e-6)
     np.testing.assert_allclose(seen[3:6], matrix[1], atol=1e-6)
     assert seen[7] == pytest.approx(np.clip(rate, -34.906586, 34.906586))

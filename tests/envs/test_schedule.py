@@ -232,8 +232,11 @@ def test_damage_does_not_change_the_task_of_a_seed(task: str) -> None:
 def test_a_list_for_one_robot_is_refused(make: Any) -> None:
     with pytest.raises(InvalidArgumentError, match=r"must be one robot's.*a list of 2"):
         make("AquaFish-v0", engine="numba", damage=["caudal:missing", "none"])
-    with pytest.raises(InvalidArgumentError, match=r"make it Damage\(...\)"):
-        AquaFishVectorEnv(2, damage=Damage.parse("caudal:missing;up_x:stuck").to_list())
+
+
+def test_a_list_of_faults_is_the_damage_of_every_robot() -> None:
+    envs = AquaFishVectorEnv(2, damage=Damage.parse("caudal:missing;up_x:stuck").to_list())
+    assert envs.reset()[1]["faults"].tolist() == [2, 2]
 
 
 @pytest.mark.parametrize("damage", ["caudal:missing@20", "random:mild@15-30"])

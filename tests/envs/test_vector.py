@@ -282,22 +282,23 @@ def test_a_task_may_return_numbers_for_all_robots() -> None:
         assert (envs.step(actions)[1] == single.step(actions)[1]).all()
 
 
-def test_a_task_that_returns_too_little_is_named() -> None:
+def test_a_task_that_remembers_too_little_is_refused() -> None:
     envs = AquaFishVectorEnv(3, task=Drifting(kept=1))
     envs.reset(seed=0)
-    with pytest.raises(InvalidArgumentError, match=r"^Drifting.remember must return 2 numbers"):
+    with pytest.raises(ValueError, match="shorter"):
         envs.step(np.zeros((3, 3), np.float32))
 
 
-def test_a_default_that_is_no_field_is_refused() -> None:
+def test_a_task_states_its_length_in_the_class_or_as_a_field() -> None:
     class Longer(Drifting):
         seconds = 30.0
-
-    with pytest.raises(InvalidArgumentError, match=r"`seconds: float = 30.0`.* has 20.0$"):
-        Longer()
 
     @dataclass(frozen=True, slots=True)
     class Field(Drifting):
         seconds: float = 30.0
 
-    assert Field().seconds == 30.0
+    for task in (Longer(), Field(), Field(seconds=30.0)):
+        assert AquaFishEnv(engine="numba", task=task).spec is None
+        assert AquaFishEnv(engine="numba", task=task)._last == 150
+    with pytest.raises(InvalidArgumentError, match=r"^task.seconds must lie in \[0.01, 3600\] s"):
+        AquaFishEnv(engine="numba", task=Field(seconds=0.0))

@@ -25,7 +25,7 @@ class ClosedLoop:
     Attributes
     ----------
     functions, task
-        A task's functions and a named tuple of its numbers (``envs.tasks.task_functions``); None
+        A task's functions and a named tuple of its numbers (``envs.tasks.compiled_task``); None
         where there is no task, or where it is judged outside.
     broken
         Whether sensors may observe something else than what is.

@@ -107,10 +107,13 @@ def compile_kernel(
     current_of = functions.current if flows else _no_function
     goal_of = functions.goal if aims else _no_function
     remember: Any = functions.remember if remembers else _no_function
-    terms: Any = functions.reward_terms if judged else _no_function
+    rewards: Any = functions.rewards if judged else _no_function
     make_step: Any = functions.make_step if judged else _no_function
-    register_module(sys.modules[terms.__module__])
-    stamp = source_stamp(compile_kernel, policy, terms)
+    register_module(sys.modules[rewards.__module__])
+    for function in functions[:-1] if judged else ():  # methods of a task's class
+        if function is not None:
+            simd.inlined(function)
+    stamp = source_stamp(compile_kernel, policy, rewards)
     swim = step_reactive if reactive else step
 
     def kernel(
@@ -183,7 +186,7 @@ def compile_kernel(
                         fetch_vector(kept, BEFORE, 0, 1, zero), state.position, state.orientation,
                         fetch_vector(kept, ACTION, 0, 1, zero), memory, dt,
                     )  # fmt: skip
-                    note_reward(kept, terms(task, done), state.velocity, state.spin)
+                    note_reward(kept, rewards(task, done), state.velocity, state.spin)
                     if remembers:
                         put_memory(kept, remember(task, done))
                 # ... and what is asked for is recorded.
