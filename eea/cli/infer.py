@@ -20,7 +20,8 @@ from eea.cli.progress import plain_console
 from eea.core.config import FitConfig
 from eea.core.session import streams
 from eea.fish import infer_log, read_log
-from eea.fish.log_inference import log_nuisances
+from eea.fish.joint import fish_joint
+from eea.fish.simulator import EngineSimulator
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
 
@@ -64,14 +65,15 @@ class Infer:
     def execute(self) -> None:
         """Infer and print the report; nothing is written if an option is wrong."""
         log, moving = read_log(self.log), self.start == "moving"
-        remarks = log_windows(log, moving).remarks
+        windows = log_windows(log, moving)
+        groups = fish_joint(EngineSimulator(windows.steps), windows).groups
         for name in self.nuisances or ():
-            one_of("nuisances", name, log_nuisances(moving))
+            one_of("nuisances", name, groups)
         joint = FitConfig(noise=self.noise, nuisances=self.nuisances)
         truth = None if self.truth is None else read_morphology(self.truth, "truth")
         streams(self.seed)  # refuses a wrong seed
         console = plain_console()
-        for sentence in remarks:
+        for sentence in windows.remarks:
             console.print(sentence)
         with nullcontext() if self.out is None else lock(ensure_writable_directory(self.out)):
             if self.out is not None:

@@ -101,7 +101,7 @@ def fish_eea(
         from eea.fish.joint import fish_joint
         from eea.joint.session import JointInference
 
-        return JointInference(target, fish_joint(problem, engine), config, seed, body)
+        return JointInference(target, fish_joint(engine), config, seed, body)
     return EEA(target, engine, problem, config, seed, body)
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -13,8 +12,9 @@ from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
 from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats
-from eea.core.problem import Problem
+from eea.fish.estimate import fish_problem
 from eea.fish.simulator import EngineSimulator
+from eea.fish.windows import LogWindows
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
 _SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
@@ -78,33 +78,6 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 )
 
 
-@dataclass(frozen=True)
-class SwimWindows:
-    """Windows of swims as a joint problem's commands: a structured array (E,).
-
-    Its fields are the ``series`` of commands (K, 3), each held for ``interval`` samples, and
-    ``spin`` (3,), the gyroscope's last reading before the window, rad/s. ``begun`` samples of the
-    series precede the window; if there are any, the robot is in mid-swim.
-    """
-
-    interval: int
-    begun: int
-
-    @property
-    def moving(self) -> bool:
-        """Whether the windows begin in mid-swim."""
-        return self.begun > 0
-
-    @staticmethod
-    def array(series: Floats, spin: Floats) -> NDArray[np.void]:
-        """Return the array (E,) of series (E, K, 3) and spins (E, 3)."""
-        rows = np.empty(
-            len(series), dtype=[("series", np.float64, series.shape[1:]), ("spin", np.float64, 3)]
-        )
-        rows["series"], rows["spin"] = series, spin
-        return rows
-
-
 def fish_signal(
     bodies: Floats,
     nuisances: Floats,
@@ -112,52 +85,30 @@ def fish_signal(
     angles: Floats,
     fine: bool,
     simulator: EngineSimulator,
-    swims: SwimWindows | None = None,
+    windows: LogWindows | None = None,
 ) -> NDArray[np.floating]:
     """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.problem.Simulate``.
 
-    ``nuisances`` (B, n) has the columns of ``NUISANCES``, or for windows in mid-swim those of
-    ``fish_joint``. With ``swims``, ``commands`` are rows of ``SwimWindows.array``.
+    ``nuisances`` (B, n) has the columns of ``NUISANCES``, or in mid-swim those of ``fish_joint``.
+    With the ``windows`` of a log, ``commands`` (B,) are the windows' numbers.
     """
     reactive = nuisances[:, REACTIVE] > 0.5
     if reactive.any() and not reactive.all():  # an engine's call has one kind of water
         parts = [
             fish_signal(
-                bodies[rows], nuisances[rows], commands[rows], angles[rows], fine, simulator, swims
+                bodies[rows],
+                nuisances[rows],
+                commands[rows],
+                angles[rows],
+                fine,
+                simulator,
+                windows,
             )
             for rows in (~reactive, reactive)
         ]
         signal = np.empty((len(bodies), *parts[0].shape[1:]), parts[0].dtype)
         signal[~reactive], signal[reactive] = parts
         return signal
-    series, timing = commands, {}
-    scenario = _edited(bodies, angles, nuisances, simulator, bool(reactive.any()))
-    if swims is not None:
-        timing = {"interval": swims.interval, "begun": swims.begun}
-        if swims.moving:
-            scenario = _in_mid_swim(scenario, nuisances, commands["spin"])
-        series = commands["series"]
-    gyro = simulate_scenario(
-        scenario,
-        series,
-        simulator.steps,
-        simulator.engine,
-        "float64" if fine else simulator.dtype,
-        simulator.substeps,
-        simulator.threads,
-        record="gyro",
-        **timing,
-    ).gyro
-    assert gyro is not None
-    gyro += nuisances[:, None, BIAS].astype(gyro.dtype)
-    found: NDArray[np.floating] = gyro
-    return found
-
-
-def _edited(
-    bodies: Floats, angles: Floats, nuisances: Floats, simulator: EngineSimulator, reactive: bool
-) -> Scenario:
-    """Return bodies (B, 9) and initial angles (B, 3) in the world of their nuisances (B, n)."""
     fields = {
         "body": bodies,
         "fin_angles": angles,
@@ -166,29 +117,40 @@ def _edited(
         "servo_gain": nuisances[:, GAIN] * nuisances[:, SERVOS],
         "servo_lag": nuisances[:, LAG],
     }
-    return Scenario.fill(fields, reactive)
+    if windows is not None and windows.begun:
+        spin = windows.spin[commands] - nuisances[:, BIAS] + nuisances[:, SPIN]
+        fields |= {
+            "current": np.zeros((len(bodies), 3)), "velocity": nuisances[:, VELOCITY], "spin": spin
+        }  # fmt: skip
+    gyro = simulate_scenario(
+        Scenario.fill(fields, bool(reactive.any())),
+        commands if windows is None else windows.series[commands],
+        simulator.steps,
+        simulator.engine,
+        "float64" if fine else simulator.dtype,
+        simulator.substeps,
+        simulator.threads,
+        record="gyro",
+        interval=1 if windows is None else windows.interval,
+        begun=0 if windows is None else windows.begun,
+    ).gyro
+    assert gyro is not None
+    gyro += nuisances[:, None, BIAS].astype(gyro.dtype)
+    found: NDArray[np.floating] = gyro if windows is None else windows.sampled(gyro, commands)
+    return found
 
 
-def _in_mid_swim(scenario: Scenario, nuisances: Floats, spin: Floats) -> Scenario:
-    """Return a scenario that begins with the nuisances' velocity and the measured spin (B, 3)."""
-    return replace(
-        scenario,
-        current=np.zeros_like(scenario.current),
-        velocity=nuisances[:, VELOCITY],
-        spin=spin - nuisances[:, BIAS] + nuisances[:, SPIN],
-    )
+def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) -> JointProblem:
+    """Return the fish as a joint problem, for trials from rest or for the windows of a log.
 
-
-def fish_joint(
-    problem: Problem, simulator: EngineSimulator, swims: SwimWindows | None = None
-) -> JointProblem:
-    """Return the fish as a joint problem, for trials from rest or for windows of ``swims``."""
+    The commands of a log's windows (E,) are their numbers from 0.
+    """
     nuisances = NUISANCES
-    if swims is not None and swims.moving:
+    if windows is not None and windows.begun:
         nuisances = (*STARTS[:3], *NUISANCES[3:], *STARTS[3:])
     return JointProblem(
-        problem,
-        partial(fish_signal, simulator=simulator, swims=swims),
+        fish_problem(),
+        partial(fish_signal, simulator=simulator, windows=windows),
         nuisances,
         HYPOTHESES,
         {

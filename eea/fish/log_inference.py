@@ -6,21 +6,19 @@ import time
 from typing import Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aquafish_gym.morphology import Morphology
 from eea.core.config import FitConfig, JointConfig
 from eea.core.result import RoundRecord
 from eea.core.session import streams
-from eea.fish.estimate import MorphologyEstimate, fish_problem
-from eea.fish.interpolation import at_times, steps_for
-from eea.fish.joint import SwimWindows, fish_joint
+from eea.fish.estimate import MorphologyEstimate
+from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
-from eea.fish.swim_log import FEWEST, SwimLog
-from eea.fish.windows import BEFORE, LogWindows, log_windows
+from eea.fish.swim_log import SwimLog
+from eea.fish.windows import log_windows
 from eea.joint.inference import fit
 from eea.joint.least_squares import Observed
-from eea.joint.problem import JointProblem
 from eea.joint.session import round_fit
 
 
@@ -74,27 +72,11 @@ def infer_log(
     windows = log_windows(log, moving)
     settings = vars(FitConfig() if joint is None else joint)
     config = JointConfig(**settings | {"steps": windows.gyro.shape[1], "rounds": 1})
-    rng = streams(seed)["estimation"]
-    fish, swims = windows_problem(windows, **simulator)
-    layout = fish.problem.models
     body = None if truth is None else Morphology.coerce(truth).to_array()
-    posterior = fit(Observed(swims, windows.gyro), fish, config, rng)
+    fish = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
+    observed = Observed(np.arange(len(windows.gyro)), windows.gyro)
+    posterior = fit(observed, fish, config, streams(seed)["estimation"])
     command = windows.series[-1, windows.begun // windows.interval :].mean(axis=0)
-    seconds = time.monotonic() - began
+    seconds, layout = time.monotonic() - began, fish.problem.models
     record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
     return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior)
-
-
-def windows_problem(
-    windows: LogWindows, **simulator: Unpack[SimulatorOptions]
-) -> tuple[JointProblem, NDArray[np.void]]:
-    """Return the joint problem of a log's windows, and the windows as its commands (E,)."""
-    engine = EngineSimulator(steps_for(windows.time), **simulator)
-    joint = fish_joint(fish_problem(), engine, SwimWindows(windows.interval, windows.begun))
-    return at_times(joint, SwimWindows.array(windows.series, windows.spin), windows.time)
-
-
-def log_nuisances(moving: bool) -> tuple[str, ...]:
-    """Return the groups of nuisances that can be inferred from a log."""
-    swims = SwimWindows(interval=1, begun=BEFORE if moving else 0)
-    return fish_joint(fish_problem(), EngineSimulator(FEWEST), swims).groups

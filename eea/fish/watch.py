@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Unpack
 
+import numpy as np
+
 from eea.core.angles import Floats
-from eea.fish.simulator import SimulatorOptions
+from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
 
 if TYPE_CHECKING:
@@ -83,16 +85,16 @@ def watch_swim(
     60 s of swimming, 59 windows: this is still the body that was inferred
     """
     # scipy.stats is imported here to keep `import eea.fish.watch` quick.
-    from eea.fish.log_inference import windows_problem
+    from eea.fish.joint import fish_joint
     from eea.fish.windows import log_windows
     from eea.joint.change_detection import ALARM, ChangeDetector
 
     windows = log_windows(log, True, WINDOW)
-    joint, observed = windows_problem(windows, **simulator)
+    joint = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
     detector = ChangeDetector(joint, belief, ALARM if alarm is None else alarm, seed)
     looks: list[WindowTest] = []
     for i, gyro in enumerate(windows.gyro):
-        looks.append(detector.look(observed[i : i + 1], gyro))
+        looks.append(detector.look(np.array([i]), gyro))
         if progress is not None:
             progress(i + 1, len(windows.gyro))
         if until_noticed and not looks[-1].same:

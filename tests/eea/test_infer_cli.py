@@ -120,7 +120,7 @@ def test_a_log_without_motion_is_refused(noise, tmp_path, capsys):
 def test_a_still_trial_among_others_is_named(tmp_path, capsys):
     log = swum([LEFT] * 2, [FAST[0], (0.0, 0.0, 0.0)])
     said = infer(log, tmp_path, capsys, "--nuisances")
-    assert said[0] == "in trial 2 no servo moves, so it contains little information about the body"
+    assert said[0] == "in trial 2 no servo moves: it tells little about the body"
     assert float(said[3].split()[1]) == pytest.approx(0.8, abs=0.05)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from eea import FitConfig, JointConfig, fish_problem
+from eea import FitConfig, JointConfig
 from eea.core.session import streams
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
@@ -69,7 +69,7 @@ def examine(
     world, seed = draw_world(setting, rng), int(rng.integers(2**32))
     robot = Robot(setting, body, world, rng, streams(seed)["exploration"])
     config = JointConfig(**vars(effort or FitConfig()), steps=setting.steps, rounds=setting.trials)
-    joint = fish_joint(fish_problem(), EngineSimulator(setting.steps, threads=1))
+    joint = fish_joint(EngineSimulator(setting.steps, threads=1))
     if setting.world == "reactive":
         imagined = tuple(h for h in joint.hypotheses if "reactive water" not in h.fixed)
         joint = replace(joint, hypotheses=imagined)

@@ -17,7 +17,7 @@ from aquafish_gym.morphology import DIMENSIONS
 from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.scenario import Scenario
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
-from eea.fish.log_inference import BEFORE
+from eea.fish.windows import BEFORE
 from eea.joint import JointPosterior
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig, evolve_gait

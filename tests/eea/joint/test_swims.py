@@ -14,9 +14,10 @@ from aquafish_gym.scenario import Scenario
 from eea.core.config import FitConfig
 from eea.core.experiment import RecordedLog
 from eea.fish.estimate import MorphologyEstimate
-from eea.fish.log_inference import BEFORE, infer_log, log_windows
+from eea.fish.log_inference import infer_log
 from eea.fish.swim_log import SwimLog
 from eea.fish.watch import watch_swim
+from eea.fish.windows import BEFORE, log_windows
 
 NOISE = 0.01
 BODY = Damage.parse("left_pectoral:length=0.6").apply(Morphology.nominal())
@@ -90,7 +91,7 @@ def test_windows_are_cut_where_they_should_be() -> None:
     short = SwimLog(*(part[:301] for part in (log.time, log.gyro, log.commands)))
     cut = log_windows(together(log, short), moving=True, seconds=2.5)
     assert cut.interval == 1  # of commands held for 25 rows, the first of which is cut at 24
-    assert [len(part) for part in cut[:3]] == [3, 3, 3]
+    assert [len(part) for part in (cut.series, cut.spin, cut.gyro)] == [3, 3, 3]
     np.testing.assert_array_equal(cut.gyro[1], log.gyro[BEFORE + 251 : BEFORE + 501])
     np.testing.assert_array_equal(cut.spin[1], log.gyro[BEFORE + 250])
     held = np.repeat(cut.series, cut.interval, axis=1)
