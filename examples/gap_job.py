@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from aquafish.recovery.held_out import damage_of
-from aquafish_gym import Morphology
+from aquafish_gym import Damage, Morphology
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core import JointConfig, PaperConfig, Result, streams
 from eea.core.angles import Floats
@@ -26,7 +26,7 @@ from gait import Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.rollout import random_poses
 from gait.transfer import score
-from gap_worlds import WORLDS, gap_of
+from gap_worlds import WORLDS, gap_of, seized_of
 
 METHODS: tuple[Condition, ...] = ("none", "in-band", "out-of-band", "joint")
 ORACLE = "oracle"  # knows the true body; other distances are a share of its gait's
@@ -85,11 +85,16 @@ class GapJob:
         """How the target's world differs from the models'."""
         return gap_of(self.world, self.seed)
 
+    @property
+    def seized(self) -> Damage:
+        """The target's seized servo, if any."""
+        return seized_of(self.world, self.seed)
+
     def begin(self) -> Session[Any]:
         """Return the method before its first round."""
         settings, engine = self.settings.eea, WORLDS[self.world].engine
         hidden, truth = streams(self.seed)["target"], self.body.to_array()
-        target = EngineTarget(self.body, None, hidden, settings.steps, engine, gap=self.gap)
+        target = EngineTarget(self.body, self.seized, hidden, settings.steps, engine, gap=self.gap)
         config: Config = self.settings.joint
         if self.method != "joint":
             condition = next(name for name in CONDITIONS if name == self.method)
@@ -175,7 +180,7 @@ def _true_hypotheses(job: GapJob) -> list[str]:
         hypothesis.name
         for hypothesis in HYPOTHESES
         if any(hypothesis.fixed.get(name) == sizes[name] for name in missing)
-        or hypothesis.shared_angles == (job.gap.seized,)
+        or any(hypothesis.shared_angles == (fault.part,) for fault in job.seized.faults)
         or (job.gap.reactive and "reactive water" in hypothesis.fixed)
     ]
     return true or [AS_COMMANDED.name]
@@ -190,7 +195,9 @@ def _evolved(bodies: tuple[tuple[float, ...], ...], config: EvolveConfig) -> Con
 def _swim(job: GapJob, controller: Controller) -> list[float]:
     """Return how far a gait swims in the target's world from each random pose, units of 5 cm."""
     engine, settings = WORLDS[job.world].engine, job.settings
-    poses = job.gap.placed(random_poses(settings.poses, job.seed))
+    poses = random_poses(settings.poses, job.seed)
+    for fault in job.seized.faults:
+        poses[:, FINS.index(fault.part)] = fault.number
     scored = score(controller, job.body, poses, engine, settings.gait.seconds, job.gap)
     distances = scored.random_distances
     return [float(far) for far in np.where(np.isfinite(distances), distances, 0.0)]

@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from aquafish_gym import Damage
+from aquafish_gym.damage import Fault
 from aquafish_gym.morphology import FINS
 from eea.fish import RealityGap
 
@@ -62,7 +64,7 @@ WORLDS: dict[str, World] = {
     ),
     "seized": World(
         "one servo is stuck",
-        lambda d: {"seized": d.seized, "seized_angle": d.seized_angle},
+        lambda d: {"servo_gain": tuple(0.0 if fin == d.seized else 1.0 for fin in FINS)},
     ),
     "reactive": World("the water resists acceleration, too", lambda _: {"reactive": True}),
     "substeps-8": World("8 physics steps for each of the models'", lambda _: {"substeps": 8}),
@@ -96,3 +98,17 @@ def gap_of(world: str, seed: int) -> RealityGap:
     lag 0.05, gyro_noise 0.01
     """
     return RealityGap(**{"gyro_noise": USUAL_NOISE, **WORLDS[world].gap(draw(seed))})
+
+
+def seized_of(world: str, seed: int) -> Damage:
+    """Return the seized servo of a world in a replicate, whose angle a gap lacks.
+
+    Examples
+    --------
+    >>> print(seized_of("seized", seed=0))
+    caudal:seized=1.5508348617349466
+    """
+    drawn = draw(seed)
+    if world != "seized":
+        return Damage()
+    return Damage((Fault(drawn.seized, "seized", drawn.seized_angle),))

@@ -24,9 +24,9 @@ from aquafish_gym.runs.jobs import finished, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.runs.workers import check_workers
+from aquafish_gym.scenario import MAXIMUM_SPIN
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, JointConfig, PaperConfig, recovery_config
-from eea.fish.gap import MOST_SPIN
 from gait.controller import Controller
 from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
@@ -130,7 +130,7 @@ class Recover:
             raise InvalidArgumentError("format must be one or more of png, pdf, svg; got none")
         body, damage = read_morphology(self.morphology, "morphology"), Damage.parse(self.damage)
         damage.apply(body)
-        finite_array("gyro_noise", self.gyro_noise, (), 0.0, MOST_SPIN, "rad/s")
+        finite_array("gyro_noise", self.gyro_noise, (), 0.0, MAXIMUM_SPIN, "rad/s")
         engine = check_engine(self.target_engine)
         swims = TransferConfig(poses=self.poses, seconds=self.seconds, target_engine=engine)
         eea, gaits = self._eea(), self._gaits()

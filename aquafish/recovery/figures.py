@@ -16,7 +16,7 @@ from aquafish_gym import Morphology
 from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.core.fitness import chance_level, mid_range_level
-from eea.fish import fish_models
+from eea.fish import fish_problem
 from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 
@@ -129,7 +129,7 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
         (chance_level, "--", "random body"),
         (mid_range_level, ":", "mid-range body"),
     ):
-        height = level(target.to_array(), fish_models())
+        height = level(target.to_array(), fish_problem().models)
         panels[0].axhline(height, color="0.4", ls=line, lw=1, label=label)
     panels[0].set_ylim(0.4, 1.01)
     panels[1].set_ylim(max(-0.5, panels[1].get_ylim()[0]), 1.02)

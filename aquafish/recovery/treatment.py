@@ -16,7 +16,7 @@ from eea.core import JointConfig, PaperConfig, Result, streams
 from eea.core.angles import wrap
 from eea.core.config import Condition, Config
 from eea.core.fitness import objective_fitness
-from eea.fish import EngineTarget, RealityGap, fish_eea, fish_models
+from eea.fish import EngineTarget, RealityGap, fish_eea, fish_problem
 from eea.fish.fins import fins_after
 from eea.study.presets import smoke
 from gait.evolve import EvolveConfig, damaged_at_random, evolve_gait
@@ -172,7 +172,7 @@ def treat(job: Treatment) -> dict[str, Any]:
     native, target = (
         np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
     )
-    fitness = objective_fitness(model.body.to_array(), job.target.to_array(), fish_models())
+    fitness = objective_fitness(model.body.to_array(), job.target.to_array(), fish_problem().models)
     return {
         "treatment": job.treatment,
         "seed": job.seed,

@@ -39,14 +39,13 @@ class Infer:
     The log has a row for each sample of the gyroscope: CSV with the columns time (s), gyro_x,
     gyro_y, gyro_z (rad/s about the body's axes: x right, y forward, z up), left_pectoral,
     right_pectoral (rev/s), caudal (Hz), which are the commands executed from that time on; and
-    trial, a number, if there are several. Or npz with the arrays time, gyro, commands and trial.
-    docs/howto/logs.md has more.
+    trial, a number, if there are several. docs/howto/logs.md has more.
 
     It prints each size with its 90% interval, the nuisances and what remains uncertain. Into --out
     go result.json, morphology.json, posterior.npz, posterior.png and bodies.json, as of run.
     """
 
-    log: Annotated[Path, arg(metavar="FILE", help="The recorded swim: a .csv or a .npz.")]
+    log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
     out: Annotated[
         Path | None,
         arg(metavar="DIR", help="Directory for the results; without it they are only printed."),
@@ -96,7 +95,7 @@ class Infer:
     def _write_manifest(
         self, folder: Path, log: SwimLog, joint: FitConfig, truth: Morphology | None
     ) -> None:
-        digest = hashlib.sha256()  # of its numbers, the same from CSV as from npz
+        digest = hashlib.sha256()
         for part in (log.time, log.gyro, log.commands, log.trial):
             digest.update(part.tobytes())
         settings = {

@@ -24,7 +24,7 @@ class Watch:
     if the fit is bad, the body has changed, and infer on the rest of the record finds the new one.
     """
 
-    log: Annotated[Path, arg(metavar="FILE", help="The recorded swim: a .csv or a .npz.")]
+    log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
     posterior: Annotated[Path, arg(metavar="FILE", help="posterior.npz of infer or run.")]
     alarm: float = 1e-6  #: Probability of a false alarm in each second.
     out: Annotated[

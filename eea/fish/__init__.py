@@ -13,18 +13,14 @@ if TYPE_CHECKING:
         MorphologyEstimate,
         estimate_morphology,
         estimate_morphology_of,
-        fish_actions,
         fish_eea,
-        fish_models,
-        fish_problem,
     )
     from eea.fish.fins import Fins, fins_after
     from eea.fish.gap import RealityGap
     from eea.fish.log_inference import infer_log
     from eea.fish.posterior_file import load_posterior, save_posterior
-    from eea.fish.simulator import EngineSimulator
-    from eea.fish.swim_log import SwimLog
-    from eea.fish.swim_log_file import read_log, write_log
+    from eea.fish.simulator import EngineSimulator, fish_problem
+    from eea.fish.swim_log import SwimLog, read_log, write_log
     from eea.fish.target import EngineTarget
     from eea.fish.watch import watch_swim
 
@@ -38,9 +34,7 @@ __all__ = [
     "estimate_morphology",
     "estimate_morphology_of",
     "fins_after",
-    "fish_actions",
     "fish_eea",
-    "fish_models",
     "fish_problem",
     "infer_log",
     "load_posterior",
@@ -55,10 +49,10 @@ _ROOMS = {
     "fins_after": "fins",
     "infer_log": "log_inference",
     "load_posterior": "posterior_file",
-    "read_log": "swim_log_file",
+    "read_log": "swim_log",
     "save_posterior": "posterior_file",
     "watch_swim": "watch",
-    "write_log": "swim_log_file",
+    "write_log": "swim_log",
 }
 
 

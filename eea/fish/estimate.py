@@ -8,37 +8,16 @@ from typing import Any, Unpack
 
 from numpy.typing import ArrayLike
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS
 from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from aquafish_gym.morphology import Morphology
 from eea.core.algorithm import EEA
 from eea.core.config import Config, JointConfig, checked_config
 from eea.core.experiment import Target
-from eea.core.genome import BitLayout, action_layout, model_layout
-from eea.core.problem import Problem
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish.gap import RealityGap
-from eea.fish.simulator import EngineSimulator, SimulatorOptions
+from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
 from eea.fish.target import NO_GAP, EngineTarget
-
-Progress = Callable[[RoundRecord], None]
-
-
-def fish_models() -> BitLayout:
-    """Return the 45-bit genome of the fish's nine dimensions."""
-    return model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
-
-
-def fish_actions() -> BitLayout:
-    """Return the 18-bit genome of the fish's three servo speeds."""
-    bounds = zip(SERVOS, COMMAND_LOW.tolist(), COMMAND_HIGH.tolist(), strict=True)
-    return action_layout(bounds)
-
-
-def fish_problem() -> Problem:
-    """Return the fish as a problem: nine sizes, three servos, fins, and IMU axes."""
-    return Problem(fish_models(), fish_actions(), hidden=FINS, axes=3)
 
 
 @dataclass(repr=False)
@@ -48,7 +27,7 @@ class MorphologyEstimate(Result):
     Examples
     --------
     >>> from eea.core.config import PaperConfig
-    >>> MorphologyEstimate(PaperConfig(), 0, fish_models())
+    >>> MorphologyEstimate(PaperConfig(), 0, fish_problem().models)
     MorphologyEstimate(out-of-band, 0 rounds of 256 steps, seed 0)
     """
 
@@ -59,10 +38,7 @@ class MorphologyEstimate(Result):
 
     def __repr__(self) -> str:
         config, done = self.config, len(self.rounds)
-        text = f"{config.condition}, {done} round{'' if done == 1 else 's'} of {config.steps} steps"
-        text += f", seed {self.seed}"
-        if self.rounds:
-            text += f"; MOD_FIT {self.rounds[-1].model_fitness:.3f}"
+        text = f"{config.condition}, {done} rounds of {config.steps} steps, seed {self.seed}"
         if self.objective_fitness is not None:
             text += f", OBJ_FIT {self.objective_fitness:.3f}"
         if self.belief is not None:
@@ -94,7 +70,7 @@ def fish_eea(
         See ``EngineSimulator``; it and ``EEA`` state the errors.
     """
     config = checked_config(config)
-    engine, problem = EngineSimulator(config.steps, **simulator), fish_problem()
+    engine = EngineSimulator(config.steps, **simulator)
     body = None if truth is None else Morphology.coerce(truth).to_array()
     if isinstance(config, JointConfig):
         # scipy.stats is imported here to keep `import eea` quick.
@@ -102,14 +78,14 @@ def fish_eea(
         from eea.joint.session import JointInference
 
         return JointInference(target, fish_joint(engine), config, seed, body)
-    return EEA(target, engine, problem, config, seed, body)
+    return EEA(target, engine, fish_problem(), config, seed, body)
 
 
 def estimate_morphology_of(
     target: Target,
     config: Config | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Callable[[RoundRecord], None] | None = None,
     truth: Morphology | ArrayLike | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
@@ -136,7 +112,7 @@ def estimate_morphology(
     damage: Damage | str | None = None,
     config: Config | None = None,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Callable[[RoundRecord], None] | None = None,
     *,
     target_engine: str = "auto",
     gap: RealityGap = NO_GAP,

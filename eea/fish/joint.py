@@ -12,8 +12,7 @@ from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
 from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats
-from eea.fish.estimate import fish_problem
-from eea.fish.simulator import EngineSimulator
+from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.fish.windows import LogWindows
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 

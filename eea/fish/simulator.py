@@ -1,18 +1,28 @@
-"""The simulator of candidate fish, in one of the engines of ``aquafish_gym``."""
+"""The fish as a problem, and the simulator of candidate fish in an engine of ``aquafish_gym``."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypedDict
+from typing import TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS
 from aquafish_gym.engines.api import simulate
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
-from aquafish_gym.utils.validation import finite_array
+from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core.experiment import Comparer, Simulator, Trials
+from eea.core.genome import action_layout, model_layout
+from eea.core.problem import Problem
+
+
+def fish_problem() -> Problem:
+    """Return the fish as a problem: nine sizes, three servos, fins, and IMU axes."""
+    models = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
+    bounds = zip(SERVOS, COMMAND_LOW.tolist(), COMMAND_HIGH.tolist(), strict=True)
+    return Problem(models, action_layout(bounds), hidden=FINS, axes=3)
 
 
 class SimulatorOptions(TypedDict, total=False):
@@ -28,9 +38,6 @@ class SimulatorOptions(TypedDict, total=False):
 @dataclass(frozen=True, eq=False)
 class EngineSimulator(Simulator):
     """Candidate fish, simulated in batches.
-
-    It cannot be subclassed, since comparisons in the engine would bypass another ``simulate``:
-    inherit from ``eea.Simulator`` and hold one of these.
 
     Raises
     ------
@@ -52,13 +59,7 @@ class EngineSimulator(Simulator):
     substeps: int = 1
     threads: int | None = None
 
-    def __init_subclass__(cls, **_: Any) -> None:
-        raise TypeError(
-            "EngineSimulator cannot be subclassed; inherit from eea.Simulator and hold one"
-        )
-
     def __post_init__(self) -> None:
-        finite_array("current", self.current, (3,))
         # One motionless robot, so that a wrong setting is refused here.
         self.simulate(Trials(np.zeros((1, 9)), np.zeros((1, 3)), np.zeros((1, 3))))
 
@@ -67,8 +68,12 @@ class EngineSimulator(Simulator):
         return simulate(trials.models, trials.commands, trials.angles, **vars(self))
 
     def comparer(self, steps: int) -> Comparer | None:
-        """Return a comparer of behaviours in the compiled engine, if it can be used."""
-        if resolve_engine("engine", self.engine) != "numba" or steps != self.steps:
+        """Return a comparer of behaviours in the compiled engine, if it can be used.
+
+        It cannot replace the ``simulate`` of a subclass.
+        """
+        own = type(self) is EngineSimulator and steps == self.steps
+        if not own or resolve_engine("engine", self.engine) != "numba":
             return None
         # numba is imported here to keep `import eea.fish.simulator` quick.
         from eea.fish.spectral import SHORTEST, SpectralComparer

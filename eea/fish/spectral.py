@@ -7,7 +7,7 @@ same result up to single precision (tests/eea/test_spectral.py).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,8 +28,7 @@ from eea.core.experiment import Trials
 SHORTEST = 4  # steps of a trial that the engine transforms
 
 
-@dataclass(frozen=True)
-class SpectralComparer:
+class SpectralComparer(NamedTuple):
     """An ``eea.core.experiment.Comparer`` in the compiled engine; see ``EngineSimulator``."""
 
     steps: int

@@ -1,26 +1,33 @@
-"""A recorded swim: times, gyroscope readings and executed commands."""
+"""A recorded swim, times, gyroscope readings and executed commands, and its file."""
 
 from __future__ import annotations
 
+import csv
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from io import StringIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, fits
+from aquafish_gym.runs.storage import DamagedFileError, read_bytes, write_bytes
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, fits
 from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
 
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 COLUMNS = ("time", *GYRO, *SERVOS)  # of a table; "trial" may follow
+TRIAL = "trial"
 FASTEST = 10.0  # rad/s: of 20,000 random bodies at full speed none turns faster than 4.3
 SLOWEST = 20.0  # samples a second: a tail at 1 Hz beats 20 times
 MOST_GAP = 0.2  # s between two rows of a trial
 FEWEST = 32  # samples of a trial
+MOST_BYTES = 64 * 2**20  # of a file: more than an hour at 100 rows a second
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,21 +57,27 @@ class SwimLog:
     #: (T, 3): left and right flipper in rev/s, tail in Hz, as executed.
     commands: Floats
     #: (T,) the number of the trial that each row is of, in blocks; one trial if not given.
-    trial: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    trial: NDArray[Any] = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         time = _rows("time", self.time, (None,), ("time",))
-        count = len(time)
-        gyro = _rows("gyro", self.gyro, (count, 3), GYRO)
-        commands = _rows("commands", self.commands, (count, 3), SERVOS)
-        trial = _trial_numbers(self.trial, count)
-        for name, value in (("time", time), ("gyro", gyro), ("commands", commands)):
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "trial", trial)
-        if not count:
+        if not len(time):
             raise InvalidArgumentError("time must have at least one row; it has none")
-        _check_time(time, self.blocks, trial)
+        gyro = _rows("gyro", self.gyro, (len(time), 3), GYRO)
+        commands = _rows("commands", self.commands, (len(time), 3), SERVOS)
+        given = self.trial if np.size(self.trial) else np.ones(len(time))
+        numbers = _rows(TRIAL, given, (len(time),), (TRIAL,))
+        trial = numbers.astype(np.int64)
+        _refuse(numbers != trial, numbers, (TRIAL,), "a whole number")
+        fields = {"time": time, "gyro": gyro, "commands": commands, TRIAL: trial}
+        for name, value in fields.items():
+            value.setflags(write=False)
+            object.__setattr__(self, name, value)
+        if len(np.unique(trial)) != len(self):
+            raise InvalidArgumentError("trial must have the rows of each trial in one block")
         rates = f"at most {FASTEST:g} rad/s, which no such fish exceeds (not degrees/s)"
+        for index, rows in enumerate(self.blocks):
+            _check_time(time, rows, self.name(index))
         _refuse(np.abs(gyro) > FASTEST, gyro, GYRO, rates)
         outside = (commands < COMMAND_LOW) | (commands > COMMAND_HIGH)
         _refuse(outside, commands, SERVOS, "in [-0.5, 0.5] rev/s, caudal in [0, 1] Hz")
@@ -95,27 +108,24 @@ class SwimLog:
                 "commands and logs must be equally many, and at least one; "
                 f"got {len(commands)} and {len(logs)}"
             )
-        time, gyro, executed = [], [], []
+        parts = []
         for number, (command, log) in enumerate(zip(commands, logs, strict=True), 1):
             samples = gyro_samples(log, axes=3, source=f"trial {number}")[0]
             each = check_commands(command, f"commands of trial {number}")
-            if len(each) == 1:
-                each = np.repeat(each, len(samples), axis=0)
-            if len(each) != len(samples):
+            if len(each) not in (1, len(samples)):
                 raise InvalidArgumentError(
                     f"commands of trial {number} must be one, or one for each of its "
                     f"{len(samples)} samples; got {len(each)}"
                 )
-            # Rounded to what people write.
-            time.append(np.round(TIMESTEP * np.arange(len(samples) + 1), 9)[moving:])
-            gyro.append(np.concatenate([np.zeros((1, 3)), samples])[moving:])
-            executed.append(np.concatenate([each, each[-1:]])[moving:])
-        return cls(
-            np.concatenate(time),
-            np.concatenate(gyro),
-            np.concatenate(executed),
-            np.repeat(np.arange(1, len(logs) + 1), list(map(len, time))),
-        )
+            executed = np.broadcast_to(each, samples.shape)
+            rows = (
+                np.round(TIMESTEP * np.arange(len(samples) + 1), 9),  # as people write them
+                np.concatenate([np.zeros((1, 3)), samples]),
+                np.concatenate([executed, executed[-1:]]),
+                np.full(len(samples) + 1, number),
+            )
+            parts.append([part[moving:] for part in rows])
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
     @cached_property
     def blocks(self) -> tuple[slice, ...]:
@@ -137,16 +147,78 @@ class SwimLog:
         return f"trial {self.trial[self.blocks[index].start]}"
 
 
+def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
+    """Write a recorded swim as CSV, whole or not at all; numbers are read back exactly.
+
+    Raises
+    ------
+    CannotWriteError
+        If the file cannot be written.
+
+    Examples
+    --------
+    >>> log = SwimLog(0.01 * np.arange(65), np.zeros((65, 3)), np.full((65, 3), 0.4))
+    >>> write_log("swim.csv", log)
+    >>> read_log("swim.csv").seconds
+    (0.64,)
+    """
+    text = StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow([*COLUMNS, TRIAL])
+    numbers = np.column_stack([log.time, log.gyro, log.commands]).tolist()
+    table.writerows([*row, trial] for row, trial in zip(numbers, log.trial.tolist(), strict=True))
+    write_bytes(path, text.getvalue().encode())
+
+
+def read_log(path: str | os.PathLike[str]) -> SwimLog:
+    """Return the recorded swim in a CSV file.
+
+    It has the columns time, gyro_x, gyro_y, gyro_z, left_pectoral, right_pectoral and caudal in any
+    order, and trial if there are several; others are ignored. See ``SwimLog`` for their meaning.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the file cannot be read or has no such log; the message names the file, and the row,
+        from 1, and column.
+    """
+    content = read_bytes(path, "log", MOST_BYTES)
+    try:
+        return SwimLog(*_table(content))
+    except (csv.Error, UnicodeDecodeError) as error:
+        raise DamagedFileError(f"log: {path}: it is no CSV: {error}") from None
+    except InvalidArgumentError as error:
+        raise DamagedFileError(f"log: {path}: {error}") from None
+
+
+def _table(content: bytes) -> list[Floats]:
+    """Return the fields of a ``SwimLog`` in a CSV; errors name the column, or the row from 1."""
+    table = csv.DictReader(StringIO(content.decode("utf-8-sig")))
+    names = table.fieldnames = [name.strip().lower() for name in table.fieldnames or ()]
+    for name in COLUMNS:
+        if names.count(name) != 1:
+            raise InvalidArgumentError(
+                f"it must have one column {name}; it has {brief(', '.join(names))}"
+            )
+    used = [*COLUMNS, *([TRIAL] if TRIAL in names else [])]
+    rows = []
+    for number, row in enumerate(table, 1):
+        try:
+            rows.append([float(row[name]) for name in used])
+        except (TypeError, ValueError) as error:
+            raise InvalidArgumentError(f"row {number} must have numbers; {error}") from None
+    numbers = np.array(rows).reshape(-1, len(used))
+    return [numbers[:, 0], numbers[:, 1:4], numbers[:, 4:7], *numbers[:, 7:].T]
+
+
 def _rows(
     argument: str, value: ArrayLike, shape: tuple[int | None, ...], columns: Sequence[str]
 ) -> Floats:
-    """Return a signal as a read-only array; the row and column of a NaN are named."""
+    """Return a signal as an array; the row and column of a NaN are named."""
     array = np.asarray(value)
     if array.dtype.kind == "f" and fits(array.shape, shape):
         _refuse(~np.isfinite(array), array, columns, "finite")
-    found = finite_array(argument, value, shape)
-    found.setflags(write=False)
-    return found
+    return finite_array(argument, value, shape)
 
 
 def _refuse(wrong: NDArray[np.bool_], values: Floats, columns: Sequence[str], wanted: str) -> None:
@@ -158,33 +230,20 @@ def _refuse(wrong: NDArray[np.bool_], values: Floats, columns: Sequence[str], wa
         raise InvalidArgumentError(f"{name} must be {wanted}; got {values[place]:g}")
 
 
-def _trial_numbers(trial: ArrayLike, count: int) -> NDArray[np.int64]:
-    if not np.size(trial):
-        return np.ones(count, dtype=np.int64)
-    given = finite_array("trial", trial, (count,))
-    numbers = given.astype(np.int64)
-    _refuse(given != numbers, given, ("trial",), "a whole number")
-    begins = np.flatnonzero(np.diff(numbers, prepend=numbers[:1] - 1))
-    first = {number: row for row, number in zip(begins[::-1], numbers[begins[::-1]], strict=True)}
-    again = np.array([first[number] for number in numbers[begins]]) != begins
-    _refuse(np.isin(np.arange(count), begins[again]), given, ("trial",), "in blocks of rows")
-    return numbers
-
-
-def _check_time(time: Floats, blocks: Sequence[slice], trial: NDArray[np.int64]) -> None:
-    for rows in blocks:
-        name, steps = f"trial {trial[rows.start]}", np.diff(time[rows])
-        if len(steps) < FEWEST:
-            raise InvalidArgumentError(
-                f"{name} must have at least {FEWEST + 1} rows; it has {len(steps) + 1}"
-            )
-        typical = float(np.median(steps))
-        if typical > 1.0 / SLOWEST:
-            raise InvalidArgumentError(
-                f"{name} must have at least {SLOWEST:g} rows a second, with time in s; it has one "
-                f"in {typical:g} s"
-            )
-        wrong = np.zeros(len(time), dtype=np.bool_)
-        wrong[rows.start + 1 : rows.stop] = (steps <= 0.0) | (steps > MOST_GAP)
-        wanted = f"later than the row before within {name}, by at most {MOST_GAP:g} s"
-        _refuse(wrong, time, ("time",), wanted)
+def _check_time(time: Floats, rows: slice, name: str) -> None:
+    """Refuse the times of one trial if they are too few, too slow, or not increasing."""
+    steps = np.diff(time[rows])
+    if len(steps) < FEWEST:
+        raise InvalidArgumentError(
+            f"{name} must have at least {FEWEST + 1} rows; it has {len(steps) + 1}"
+        )
+    typical = float(np.median(steps))
+    if typical > 1.0 / SLOWEST:
+        raise InvalidArgumentError(
+            f"{name} must have at least {SLOWEST:g} rows a second, with time in s; it has one in "
+            f"{typical:g} s"
+        )
+    wrong = np.zeros(len(time), dtype=np.bool_)
+    wrong[rows.start + 1 : rows.stop] = (steps <= 0.0) | (steps > MOST_GAP)
+    wanted = f"later than the row before within {name}, by at most {MOST_GAP:g} s"
+    _refuse(wrong, time, ("time",), wanted)

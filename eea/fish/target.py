@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 from aquafish_gym.command import check_commands
 from aquafish_gym.damage import CHANNELS, Damage
 from aquafish_gym.damage.sensors import GYRO, Sensors
-from aquafish_gym.engines.api import MAXIMUM_SUBSTEPS, simulate_scenario
+from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.angles import Floats, wrap
 from eea.core.checks import instance
 from eea.fish.gap import RealityGap
@@ -45,7 +45,7 @@ class EngineTarget:
         See ``aquafish_gym.simulate``.
     gap
         How the target's world differs from its models', which ``current`` and ``substeps``
-        describe. The hidden angles are the same for all gaps, except a seized servo's.
+        describe. The hidden angles are the same for all gaps.
 
     Raises
     ------
@@ -77,10 +77,8 @@ class EngineTarget:
         self.engine: str = resolve_engine("engine", engine)  #: Never "auto".
         self._rng = np.random.default_rng() if rng is None else rng
         self._gap, self._steps = gap, steps
-        shared = finite_array("current", current, (3,), unit="units/s")
-        integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
-        self._substeps = integer("substeps", substeps * gap.substeps, 1, MAXIMUM_SUBSTEPS)
-        world = gap.edit(Scenario.create(whole, current=shared))
+        self._substeps = substeps * gap.substeps
+        world = gap.edit(Scenario.create(whole, current=current))
         check_row("current", world.current[0])
         self._scenario = self.damage.edit(world)
         for stage in (self._scenario, *(change.to for change in self._scenario.schedule)):
@@ -92,7 +90,9 @@ class EngineTarget:
                     f"damage must begin within the trial, which lasts {steps * TIMESTEP:g} s; "
                     f"got {fault}"
                 )
-        self._start_angles = np.zeros(3)
+        #: The initial fin angles (3,) in rad of the last command. Only the condition Ideal uses
+        #: them; the records note them for analysis.
+        self.start_angles: Floats = np.zeros(3)
         self._first_angles: Floats | None = None
 
     def perform(self, command: Floats) -> ImuLog:
@@ -103,11 +103,10 @@ class EngineTarget:
             np.random.default_rng(np.random.SeedSequence(drawn.view(np.uint64), spawn_key=(i,)))
             for i in (1, 2)
         )
-        angles = self._gap.placed(drawn)
         if self._first_angles is None:
-            self._first_angles = angles
-        angles = self._start_angles = initial_angles(angles, self._first_angles, self.damage)
-        log = self._gap.felt(self._simulate(command, angles), noise)
+            self._first_angles = drawn
+        self.start_angles = initial_angles(drawn, self._first_angles, self.damage)
+        log = self._gap.felt(self._simulate(command, self.start_angles), noise)
         return apply_sensor_faults(log, self._scenario, self._gap.gyro_bias, faults)
 
     def _simulate(self, command: Floats, angles: Floats) -> ImuLog:
@@ -121,14 +120,6 @@ class EngineTarget:
             self._substeps,
             record="gyro",
         )
-
-    @property
-    def start_angles(self) -> Floats:
-        """The initial fin angles (3,) in rad of the last command.
-
-        Only the condition Ideal uses them; the records note them for analysis.
-        """
-        return self._start_angles.copy()
 
 
 def initial_angles(angles: Floats, first: Floats, damage: Damage) -> Floats:

@@ -13,7 +13,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from eea import EngineSimulator, EngineTarget, PaperConfig, RecordedLog, Trials, estimate_morphology
 from eea.core.estimation import EstimationConfig
 from eea.core.exploration import ExplorationConfig
-from eea.fish import estimate_morphology_of, fish_actions, fish_models
+from eea.fish import estimate_morphology_of, fish_problem
 
 QUICK = PaperConfig(
     condition="none",
@@ -26,7 +26,7 @@ DAMAGE = "left_pectoral:length=0.5"
 
 
 def test_the_genomes_are_the_fishs():
-    models, actions = fish_models(), fish_actions()
+    models, actions = fish_problem().models, fish_problem().actions
     assert models.names == tuple(d.name for d in DIMENSIONS)
     assert models.high.tolist() == [d.maximum for d in DIMENSIONS]
     assert (models.bits, actions.bits) == (45, 18)
@@ -36,7 +36,7 @@ def test_the_genomes_are_the_fishs():
 
 def test_every_genome_is_a_body_and_a_command_the_fish_accepts():
     rng = np.random.default_rng(0)
-    models, actions = fish_models(), fish_actions()
+    models, actions = fish_problem().models, fish_problem().actions
     bodies = models.decode(np.concatenate([models.random(30, rng), models.encode([models.high])]))
     commands = actions.decode(
         np.concatenate([actions.random(30, rng), actions.encode([actions.high])])

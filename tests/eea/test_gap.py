@@ -80,25 +80,10 @@ def test_all_gaps_hide_the_same_angles_and_make_the_same_noise():
     assert np.abs(found[0][1] - found[0][2]).max() > 0.01  # it differs by trial
 
 
-def test_a_seized_servo_is_stuck_at_one_angle_and_leaves_the_others_as_they_were():
-    gap = RealityGap(seized="right_pectoral", seized_angle=2.0)
-    target, free = fish(gap), fish(RealityGap())
-    for _ in range(3):
-        log = target.perform(COMMAND)
-        free.perform(COMMAND)
-        assert target.start_angles[1] == 2.0
-        assert target.start_angles[[0, 2]].tolist() == free.start_angles[[0, 2]].tolist()
-    gain = (1.0, 0.0, 1.0)
-    same = simulate(
-        target.morphology, COMMAND, target.start_angles, STEPS, dtype="float64", servo_gain=gain
-    )
-    assert np.array_equal(log.gyro, same.gyro)
-
-
 def test_a_gap_says_what_it_is():
     assert str(RealityGap()) == "nothing"
-    gap = RealityGap(reactive=True, current=(0.1, 0.0, -0.1), seized="caudal")
-    assert str(gap) == "current 0.1 0 -0.1, reactive, seized caudal"
+    gap = RealityGap(reactive=True, current=(0.1, 0.0, -0.1))
+    assert str(gap) == "current 0.1 0 -0.1, reactive"
     assert RealityGap(**json.loads(json.dumps(gap.changes))) == gap
 
 

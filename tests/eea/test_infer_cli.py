@@ -40,8 +40,8 @@ def swum(bodies, commands, seed=0, steps=128, noise=0.01):
 
 
 def infer(log, tmp_path, capsys, *options):
-    write_log(tmp_path / "swim.npz", log)
-    assert main(["infer", "--log", str(tmp_path / "swim.npz"), "--threads", "1", *options]) == 0
+    write_log(tmp_path / "swim.csv", log)
+    assert main(["infer", "--log", str(tmp_path / "swim.csv"), "--threads", "1", *options]) == 0
     return capsys.readouterr().out.splitlines()
 
 

@@ -29,7 +29,7 @@ def same(one: SwimLog, other: SwimLog) -> bool:
     return all(np.array_equal(getattr(one, name), getattr(other, name)) for name in NAMES)
 
 
-@pytest.mark.parametrize("name", ["swim.csv", "swim.npz", "SWIM.CSV"])
+@pytest.mark.parametrize("name", ["swim.csv", "SWIM.TXT"])
 def test_a_log_comes_back_from_a_file_to_the_bit(name, tmp_path):
     write_log(tmp_path / name, recorded())
     assert same(read_log(tmp_path / name), recorded())
@@ -70,7 +70,10 @@ WRONG = {
     "degrees": ({"gyro": np.rad2deg(LOG.gyro)}, r"gyro_\w must be at most 10 rad/s"),
     "command": ({"commands": put(LOG.commands, 2, 0.7)}, r"row 3: left_pectoral must be in"),
     "half": ({"trial": put(LOG.trial, 5, 1.5)}, "row 6: trial must be a whole number; got 1.5"),
-    "twice": ({"trial": np.repeat([1, 2, 1], [50, 50, 30])}, "row 101: trial must be in blocks"),
+    "twice": (
+        {"trial": np.repeat([1, 2, 1], [50, 50, 30])},
+        "trial must have the rows of each trial in one block",
+    ),
     "short": (
         {"trial": np.repeat([1, 2], [110, 20]), "time": np.arange(130) * 0.01},
         "trial 2 must have at least 33 rows",
@@ -79,18 +82,14 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-@pytest.mark.parametrize("kind", ["csv", "npz"])
-def test_a_mistake_is_named_by_file_row_and_column(name, kind, tmp_path):
+def test_a_mistake_is_named_by_file_row_and_column(name, tmp_path):
     changed, message = WRONG[name]
     with pytest.raises(InvalidArgumentError, match=message):
         recorded(**changed)
-    path = tmp_path / f"swim.{kind}"
+    path = tmp_path / "swim.csv"
     arrays = {part: changed.get(part, getattr(LOG, part)) for part in NAMES}
-    if kind == "npz":
-        np.savez(path, **arrays)
-    else:
-        table = np.column_stack([arrays[part] for part in NAMES])
-        np.savetxt(path, table, delimiter=",", header=f"{HEADING},trial", comments="")
+    table = np.column_stack([arrays[part] for part in NAMES])
+    np.savetxt(path, table, delimiter=",", header=f"{HEADING},trial", comments="")
     with pytest.raises(InvalidArgumentError, match=f"log: {path}: .*{message}"):
         read_log(path)
 
@@ -112,8 +111,8 @@ def test_arguments_of_another_type_are_named(make, argument):
 ROW = "0,0,0,0,0,0,0\n"
 TEXTS = {
     "missing": (HEADING.replace("gyro_x", "gyr_x") + "\n" + ROW, "must have one column gyro_x"),
-    "word": (HEADING + "\n" + ROW + ROW.replace("0,", "x,", 1), "row 2 must be 7 numbers"),
-    "ragged": (HEADING + "\n" + ROW + "0,0\n", "row 2 must be 7 numbers"),
+    "word": (HEADING + "\n" + ROW + ROW.replace("0,", "x,", 1), "row 2 must have numbers"),
+    "ragged": (HEADING + "\n" + ROW + "0,0\n", "row 2 must have numbers"),
     "empty": ("", "must have one column time"),
     "only a heading": (HEADING + "\n", "time must have at least one row"),
 }
@@ -140,20 +139,10 @@ def test_a_table_may_have_other_columns_in_any_order(tmp_path):
 
 
 def test_other_files_are_refused(tmp_path):
-    for name, content, message in (
-        ("swim.txt", b"", "the ending of log must be one of .csv, .npz; got '.txt'"),
-        ("swim.csv", b"\xff\xfe\x00", "it is no CSV"),
-        ("swim.npz", b"time,gyro", "log"),
-    ):
-        (tmp_path / name).write_bytes(content)
-        with pytest.raises(InvalidArgumentError, match=message):
-            read_log(tmp_path / name)
-    np.savez(tmp_path / "other.npz", time=LOG.time, gyr=LOG.gyro, commands=LOG.commands)
-    with pytest.raises(InvalidArgumentError, match="gyr"):
-        read_log(tmp_path / "other.npz")
-    one = {name: getattr(LOG, name)[:65] for name in NAMES[:3]}
-    np.savez(tmp_path / "one.npz", **one)
-    assert read_log(tmp_path / "one.npz").trial.tolist() == [1] * 65
+    for content in (b"\xff\xfe\x00", b'time,"' + 200_000 * b"x"):
+        (tmp_path / "swim.csv").write_bytes(content)
+        with pytest.raises(InvalidArgumentError, match="it is no CSV"):
+            read_log(tmp_path / "swim.csv")
 
 
 def test_windows_of_simulated_trials_are_what_was_simulated():

@@ -32,8 +32,8 @@ def belief(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_swim_of_the_same_body_is_said_to_be_that(
     belief: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    write_log(tmp_path / "swim.npz", swim(5, 520))
-    words = ["watch", "--log", str(tmp_path / "swim.npz"), "--posterior", str(belief)]
+    write_log(tmp_path / "swim.csv", swim(5, 520))
+    words = ["watch", "--log", str(tmp_path / "swim.csv"), "--posterior", str(belief)]
     assert main([*words, "--threads", "1"]) == 0
     assert "4 windows: this is still the body that was inferred" in capsys.readouterr().out
 

@@ -10,9 +10,9 @@ from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from aquafish_gym.scenario import Scenario
 from eea.core.experiment import Performed
-from eea.fish.estimate import fish_actions
 from eea.fish.gap import RealityGap
 from eea.fish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
+from eea.fish.simulator import fish_problem
 from eea.fish.target import EngineTarget
 from eea.joint.least_squares import Observed
 from tests.inference.settings import Setting
@@ -83,7 +83,7 @@ class Robot(EngineTarget):
     def perform(self, command: Floats) -> Performed:  # type: ignore[override]
         """Hold a command (3,) from random fin angles; return the log of that one trial."""
         if not self.setting.fast:
-            actions = fish_actions()
+            actions = fish_problem().actions
             command = actions.decode(actions.random(1, self._commanding))[0]
         log = super().perform(command)
         assert log.gyro is not None

@@ -44,9 +44,8 @@ def test_the_fins_are_where_they_are_believed_to_be(gain: float) -> None:
 
 @pytest.mark.slow  # every hypothesis is fitted
 def test_a_fin_that_is_stuck_stays_where_it_was() -> None:
-    target = EngineTarget(
-        None, None, np.random.default_rng(5), engine="numba", gap=RealityGap(seized="left_pectoral")
-    )
+    rng = np.random.default_rng(5)
+    target = EngineTarget(None, "left_pectoral:seized=0", rng, engine="numba")
     config = replace(QUICK, descents=6, polished=1, restarts=0, alternatives="always")
     found = fish_eea(target, config, 5, Morphology.nominal(), threads=1).run()
     fins = fins_after(found)
