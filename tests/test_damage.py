@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import math
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from aquafish_gym.damage import CHANNELS, TIERS, Chance, Damage, Fault, Tier, edit_each
 from aquafish_gym.damage.faults import PARTS
-from aquafish_gym.morphology import FINS, MAXIMA, SIZES, Morphology, change_in_words
+from aquafish_gym.morphology import FINS, MAXIMA, SIZES, Morphology
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 
@@ -36,12 +36,9 @@ def at_any_time(*kinds: st.SearchStrategy[Fault]) -> st.SearchStrategy[Fault]:
 def faults_of(part: str, word: str) -> st.SearchStrategy[Fault]:
     """Return every fault of a part and a word, with any number that it takes."""
     kind = PARTS[part][word]
-    low, high = (-2.0, 2.0) if word == "bias" else (kind.low, min(kind.high, 1e9))
-    if kind.takes_number is False:
+    if kind is None or kind.optional:
         return st.just(Fault(part, word))
-    numbers = st.floats(low, high)
-    if kind.takes_number is None:
-        return st.none().map(lambda _: Fault(part, word))
+    numbers = st.floats(kind.low, min(kind.high, 1e9))
     return numbers.map(lambda number: Fault(part, word, number))
 
 
@@ -66,7 +63,6 @@ damages = st.lists(at_any_time(shrinking, others) | at_an_angle, max_size=4).map
 def test_text_and_json_read_back_exactly(damage: Damage) -> None:
     assert Damage.parse(str(damage)) == damage
     assert Damage.coerce(json.loads(json.dumps(damage.to_list()))) == damage
-    assert Damage.coerce(json.loads(json.dumps(asdict(damage)))) == damage
     assert Damage.coerce(str(damage)) == damage
 
 
@@ -110,8 +106,8 @@ def test_several_faults_join_in_any_form() -> None:
         ("caudal:missing;", "part:word=number"),
         ("caudal:missing@", "part:word=number"),
         ("caudal:missing@1@2", "part:word=number"),
-        ("caudal:missing@soon", "damage onset needs a number"),
-        ("caudal:missing@1+x", "damage duration needs a number"),
+        ("caudal:missing@soon", "part:word=number"),
+        ("caudal:missing@1+x", "part:word=number"),
         ("caudal:missing@5-2", "the earliest and the latest; got 5 and 2"),
         ("caudal:missing@1e9", r"damage onset must lie in"),
         ("caudal:seized=1@3", "has an angle only from the beginning"),
@@ -126,17 +122,14 @@ def test_several_faults_join_in_any_form() -> None:
         ("up_x:bias=3", "damage up_x:bias must lie in"),
         ("random:moderat", "did you mean 'moderate'"),
         ("caudal:length", "needs a number"),
-        ("caudal:length=", "needs a number"),
-        ("caudal:length=half", "needs a number"),
+        ("caudal:length=", "part:word=number"),
+        ("caudal:length=half", "part:word=number"),
         ("caudal:length=-0.5", "must lie in"),
         ("caudal:length=nan", "must be finite"),
         ("caudal:length=inf", "must be finite"),
         ("caudal:missing=1", "takes no number"),
         ("caudal:missing@4+0", "damage duration must lie in"),
         ("caudal:Missing", "did you mean 'missing'"),
-        ("left_pectoral:shortened=0.5", "did you mean 'length=0.5'"),
-        ("caudal:oversized", "did you mean 'entangled=0.5'"),
-        ("gyro:stuck", "did you mean 'gyro_x:stuck'"),
     ],
 )
 def test_bad_text_is_refused(text: str, sentence: str) -> None:
@@ -186,44 +179,6 @@ def test_faults_of_unknown_parts_and_kinds_are_refused() -> None:
         Damage(Fault("caudal", "missing"))  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize(
-    ("damage", "words"),
-    [
-        ("none", "nothing is broken"),
-        ("left_pectoral:length=0.5", "left flipper: half its length, 0.80 where it was 1.60"),
-        ("caudal:missing", "tail: missing"),
-        (
-            "right_pectoral:width=0.6;right_pectoral:length=0.25;caudal:length=0",
-            "right flipper: a quarter of its length, 0.40 where it was 1.60, 60% of its width, "
-            "0.24 where it was 0.40; tail: none of its length, 0.00 where it was 1.40",
-        ),
-        (
-            "left_pectoral:thickness=3",
-            "left flipper: 300% of its thickness, 0.30 where it was 0.10",
-        ),
-        (
-            "caudal:missing;caudal:dead;left_pectoral:length=0.5@4+2;up_x:stuck@4+2",
-            "tail: missing; servo of the tail: dead; left flipper: half its length, 0.80 where it "
-            "was 1.60, from 4 to 6 s; up_x: stuck, from 4 to 6 s",
-        ),
-        (
-            "left_pectoral:reversed@3;right_pectoral:weak=0.4;caudal:seized=0.5;caudal:seized",
-            "servo of the left flipper: turns the other way, from 3 s on; servo of the right "
-            "flipper: turns at 0.4 times its command; servo of the tail: seized at 0.5 rad; "
-            "servo of the tail: seized",
-        ),
-        (
-            "gyro:noise=0.02;gyro_y:bias=-0.1;north_z:bias=0.1;up_y:dropped;random:mild@2-8+3",
-            "gyro: noise of 0.02 rad/s; gyro_y: reads 0.1 rad/s too low; north_z: reads 0.1 too "
-            "high; up_y: reads 0; random mild damage, from some time between 2 and 8 s "
-            "on, for 3 s",
-        ),
-    ],
-)
-def test_damage_is_described(damage: str, words: str) -> None:
-    assert Damage.parse(damage).describe(Morphology.nominal()) == words
-
-
 @pytest.mark.parametrize("damage", ["caudal:dead", "gyro:noise=0.1", "caudal:missing@0.0+3"])
 def test_apply_refuses_faults_that_a_body_cannot_express(damage: str) -> None:
     broken = f"left_pectoral:missing;{damage}"
@@ -232,17 +187,6 @@ def test_apply_refuses_faults_that_a_body_cannot_express(damage: str) -> None:
     ):
         Damage.parse(broken).apply(Morphology.nominal())
     assert Damage.parse(broken).body(Morphology.nominal()).left_pectoral == (0, 0, 0)
-
-
-def test_an_estimate_within_the_tolerance_is_no_damage() -> None:
-    whole = Morphology.nominal()
-    near = Morphology.coerce({"left_pectoral": (0.4, 0.79, 0.1), "caudal": (0.4, 1.45, 0.6)})
-    assert change_in_words(whole, near, tolerance=0.05) == (
-        "left flipper: half its length, 0.79 where it was 1.60"
-    )
-    assert change_in_words(whole, near).endswith("tail: 104% of its length, 1.45 where it was 1.40")
-    grown = Morphology.coerce({"caudal": (0.0, 0.0, 0.0)})
-    assert change_in_words(grown, whole).count("instead of none") == 3
 
 
 def test_random_fins_are_one_or_two_with_one_fault_each() -> None:
@@ -348,7 +292,7 @@ def test_added_tier_is_understood(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(0)
     drawn = [Damage.parse("random:clipped").sample(rng).faults[0] for _ in range(20)]
     assert {fault.part for fault in drawn} == set(flippers)
-    assert all(0.3 <= fault.amount <= 0.5 for fault in drawn)
+    assert all(0.3 <= fault.number <= 0.5 for fault in drawn)
 
 
 @pytest.mark.parametrize("tier", TIERS)
@@ -365,7 +309,7 @@ def test_tier_samples_follow_its_table(tier: str) -> None:
         assert 2.0 <= one.faults[0].span[0] <= 8.0
         one.edit(Scenario.create())  # fits
         for fault in one:
-            seen[fault.word].append(abs(fault.amount))
+            seen[fault.word].append(abs(fault.number or 0.0))
     for chance in chances:
         numbers = seen[chance.word]
         assert len(numbers) / (1000 * count) == pytest.approx(chance.weight, abs=0.04)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from aquafish.recovery.treatment import MODELLED, TREATMENTS
-from aquafish_gym import Damage, Morphology
 from eea.study.statistics import FEWEST, paired_difference, ratio_interval, summarize
 
 UNIT_IN_M = 0.05
@@ -153,7 +152,7 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
     several = "s" if len(seeds) > 1 else ""
     parts = [
         "# Damage recovery",
-        f"{_damage_in_words(report)} Each row has another gait, which swam for "
+        f"{_damage_line(report)} Each row has another gait, which swam for "
         f"{swims['seconds']:g} s on the damaged robot ({swims['target_engine']}). Distances "
         "forward are in units of 5 cm; the robot is 4 units long.",
         f"{len(seeds)} replicate{several}, seed{several} {', '.join(map(str, seeds))}"
@@ -182,13 +181,11 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
     return "\n\n".join(parts) + "\n"
 
 
-def _damage_in_words(report: dict[str, Any]) -> str:
+def _damage_line(report: dict[str, Any]) -> str:
     if report["config"]["damage"] == HELD_OUT:
         each = [o["damage"] for o in next(iter(report["replicates"].values()))]
         return f"Each replicate has another damage: {', '.join(f'`{d}`' for d in each)}."
-    damage = Damage.parse(report["config"]["damage"])
-    body = Morphology.coerce(report["config"]["morphology"])
-    return f"Damage: {damage.describe(body)} (`{damage}`)."
+    return f"Damage: `{report['config']['damage']}`."
 
 
 def headline(report: dict[str, Any]) -> list[str]:

@@ -11,14 +11,14 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
-from itertools import chain, groupby
+from itertools import chain
 from typing import Any, Self
 
 import numpy as np
 
-from aquafish_gym.damage.faults import PARTS, RANDOM, Fault, kind_of
+from aquafish_gym.damage.faults import PARTS, RANDOM, Fault
 from aquafish_gym.damage.tiers import TIERS
-from aquafish_gym.morphology import FINS, SIZES, Morphology, change_in_words
+from aquafish_gym.morphology import FINS, SIZES, Morphology
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
@@ -66,11 +66,9 @@ class Damage:
 
     @classmethod
     def coerce(cls, value: object) -> Damage:
-        """Return damage from whatever a user may mean.
+        """Return damage from text, a list of faults or what ``to_list`` returns; None is none.
 
-        ``None`` is no damage; text is parsed; a fault is itself; a mapping is read as ``to_list``
-        or ``dataclasses.asdict`` wrote it; a list or tuple is of faults, or of such mappings. One
-        of texts or of damages is refused, as it might be of several robots.
+        A list of texts or of damages is refused, as it might be of several robots.
         """
         match value:
             case None:
@@ -79,20 +77,13 @@ class Damage:
                 return value
             case str():
                 return cls.parse(value)
-            case {"faults": list() | tuple() as faults, **others} if not others:
-                return cls.coerce(list(faults))
-            case Fault() | Mapping():
-                return cls((_fault_from(value),))
             case list() | tuple() if is_list_of_faults(value):
                 _check_count(len(value))
                 return cls(tuple(map(_fault_from, value)))
-            case list() | tuple():
-                raise InvalidArgumentError(
-                    "damage must be one robot's, whose faults are joined by ';' in one text, or a "
-                    f"list of Fault; got a list of {len(value)}: {brief(value)}"
-                )
-        wanted = "text such as 'left_pectoral:length=0.5', a Damage, or a list of faults"
-        raise InvalidArgumentError(f"damage must be {wanted}; got {brief(value)}")
+        raise InvalidArgumentError(
+            "damage must be one text, such as 'left_pectoral:length=0.5; caudal:missing', a "
+            f"Damage, or a list of faults of one robot; got {brief(value)}"
+        )
 
     @classmethod
     def random(cls, rng: np.random.Generator) -> Self:
@@ -181,24 +172,6 @@ class Damage:
             parts[0 if lasting else 1].append(fault)
         return type(self)(tuple(parts[0])), type(self)(tuple(parts[1]))
 
-    def describe(self, morphology: Morphology) -> str:
-        """Return what it does to a robot of this body, in words; see :func:`change_in_words`.
-
-        Examples
-        --------
-        >>> Damage.parse("caudal:missing; caudal:dead@4+2").describe(Morphology.nominal())
-        'tail: missing; servo of the tail: dead, from 4 to 6 s'
-        """
-        phrases, before = [], morphology
-        for when, together in groupby(self.faults, lambda fault: fault.when):
-            faults = tuple(together)
-            after = Damage(tuple(f for f in faults if f.changes_body)).body(before)
-            parts = [change_in_words(before, after)] if after != before else []
-            parts += [fault.phrase for fault in faults if fault.phrase]
-            phrases += [f"{part}, {when}" if when else part for part in parts]
-            before = after
-        return "; ".join(phrases) or change_in_words(morphology, before)
-
     def __iter__(self) -> Iterator[Fault]:
         return iter(self.faults)
 
@@ -223,31 +196,15 @@ def edit_each(scenario: Scenario, damages: Sequence[Damage], hold: int = 1) -> S
         alike.setdefault(id(damage), []).append(i)
     if len(alike) == 1:
         return damages[0].edit(scenario, hold)
-    edited = scenario.copy()
-    changes: dict[int, list[Change]] = {}
-    for those in alike.values():
-        rows = np.array(those)
-        part = damages[those[0]].edit(scenario.take(rows), hold)
-        for name, table in edited.arrays().items():
-            table[rows] = vars(part)[name]
-        for step, changed, to in part.schedule:
-            changes.setdefault(step, []).append(Change(step, rows[changed], to))
-    schedule = tuple(_joined(step, parts) for step, parts in sorted(changes.items()))
-    return replace(edited, schedule=schedule)
-
-
-def _joined(step: int, parts: list[Change]) -> Change:
-    """Return the changes of one step as one, its robots in ascending order."""
-    rows = np.concatenate([part.rows for part in parts])
-    order = np.argsort(rows)
-    return Change(step, rows[order], Scenario.concatenate([part.to for part in parts]).take(order))
+    edited = [damages[rows[0]].edit(scenario.take(rows), hold) for rows in alike.values()]
+    return Scenario.concatenate(edited).take(np.argsort(np.concatenate([*alike.values()])))
 
 
 def _break(scenario: Scenario, faults: list[Fault] | tuple[Fault, ...]) -> Scenario:
     """Return a scenario in which faults are active from the start."""
     broken = scenario.copy()
     for fault in faults:
-        fault.edit(vars(broken))
+        fault.edit(broken)
     broken.faults[:] += len(faults)
     return broken
 
@@ -273,7 +230,8 @@ def _sample(fault: Fault, rng: np.random.Generator) -> list[Fault]:
         part = str(rng.choice([part for part in whole if word in PARTS[part] and part in fitting]))
         number = float(rng.uniform(chance.low, chance.high))
         number *= int(rng.choice((-1, 1))) if word == "bias" else 1
-        takes = PARTS[part][word].takes_number
+        range_ = PARTS[part][word]
+        takes = range_ is not None and not range_.optional
         found.append(replace(fault, part=part, word=word, number=number if takes else None))
         whole.remove(part)
     return found
@@ -306,39 +264,33 @@ def _fault_from(value: Fault | Mapping[str, Any]) -> Fault:
         ) from None
 
 
-# Numbers may have a sign of their own only behind an e.
-_TIME = r"[^-+@]+?(?:[eE][-+]?\d+)?"
-_WHEN = re.compile(
-    rf"(?P<what>[^@]*)(?:@(?P<onset>{_TIME})(?:-(?P<latest>{_TIME}))?(?:\+(?P<duration>{_TIME}))?)?"
+_TIME = r"\s*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*"
+_FAULT = re.compile(
+    r"(?P<part>[^:=@]+):(?P<word>[^:=@]+)(?:=(?P<number>[^:=@]*))?"
+    rf"(?:@(?P<onset>{_TIME})(?:-(?P<latest>{_TIME}))?(?:\+(?P<duration>{_TIME}))?)?"
 )
 
 
 def _fault_from_text(text: str) -> Fault:
-    when = _WHEN.fullmatch(text.strip())
-    part, colon, what = (one.strip() for one in (when["what"] if when else "").partition(":"))
-    if not when or not colon or not what:
+    found = _FAULT.fullmatch(text)
+    try:
+        if found is None:
+            raise ValueError
+        number, onset, latest, duration = (
+            None if digits is None else float(digits)
+            for digits in found.group("number", "onset", "latest", "duration")
+        )
+    except ValueError:
         raise InvalidArgumentError(
             "damage must be written part:word=number, as left_pectoral:length=0.5 or "
             "caudal:missing, with @onset+duration in s where it does not last throughout; got "
             f"{brief(text.strip())}"
-        )
-    word, equals, digits = (one.strip() for one in what.partition("="))
-    kind_of(part, word)  # refuses unknown names before numbers
-    number = _number(f"damage {part}:{word}", digits) if equals else None
-    times = {
-        name: _number(f"damage {name}", when[name])
-        for name in ("onset", "latest", "duration")
-        if when[name]
-    }
-    onset: Any = times.get("onset", 0.0)
-    if "latest" in times:
-        onset = (onset, times["latest"])
-    return Fault(part, word, number, onset, times.get("duration"))
-
-
-def _number(name: str, digits: str) -> float:
-    try:
-        return float(digits)
-    except ValueError:
-        got = brief(digits.strip())
-        raise InvalidArgumentError(f"{name} needs a number; got {got}") from None
+        ) from None
+    begin = onset or 0.0
+    return Fault(
+        found["part"].strip(),
+        found["word"].strip(),
+        number,
+        begin if latest is None else (begin, latest),
+        duration,
+    )

@@ -10,7 +10,7 @@ import difflib
 import json
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from numbers import Real
 from typing import Any, TypeVar
 
@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 _MOST_PARTS = 2_000_000  # lists, objects and strings in a text in JSON; each takes 70 bytes
 Shape = tuple[int | None, ...]  # None is any length
-_NOTHING: Mapping[str, str] = {}
 T = TypeVar("T")
 
 
@@ -39,21 +38,15 @@ class EngineUnavailableError(ImportError):
     """The engine asked for needs a package or a display that this machine lacks."""
 
 
-def one_of(
-    argument: str, name: object, choices: Iterable[str], meant: Mapping[str, str] = _NOTHING
-) -> str:
-    """Return ``name`` if it is one of ``choices``; UnknownNameError offers the nearest.
-
-    ``meant`` is what other words for a choice mean, which spelling does not tell.
-    """
+def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
+    """Return ``name`` if it is one of ``choices``; UnknownNameError offers the nearest."""
     known = list(choices)
     if isinstance(name, str) and name in known:
         return name
     said = name.lower() if isinstance(name, str) else ""
     lowered = {one.lower(): one for one in known}
     close = difflib.get_close_matches(said, lowered, n=1, cutoff=0.4)
-    offer = meant.get(said) or (lowered[close[0]] if close else "")
-    hint = f"; did you mean {offer!r}?" if offer else ""
+    hint = f"; did you mean {lowered[close[0]]!r}?" if close else ""
     # Commas may be within a name.
     listed = ("; " if any("," in one for one in known) else ", ").join(known)
     raise UnknownNameError(f"{argument} must be one of {listed}; got {brief(name)}{hint}")

@@ -17,7 +17,6 @@ from aquafish_gym.command_line import (
     read_morphology,
 )
 from aquafish_gym.damage import Damage
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory
 from eea.cli.options import AlgorithmOptions
@@ -115,10 +114,10 @@ class Run:
         with lock(ensure_writable_directory(self.out)):
             others = sorted(path.name for path in self.out.iterdir() if path.name != LOCK)
             write_manifest(self.out, KIND, settings, others)
-            _fill(self.out, session, intact, damage)
+            _fill(self.out, session)
 
 
-def _fill(folder: Path, session: Session[Any], intact: Morphology, damage: Damage) -> None:
+def _fill(folder: Path, session: Session[Any]) -> None:
     """Run a session, write its result after each round, and print the report, also after Ctrl-C."""
     console = plain_console()
     remove_outcome(folder)
@@ -135,8 +134,7 @@ def _fill(folder: Path, session: Session[Any], intact: Morphology, damage: Damag
         lines = ["no round was completed"]
         if result.rounds:
             draw_outcome(folder, result)
-            lines = [*size_table(result), f"damage: {damage.describe(intact)}"]
-            lines += [*belief_lines(result), *file_lines(folder, result)]
+            lines = [*size_table(result), *belief_lines(result), *file_lines(folder, result)]
         why = STOPPED.get(result.stopped, result.stopped)
         for line in [*lines, f"stopped: {why}; written to {folder}"]:
             console.print(line)

@@ -62,7 +62,6 @@ def test_a_run_writes_its_rounds_its_result_and_its_figure(tmp_path, capsys):
     body = Morphology.from_array(result["morphology"])
     assert read_morphology(out / "morphology.json", "body") == body
     assert read_morphology(out / "result.json", "body") == body
-    assert "\ndamage: left flipper: half its length, 0.80 where it was 1.60\n" in printed
 
 
 def test_equal_runs_have_equal_results_and_times_of_their_own(tmp_path):
