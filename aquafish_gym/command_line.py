@@ -11,8 +11,9 @@ import difflib
 import io
 import os
 import re
+import signal
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
@@ -25,7 +26,6 @@ from tyro.conf import arg
 from aquafish_gym.bodies import morphology_of
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import read_document
-from aquafish_gym.runs.workers import interrupts
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -128,7 +128,7 @@ def run_command_line(
     words = sys.argv[1:] if arguments is None else list(arguments)
     prog = f"python -m {program}" if Path(sys.argv[0]).name == "__main__.py" else program
     try:
-        with interrupts():
+        with _interrupts():
             if words == ["--version"]:
                 print(f"{program} {version('aquafish-gym')}")
             else:
@@ -152,6 +152,16 @@ def run_command_line(
     except MemoryError:
         return _fail(program, "there is not enough memory", FAILED)
     return 0
+
+
+@contextlib.contextmanager
+def _interrupts() -> Iterator[None]:
+    """Have SIGTERM raise KeyboardInterrupt, as Ctrl-C does."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _chosen(

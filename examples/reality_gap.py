@@ -19,7 +19,7 @@ import tyro
 
 from aquafish_gym.command_line import BAD_INPUT, Out, run_command_line
 from aquafish_gym.engines.api import check_engine
-from aquafish_gym.runs.jobs import read_result, read_seconds, run_jobs
+from aquafish_gym.runs.jobs import read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
@@ -181,7 +181,7 @@ def read_all(folder: Path, settings: Settings) -> list[dict[str, Any]]:
                 job = GapJob(world, method, seed, settings)
                 outcome = read_result(folder, job)
                 if outcome is not None:
-                    outcomes.append({**outcome, "cpu_seconds": read_seconds(folder, job)})
+                    outcomes.append(outcome)
     return outcomes
 
 

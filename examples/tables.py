@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from aquafish_gym.runs.jobs import Job, read_result, read_seconds, run_jobs
+from aquafish_gym.runs.jobs import Job, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
 from gait.config import EvolveConfig
@@ -26,7 +26,7 @@ def do_table(
 ) -> list[list[str]]:
     """Run all jobs in a folder; return the table of their results, written to ``table.md``.
 
-    ``tabulate`` takes the results, each with the job's ``seconds``, in the order of the jobs. The
+    ``tabulate`` takes the results in the order of the jobs. The
     first column is aligned to the left, the others to the right. ``tabulate`` may draw
     ``pictures``, of these names, in the folder. For ``kind`` and ``settings`` see
     ``write_manifest``.
@@ -43,12 +43,7 @@ def do_table(
         if failures:
             print("\n".join(failures), file=sys.stderr)
             raise SystemExit(1)
-        rows = tabulate(
-            [
-                {**(read_result(folder, job) or {}), "seconds": read_seconds(folder, job)}
-                for job in jobs
-            ]
-        )
+        rows = tabulate([read_result(folder, job) or {} for job in jobs])
         head, *body = (f"| {' | '.join(row)} |" for row in rows)
         text = "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
         write_bytes(folder / "table.md", f"{text}\n".encode())

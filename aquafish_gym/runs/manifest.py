@@ -6,12 +6,9 @@ command with other settings is refused.
 
 from __future__ import annotations
 
-import contextlib
 import fcntl
 import json
 import os
-import re
-import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.metadata import PackageNotFoundError, version
@@ -19,7 +16,7 @@ from pathlib import Path
 from platform import python_version
 from typing import Any
 
-from aquafish_gym.runs.storage import PART, read_document, write_document
+from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 LOCK, SETTINGS = ".aquafish.lock", "settings.json"
@@ -27,73 +24,36 @@ SCHEMA = "aquafish.folder/1"
 LIBRARIES = (
     "aquafish-gym", "cma", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy",
 )  # fmt: skip
-_PART = re.compile(r"\..+\.[a-z0-9_]{8}" + re.escape(PART))  # as write_bytes names them
-_MARK = "aquafish lock of process "
 
 
 @contextmanager
 def lock(folder: Path) -> Iterator[None]:
-    """Lock a folder for this process, and remove what a killed one left half written.
-
-    The system releases the lock of a process that dies.
+    """Lock a folder for this process; the system releases the lock of one that dies.
 
     Raises
     ------
     InvalidArgumentError
-        If another process has it, or the file of its name is no lock of ours.
+        If another process has it.
     """
     path = folder / LOCK
-    while True:
-        with _opened(path) as file:
-            held = file.read(len(_MARK) + 20)
-            if held and not held.startswith(_MARK):
-                raise InvalidArgumentError(f"out: {path} is no lock of this program; remove it")
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                holder = held.removeprefix(_MARK).strip() or "that is starting"
-                raise InvalidArgumentError(
-                    f"out: {folder} is in use by another command, process {holder}"
-                ) from None
-            if not _is_at(file.fileno(), path):
-                continue  # its last holder has just removed it: this is another file
-            with contextlib.suppress(OSError):  # a full disk: locked all the same
-                file.seek(0)
-                file.truncate()
-                file.write(f"{_MARK}{os.getpid()}\n")
-                file.flush()
-            try:
-                _sweep(folder)
-                yield
-            finally:
-                path.unlink(missing_ok=True)
-            return
-
-
-def _opened(path: Path) -> Any:
-    """Open a lock's file, created if missing, without following a link."""
-    flags = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
     try:
-        handle = os.open(path, flags, 0o666)
-        if not stat.S_ISREG(os.fstat(handle).st_mode):
-            os.close(handle)
-            raise OSError(0, "it is no regular file")
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
     except OSError as error:
         raise InvalidArgumentError(f"out: cannot lock {path}: {error.strerror}") from None
-    return os.fdopen(handle, "r+", encoding="utf-8", errors="replace")
-
-
-def _is_at(handle: int, path: Path) -> bool:
     try:
-        return os.path.samestat(os.fstat(handle), path.stat())
-    except FileNotFoundError:
-        return False
-
-
-def _sweep(folder: Path) -> None:
-    for path in folder.rglob(f".*{PART}"):
-        if _PART.fullmatch(path.name) and path.is_file():
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            free = os.fstat(handle).st_nlink > 0  # else its last holder has just removed it
+        except OSError:
+            free = False
+        if not free:
+            raise InvalidArgumentError(f"out: {folder} is in use by another command")
+        try:
+            yield
+        finally:
             path.unlink(missing_ok=True)
+    finally:
+        os.close(handle)
 
 
 def versions() -> dict[str, str]:
@@ -110,12 +70,7 @@ def versions() -> dict[str, str]:
 def read_manifest(folder: Path) -> dict[str, Any] | None:
     """Return a folder's manifest, with ``kind`` and ``settings``, or ``None`` without one."""
     path = folder / SETTINGS
-    if not path.exists():
-        return None
-    document = read_document(path, SCHEMA, "out")
-    if not isinstance(document.get("kind"), str) or not isinstance(document.get("settings"), dict):
-        raise InvalidArgumentError(f"out: {path} does not say what the folder holds")
-    return document
+    return read_document(path, SCHEMA, "out") if path.exists() else None
 
 
 def write_manifest(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import secrets
 import stat
 import tempfile
 from collections.abc import Mapping
@@ -20,7 +21,6 @@ import numpy as np
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
 
 MOST_BYTES = 32 * 2**20  # of a document
-PART = ".part"  # ends the name of a file that is being written
 
 
 class DamagedFileError(InvalidArgumentError):
@@ -35,18 +35,13 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
     """Return ``path`` as a directory that takes files; created if missing, else refused."""
     try:
         directory = Path(path)
-    except TypeError:
-        raise InvalidArgumentError(f"{argument} must be a path; got {brief(path)}") from None
-    if not os.fspath(path):  # Path("") is the current directory
-        raise InvalidArgumentError(f"{argument} must be a directory; got ''")
-    try:
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory):
             pass
-    except (OSError, ValueError) as error:  # a null character is a ValueError
+    except (OSError, ValueError, TypeError) as error:  # a null character is a ValueError
         raise InvalidArgumentError(
-            f"{argument} must be a directory that can be written; {brief(str(directory))}: "
-            f"{'it is a file' if directory.is_file() else _reason(error)}"
+            f"{argument} must be a directory that can be written; "
+            f"{brief(str(path))}: {_reason(error)}"
         ) from None
     return directory
 
@@ -54,36 +49,18 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
 def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
     """Write a file whole or not at all, also if the power fails, or raise CannotWriteError."""
     target = Path(path)
-    name = None
+    part = target.parent / f".{secrets.token_hex(4)}.part"
     try:
-        handle, name = tempfile.mkstemp(PART, f".{target.name}.", target.parent)
-        with os.fdopen(handle, "wb") as file:
+        with part.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files for the owner alone; results follow the umask.
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(name, 0o666 & ~mask)  # noqa: PTH101 - name is a str from mkstemp
-        os.replace(name, target)  # noqa: PTH105
-        name = None
-        handle = os.open(target.parent, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+        part.replace(target)
     except (OSError, ValueError) as error:
         raise CannotWriteError(f"cannot write {target}: {_reason(error)}") from error
     finally:
-        if name is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(name)  # noqa: PTH108
-
-
-def write_json(path: str | os.PathLike[str], document: Any) -> None:
-    """Write anything as indented JSON without a schema; see :func:`encode_document`."""
-    text = json.dumps(document, indent=2, allow_nan=False, default=_plain) + "\n"
-    write_bytes(path, text.encode())
+        with contextlib.suppress(OSError, ValueError):
+            part.unlink()
 
 
 def write_document(
@@ -99,9 +76,7 @@ def encode_document(content: Mapping[str, Any], schema: str | None = None) -> by
     Numpy numbers and arrays become numbers and lists, paths become text. Raises ValueError or
     TypeError for what JSON cannot hold, such as NaN.
     """
-    whole = dict(content) if schema is None else {"schema": schema, **content}
-    if schema is not None and whole["schema"] != schema:
-        raise ValueError(f"the content has the schema {whole['schema']!r}, not {schema!r}")
+    whole = content if schema is None else {"schema": schema, **content}
     return (json.dumps(whole, indent=1, allow_nan=False, default=_plain) + "\n").encode()
 
 
@@ -145,26 +120,17 @@ def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> 
     Anything else, such as a device or pipe, raises InvalidArgumentError before it is read.
     """
     try:
-        # Without O_NONBLOCK, opening a pipe waits for a writer.
-        handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-        with os.fdopen(handle, "rb") as file:
-            status = os.fstat(file.fileno())
-            if not stat.S_ISREG(status.st_mode):
-                raise InvalidArgumentError(f"{argument} must be a regular file; {path} is not")
-            # read() allocates as much as it is asked for, so not most_bytes.
-            long = status.st_size > most_bytes
-            content = b"" if long else file.read(status.st_size + 1)
-    except InvalidArgumentError:
-        raise
+        file = Path(path)
+        status = file.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise OSError(0, "it is no regular file")
+        if status.st_size > most_bytes:
+            raise OSError(0, f"it has more than {most_bytes} bytes")
+        return file.read_bytes()
     except (OSError, ValueError, TypeError) as error:
         raise InvalidArgumentError(
             f"{argument} must be a file that can be read; {path}: {_reason(error)}"
         ) from None
-    if long or len(content) > most_bytes:  # it may have grown meanwhile
-        raise InvalidArgumentError(
-            f"{argument} must have at most {most_bytes} bytes; {path} has more"
-        )
-    return content
 
 
 def _reason(error: Exception) -> str:

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from aquafish_gym.runs.storage import write_bytes, write_json
+from aquafish_gym.runs.storage import write_bytes, write_document
 
 
 def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) -> list[Path]:
@@ -40,6 +40,6 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
     names = [f"figures/{file.name}" for file in figures if file.suffix == f".{best}"]
     written = [path / name for name in (CSV, "summary.json", "summary.md")]
     write_bytes(written[0], results.to_csv().encode())
-    write_json(written[1], summary)
+    write_document(written[1], summary)
     write_bytes(written[2], markdown(results, summary, names).encode())
     return [*written, *figures]

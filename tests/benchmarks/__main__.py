@@ -16,7 +16,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import MAXIMUM_STEPS
-from aquafish_gym.runs.storage import ensure_writable_directory, write_json
+from aquafish_gym.runs.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.benchmarks.measure import LEAST_SECONDS, measure
 from tests.benchmarks.report import machine_facts, make_records, make_table
@@ -76,7 +76,7 @@ class Bench:
         if self.out is not None:
             config = {**asdict(settings), "turns": turns, "groups": list(groups)}
             notes = {name: group.notes for name, group in groups.items()}
-            write_json(
+            write_document(
                 self.out,
                 {"config": config, "machine": machine_facts(), "notes": notes, "rows": records},
             )

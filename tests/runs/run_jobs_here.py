@@ -58,6 +58,7 @@ def work(task):
 
 
 if __name__ == "__main__":  # a command that resumes: FOLDER ACTION COUNT
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     folder, action, count = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
     try:
         with lock(folder):

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import check_engine
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_json
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.verification.report import QUICK, STUDIES, Effort, make_report, tables_of
 from tests.verification.tables import fill_page
@@ -73,7 +73,7 @@ class Verification:
         if self.out is not None:
             from tests.verification.plots import save_pictures
 
-            write_json(self.out / "report.json", report)
+            write_document(self.out / "report.json", report)
             save_pictures(report, self.out)
 
 
