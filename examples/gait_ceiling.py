@@ -32,8 +32,7 @@ FINS: dict[str, Any] = {"senses": ("imu", "clock", "fins")}
 SEARCHES = {
     "NEAT, as the paper has it": EvolveConfig(paper=True),
     "NEAT": EvolveConfig(search="neat"),
-    "NEAT, recurrent": EvolveConfig(search="neat", controller="recurrent"),
-    "fourier": EvolveConfig(search="cma", controller="fourier", senses=("clock",)),
+    "fourier": EvolveConfig(controller="linear", senses=("clock",), harmonics=3),
     "linear": EvolveConfig(search="cma", controller="linear"),
     "mlp": EvolveConfig(search="cma", controller="mlp"),
     "recurrent": EvolveConfig(search="cma"),

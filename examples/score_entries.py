@@ -117,7 +117,7 @@ ENTRIES: dict[str, Entry] = {
     "bang-bang": Entry("the time", fixed=partial(Script, (1.0, 1.0, 1.0), 0.5)),
     "tail only": Entry("nothing", fixed=partial(Script, (0.0, 0.0, 1.0))),
     "CPG": Entry(
-        "the time", EvolveConfig(search="cma", controller="fourier", senses=("clock",), **_FEW)
+        "the time", EvolveConfig(controller="linear", senses=("clock",), harmonics=3, **_FEW)
     ),
     "NEAT": Entry("IMU, clock", EvolveConfig(search="neat", interval=INTERVAL, restarts=2)),
     "CMA-ES": Entry("IMU, clock", EvolveConfig(search="cma", **_FEW)),
@@ -125,9 +125,6 @@ ENTRIES: dict[str, Entry] = {
     "PPO": Entry("IMU, clock", LearningConfig(senses=("imu", "clock"))),
     "PPO, fins": Entry("IMU, clock, fins", LearningConfig(senses=_FINS)),
     "PPO, damaged": Entry("IMU, clock, fins", LearningConfig(senses=_FINS), "random:moderate"),
-    "PPO, damaged, 8 frames": Entry(
-        "IMU, clock, fins", LearningConfig(senses=_FINS, frames=8), "random:moderate"
-    ),
 }
 
 

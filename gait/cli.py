@@ -29,30 +29,19 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
-from aquafish_gym.utils.validation import integer
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import Controller
 from gait.evolve import (
     FINAL_POSES,
-    MAXIMUM_BODIES,
     EvolveConfig,
     Evolved,
     Generation,
-    damaged_at_random,
     evolve_gait,
 )
 from gait.files import CONTROLLER_FILE
 from gait.history import HISTORY_FILE
 from gait.learning import CURVE_FILE, CurvePoint, LearningConfig, train
 from gait.transfer import TransferConfig, transfer
-
-RandomDamages = Annotated[
-    int,
-    tyro.conf.arg(
-        help="Number of randomly damaged copies of the body, in one fin or two, added to the "
-        "sample: domain randomisation. See Damage.random."
-    ),
-]
 
 
 @dataclass(frozen=True)
@@ -71,7 +60,7 @@ class Evolve:
 
     Columns of history.csv, with distances in units of 5 cm:
     - generation: from 0, over all starts.
-    - best, mean: over the generation's controllers, each one's mean distance (or --quantile).
+    - best, mean: over the generation's controllers, each one's mean distance.
     - species: number of species; of CMA-ES, of starts still alive.
     - final: the same of the generation's winner, over the zero pose and 32 fixed random ones. The
     winner is the best there of NEAT's 8 leaders, or the mean of CMA-ES's distribution, in every
@@ -83,7 +72,6 @@ class Evolve:
     out: Out
     morphology: BodiesFile = None
     damage: BodyDamage = "none"
-    random_damages: RandomDamages = 0
     world: WorldConfig = field(default_factory=WorldConfig)
     config: Annotated[EvolveConfig, tyro.conf.arg(name="")] = field(default_factory=EvolveConfig)
 
@@ -91,7 +79,7 @@ class Evolve:
         """Evolve to the last generation, with progress."""
         from gait.plots import plot_history
 
-        bodies = _bodies(self, Damage.parse(self.damage))
+        bodies = _bodies(self.morphology, Damage.parse(self.damage))
         rows: list[Generation] = []
         with _progress("evolving", self.config.plan.rows) as show:
 
@@ -183,7 +171,6 @@ class BaselineCommand:
     out: Out
     morphology: BodiesFile = None
     damage: EpisodeDamage = "none"
-    random_damages: RandomDamages = 0
     config: Annotated[LearningConfig, tyro.conf.arg(name="")] = field(
         default_factory=LearningConfig
     )
@@ -194,7 +181,7 @@ class BaselineCommand:
 
         config, points = self.config, list[CurvePoint]()
         own, schedule = Damage.parse(self.damage).split()
-        bodies = _bodies(self, own)
+        bodies = _bodies(self.morphology, own)
         with _progress("PPO", config.epochs * config.epoch_steps) as show:
 
             def report(steps: int, curve: Sequence[CurvePoint]) -> None:
@@ -220,14 +207,10 @@ class BaselineCommand:
         )
 
 
-def _bodies(command: Evolve | BaselineCommand, damage: Damage) -> list[Morphology]:
-    """Return the bodies of a command, with its damage."""
-    file = command.morphology
+def _bodies(file: Path | None, damage: Damage) -> list[Morphology]:
+    """Return the bodies in a file, or the nominal one, with damage."""
     bodies = [None] if file is None else read_bodies(file, "morphology")
-    several = [damage.apply(Morphology.coerce(body)) for body in bodies]
-    most = max(0, MAXIMUM_BODIES - len(several))
-    count = integer("random_damages", command.random_damages, 0, most)
-    return several + damaged_at_random(several[0], count, command.config.seed)
+    return [damage.apply(Morphology.coerce(body)) for body in bodies]
 
 
 @contextmanager
@@ -256,11 +239,8 @@ def _progress(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
 
 def _result_text(evolved: Evolved, config: EvolveConfig) -> str:
     """Return how far an evolved controller swims, in words."""
-    over = "on the mean over"
-    if config.aggregate == "quantile":
-        over = f"or more in {1 - config.quantile:.0%} of swims over"
     what = f"the zero pose and {FINAL_POSES} random ones" if config.poses else "the zero pose"
     if len(evolved.distances) > 1:
         worst, half = np.quantile(evolved.distances, (0.0, 0.5))
         what = f"{len(evolved.distances)} bodies: {worst:.2f} on the worst, median {half:.2f}"
-    return f"{evolved.fitness:.2f} units in {config.seconds:g} s {over} {what}"
+    return f"{evolved.fitness:.2f} units in {config.seconds:g} s on the mean over {what}"

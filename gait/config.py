@@ -20,16 +20,9 @@ from gait.rollout import MAXIMUM_THREADS, SECONDS, step_count
 from gait.search import cma, neat
 from gait.search.ask_tell import generation_count, halving_stages
 
-DEFAULT_QUANTILE = 0.2
-FOURIER_HARMONICS = 3
 Sense = Literal["imu", "clock", "fins"]
 TaskName = Literal["forward", "station", "waypoint", "recovery"]
-Class = Literal["feed-forward", "recurrent", "linear", "mlp", "fourier"]
-# Of each search; the first is its default.
-CLASSES: dict[str, tuple[Class, ...]] = {
-    "neat": ("feed-forward", "recurrent"),
-    "cma": ("recurrent", "mlp", "linear", "fourier"),
-}
+Class = Literal["recurrent", "mlp", "linear"]
 CMA_POPULATION = 24  # in NEAT's tuning, too
 # Where they are not given: population, restarts, random_candidates, generations, cma_generations.
 DEFAULTS = {
@@ -73,7 +66,6 @@ def check_senses(senses: object) -> tuple[Sense, ...]:
 class Plan(NamedTuple):
     """The choices of a configuration, with the defaults of its search filled in."""
 
-    controller: Class
     senses: Senses
     population: int
     restarts: int
@@ -99,9 +91,8 @@ class EvolveConfig:
     """The search: CMA-ES, which finds better gaits, or NEAT."""
     paper: bool = False
     """Search as the paper does: NEAT with one start and 60 generations, without CMA-ES."""
-    controller: Class | None = None
-    """Class of controllers: for CMA-ES a recurrent network (default), an mlp, a linear one, or
-    fourier, which has the clock alone; for NEAT a feed-forward (default) or recurrent network."""
+    controller: Class = "recurrent"
+    """Network that CMA-ES searches: recurrent (Elman's), mlp, or linear. NEAT finds its own."""
     senses: tuple[Sense, ...] = ("imu", "clock")
     """What the controller observes, besides the direction to a goal if the task has one. Fin angles
     are not measured: they are integrated from the initial angles and the commands."""
@@ -111,8 +102,8 @@ class EvolveConfig:
     """Steps of 0.01 s that an action is held."""
     hidden: int = 6
     """Hidden nodes of an mlp or of CMA-ES's recurrent network."""
-    harmonics: int | None = None
-    """Harmonics of the clock; default 1, or 3 for fourier."""
+    harmonics: int = 1
+    """Harmonics of the clock."""
     restarts: int | None = None
     """Number of searches that start, of which the best goes on; default 6."""
     generations: int | None = None
@@ -132,11 +123,6 @@ class EvolveConfig:
     """Frequency of the controllers' clock, in Hz; CMA-ES tunes it."""
     seconds: float = SECONDS
     """Length of a swim, in s."""
-    aggregate: Literal["mean", "quantile"] = "mean"
-    """A controller's fitness: the mean distance of its swims, or a low quantile, for a gait that
-    holds on nearly all bodies and poses."""
-    quantile: float = DEFAULT_QUANTILE
-    """The quantile, if aggregate is quantile."""
     threads: int | None = None
     """Threads; default all cores. No result depends on it."""
 
@@ -149,29 +135,21 @@ class EvolveConfig:
             ("cma_generations", 0, 100_000), ("population", 10, 10_000), ("poses", 0, 1000),
             ("threads", 1, MAXIMUM_THREADS),
         ):  # fmt: skip
-            if getattr(self, name) is not None or name in ("seed", "hidden", "poses"):
+            if getattr(self, name) is not None or name in ("seed", "hidden", "harmonics", "poses"):
                 integer(name, getattr(self, name), low, high)
-        classes = CLASSES[one_of("search", self.search, CLASSES)]
-        if self.controller is not None:
-            one_of("controller", self.controller, classes)
+        one_of("search", self.search, ("cma", "neat"))
+        one_of("controller", self.controller, get_args(Class))
         object.__setattr__(self, "senses", check_senses(self.senses))
-        if self.controller == "fourier" and set(self.senses) != {"clock"}:
-            raise InvalidArgumentError(
-                "senses must be clock alone for a fourier gait, which observes nothing; got "
-                f"{', '.join(self.senses)}"
-            )
         one_of("task", self.task, get_args(TaskName))
-        one_of("aggregate", self.aggregate, ("mean", "quantile"))
         finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
-        finite_array("quantile", self.quantile, (), 0.0, 1.0)
         step_count(self.seconds)
         if self.interval != INTERVAL:
             check_interval(self.interval, self.episode_seconds)
         for name, given, needed in (
+            ("controller", self.controller != "recurrent", ("search", "cma")),
             ("random_candidates", self.random_candidates is not None, ("search", "cma")),
             ("cma_generations", bool(self.cma_generations), ("search", "neat")),
             ("seconds", self.seconds != SECONDS, ("task", "forward")),
-            ("quantile", self.quantile != DEFAULT_QUANTILE, ("aggregate", "quantile")),
         ):
             if given and getattr(self, needed[0]) != needed[1]:
                 raise InvalidArgumentError(
@@ -182,10 +160,6 @@ class EvolveConfig:
             raise InvalidArgumentError(
                 f"random_candidates must be at least the {self.plan.restarts} restarts; "
                 f"got {self.plan.random_candidates}"
-            )
-        if self.aggregate == "quantile" and not self.poses:
-            raise InvalidArgumentError(
-                'poses must be at least 1 with aggregate="quantile": one swim has no quantiles'
             )
 
     @property
@@ -199,12 +173,10 @@ class EvolveConfig:
 
         Examples
         --------
-        >>> EvolveConfig().plan.controller
-        'recurrent'
+        >>> EvolveConfig(search="neat").plan.population
+        150
         """
-        controller = self.controller or CLASSES[self.search][0]
-        default = FOURIER_HARMONICS if controller == "fourier" else 1
-        senses = make_senses(self.senses, self.task, self.harmonics or default)
+        senses = make_senses(self.senses, self.task, self.harmonics)
         given = (
             self.population, self.restarts, self.random_candidates, self.generations,
             self.cma_generations,
@@ -219,13 +191,13 @@ class EvolveConfig:
             rows += generation_count(halving_stages(restarts, tuning, neat.STAGES))
         else:
             rows = 1 + generation_count(halving_stages(restarts, generations, cma.STAGES))
-        return Plan(controller, senses, population, restarts, candidates, generations, tuning, rows)
+        return Plan(senses, population, restarts, candidates, generations, tuning, rows)
 
     @property
     def settings(self) -> dict[str, Any]:
         """All that a run depends on, ready for JSON, except the length of its last stage."""
         plan = {**self.plan._asdict(), "senses": asdict(self.plan.senses)}
         last = "cma_generations" if self.plan.cma_generations else "generations"
-        omitted = ("threads", "harmonics", "paper", "rows", last)
+        omitted = ("threads", "paper", "rows", last)
         settings = {**asdict(self), **plan}
         return {name: value for name, value in settings.items() if name not in omitted}

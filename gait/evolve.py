@@ -20,12 +20,12 @@ from gait.config import CMA_POPULATION
 from gait.config import EvolveConfig as EvolveConfig
 from gait.controller import Controller
 from gait.files import run_folder
-from gait.fitness import Scorer, Swims, draw_swims, every_pair, penalize_diverged, swim_scores
+from gait.fitness import Swims, draw_swims, every_pair, swim_scores
 from gait.history import FILES, History, Scores, finalists_of, read_checkpoint
 from gait.history import Generation as Generation
 from gait.rollout import ZERO_POSE, lane_world, random_poses, stream
 from gait.search import cma, neat
-from gait.search.ask_tell import Proposal, Search
+from gait.search.ask_tell import Proposal, Relay, Search
 from gait.search.templates import Template
 
 FINAL_POSES = 32  # random ones of the fixed swims from which a run's best controller is chosen
@@ -42,7 +42,7 @@ class Evolved:
     controller
         The best winner of all generations. For a sample, its ``morphology`` is the median body.
     fitness
-        Its mean distance (or the quantile) over the run's fixed swims, in units of 5 cm: from the
+        Its mean distance over the run's fixed swims, in units of 5 cm: from the
         zero pose and 32 random ones, and for a sample as many more as give each body equally many.
     history
         One row a generation.
@@ -84,7 +84,6 @@ def evolve_gait(
     config: EvolveConfig | None = None,
     *,
     out: Path | str | None = None,
-    scorer: Scorer | None = None,
     world: WorldConfig | None = None,
     on_generation: Callable[[Generation], None] | None = None,
 ) -> Evolved:
@@ -105,8 +104,6 @@ def evolve_gait(
         A folder for ``controller.json`` (the best so far), ``history.csv``, ``checkpoint.json``
         and a sample's ``bodies.json``, saved every second. An unfinished run of the same bodies
         and settings resumes, and ends in the same files as without the interruption.
-    scorer
-        Returns the distances of controllers in swims; None simulates them.
     world
         The water and the servos, without a lag; None is ``WorldConfig()``.
     on_generation
@@ -115,19 +112,18 @@ def evolve_gait(
     Raises
     ------
     InvalidArgumentError
-        If an argument does not fit, a sample has no ``poses``, ``world`` is given with a
-        ``scorer`` or another task, or ``out`` cannot be written, is in use, or holds another run
-        or a damaged checkpoint.
+        If an argument does not fit, a sample has no ``poses``, ``world`` is given with another
+        task, or ``out`` cannot be written, is in use, or holds another run or a damaged checkpoint.
     """
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
     world = lane_world(world)
     bodies = body_array(morphologies)
-    _check(bodies, config, scorer, world)
+    _check(bodies, config, world)
     body, sample = median_body(bodies), sample_stamp(bodies) if len(bodies) > 1 else None
     settings = {"morphology": body.to_dict(), **config.settings}
     settings |= {} if sample is None else {"sample": sample}
     settings |= {} if world == WorldConfig() else {"world": asdict(world)}
-    trials = _Trials(bodies, config, scorer, world)
+    trials = _Trials(bodies, config, world)
     search, run = make_search(config, body), History(settings, sample)
     with run_folder(out, "a gait", settings, FILES, bodies) as folder:
         recorded = read_checkpoint(folder, settings, config.plan) if folder else []
@@ -155,30 +151,32 @@ def make_search(config: EvolveConfig, body: Morphology) -> Search:
     """Return the search of a configuration, whose random streams follow from its seed."""
     c, plan = config, config.plan
     if c.search == "cma":
-        template = Template.of_class(plan.controller, plan.senses, c.hidden, c.interval)
+        template = Template.of_class(c.controller, plan.senses, c.hidden, c.interval)
         rng = np.random.default_rng(stream(c.seed, 6))
-        return cma.multistart(
+        turns = cma.multistart(
             template.random(plan.random_candidates, rng),
             lambda x: template.controller(x, c.clock, body, c.seed),
             plan.population,
             plan.restarts,
             rng,
         )
-    recurrent, inputs = plan.controller == "recurrent", len(plan.senses.names)
+        return Relay(turns)
     streams = [stream(c.seed, 0), *(stream(c.seed, 4, k) for k in range(1, plan.restarts))]
-    seeds = [int(source.generate_state(1)[0]) for source in streams]
-    return neat.multistart(
-        [
-            neat.Evolution(plan.population, seed, inputs, recurrent, growing=i % 3 > 0)
-            for i, seed in enumerate(seeds)
-        ],
-        lambda genome: neat.genome_to_controller(
-            genome, c.clock, body, c.seed, plan.senses, recurrent, c.interval
-        ),
-        plan.generations,
-        (CMA_POPULATION, np.random.default_rng(stream(c.seed, 5)))
-        if plan.cma_generations
-        else None,
+    starts = [
+        neat.Evolution(
+            lambda genome: neat.genome_to_controller(
+                genome, c.clock, body, c.seed, plan.senses, c.interval
+            ),
+            plan.population,
+            int(source.generate_state(1)[0]),
+            len(plan.senses.names),
+            growing=i % 3 > 0,
+        )
+        for i, source in enumerate(streams)
+    ]
+    tuning = CMA_POPULATION, np.random.default_rng(stream(c.seed, 5))
+    return Relay(
+        neat.multistart(starts, plan.generations, tuning if plan.cma_generations else None)
     )
 
 
@@ -186,18 +184,14 @@ class _Trials:
     """The swims of a run: random ones in each generation, and fixed ones for the finalists."""
 
     def __init__(
-        self,
-        bodies: NDArray[np.float64],
-        config: EvolveConfig,
-        scorer: Scorer | None,
-        world: WorldConfig,
+        self, bodies: NDArray[np.float64], config: EvolveConfig, world: WorldConfig
     ) -> None:
-        self._bodies, self._config, self._scorer, self._world = bodies, config, scorer, world
+        self._bodies, self._config, self._world = bodies, config, world
         count = 1 + (FINAL_POSES if config.poses else 0)
         rounds = -(-count // len(bodies))
         poses = self._poses(max(count, rounds * len(bodies)) - 1, 1)
         self._final_poses = poses[:count]
-        self._finals = Swims(np.resize(bodies, (len(poses), 9)), poses)
+        self._finals = np.resize(bodies, (len(poses), 9)), poses
 
     def score(self, proposal: Proposal, generation: int) -> Scores:
         """Let a generation swim, and then its finalists."""
@@ -206,12 +200,12 @@ class _Trials:
         if proposal.poses is not None:
             poses = poses[: 1 + proposal.poses]
         swims = draw_swims(self._bodies, poses, stream(seed, 3, generation))
-        fitness = self._aggregate(self._swim(proposal.controllers, swims))
+        fitness = self._swim(proposal.controllers, swims).mean(axis=1)
         finalists = finalists_of(proposal, fitness)
         if not finalists:
             return Scores(fitness.tolist())
         distances = self._swim(finalists, self._finals)
-        finals = self._aggregate(distances)
+        finals = distances.mean(axis=1)
         first = int(finals.argmax())
         return Scores(fitness.tolist(), first, float(finals[first]), float(distances[first, 0]))
 
@@ -222,26 +216,17 @@ class _Trials:
 
     def _swim(self, controllers: Sequence[Controller], swims: Swims) -> NDArray[np.float64]:
         c = self._config
-        if self._scorer is not None:
-            return penalize_diverged(self._scorer(controllers, *swims), c.episode_seconds)
-        seed = zlib.crc32(swims.poses.tobytes())  # new random tasks with new poses
+        seed = zlib.crc32(swims[1].tobytes())  # new random tasks with new poses
         return swim_scores(
-            controllers, swims, c.task, seconds=c.seconds, world=self._world, seed=seed,
+            controllers, *swims, c.task, seconds=c.seconds, world=self._world, seed=seed,
             threads=c.threads,
         )  # fmt: skip
-
-    def _aggregate(self, distances: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._config.aggregate == "mean":
-            return np.asarray(distances.mean(axis=1))
-        return np.asarray(np.quantile(distances, self._config.quantile, axis=1))
 
     def _poses(self, count: int, *key: int) -> NDArray[np.float64]:
         return np.vstack([ZERO_POSE, random_poses(count, stream(self._config.seed, *key))])
 
 
-def _check(
-    bodies: NDArray[np.float64], config: EvolveConfig, scorer: Scorer | None, world: WorldConfig
-) -> None:
+def _check(bodies: NDArray[np.float64], config: EvolveConfig, world: WorldConfig) -> None:
     """Refuse arguments that do not fit together."""
     if not 1 <= len(bodies) <= MAXIMUM_BODIES:
         raise InvalidArgumentError(
@@ -252,6 +237,5 @@ def _check(
             f"poses must be at least 1 for a sample of {len(bodies)} bodies, since each swim is on "
             "another body; got 0"
         )
-    if world != WorldConfig() and (scorer is not None or config.task != "forward"):
-        other = "a scorer" if scorer is not None else f'the task "{config.task}"'
-        raise InvalidArgumentError(f"world has no effect with {other}: give one of them")
+    if world != WorldConfig() and config.task != "forward":
+        raise InvalidArgumentError(f'world has no effect with the task "{config.task}"')

@@ -8,37 +8,27 @@ swim the same pairs (common random numbers), so that an easy pair favours none o
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.envs.episode import begin_episodes, check_episode
-from aquafish_gym.envs.tasks import TASKS, check_task
+from aquafish_gym.envs.tasks import check_task
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import MAXIMUM_SEED, Controller, program_of
+from gait.controller import Controller, program_of
 from gait.rollout import SECONDS, ZERO_POSE, pair_swims, swim_all
-
-# Returns distances (P, Q) of P controllers in Q swims, of the i-th body (Q, 9) from the i-th pose
-# (Q, 3).
-Scorer = Callable[
-    [Sequence[Controller], NDArray[np.float64], NDArray[np.float64]], NDArray[np.float64]
-]
 
 # A diverged robot scores as if it had swum backwards at this speed (units/s), faster than any does.
 DIVERGED_SPEED = -5.0
 
 
-class Swims(NamedTuple):
-    """Bodies (Q, 9) and initial poses (Q, 3), in rad, of Q swims."""
-
-    bodies: NDArray[np.float64]
-    poses: NDArray[np.float64]
+# Bodies (Q, 9) and initial poses (Q, 3), in rad, of Q swims.
+Swims = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def draw_swims(
@@ -46,18 +36,12 @@ def draw_swims(
 ) -> Swims:
     """Return swims from poses (Q, 3), with bodies (M, 9) dealt at random and equally often."""
     order = np.random.default_rng(source).permutation(len(bodies))
-    return Swims(bodies[np.resize(order, len(poses))], poses)
+    return bodies[np.resize(order, len(poses))], poses
 
 
 def every_pair(bodies: NDArray[np.float64], poses: NDArray[np.float64]) -> Swims:
-    """Return the M x Q swims of each body (M, 9) from each pose (Q, 3), body by body.
-
-    Examples
-    --------
-    >>> every_pair(np.zeros((2, 9)), np.zeros((3, 3))).bodies.shape
-    (6, 9)
-    """
-    return Swims(np.repeat(bodies, len(poses), axis=0), np.tile(poses, (len(bodies), 1)))
+    """Return the M x Q swims of each body (M, 9) from each pose (Q, 3), body by body."""
+    return np.repeat(bodies, len(poses), axis=0), np.tile(poses, (len(bodies), 1))
 
 
 def penalize_diverged(distances: NDArray[np.float64], seconds: float) -> NDArray[np.float64]:
@@ -107,8 +91,9 @@ def distances(
 
 def swim_scores(
     controllers: Sequence[Controller],
-    swims: Swims,
-    task: str = "forward",
+    morphologies: MorphologiesLike,
+    fin_angles: ArrayLike = (ZERO_POSE,),
+    task: object = "forward",
     *,
     seconds: float = SECONDS,
     damage: object = None,
@@ -116,63 +101,41 @@ def swim_scores(
     seed: int = 0,
     threads: int | None = None,
 ) -> NDArray[np.float64]:
-    """Return the score (P, Q) of each controller in each of Q swims; finite if a robot diverges.
+    """Return the score of each controller in each swim; finite if a robot diverges.
 
-    The score is the distance swum in ``seconds`` and ``world``; for another task than "forward", or
-    with ``damage``, it is that of :func:`perform`.
-    """
-    if task == "forward" and not damage:
-        found = swim_all(controllers, *swims, seconds, threads=threads, world=world)
-    else:
-        found = perform(controllers, *swims, task=task, damage=damage, seed=seed, threads=threads)
-        seconds = TASKS[task].seconds
-    return penalize_diverged(found, seconds)
-
-
-def perform(
-    controllers: Sequence[Controller],
-    morphologies: MorphologiesLike = None,
-    fin_angles: ArrayLike = (ZERO_POSE,),
-    *,
-    task: object = "forward",
-    damage: object = None,
-    seed: int = 0,
-    dtype: type[np.floating] = np.float32,
-    threads: int | None = None,
-) -> NDArray[np.float64]:
-    """Return the score of each controller's episode of a task from each pose.
+    The score is the distance swum in ``seconds`` and ``world``. For another task than "forward", or
+    with ``damage``, it is the return of the task's episode times the time step: of swimming forward
+    units along the world's +y, whatever the interval.
 
     Parameters
     ----------
     controllers
-        P of them, of one ``Controller.kind``.
-    morphologies, fin_angles
-        As of :func:`gait.rollout.swim_all`: Q swims, of the i-th body from the i-th pose.
+        P of them; of one ``Controller.kind`` for an episode.
+    morphologies, fin_angles, seconds, world, threads
+        As of :func:`gait.swim_all`: Q swims, of the i-th body from the i-th pose.
     task, damage
         As of the environment.
     seed
         Of the task's and the damage's random choices, which are the same for all controllers: swim
         q is the episode of an environment that was seeded with ``seed + q``.
-    dtype, threads
-        As of :func:`aquafish_gym.rollout.rollout`.
 
     Returns
     -------
     ndarray
-        (P, Q) the sums of the rewards times the time step: of "forward" units along the world's +y,
-        whatever the interval. NaN where a robot diverged.
+        (P, Q).
 
     Raises
     ------
     InvalidArgumentError
         If an argument does not fit.
     """
+    if task == "forward" and not damage:
+        far = swim_all(controllers, morphologies, fin_angles, seconds, threads=threads, world=world)
+        return penalize_diverged(far, seconds)
     bodies, poses = pair_swims(morphologies, fin_angles)
-    swims = len(poses)
-    first, judged = integer("seed", seed, 0, MAXIMUM_SEED), check_task(task)
+    swims, judged = len(poses), check_task(task)
     program = program_of(controllers, swims)
-    dt = program.interval * TIMESTEP
-    rngs = [np.random.default_rng(first + q) for q in range(swims)]
+    rngs = [np.random.default_rng(seed + q) for q in range(swims)]
     config = check_episode(judged, damage=damage)
     configs = [
         config.with_options({"morphology": body, "fin_angles": pose})
@@ -185,8 +148,8 @@ def perform(
         judged,
         memory=np.tile(memory, (len(controllers), 1)),
         rngs=rngs * len(controllers),  # each controller's swims observe the same noise
-        dtype=dtype,
+        dtype=np.float32,
         threads=threads,
     )
-    scores = np.where(found.diverged, np.nan, found.returns * dt)
-    return scores.reshape(len(controllers), swims)
+    scores = np.where(found.diverged, np.nan, found.returns * (program.interval * TIMESTEP))
+    return penalize_diverged(scores.reshape(len(controllers), swims), judged.seconds)

@@ -25,24 +25,22 @@ from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     MissingExtraError,
-    brief,
-    finite_array,
     instance,
     integer,
     one_of,
 )
 from gait.config import Sense, TaskName, check_interval, check_senses, make_senses
-from gait.controller import MAXIMUM_NODES, MAXIMUM_SEED, Controller
+from gait.controller import MAXIMUM_SEED, Controller
 from gait.evolve import FINAL_POSES
 from gait.files import CONTROLLER_FILE, run_folder, write_rows
-from gait.fitness import Swims, swim_scores
-from gait.mlp_export import dense_network, with_memory
-from gait.network import OUTPUTS, Senses
+from gait.fitness import swim_scores
+from gait.network import GAIN, OUTPUTS, Senses
 from gait.rollout import random_poses, stream
 
 CURVE_FILE = "curve.csv"
 FILES = (CURVE_FILE, CONTROLLER_FILE)  # and a sample's bodies.json
-MAXIMUM_HIDDEN = MAXIMUM_NODES - len(OUTPUTS)
+HIDDEN = (64, 64)  # widths of the hidden layers
+CLOCK = 0.7  # Hz
 GAMMA = 0.99
 MAXIMUM_BATCH = 1600
 HORIZON = 1000  # physics steps in a rollout of PPO, at least
@@ -69,12 +67,6 @@ class LearningConfig:
     are not measured: they are integrated from the initial angles and the commands."""
     task: TaskName = "forward"
     """Swim forward, or another task of the environments."""
-    frames: int = 1
-    """Number of last observations that the controller receives together; 1 has no memory."""
-    clock: float = 0.7
-    """Frequency of the clock, in Hz."""
-    hidden: tuple[int, ...] = (64, 64)
-    """Widths of the hidden layers."""
     seed: int = 0
     """Seed of everything random in the run."""
 
@@ -85,19 +77,6 @@ class LearningConfig:
         one_of("task", self.task, get_args(TaskName))
         check_interval(self.interval, TASKS[self.task].seconds)
         object.__setattr__(self, "senses", check_senses(self.senses))
-        finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
-        if not isinstance(self.hidden, list | tuple):
-            raise InvalidArgumentError(
-                f"hidden must be a sequence of widths; got {brief(self.hidden)}"
-            )
-        widths = tuple(integer("hidden", width, 1, MAXIMUM_HIDDEN) for width in self.hidden)
-        if sum(widths) > MAXIMUM_HIDDEN:
-            raise InvalidArgumentError(
-                f"hidden must be at most {MAXIMUM_HIDDEN} nodes together; got {sum(widths)}"
-            )
-        object.__setattr__(self, "hidden", widths)
-        most = 1 + (MAXIMUM_HIDDEN - sum(widths)) // len(self.inputs.names)
-        integer("frames", self.frames, 1, most)
 
     @property
     def inputs(self) -> Senses:
@@ -201,7 +180,7 @@ def train(
     # From the poses of a gait that is evolved with this seed, and as often with each body.
     count = -(-FINAL_POSES // len(bodies)) * len(bodies)
     poses = random_poses(count, stream(config.seed, 1))
-    swims = Swims(np.resize(bodies, (count, 9)), poses)
+    swims = np.resize(bodies, (count, 9)), poses
     settings = {"morphology": median_body(bodies).to_dict(), **asdict(config)}
     settings |= {"damage": str(broken)} if broken else {}
     settings |= {"sample": sample_stamp(bodies)} if len(bodies) > 1 else {}
@@ -215,7 +194,7 @@ def train(
 
             training = learner.learn(_seed(config, epoch - 1), report)
             controller = learner.controller()
-            score = float(swim_scores([controller], swims, config.task, damage=broken).mean())
+            score = float(swim_scores([controller], *swims, config.task, damage=broken).mean())
             curve.append(CurvePoint(epoch * config.epoch_steps, training, score))
             if score > best.score:
                 best = Learned(controller, score, ())
@@ -240,13 +219,10 @@ class _Learner:
         logger = load_extra("stable_baselines3.common.logger")
         self.bodies, self.config = bodies, config
         self.robots = load_extra("gait.sb3_env").LaneVecEnv(
-            config.environments, bodies, config.inputs, config.clock, config.interval, config.task,
-            damage,
+            config.environments, bodies, config.inputs, CLOCK, config.interval, config.task, damage,
         )  # fmt: skip
-        frames = config.frames
-        observed = vec_env.VecFrameStack(self.robots, frames) if frames > 1 else self.robots
         # Without a clip, which the exported weights could not express.
-        self.normal = vec_env.VecNormalize(observed, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
+        self.normal = vec_env.VecNormalize(self.robots, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
         # More is learned from rollouts of ten seconds than from whole episodes.
         actions = config.episode_actions
         horizons = [
@@ -263,7 +239,7 @@ class _Learner:
                 batch_size=max(n for n in range(1, MAXIMUM_BATCH + 1) if not size % n),
                 n_epochs=6,
                 learning_rate=1e-3,
-                policy_kwargs={"net_arch": list(config.hidden), "activation_fn": torch.nn.Tanh},
+                policy_kwargs={"net_arch": list(HIDDEN), "activation_fn": torch.nn.Tanh},
                 device="cpu",
                 seed=_seed(config),
             )
@@ -296,23 +272,54 @@ class _Learner:
         ]
         moments = self.normal.obs_rms
         scale = np.sqrt(moments.var + self.normal.epsilon)
-        network = dense_network(layers, moments.mean, scale)
-        memory: tuple[int, ...] = ()
-        if config.frames > 1:
-            network = with_memory(network, config.frames)
-            memory = ((config.frames - 1) * len(config.inputs.names),)
+        weights, bias = dense_network(layers, moments.mean, scale)
         return Controller(
-            *network,
-            response=np.ones(len(network.bias)),
-            clock=config.clock,
+            weights,
+            bias,
+            response=np.ones(len(bias)),
+            clock=CLOCK,
             morphology=median_body(self.bodies),
             seed=config.seed,
             sample=sample_stamp(self.bodies) if len(self.bodies) > 1 else None,
             senses=config.inputs,
-            layers=(*config.hidden, *memory, len(OUTPUTS)),
+            layers=(*HIDDEN, len(OUTPUTS)),
             output="clip",  # the environment clips PPO's actions
             interval=config.interval,
         )
+
+
+def dense_network(
+    layers: Sequence[tuple[NDArray[np.floating], NDArray[np.floating]]],
+    mean: NDArray[np.float64],
+    scale: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return weights (N, I + N) and biases (N,) of a controller from a stack of dense layers.
+
+    A node computes tanh(2.5 z), so weights and biases are divided by 2.5. All responses are 1.
+
+    Parameters
+    ----------
+    layers
+        Weights (out, in) and biases (out,) of each layer, in order; the last has three outputs.
+    mean, scale
+        (I,) each: the first layer receives (x - mean) / scale of the inputs x.
+
+    Examples
+    --------
+    >>> layers = [(np.ones((4, 2)), np.zeros(4)), (np.ones((3, 4)), np.zeros(3))]
+    >>> dense_network(layers, np.zeros(2), np.ones(2))[0].shape
+    (7, 9)
+    """
+    inputs, nodes = len(mean), sum(len(bias) for _, bias in layers)
+    weights, biases = np.zeros((nodes, inputs + nodes)), np.zeros(nodes)
+    begin, sources = 0, slice(0, inputs)
+    for matrix, bias in layers:
+        end = begin + len(bias)
+        weights[begin:end, sources] = matrix / GAIN
+        biases[begin:end] = bias / GAIN
+        begin, sources = end, slice(inputs + begin, inputs + end)
+    weights[:, :inputs] /= scale
+    return weights, biases - weights[:, :inputs] @ mean
 
 
 def load_extra(module: str) -> Any:

@@ -71,17 +71,16 @@ def test_neat_python_baseline_swims_the_same_distance() -> None:
     pytest.importorskip("pybullet")
     from aquafish_gym.engines.bullet.world import BulletWorld
     from aquafish_gym.morphology import Morphology
-    from gait.evolve import EvolveConfig
     from gait.rollout import swim
-    from gait.search.neat import Evolution, genome_to_controller
-    from tests.benchmarks.gait import swim_as_usual
+    from gait.search.neat import Evolution
+    from tests.benchmarks.gait import _build, swim_as_usual
 
     body = Morphology.nominal()
     world = BulletWorld()
-    genomes = Evolution(10, seed=3).ask()[:3]
+    evolution = Evolution(_build, 10, seed=3)
+    genomes, controllers = evolution.genomes[:3], evolution.ask().controllers[:3]
     found = [swim_as_usual(world, genome, body, steps=203) for genome in genomes]
     world.close()
-    controllers = [genome_to_controller(g, EvolveConfig.clock, body, 0) for g in genomes]
     wanted = [swim(c, body, seconds=2.03).distance for c in controllers]
     assert min(map(abs, wanted)) > 0.01
     assert found == pytest.approx(wanted, abs=1e-6)

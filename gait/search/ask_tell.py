@@ -6,8 +6,7 @@ fitness values that were recorded restores its state.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from itertools import repeat
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 from gait.controller import Controller
@@ -48,56 +47,36 @@ class Rated(Search, Protocol):
         """The highest ``final`` so far."""
 
 
-class SuccessiveHalving:
-    """Several searches in turn: after each stage the best go on, after the last one only the best.
+# The search of each generation, and the number of searches still alive. The next turn may depend on
+# what the searches were told before.
+Turns = Iterator[tuple[Search, int]]
 
-    ``stages`` say how many go on at each stage, and the generations that each then has.
-    """
 
-    def __init__(self, searches: Sequence[Rated], stages: Stages) -> None:
-        self.alive = list(searches)
-        self._turns = self._schedule(stages)
+class Relay:
+    """A search whose generations are those of several searches in turn."""
 
-    def _schedule(self, stages: Stages) -> Iterator[Rated]:
-        for count, generations in stages:
-            self._keep(count)
-            for search in self.alive:
-                yield from repeat(search, generations)
-        self._keep(1)
-        yield from repeat(self.alive[0])
-
-    def _keep(self, count: int) -> None:
-        self.alive = sorted(self.alive, key=lambda search: -search.final)[:count]
+    def __init__(self, turns: Turns) -> None:
+        self._turns = turns
 
     def ask(self) -> Proposal:
         """See :class:`Search`."""
-        self._asked = next(self._turns)
-        proposal = self._asked.ask()
-        if proposal.species is None:
-            proposal = proposal._replace(species=len(self.alive))
-        return proposal
-
-    def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:
-        """See :class:`Search`."""
-        self._asked.tell(fitness, winner, final)
-
-
-class Phases:
-    """A first search for some generations, then the search that ``then`` returns."""
-
-    def __init__(self, first: Search, generations: int, then: Callable[[], Search]) -> None:
-        self._search, self._left, self._then = first, generations, then
-
-    def ask(self) -> Proposal:
-        """See :class:`Search`."""
-        if not self._left:
-            self._search = self._then()
-        self._left -= 1
-        return self._search.ask()
+        self._search, alive = next(self._turns)
+        proposal = self._search.ask()
+        return proposal if proposal.species else proposal._replace(species=alive)
 
     def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:
         """See :class:`Search`."""
         self._search.tell(fitness, winner, final)
+
+
+def halve(searches: Sequence[Rated], stages: Stages) -> Turns:
+    """Yield the turns of successive halving: at each stage only the best searches go on."""
+    alive = list(searches)
+    for count, generations in stages:
+        alive = sorted(alive, key=lambda search: -search.final)[:count]
+        for search in alive:
+            for _ in range(generations):
+                yield search, len(alive)
 
 
 def halving_stages(searches: int, generations: int, table: Stages) -> list[tuple[int, int]]:

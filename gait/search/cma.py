@@ -14,14 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gait.controller import Controller
-from gait.search.ask_tell import (
-    Phases,
-    Proposal,
-    Search,
-    Stages,
-    SuccessiveHalving,
-    halving_stages,
-)
+from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
 
 # CMA-ES starts from the best of many random controllers, each tried from a few poses. From a random
 # one, it sticks one time in three where no step improves anything.
@@ -104,21 +97,14 @@ def multistart(
     population: int,
     restarts: int,
     rng: np.random.Generator,
-) -> Search:
-    """Return a search from the best of random candidates (S, D), by successive halving.
+) -> Turns:
+    """Yield the turns of a search from the best of random candidates (S, D).
 
-    ``restarts`` searches start, each with ``population`` controllers in a generation; all random
-    numbers come from ``rng``.
+    ``restarts`` searches start, each with ``population`` controllers in a generation, and the best
+    go on by successive halving. All random numbers come from ``rng``.
     """
     first = RandomCandidates(candidates, build, restarts)
-
-    def search() -> Search:
-        starts = zip(first.best, rng.spawn(restarts), strict=True)
-        return halving([Strategy(x, build, population, child) for x, child in starts], STAGES)
-
-    return Phases(first, 1, search)
-
-
-def halving(strategies: Sequence[Strategy], table: Stages) -> SuccessiveHalving:
-    """Return successive halving of strategies, whose last survivor has no end."""
-    return SuccessiveHalving(strategies, halving_stages(len(strategies), sys.maxsize, table)[:-1])
+    yield first, restarts
+    starts = zip(first.best, rng.spawn(restarts), strict=True)
+    strategies = [Strategy(x, build, population, child) for x, child in starts]
+    yield from halve(strategies, halving_stages(restarts, sys.maxsize, STAGES))

@@ -12,7 +12,7 @@ from aquafish_gym.morphology import Morphology
 from gait.controller import INTERVAL, Controller
 from gait.network import OUTPUTS, Senses
 
-CLOCK_FACTORS = 1 / 16, 16.0  # bounds of a tuned clock, relative to the initial one
+CLOCK_OCTAVES = 4.0  # bounds of a tuned clock, relative to the initial one
 # Standard deviation of random weights, at which nodes saturate and fins turn. Memory weights start
 # at 0: from random ones the search ends at worse gaits.
 SPREAD = 0.5
@@ -40,20 +40,17 @@ class Template:
     def of_class(cls, name: str, senses: Senses, hidden: int, interval: int = INTERVAL) -> Self:
         """Return the template of a class of controllers.
 
-        In ``"linear"`` and ``"fourier"`` ones each output has all inputs. ``"mlp"`` has ``hidden``
-        nodes in between; in ``"recurrent"`` (Elman's network) these also have each other's
-        previous values.
+        In a ``"linear"`` one each output has all inputs. ``"mlp"`` has ``hidden`` nodes in between;
+        in ``"recurrent"`` (Elman's network) these also have each other's previous values.
         """
         inputs, outputs = len(senses.names), len(OUTPUTS)
-        between = hidden if name in ("mlp", "recurrent") else 0
+        between = 0 if name == "linear" else hidden
         nodes = between + outputs
         free = np.zeros((nodes, inputs + nodes), bool)
-        free[:between, :inputs] = True
+        free[: between or outputs, :inputs] = True
         free[between:, inputs : inputs + between] = True
         if name == "recurrent":
             free[:between, inputs : inputs + between] = True
-        if not between:
-            free[:, :inputs] = True
         layers = (between, outputs) if between else (outputs,)
         return cls(senses, layers, free, np.ones(nodes), interval)
 
@@ -95,7 +92,7 @@ class Template:
             weights=weights,
             bias=vector[1 : 1 + nodes],
             response=self.response,
-            clock=clock * float(np.clip(2.0 ** np.clip(vector[0], -9.0, 9.0), *CLOCK_FACTORS)),
+            clock=clock * float(2.0 ** np.clip(vector[0], -CLOCK_OCTAVES, CLOCK_OCTAVES)),
             morphology=morphology,
             seed=seed,
             senses=self.senses,

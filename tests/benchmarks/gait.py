@@ -27,7 +27,7 @@ from aquafish_gym.scenario import Scenario
 from gait.agent import ControllerAgent
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig
-from gait.fitness import DIVERGED_SPEED, perform
+from gait.fitness import DIVERGED_SPEED, swim_scores
 from gait.network import GYRO_SCALE, Senses
 from gait.rollout import SECONDS, random_poses, step_count, swim_all
 from gait.search.neat import Evolution, genome_to_controller, load_config
@@ -57,13 +57,13 @@ def populations(settings: Settings, cleanup: ExitStack) -> Group:
     steps = step_count(seconds)
     body = Morphology.nominal()
     chance = np.random.default_rng(settings.seed)
-    evolution = Evolution(count, settings.seed)
-    first = _controllers(evolution, body)
-    drifting = Evolution(count, settings.seed)
+    evolution = Evolution(_build, count, settings.seed)
+    first = _controllers(evolution)
+    drifting = Evolution(_build, count, settings.seed)
     for _ in range(generations):
-        evolution.tell(_fitness(_controllers(evolution, body), body, seconds))
-        drifting.tell(chance.uniform(size=count).tolist())
-    bred, evolved = _controllers(drifting, body), _controllers(evolution, body)
+        evolution.breed(_fitness(_controllers(evolution), body, seconds))
+        drifting.breed(chance.uniform(size=count).tolist())
+    bred, evolved = _controllers(drifting), _controllers(evolution)
 
     notes = missing_pybullet()
     rows: list[Row] = []
@@ -73,7 +73,7 @@ def populations(settings: Settings, cleanup: ExitStack) -> Group:
 
         world = BulletWorld()
         cleanup.callback(world.close)
-        leader = evolution.ask()[0]
+        leader = evolution.genomes[0]
 
         def alone() -> object:
             return swim_as_usual(world, leader, body, steps)
@@ -129,8 +129,12 @@ def swim_as_usual(world: Any, genome: Any, body: Morphology, steps: int) -> floa
     return float(world.position[1])
 
 
-def _controllers(evolution: Evolution, body: Morphology) -> list[Controller]:
-    return [genome_to_controller(genome, EvolveConfig.clock, body, 0) for genome in evolution.ask()]
+def _build(genome: Any) -> Controller:
+    return genome_to_controller(genome, EvolveConfig.clock, Morphology.nominal(), 0)
+
+
+def _controllers(evolution: Evolution) -> Sequence[Controller]:
+    return evolution.ask().controllers
 
 
 def _fitness(controllers: Sequence[Controller], body: Morphology, seconds: float) -> list[float]:
@@ -177,7 +181,7 @@ def tasks(settings: Settings, cleanup: ExitStack) -> Group:
         def scoring(
             threads: int, those: Any = controllers, task: Any = task, damage: Any = damage
         ) -> object:
-            return perform(those, None, poses, task=task, damage=damage, threads=threads)
+            return swim_scores(those, None, poses, task=task, damage=damage, threads=threads)
 
         one = Row(f"{name}, stepped", "numba", "float32", batch, 1, batch * steps, stepping)
         rows.append(one)

@@ -7,6 +7,7 @@ import random
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import neat
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
 from gait.controller import Controller
+from gait.evolve import Evolved, evolve_gait
 from gait.history import Generation
 from gait.network import Senses
 from gait.search.neat import genome_to_controller, load_config
@@ -21,9 +23,9 @@ from gait.search.neat import genome_to_controller, load_config
 INPUT_COUNT = len(Senses().names)
 
 
-def random_genome(seed: int, mutations: int, recurrent: bool = False) -> tuple[Any, Any]:
+def random_genome(seed: int, mutations: int) -> tuple[Any, Any]:
     """Return neat-python's configuration and a genome mutated so many times."""
-    config = load_config(10, INPUT_COUNT, recurrent)
+    config = load_config(10, INPUT_COUNT)
     genome_config = config.genome_config
     # Quicker growth, and responses too, so that a few mutations reach every kind of network.
     genome_config.conn_add_prob = genome_config.node_add_prob = 0.5
@@ -65,6 +67,8 @@ class WeightScorer:
         controllers: Sequence[Controller],
         bodies: NDArray[np.float64],
         fin_angles: NDArray[np.float64],
+        *_: Any,
+        **__: Any,
     ) -> NDArray[np.float64]:
         self.calls += 1
         if self.calls == self.interrupt_at:
@@ -72,6 +76,12 @@ class WeightScorer:
         worth = [float(np.sin(c.weights.sum()) - np.abs(c.bias).sum()) for c in controllers]
         easy = bodies[:, 0] - Morphology.nominal().to_array()[0]
         return np.add.outer(np.array(worth), np.sin(fin_angles).sum(axis=1) + easy)
+
+
+def evolve_with(scorer: WeightScorer, *arguments: Any, **options: Any) -> Evolved:
+    """Evolve a gait, with a scorer in place of ``swim_all``."""
+    with patch("gait.fitness.swim_all", scorer):
+        return evolve_gait(*arguments, **options)
 
 
 def read_history(path: Path) -> tuple[Generation, ...]:

@@ -57,8 +57,6 @@ def test_policy_refuses_a_bad_observation() -> None:
     for observation in ([0.0] * 8, np.zeros((1, 9)), [*[0.0] * 8, np.nan], ["0"] * 9):
         with pytest.raises(InvalidArgumentError, match="observation must"):
             policy(observation, 0.0)
-    with pytest.raises(InvalidArgumentError, match="at a finite time"):
-        policy(np.zeros(9), np.inf)
 
 
 def test_policy_reads_the_first_nine_entries() -> None:
@@ -92,15 +90,6 @@ def without(name: str) -> dict[str, Any]:
 def test_bad_field_is_refused_by_name(data: object, message: str) -> None:
     with pytest.raises(InvalidArgumentError, match=message):
         Controller.from_dict(data)
-
-
-def test_dict_may_hold_arrays() -> None:
-    controller = make_controller()
-    arrays = {name: np.array(v) if isinstance(v, list) else v for name, v in change().items()}
-    assert Controller.from_dict(arrays).to_dict() == controller.to_dict()
-    for name in ("inputs", "layers", "morphology", "senses", "bias"):
-        with pytest.raises(InvalidArgumentError, match=f"controller.{name}"):
-            Controller.from_dict(change(**{name: np.zeros((2, 2))}))
 
 
 def test_feed_forward_order_is_checked() -> None:

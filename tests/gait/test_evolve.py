@@ -21,7 +21,7 @@ from gait.files import BODIES_FILE, CONTROLLER_FILE
 from gait.fitness import DIVERGED_SPEED, distances
 from gait.history import CHECKPOINT_FILE, CHECKPOINT_SCHEMA, HISTORY_FILE
 from gait.rollout import SECONDS, ZERO_POSE, random_poses, stream
-from gait_fakes import WeightScorer, contents, read_history
+from gait_fakes import WeightScorer, contents, evolve_with, read_history
 
 CONFIG = EvolveConfig(paper=True, seed=1000, generations=6, population=20, poses=2)
 CMA = EvolveConfig(
@@ -47,6 +47,8 @@ class Recorder(WeightScorer):
         controllers: Sequence[Controller],
         bodies: NDArray[np.float64],
         fin_angles: NDArray[np.float64],
+        *_: Any,
+        **__: Any,
     ) -> NDArray[np.float64]:
         self.bodies.append(bodies)
         self.poses.append(fin_angles)
@@ -56,9 +58,7 @@ class Recorder(WeightScorer):
 
 def test_files_hold_the_result(tmp_path: Path) -> None:
     seen: list[Generation] = []
-    result = evolve_gait(
-        None, CONFIG, out=tmp_path, scorer=WeightScorer(), on_generation=seen.append
-    )
+    result = evolve_with(WeightScorer(), None, CONFIG, out=tmp_path, on_generation=seen.append)
     assert read_history(tmp_path / HISTORY_FILE) == result.history == tuple(seen)
     assert Controller.load(tmp_path / CONTROLLER_FILE).to_dict() == result.controller.to_dict()
     assert result.fitness == max(row.final for row in seen)
@@ -67,18 +67,18 @@ def test_files_hold_the_result(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("bodies", "config"),
-    [(None, CMA), (None, TUNED), (BODIES, replace(CONFIG, aggregate="quantile"))],
+    [(None, CMA), (None, TUNED), (BODIES, CONFIG)],
     ids=["cma", "neat", "sample"],
 )
 def test_interrupted_run_ends_in_the_same_files(
     bodies: Any, config: EvolveConfig, tmp_path: Path
 ) -> None:
-    straight = evolve_gait(bodies, config, out=tmp_path / "straight", scorer=WeightScorer())
+    straight = evolve_with(WeightScorer(), bodies, config, out=tmp_path / "straight")
     assert len(straight.history) == config.plan.rows
     for stop in (2, config.plan.rows // 2, config.plan.rows - 2):  # in scorings
         out = tmp_path / str(stop)
         with pytest.raises(KeyboardInterrupt):
-            evolve_gait(bodies, config, out=out, scorer=WeightScorer(stop + 1))
+            evolve_with(WeightScorer(stop + 1), bodies, config, out=out)
         done = read_history(out / HISTORY_FILE)
         Controller.load(out / CONTROLLER_FILE)
 
@@ -87,9 +87,9 @@ def test_interrupted_run_ends_in_the_same_files(
                 raise KeyboardInterrupt
 
         with pytest.raises(KeyboardInterrupt):  # once more, while it is being restored
-            evolve_gait(bodies, config, out=out, scorer=WeightScorer(), on_generation=interrupt)
+            evolve_with(WeightScorer(), bodies, config, out=out, on_generation=interrupt)
         assert read_history(out / HISTORY_FILE) == done
-        resumed = evolve_gait(bodies, config, out=out, scorer=WeightScorer())
+        resumed = evolve_with(WeightScorer(), bodies, config, out=out)
         assert contents(out) == contents(tmp_path / "straight")
         np.testing.assert_array_equal(resumed.distances, straight.distances)
 
@@ -99,17 +99,17 @@ def test_interrupted_run_ends_in_the_same_files(
 )
 def test_last_stage_may_be_prolonged(config: EvolveConfig, last: str, tmp_path: Path) -> None:
     longer = replace(config, **{last: getattr(config, last) + 5})  # type: ignore[arg-type]
-    evolve_gait(None, config, out=tmp_path, scorer=WeightScorer())
-    grown = evolve_gait(None, longer, out=tmp_path, scorer=WeightScorer())
-    assert grown.history == evolve_gait(None, longer, scorer=WeightScorer()).history
+    evolve_with(WeightScorer(), None, config, out=tmp_path)
+    grown = evolve_with(WeightScorer(), None, longer, out=tmp_path)
+    assert grown.history == evolve_with(WeightScorer(), None, longer).history
     with pytest.raises(InvalidArgumentError, match=f"{last} must be at least the"):
-        evolve_gait(None, config, out=tmp_path, scorer=WeightScorer())
+        evolve_with(WeightScorer(), None, config, out=tmp_path)
 
 
 def test_random_swims_change_and_final_swims_do_not() -> None:
     several, one = Recorder(), Recorder()
-    evolve_gait(BODIES, CONFIG, scorer=several)
-    evolve_gait(None, CONFIG, scorer=one)
+    evolve_with(several, BODIES, CONFIG)
+    evolve_with(one, None, CONFIG)
     trials, finals = several.bodies[:-1:2], several.bodies[1:-1:2]
     assert len({bodies.tobytes() for bodies in trials}) == 6
     assert len({bodies.tobytes() for bodies in finals}) == 1
@@ -143,25 +143,15 @@ def test_result_has_the_distance_on_each_body(tmp_path: Path) -> None:
     assert evolved.controller.morphology == median_body(BODIES[:4])
 
 
-def test_fitness_is_the_quantile() -> None:
-    scorer = Recorder()
-    config = replace(CONFIG, aggregate="quantile", quantile=0.1)
-    evolved = evolve_gait(BODIES, config, scorer=scorer)
-    trials, finals = scorer.distances[:-1:2], scorer.distances[1:-1:2]
-    for row, trial, final in zip(evolved.history, trials, finals, strict=True):
-        assert row.best == np.quantile(trial, 0.1, axis=1).max()
-        assert row.final == np.quantile(final, 0.1, axis=1).max()
-
-
 def test_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
     class Diverging(WeightScorer):
-        def __call__(self, *swims: Any) -> NDArray[np.float64]:
-            found = super().__call__(*swims)
+        def __call__(self, *swims: Any, **options: Any) -> NDArray[np.float64]:
+            found = super().__call__(*swims, **options)
             found[::3, 0], found[1::3, 0] = np.nan, np.inf
             return found
 
     config = EvolveConfig(paper=True, generations=3, population=20)
-    result = evolve_gait(None, config, scorer=Diverging())
+    result = evolve_with(Diverging(), None, config)
     assert np.isfinite([row.mean for row in result.history]).all()
     assert result.fitness > DIVERGED_SPEED * SECONDS / 2
 
@@ -175,7 +165,7 @@ def test_paper_is_plain_neat_and_cma_the_default() -> None:
 
 
 def test_another_run_in_the_folder_is_refused(tmp_path: Path) -> None:
-    evolve_gait(BODIES, CONFIG, out=tmp_path, scorer=WeightScorer())
+    evolve_with(WeightScorer(), BODIES, CONFIG, out=tmp_path)
     before = contents(tmp_path)
     for bodies, config, message in (
         (BODIES, replace(CONFIG, seed=1001), "with seed 1000"),
@@ -183,21 +173,21 @@ def test_another_run_in_the_folder_is_refused(tmp_path: Path) -> None:
         (None, CONFIG, r"with morphology\."),
     ):
         with pytest.raises(InvalidArgumentError, match=message):
-            evolve_gait(bodies, config, out=tmp_path, scorer=WeightScorer())
+            evolve_with(WeightScorer(), bodies, config, out=tmp_path)
     assert contents(tmp_path) == before
 
 
 def test_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
-    evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+    evolve_with(WeightScorer(), None, CONFIG, out=tmp_path)
     path = tmp_path / CHECKPOINT_FILE
     sound = read_document(path)
     for document in ({**sound, "generations": [1]}, {**sound, "settings": {}}, {}):
         write_document(path, document, CHECKPOINT_SCHEMA)
         with pytest.raises(DamagedFileError, match="delete it to start again"):
-            evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+            evolve_with(WeightScorer(), None, CONFIG, out=tmp_path)
     path.write_text("{")
     with pytest.raises(DamagedFileError, match="delete it to start again"):
-        evolve_gait(None, CONFIG, out=tmp_path, scorer=WeightScorer())
+        evolve_with(WeightScorer(), None, CONFIG, out=tmp_path)
 
 
 def test_random_damages_are_a_sample_that_grows() -> None:
@@ -226,7 +216,7 @@ def test_bad_argument_is_refused_before_anything_swims(
 ) -> None:
     scorer = WeightScorer()
     with pytest.raises(InvalidArgumentError, match=message):
-        evolve_gait(**{"config": CONFIG, **arguments}, scorer=scorer)
+        evolve_with(scorer, **{"config": CONFIG, **arguments})
     assert scorer.calls == 0
 
 
@@ -235,18 +225,16 @@ def test_bad_argument_is_refused_before_anything_swims(
     [
         {"seed": -1},
         {"population": 9},
-        {"poses": 0, "aggregate": "quantile"},
         {"clock": float("nan")},
         {"seconds": 0.0},
         {"search": "random"},
         {"senses": "imu"},
         {"senses": ("imu", "sonar")},
         {"controller": "mlp", "search": "neat"},
-        {"senses": ("imu",), "controller": "fourier"},
+        {"controller": "fourier"},
         {"random_candidates": 3},
         {"cma_generations": 3},
         {"random_candidates": 10, "search": "neat"},
-        {"quantile": 0.1},
         {"seconds": 5.0, "task": "station"},
     ],
     ids=str,

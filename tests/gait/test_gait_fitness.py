@@ -19,11 +19,11 @@ POSES = random_poses(9, 3)
 @pytest.mark.parametrize("count", [1, 2, 9, 50])
 def test_bodies_are_dealt_equally(count: int) -> None:
     bodies = np.arange(count * 9.0).reshape(count, 9)
-    swims = draw_swims(bodies, POSES, stream(0, 3, 7))
-    drawn, times = np.unique(swims.bodies[:, 0], return_counts=True)
+    dealt, poses = draw_swims(bodies, POSES, stream(0, 3, 7))
+    drawn, times = np.unique(dealt[:, 0], return_counts=True)
     assert len(drawn) == min(count, len(POSES))
     assert times.max() - times.min() <= 1
-    np.testing.assert_array_equal(swims.poses, POSES)
+    np.testing.assert_array_equal(poses, POSES)
 
 
 def test_batch_of_bodies_agrees_with_each_alone() -> None:

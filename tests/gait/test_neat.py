@@ -10,8 +10,9 @@ from typing import Any
 import neat
 import numpy as np
 
+from aquafish_gym.morphology import Morphology
 from gait.network import OUTPUTS, Senses
-from gait.search.neat import Evolution
+from gait.search.neat import Evolution, genome_to_controller
 
 
 def worth(genome: Any) -> float:
@@ -20,9 +21,14 @@ def worth(genome: Any) -> float:
     return float(np.sin(sum(weights)) + 0.1 * len(genome.nodes) - 0.01 * len(weights))
 
 
+def start(size: int, seed: int) -> Evolution:
+    build = lambda genome: genome_to_controller(genome, 0.7, Morphology.nominal(), seed)  # noqa: E731
+    return Evolution(build, size, seed)
+
+
 def advance(evolution: Evolution, generations: int) -> Evolution:
     for _ in range(generations):
-        evolution.tell([worth(g) for g in evolution.ask()])
+        evolution.breed([worth(g) for g in evolution.genomes])
     return evolution
 
 
@@ -34,27 +40,27 @@ def snapshot(evolution: Evolution) -> list[tuple[Any, ...]]:
             [(key, node.bias) for key, node in genome.nodes.items()],
             [(key, c.weight, c.enabled) for key, c in genome.connections.items()],
         )
-        for genome in evolution.ask()
+        for genome in evolution.genomes
     ]
 
 
 def test_global_draws_do_not_change_a_run() -> None:
     random.seed(1)
-    quiet = advance(Evolution(30, 5), 6)
-    disturbed = Evolution(30, 5)
+    quiet = advance(start(30, 5), 6)
+    disturbed = start(30, 5)
     for i in range(6):
         random.seed(i)
         random.random()
         advance(disturbed, 1)
     assert snapshot(quiet) == snapshot(disturbed)
-    assert snapshot(quiet) != snapshot(advance(Evolution(30, 6), 6))
+    assert snapshot(quiet) != snapshot(advance(start(30, 6), 6))
 
 
 def test_global_generator_is_restored() -> None:
     random.seed(42)
     expected = random.random()
     random.seed(42)
-    advance(Evolution(20, 5), 3)
+    advance(start(20, 5), 3)
     assert random.random() == expected
 
 

@@ -17,7 +17,7 @@ from gait.agent import ControllerAgent
 from gait.config import EvolveConfig
 from gait.controller import Controller
 from gait.evolve import evolve_gait
-from gait.fitness import perform
+from gait.fitness import swim_scores
 from gait.network import Senses
 from gait.rollout import random_poses, swim_all
 from gait.search.templates import Template
@@ -37,7 +37,7 @@ def test_score_of_swimming_forward_is_the_distance() -> None:
     """Without the small price of effort."""
     controllers = [make(Senses(fins=True), seed) for seed in range(2)]
     task = SwimForward(seconds=4.0, ctrl_weight=0.0)
-    found = perform(controllers, BODY, POSES, task=task)
+    found = swim_scores(controllers, BODY, POSES, task=task)
     np.testing.assert_allclose(found, swim_all(controllers, BODY, POSES, 4.0), atol=1e-4)
     assert np.ptp(found) > 0.1
 
@@ -58,7 +58,7 @@ def test_agent_acts_as_one_policy_for_each_robot() -> None:
 def test_episodes_follow_from_the_seed_and_are_shared() -> None:
     controllers = [make(Senses(goal=True), seed) for seed in (0, 0, 1)]
     one, again, other = (
-        perform(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=seed)
+        swim_scores(controllers, BODY, POSES, task="waypoint", damage="random:severe", seed=seed)
         for seed in (5, 5, 9)
     )
     np.testing.assert_array_equal(one, again)
@@ -66,7 +66,7 @@ def test_episodes_follow_from_the_seed_and_are_shared() -> None:
     assert (one[0] != one[2]).all()
     assert (one != other).all()
     with pytest.raises(InvalidArgumentError, match="equally many, or one for all; got 2 and 3"):
-        perform(controllers, [BODY, BODY], POSES, task="waypoint")
+        swim_scores(controllers, [BODY, BODY], POSES, task="waypoint")
 
 
 def test_search_in_a_task_resumes_to_the_same_bytes(tmp_path: Path) -> None:
