@@ -81,7 +81,9 @@ def populations(settings: Settings, cleanup: ExitStack) -> Group:
         reference = Row("neat-python's network", "pybullet", "float64", 1, 1, steps, alone)
         rows.append(reference)
 
-    def row(name: str, controllers: list[Controller], dtype: str, poses: int, threads: int) -> Row:
+    def row(
+        name: str, controllers: Sequence[Controller], dtype: str, poses: int, threads: int
+    ) -> Row:
         angles, batch = random_poses(poses, settings.seed), count * poses
 
         def call() -> object:
