@@ -17,12 +17,11 @@ if TYPE_CHECKING:
     )
     from eea.fish.fins import Fins, fins_after
     from eea.fish.gap import RealityGap
-    from eea.fish.log_inference import infer_log
+    from eea.fish.log_inference import infer_log, watch_swim
     from eea.fish.posterior_file import load_posterior, save_posterior
     from eea.fish.simulator import EngineSimulator, fish_problem
     from eea.fish.swim_log import SwimLog, read_log, write_log
     from eea.fish.target import EngineTarget
-    from eea.fish.watch import watch_swim
 
 __all__ = [
     "EngineSimulator",
@@ -44,14 +43,18 @@ __all__ = [
     "write_log",
 ]
 _ROOMS = {
+    "EngineSimulator": "simulator",
+    "EngineTarget": "target",
     "Fins": "fins",
+    "RealityGap": "gap",
     "SwimLog": "swim_log",
     "fins_after": "fins",
+    "fish_problem": "simulator",
     "infer_log": "log_inference",
     "load_posterior": "posterior_file",
     "read_log": "swim_log",
     "save_posterior": "posterior_file",
-    "watch_swim": "watch",
+    "watch_swim": "log_inference",
     "write_log": "swim_log",
 }
 

@@ -15,9 +15,8 @@ from eea.core.config import Config, JointConfig, checked_config
 from eea.core.experiment import Target
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
-from eea.fish.gap import RealityGap
 from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
-from eea.fish.target import NO_GAP, EngineTarget
+from eea.fish.target import EngineTarget
 
 
 @dataclass(repr=False)
@@ -37,13 +36,10 @@ class MorphologyEstimate(Result):
         return Morphology.from_array(self.model)
 
     def __repr__(self) -> str:
-        config, done = self.config, len(self.rounds)
-        text = f"{config.condition}, {done} rounds of {config.steps} steps, seed {self.seed}"
-        if self.objective_fitness is not None:
-            text += f", OBJ_FIT {self.objective_fitness:.3f}"
-        if self.belief is not None:
-            text += f", 90% intervals {100 * self.width():.2g}% of the ranges wide"
-        return f"MorphologyEstimate({text})"
+        done, found = len(self.rounds), self.objective_fitness
+        text = f"{self.config.condition}, {done} rounds of {self.config.steps} steps"
+        fitness = "" if found is None else f", OBJ_FIT {found:.3f}"
+        return f"MorphologyEstimate({text}, seed {self.seed}{fitness})"
 
 
 def fish_eea(
@@ -115,7 +111,6 @@ def estimate_morphology(
     progress: Callable[[RoundRecord], None] | None = None,
     *,
     target_engine: str = "auto",
-    gap: RealityGap = NO_GAP,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Let a simulated, damaged fish infer its own body from a few trials.
@@ -133,8 +128,6 @@ def estimate_morphology(
         The seed of everything random; see ``estimate_morphology_of``.
     target_engine
         The target's engine; "auto" is PyBullet where it is installed.
-    gap
-        See ``EngineTarget``.
     **simulator
         See ``EngineSimulator``. The current and the substeps hold for the target too.
     """
@@ -147,6 +140,5 @@ def estimate_morphology(
         target_engine,
         simulator.get("current", (0.0, 0.0, 0.0)),
         simulator.get("substeps", 1),
-        gap,
     )
     return estimate_morphology_of(target, settings, seed, progress, target.morphology, **simulator)

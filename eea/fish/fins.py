@@ -49,11 +49,8 @@ def fins_after(result: Result) -> Fins:
     True
     """
     belief = result.belief
-    if not isinstance(belief, JointPosterior) or not result.rounds:
-        raise ConfigurationError(
-            "result must be of the condition joint, after a trial; got "
-            f"{result.config.condition} after {len(result.rounds)} trials"
-        )
+    if not isinstance(belief, JointPosterior):
+        raise ConfigurationError("result must be of the condition joint, after a trial")
     best = belief.branches[0]
     theta = best.posterior.sample(SAMPLES, np.random.default_rng(0))
     inputs = best.parameters.inputs(best.parameters.local(theta))

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
-from aquafish_gym.imu import ImuLog
 from aquafish_gym.scenario import MAXIMUM_SPIN
 from aquafish_gym.utils.validation import finite_array
 from aquafish_gym.world_config import WorldConfig
@@ -54,10 +51,3 @@ class RealityGap(WorldConfig):
             values = value if isinstance(value, tuple) else (value,)
             words.append(name if value is True else " ".join([name, *(f"{v:g}" for v in values)]))
         return ", ".join(words) or "nothing"
-
-    def felt(self, log: ImuLog, rng: np.random.Generator) -> ImuLog:
-        """Return a log with the gyroscope's noise and bias."""
-        if log.gyro is None or not (self.gyro_noise or any(self.gyro_bias)):
-            return log
-        noise = self.gyro_noise * rng.standard_normal(log.gyro.shape)
-        return replace(log, gyro=log.gyro + np.array(self.gyro_bias) + noise)

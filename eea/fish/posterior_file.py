@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import DamagedFileError
-from eea.core.checks import ConfigurationError, brief
+from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Belief
-
-if TYPE_CHECKING:
-    from eea.joint.joint_posterior import JointPosterior
+from eea.joint.joint_posterior import JointPosterior
+from eea.joint.serialization import ARRAYS, from_arrays, to_arrays
 
 
 def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
@@ -20,11 +18,8 @@ def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
     The file has everything except the simulator. ``ConfigurationError`` if it is another belief,
     ``CannotWriteError`` if the file cannot be written.
     """
-    from eea.joint.joint_posterior import JointPosterior
-    from eea.joint.serialization import to_arrays
-
-    if not isinstance(belief, JointPosterior):
-        raise ConfigurationError(f"belief must be of type JointPosterior; got {brief(belief)}")
+    instance("belief", belief, JointPosterior)
+    assert isinstance(belief, JointPosterior)
     write_arrays(path, to_arrays(belief))
 
 
@@ -42,9 +37,6 @@ def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
     --------
     >>> low, high = load_posterior("posterior.npz").interval(0.9)  # doctest: +SKIP
     """
-    # scipy is imported here to keep `import eea.fish` quick.
-    from eea.joint.serialization import ARRAYS, from_arrays
-
     shapes = {name: (None,) * dimensions for name, dimensions in ARRAYS.items()}
     arrays = read_arrays(path, shapes, "posterior")
     try:

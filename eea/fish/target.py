@@ -14,7 +14,7 @@ from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.angles import Floats, wrap
 from eea.core.checks import instance
@@ -78,11 +78,7 @@ class EngineTarget:
         self._rng = np.random.default_rng() if rng is None else rng
         self._gap, self._steps = gap, steps
         self._substeps = substeps * gap.substeps
-        world = gap.edit(Scenario.create(whole, current=current))
-        check_row("current", world.current[0])
-        self._scenario = self.damage.edit(world)
-        for stage in (self._scenario, *(change.to for change in self._scenario.schedule)):
-            check_row("servo_gain", stage.servo_gain[0])
+        self._scenario = self.damage.edit(gap.edit(Scenario.create(whole, current=current)))
         self._simulate(np.zeros(3), np.zeros(3))  # refuses wrong settings
         for fault in self.damage.faults:
             if fault.span[0] >= steps * TIMESTEP:
@@ -103,11 +99,12 @@ class EngineTarget:
             np.random.default_rng(np.random.SeedSequence(drawn.view(np.uint64), spawn_key=(i,)))
             for i in (1, 2)
         )
-        if self._first_angles is None:
-            self._first_angles = drawn
-        self.start_angles = initial_angles(drawn, self._first_angles, self.damage)
-        log = self._gap.felt(self._simulate(command, self.start_angles), noise)
-        return apply_sensor_faults(log, self._scenario, self._gap.gyro_bias, faults)
+        self.start_angles = self._initial_angles(drawn)
+        log = self._simulate(command, self.start_angles)
+        assert log.gyro is not None
+        white = self._gap.gyro_noise * noise.standard_normal(log.gyro.shape)
+        gyro: Floats = log.gyro + np.array(self._gap.gyro_bias) + white
+        return replace(log, gyro=self._observed(gyro, faults) if self.damage.faults else gyro)
 
     def _simulate(self, command: Floats, angles: Floats) -> ImuLog:
         # In double precision, in the compiled engine too: the target plays nature.
@@ -121,40 +118,30 @@ class EngineTarget:
             record="gyro",
         )
 
+    def _initial_angles(self, drawn: Floats) -> Floats:
+        """Return the fin angles (3,) in rad at which a trial begins.
 
-def initial_angles(angles: Floats, first: Floats, damage: Damage) -> Floats:
-    """Return the fin angles (3,) in rad at which a trial begins.
+        A fin whose servo turns, or has no power, begins where it was ``drawn`` (3,); one whose
+        servo is seized at its angle, or else where it was in the first trial.
+        """
+        if self._first_angles is None:
+            self._first_angles = drawn
+        first = self._first_angles
+        fields = {"body": np.zeros((1, 9)), "fin_angles": first[None]}
+        broken = self.damage.edit(Scenario.fill(fields))
+        found = broken.fin_angles[0]  # NaN without power
+        seized = (broken.servo_gain[0] == 0.0) & ~np.isnan(found)
+        return np.where(seized, np.where(found == first, first, wrap(found)), drawn)
 
-    A fin whose servo turns, or has no power, begins where it was drawn, at ``angles`` (3,); one
-    whose servo is seized at its angle, or else where it was in the ``first`` trial (3,).
-    """
-    broken = damage.edit(Scenario.fill({"body": np.zeros((1, 9)), "fin_angles": first[None]}))
-    found = broken.fin_angles[0]  # NaN without power
-    seized = (broken.servo_gain[0] == 0.0) & ~np.isnan(found)
-    return np.where(seized, np.where(found == first, first, wrap(found)), angles)
-
-
-def apply_sensor_faults(
-    log: ImuLog, scenario: Scenario, resting: ArrayLike, rng: np.random.Generator
-) -> ImuLog:
-    """Return a log with ``gyro`` (1, T, 3) as a scenario's broken gyroscope records it.
-
-    ``resting`` (3,) is its reading before the first step, rad/s; ``rng`` draws the noise.
-    """
-    stages = {0: scenario} | {change.step: change.to for change in scenario.schedule}
-    broken = any(
-        part.any()
-        for one in stages.values()
-        for part in (one.gyro_noise, one.sensor_bias, one.sensor_stuck, one.sensor_dropped)
-    )
-    if log.gyro is None or log.diverged.any() or not broken:
-        return log
-    sensors, unlimited = Sensors(1, np.float64), np.full(len(CHANNELS), np.inf)
-    truth = np.zeros((log.gyro.shape[1] + 1, len(CHANNELS)))
-    truth[0, GYRO], truth[1:, GYRO] = resting, log.gyro[0]
-    observed = np.empty_like(truth)
-    for step in range(len(truth)):
-        if step in stages:
-            sensors.update(_ONLY, stages[step])
-        observed[step] = sensors.observe(truth[step : step + 1], unlimited, [rng], _ONLY)[0]
-    return replace(log, gyro=observed[None, 1:, GYRO])
+    def _observed(self, gyro: Floats, rng: np.random.Generator) -> Floats:
+        """Return angular velocities (1, T, 3) as the damaged gyroscope records them."""
+        stages = {0: self._scenario} | {each.step: each.to for each in self._scenario.schedule}
+        sensors, unlimited = Sensors(1, np.float64), np.full(len(CHANNELS), np.inf)
+        truth = np.zeros((gyro.shape[1] + 1, len(CHANNELS)))
+        truth[0, GYRO], truth[1:, GYRO] = self._gap.gyro_bias, gyro[0]  # it begins at rest
+        observed = np.empty_like(truth)
+        for step in range(len(truth)):
+            if step in stages:
+                sensors.update(_ONLY, stages[step])
+            observed[step] = sensors.observe(truth[step : step + 1], unlimited, [rng], _ONLY)[0]
+        return observed[None, 1:, GYRO]

@@ -8,7 +8,6 @@ from scipy.stats import truncnorm
 
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
-from aquafish_gym.scenario import Scenario
 from eea.core.experiment import Performed
 from eea.fish.gap import RealityGap
 from eea.fish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
@@ -92,10 +91,10 @@ class Robot(EngineTarget):
         self.logs.append(log.gyro[0])
         return Performed(log, command)
 
-    def _simulate(self, command: Floats, scenario: Scenario) -> ImuLog:
+    def _simulate(self, command: Floats, angles: Floats) -> ImuLog:
         if self.setting.world == "mujoco":
-            return simulate_mujoco(self.body, command, scenario.fin_angles[0], self.setting.steps)
-        return super()._simulate(command, scenario)
+            return simulate_mujoco(self.body, command, angles, self.setting.steps)
+        return super()._simulate(command, angles)
 
     @property
     def observed(self) -> Observed:

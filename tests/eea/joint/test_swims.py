@@ -14,9 +14,8 @@ from aquafish_gym.scenario import Scenario
 from eea.core.config import FitConfig
 from eea.core.experiment import RecordedLog
 from eea.fish.estimate import MorphologyEstimate
-from eea.fish.log_inference import infer_log
+from eea.fish.log_inference import infer_log, watch_swim
 from eea.fish.swim_log import SwimLog
-from eea.fish.watch import watch_swim
 from eea.fish.windows import BEFORE, log_windows
 
 NOISE = 0.01
