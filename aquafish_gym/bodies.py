@@ -5,12 +5,11 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import DIMENSIONS, FINS, MAXIMA, Morphology, MorphologyLike
+from aquafish_gym.morphology import FINS, MAXIMA, Morphology, MorphologyLike
 from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
@@ -76,11 +75,11 @@ def write_bodies(path: str | os.PathLike[str], bodies: MorphologiesLike) -> None
 
 
 def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[Morphology, ...]:
-    """Return the bodies of a file: of a ``bodies.json``, or of a file with one body.
+    """Return the bodies of a JSON file: a ``bodies.json``, or a file with one body.
 
-    A ``bodies.json`` is an object with the schema ``aquafish.bodies/1`` whose ``morphologies`` is
-    a list of objects from fin to [x, y, z]. One that people write may lack schema and checksum.
-    See ``command_line.read_morphology`` for what the file of one body may hold.
+    A body is an object from fin to [x, y, z], or nine numbers in the order of ``DIMENSIONS``. The
+    file is a body, or an object with a ``morphology``, as a ``result.json``, or with a list of
+    ``morphologies``.
 
     Raises
     ------
@@ -88,44 +87,23 @@ def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[M
         If the file cannot be read or holds no body; the message names file and argument.
     """
     document = read_document(path, argument=argument)
-    several = "morphologies" in document
-    if several:  # whatever else it may say it is
-        document = read_document(path, SCHEMA, argument, schema_optional=True)
+    rows = document.get("morphologies", [document.get("morphology", document)])
     try:
-        if not several:
-            return (morphology_of(document),)
-        rows = document["morphologies"]
         if not isinstance(rows, list) or not rows:
             raise InvalidArgumentError(
                 f"its morphologies must be a list of one body or more; got {brief(rows)}"
             )
-        return tuple(_numbered(i, row) for i, row in enumerate(rows))
+        return tuple(map(_body, rows))
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
 
 
-def _numbered(index: int, row: object) -> Morphology:
-    try:
-        return morphology_of({"morphology": row})
-    except InvalidArgumentError as error:
-        raise InvalidArgumentError(f"morphologies[{index}]: {error}") from None
-
-
-def morphology_of(document: Mapping[str, Any]) -> Morphology:
-    """Return the body that a JSON object is, or has as its ``morphology``."""
-    body = document.get("morphology", document)
-    if body is None:
-        raise InvalidArgumentError("its morphology is null, so it has no body yet")
-    if isinstance(body, list):
-        names = [dimension.name for dimension in DIMENSIONS]
-        if document.get("dimensions", names) != names:
-            raise InvalidArgumentError(f"its dimensions must be {', '.join(names)}")
-        return Morphology.from_array(body)
-    if "morphologies" in document:
-        raise InvalidArgumentError("it holds a sample of bodies, and one body is wanted")
-    if not isinstance(body, dict) or sorted(body) != sorted(FINS):
+def _body(value: object) -> Morphology:
+    if isinstance(value, list):
+        return Morphology.from_array(value)
+    if not isinstance(value, dict) or sorted(value) != sorted(FINS):
         raise InvalidArgumentError(
-            f"it must hold an object with the keys {', '.join(FINS)}, "
-            'or one with such an object or nine numbers under "morphology"'
+            f"a body must be an object with the keys {', '.join(FINS)}, or nine numbers; got "
+            f"{brief(value)}"
         )
-    return Morphology.coerce(body)
+    return Morphology.coerce(value)

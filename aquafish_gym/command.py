@@ -32,9 +32,8 @@ def check_commands(commands: ArrayLike, argument: str = "commands") -> NDArray[n
 
 def check_series(commands: ArrayLike, argument: str = "commands") -> NDArray[np.float64]:
     """Return commands (B, 3), as :func:`check_commands` does, or series of them, (B, K, 3)."""
-    try:  # as objects, since numpy warns of a masked number that it makes a float
-        told = commands if hasattr(commands, "ndim") else np.asarray(commands, dtype=object)
-        series = np.ndim(told) == 3
+    try:
+        series = np.ndim(commands) == 3
     except ValueError:  # ragged; the check says so better
         series = False
     if not series:

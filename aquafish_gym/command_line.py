@@ -23,9 +23,8 @@ from typing import Annotated, Literal, Protocol
 import tyro
 from tyro.conf import arg
 
-from aquafish_gym.bodies import morphology_of
+from aquafish_gym.bodies import read_bodies
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import read_document
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -121,7 +120,7 @@ def run_command_line(
 ) -> int:
     """Run a command of a program, by default with the process's arguments; return the exit code.
 
-    It is 0; 1 if the machine fails (a full disk, no memory); 2 for a wrong command, option or
+    It is 0; 1 if the machine fails, such as a full disk; 2 for a wrong command, option or
     setting, which errors in ``refused`` report; 130 after Ctrl-C or SIGTERM; 141 if the reader of
     the output has left. Other errors pass.
     """
@@ -149,8 +148,6 @@ def run_command_line(
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
         return _fail(program, f"{place}{error.strerror or error}", FAILED)
-    except MemoryError:
-        return _fail(program, "there is not enough memory", FAILED)
     return 0
 
 
@@ -226,24 +223,13 @@ def _one_line(box: str, command: type[Command]) -> str:
             return f"unexpected argument {found[1]!r}"
         nearest = difflib.get_close_matches(found[1], _options(command), n=1)
         return f"unknown option {found[1]}" + (f"; did you mean {nearest[0]}?" if nearest else "")
-    if message.startswith("Missing from"):
-        missing = re.findall(r"--[\w.-]+", message)
-        return f"the command needs {' and '.join(missing)}; --help lists the options"
     if found := re.match(r"Error parsing (\S+): .*?(int|float)\b.*: '(.*)'", message):
         kind = "a whole number" if found[2] == "int" else "a number"
         return f"{found[1]} must be {kind}; got {found[3]!r}"
-    if found := re.match(r"Error parsing (\S+): .*? \[(.*)\] into tuple type .*?\[(.*)\]", message):
-        return f"{found[1]} must be {found[3].count(',') + 1} numbers; got {found[2]}"
-    if found := re.match(r"Missing value for argument '(.*)'. Expected (\d+) values", message):
-        return f"{found[1]} needs {'a value' if found[2] == '1' else f'{found[2]} values'}"
     if found := re.match(
         r"invalid choice '(.*)' for argument '(.*)'. Expected .*? \((.*)\)", message
     ):
-        choices = re.findall(r"'(.*?)'", found[3])
-        if "None" in choices:  # then tyro lists them in any order
-            choices.remove("None")
-            choices.sort(key=lambda one: (not one.isdigit(), one.zfill(2), one))
-        one_of(found[2], found[1], choices)
+        one_of(found[2], found[1], re.findall(r"'(.*?)'", found[3]))
     return message
 
 
@@ -269,15 +255,10 @@ def _refuse_empty_values(words: Sequence[str]) -> None:
 
 
 def read_morphology(path: Path | None, argument: str) -> Morphology:
-    """Return the body in a JSON file, or the nominal body for None.
-
-    The file holds what ``Morphology.to_dict`` returns, or an object whose ``morphology`` is that or
-    nine numbers in the order of ``DIMENSIONS``. Raises InvalidArgumentError if it holds no body.
-    """
+    """Return the body in a file with one, or the nominal body for None; see ``read_bodies``."""
     if path is None:
         return Morphology.nominal()
-    document = read_document(path, argument=argument)
-    try:
-        return morphology_of(document)
-    except InvalidArgumentError as error:
-        raise InvalidArgumentError(f"{argument}: {path}: {error}") from None
+    bodies = read_bodies(path, argument)
+    if len(bodies) > 1:
+        raise InvalidArgumentError(f"{argument}: {path} holds {len(bodies)} bodies; one is wanted")
+    return bodies[0]

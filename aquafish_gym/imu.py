@@ -9,8 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.physics.attitude import continue_attitude
-
 Floats = NDArray[np.floating]
 
 # Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
@@ -72,11 +70,3 @@ def join_logs(logs: Sequence[ImuLog]) -> ImuLog:
         for name, those in parts.items()
     }
     return ImuLog(**joined, diverged=diverged)
-
-
-def unwrap_rpy(rpy: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Return a physical robot's attitudes (T, 3), rad, made continuous as the engines' logs are."""
-    out = np.array(rpy, dtype=np.float64)
-    for t in range(1, len(out)):
-        out[t] = continue_attitude(tuple(out[t - 1]), tuple(out[t]))
-    return out

@@ -85,21 +85,17 @@ def read_document(
     schema: str | None = None,
     argument: str = "file",
     most_bytes: int = MOST_BYTES,
-    schema_optional: bool = False,
 ) -> dict[str, Any]:
     """Return the content of a document, without its schema.
 
-    With ``schema_optional``, for what people write by hand, it may have none. In messages
-    ``argument`` names the file. Raises DamagedFileError if the file holds something else, and
-    InvalidArgumentError if it cannot be read.
+    In messages ``argument`` names the file. Raises DamagedFileError if the file holds something
+    else, and InvalidArgumentError if it cannot be read.
     """
     content = read_bytes(path, argument, most_bytes)
-    return decode_document(content, f"{argument}: {path}", schema, schema_optional)
+    return decode_document(content, f"{argument}: {path}", schema)
 
 
-def decode_document(
-    content: bytes, name: str, schema: str | None = None, schema_optional: bool = False
-) -> dict[str, Any]:
+def decode_document(content: bytes, name: str, schema: str | None = None) -> dict[str, Any]:
     """Return the content of an encoded document, or raise DamagedFileError with the name."""
     try:
         whole = parse_json(name, content)
@@ -109,7 +105,7 @@ def decode_document(
         raise DamagedFileError(f"{name} must hold a JSON object; it holds {brief(whole)}")
     whole.pop("checksum", None)  # of files of version 0.1
     found = whole.pop("schema", None)
-    if schema is not None and found != schema and not (found is None and schema_optional):
+    if schema is not None and found != schema:
         raise DamagedFileError(f"{name} must be of schema {schema}; it has {brief(found)}")
     return whole
 

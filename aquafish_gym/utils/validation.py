@@ -11,7 +11,6 @@ import json
 import math
 import re
 from collections.abc import Iterable
-from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
@@ -64,7 +63,7 @@ def finite_array(
     """Return ``value`` as a new float64 array of ``shape``, every entry in [``low``, ``high``].
 
     With ``flat``, a batch of one may be given without its leading axis. Text that spells numbers
-    is refused, and so are True and False, spans of time and masked entries.
+    is refused, and so are booleans, spans of time and masked entries.
     """
     wanted = spelled(shape)
     try:
@@ -132,7 +131,7 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
 
 
 def parse_json(argument: str, text: object) -> Any:
-    """Return the value of a text in JSON, whose numbers must be finite and keys unique.
+    """Return the value of a text in JSON, whose numbers must be finite.
 
     Raises InvalidArgumentError, also for a text whose value would take much more memory than it.
     """
@@ -145,12 +144,7 @@ def parse_json(argument: str, text: object) -> Any:
             f"{argument} must have at most {_MOST_PARTS} lists, objects and strings; it has more"
         )
     try:
-        return json.loads(
-            text,
-            object_pairs_hook=_without_repeats,
-            parse_float=_finite,
-            parse_constant=_finite,
-        )
+        return json.loads(text, parse_float=_finite, parse_constant=_finite)
     except RecursionError:
         raise InvalidArgumentError(f"{argument} is not JSON: it is nested too deep") from None
     except ValueError as error:  # of too many digits, too
@@ -165,39 +159,12 @@ def _finite(text: str) -> float:
     return number
 
 
-def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        twice = next(key for key in keys if keys.count(key) > 1)
-        raise ValueError(f"the key {brief(twice)} stands there twice")
-    return found
-
-
 def _real(value: ArrayLike) -> NDArray[np.float64]:
-    """Return numbers as an array; TypeError or ValueError refuse text, booleans and masks."""
-    if _holds_no_numbers(value):
-        raise TypeError("not real numbers")
+    """Return numbers as a new array; TypeError or ValueError refuse text, booleans and masks."""
     raw = np.asarray(value)
-    if raw.dtype.kind not in "iufO" or (
-        raw.dtype.kind == "O" and not all(_is_number(v) for v in raw.flat)
-    ):
+    if raw.dtype.kind not in "iuf" or np.ma.is_masked(value):
         raise TypeError("not real numbers")
-    with np.errstate(over="ignore"):  # what float64 cannot hold is infinite, and refused as such
-        return np.array(raw, dtype=np.float64)
-
-
-def _holds_no_numbers(value: object) -> bool:
-    """Return whether a value holds booleans, bytes or masked entries, which numpy would convert."""
-    if isinstance(value, list | tuple):
-        return any(map(_holds_no_numbers, value))
-    return isinstance(value, bool | np.bool_ | bytes | bytearray | memoryview) or bool(
-        np.ma.is_masked(value)
-    )
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool | np.timedelta64)
+    return np.array(raw, dtype=np.float64)
 
 
 def brief(value: Any) -> str:

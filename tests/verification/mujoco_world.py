@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.worlds import RUNAWAY, Triple
-from aquafish_gym.imu import ImuLog, unwrap_rpy
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.physics.attitude import attitude
+from aquafish_gym.physics.attitude import attitude, continue_attitude
 from aquafish_gym.physics.kinematics import State, at_rest, rotation
 from aquafish_gym.scenario import TIMESTEP
 from tests.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
@@ -140,8 +140,9 @@ def log_of_samples(samples: NDArray[np.float64]) -> ImuLog:
     rpy = np.full((len(samples), samples.shape[1] + 1, 3), math.nan)
     lasts = np.isfinite(samples[:, :, 0]).sum(axis=1)
     for log, robot, good in zip(rpy, samples, lasts.tolist(), strict=True):
-        turns = [attitude(rotation(tuple(q))) for q in robot[:good, 3:7].tolist()]
-        log[: good + 1] = unwrap_rpy(np.array([(0.0, 0.0, 0.0), *turns]))
+        now = log[0] = (0.0, 0.0, 0.0)
+        for t, q in enumerate(robot[:good, 3:7].tolist(), 1):
+            now = log[t] = continue_attitude(now, attitude(rotation(tuple(q))))
     return ImuLog(
         rpy=rpy[:, 1:],
         gyro=samples[:, :, 7:10],
