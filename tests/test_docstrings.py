@@ -18,7 +18,6 @@ ROOMS = (
     "aquafish_gym.rendering",
     "eea",
     "eea.core",
-    "eea.joint",
     "gait",
 )
 # What can only be imported with a heavy extra.

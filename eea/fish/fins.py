@@ -53,8 +53,8 @@ def fins_after(result: Result) -> Fins:
         raise ConfigurationError("result must be of the condition joint, after a trial")
     best = belief.branches[0]
     theta = best.posterior.sample(SAMPLES, np.random.default_rng(0))
-    inputs = best.parameters.inputs(best.parameters.local(theta))
-    nuisances, angles = inputs.nuisances[:, -1], inputs.angles[:, -1]
+    last = best.parameters.local(theta)[:, -1]
+    _, nuisances, angles = best.parameters.inputs(last)
     gains = nuisances[:, GAIN] * nuisances[:, SERVOS]
     turning = result.config.steps * TIMESTEP - nuisances[:, LAG, None]
     command = np.array(result.rounds[-1].command)

@@ -155,7 +155,7 @@ def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) ->
         {
             word: Part(
                 {d.name: d.size for d in DIMENSIONS if d.fin == fin},
-                ("length", "width"),
+                (f"{fin}.length", f"{fin}.width"),
                 f"a faster {word} would tell",
             )
             for fin, word in FIN_WORDS.items()

@@ -37,8 +37,7 @@ def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
     --------
     >>> low, high = load_posterior("posterior.npz").interval(0.9)  # doctest: +SKIP
     """
-    shapes = {name: (None,) * dimensions for name, dimensions in ARRAYS.items()}
-    arrays = read_arrays(path, shapes, "posterior")
+    arrays = read_arrays(path, dict.fromkeys(ARRAYS, (None,)), "posterior")
     try:
         return from_arrays(arrays)
     except ConfigurationError as error:

@@ -21,22 +21,20 @@ BEYOND = 4.0  # sd that the best fit lies outside the range
 AT_BOUND = 1e-6  # of a range
 DRAWS = 512  # of a mode, for the place of its body
 NOTHING = "the data tell next to nothing of the body: each size may be almost any"
-FEW = ("no", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine")
 
 
-class Size(NamedTuple):
+class _Size(NamedTuple):
     """A dimension of a part."""
 
-    part: str  #: As in a sentence: "the tail".
-    label: str  #: "length".
-    place: int  #: In the posterior, as a share of its range.
-    low: float  #: The ends of its range.
+    part: str  # as in a sentence: "the tail"
+    label: str
+    place: int  # in the posterior, as a share of its range
+    low: float
     high: float
-    hint: str = ""  #: Which trial would determine it: "a faster tail would tell".
+    hint: str  # as a clause: "; a faster tail would tell"
 
     @property
     def name(self) -> str:
-        """As in a sentence: "the tail's length"."""
         return f"{self.part}'s {self.label}"
 
     def value(self, share: Floats) -> Floats:
@@ -44,48 +42,24 @@ class Size(NamedTuple):
         return np.asarray(self.low + share * (self.high - self.low))
 
 
-class Group(NamedTuple):
-    """The sizes of a part."""
-
-    name: str
-    sizes: tuple[Size, ...]
-    area: tuple[Size, Size] | None = None  #: Two whose product is the area, if it has one.
-
-
-def groups(joint: JointProblem) -> list[Group]:
-    """Return a robot's parts with their sizes' places in a posterior."""
-    models, found = joint.problem.models, []
-    for part, of in joint.parts.items():
-        sizes = {}
-        for dimension, label in of.sizes.items():
-            i = models.names.index(dimension)
-            low, high = float(models.low[i]), float(models.high[i])
-            sizes[label] = Size(f"the {part}", label, i, low, high, of.hint)
-        area = None if of.area is None else (sizes[of.area[0]], sizes[of.area[1]])
-        found.append(Group(f"the {part}", tuple(sizes.values()), area))
-    return found
-
-
-def findings(posterior: Posterior, parts: Sequence[Group]) -> list[str]:
-    """Return sentences on what is absent, too large, ambiguous, traded off or undetermined.
-
-    Examples
-    --------
-    >>> from eea.joint.posterior import Mode
-    >>> mode = Mode([0.0, 0.5], [[1e4, 0.0], [0.0, 0.0]], cost=0.0)
-    >>> found = Posterior(("length", "width"), [0, 0], [1, 1], [False, False], [mode])
-    >>> sizes = Size("the tail", "length", 0, 0.0, 2.0), Size("the tail", "width", 1, 0.0, 1.0)
-    >>> findings(found, [Group("the tail", sizes, area=sizes)])
-    ['the tail is absent: its area is at most 0.025']
-    """
+def findings(posterior: Posterior, joint: JointProblem) -> list[str]:
+    """Return sentences on what is absent, too large, ambiguous, traded off or undetermined."""
+    models = joint.problem.models
     said: list[str] = []
-    present: list[Size] = []
-    for group in parts:
-        sentence = _absence(posterior, group)
-        if sentence:  # the sizes of an absent part have no effect
-            said.append(sentence)
+    present: list[_Size] = []
+    for name, part in joint.parts.items():
+        hint = f"; {part.hint}" if part.hint else ""
+        sizes = {}
+        for dimension, label in part.sizes.items():
+            i = models.names.index(dimension)
+            sizes[dimension] = _Size(
+                f"the {name}", label, i, float(models.low[i]), float(models.high[i]), hint
+            )
+        absence = _absence(posterior, [sizes[dimension] for dimension in part.area])
+        if absence:  # the sizes of an absent part have no effect
+            said.append(absence)
         else:
-            present += group.sizes
+            present += sizes.values()
     low, high = posterior.interval(MASS)
     width = (high - low) / (posterior.high - posterior.low)
     if len(present) > 1 and min(width[size.place] for size in present) > UNTOLD:
@@ -103,27 +77,27 @@ def findings(posterior: Posterior, parts: Sequence[Group]) -> list[str]:
             trading |= {a, b}
             hint = (first if width[a] >= width[b] else second).hint
             other = second.label if first.part == second.part else second.name
-            said.append(f"{first.name} and {other} trade off" + (f"; {hint}" if hint else ""))
+            said.append(f"{first.name} and {other} trade off{hint}")
     for size in present:
         if width[size.place] > UNTOLD and size.place not in trading:
             least, most = size.value(np.array([low[size.place], high[size.place]]))
             said.append(
                 f"the data do not tell {size.name}: anything from {least:.2g} to {most:.2g}"
-                + (f"; {size.hint}" if size.hint else "")
+                f"{size.hint}"
             )
     return said
 
 
-def _absence(posterior: Posterior, group: Group) -> str | None:
-    """Return a sentence that the group is absent, if it is."""
-    if group.area is None:
+def _absence(posterior: Posterior, area: Sequence[_Size]) -> str | None:
+    """Return a sentence that a part is absent, if the product of two sizes is next to none."""
+    if not area:
         return None
-    one, other = group.area
+    one, other = area
     areas = one.value(posterior.draws[:, one.place]) * other.value(posterior.draws[:, other.place])
     most = float(np.quantile(areas, 0.95))
     if most > ABSENT * (one.high * other.high):
         return None
-    return f"{group.name} is absent: its area is at most {most:.2g}"
+    return f"{one.part} is absent: its area is at most {most:.2g}"
 
 
 def _is_beyond(posterior: Posterior, index: int) -> bool:
@@ -138,7 +112,7 @@ def _is_beyond(posterior: Posterior, index: int) -> bool:
     return bool(-spread[index] @ mode.gradient > BEYOND * np.sqrt(spread[index, index]))
 
 
-def _bodies(posterior: Posterior, sizes: Sequence[Size]) -> list[str]:
+def _bodies(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
     """Return a sentence on the bodies that explain the data, if there are several.
 
     Modes of other angles or nuisances are one body; so are two modes whose sizes all differ by less
@@ -162,16 +136,12 @@ def _bodies(posterior: Posterior, sizes: Sequence[Size]) -> list[str]:
     bodies = sorted((b for b in bodies if b[0] >= LEAST_WEIGHT), key=lambda b: -b[0])
     if len(bodies) < 2:
         return []
-    differ = [
-        k
-        for k in range(len(sizes))
-        if np.ptp([middle[k] for _, middle, _ in bodies])
-        > max(reach[k], 2.0 * max(spread[k] for _, _, spread in bodies))
-    ]
+    apart = np.ptp([middle for _, middle, _ in bodies], axis=0)
+    spread = np.max([spread for _, _, spread in bodies], axis=0)
+    differ = np.flatnonzero(apart > np.maximum(reach, 2.0 * spread)).tolist()
     described = [
         f"{weight:.0%} "
         + " and ".join(f"{sizes[k].name} {sizes[k].value(middle[k]):.2g}" for k in differ)
         for weight, middle, _ in bodies
     ]
-    count = FEW[len(bodies)] if len(bodies) < len(FEW) else str(len(bodies))
-    return [f"{count} bodies explain it: " + ", or ".join(described)]
+    return [f"{len(bodies)} bodies explain it: " + ", or ".join(described)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,7 @@ from scipy.special import log_ndtr
 from eea.core.angles import Floats
 from eea.core.checks import choice, finite
 from eea.core.config import FitConfig
-from eea.joint.diagnostics import groups
-from eea.joint.goodness_of_fit import Goodness, effective_count, goodness_of_fit
+from eea.joint.goodness_of_fit import effective_count
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
 from eea.joint.least_squares import FINE, Observed, Regression
@@ -66,13 +65,21 @@ def fit(
     check_nuisances(joint, config)
     finite("signal", observed.signal, (len(observed), None, joint.problem.axes))
     counter = _Counter(joint.simulate)
-    task = _Task(observed, replace(joint, simulate=counter), config, rng, earlier)
+    joint = replace(joint, simulate=counter)
+    start = (earlier and earlier.warm_start) or WarmStart()
+    groups = joint.groups if config.nuisances is None else config.nuisances
+
+    def optimize(hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
+        parameters = Parameters.of(joint, len(observed), groups, hypothesis, config.per_trial)
+        regression = Regression(parameters, observed, config.noise)
+        before = start.optima.get(hypothesis.name)
+        return _optimize(regression, config, rng, before, plain, once=not start.explained)
 
     # Fit the robot as commanded, then the other hypotheses that are plausible.
-    plain = task.optimize(AS_COMMANDED)
-    explained = task.goodness(plain).good
+    plain = optimize(AS_COMMANDED)
+    explained = plain.goodness.good
     alone = mixture(plain, plain)
-    others = [(h, task.optimize(h, plain)) for h in task.plausible(plain, alone)]
+    others = [(h, optimize(h, plain)) for h in _plausible(joint, config, plain, alone, earlier)]
     lowest = min((o for _, o in others), key=_least, default=plain)
     if _least(lowest) < _least(plain):  # was it the hypothesis, or a better search?
         plain = improved(plain, carried_over(lowest, plain.regression.parameters)[:1])
@@ -95,12 +102,12 @@ def fit(
     )
 
     # Leave what the fit of more trials starts from.
-    optima = {**task.start.optima, **{h.name: o for h, o in fitted}}
+    optima = {**start.optima, **{h.name: o for h, o in fitted}}
     hopeless = {fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS)}
-    dropped = (task.start.dropped | hopeless) - {AS_COMMANDED.name}
+    dropped = (start.dropped | hopeless) - {AS_COMMANDED.name}
     return JointPosterior(
         branches,
-        task.goodness(optima[branches[0].hypothesis.name]),
+        optima[branches[0].hypothesis.name].goodness,
         best.sigma,
         0 if config.noise else observed.signal.size,
         WarmStart(optima, frozenset(dropped), explained, counter.robots),
@@ -133,73 +140,58 @@ class _Counter:
         return self._simulate(bodies, nuisances, commands, angles, fine)
 
 
-@dataclass(frozen=True, eq=False)
-class _Task:
-    """One fit; see :func:`fit`."""
+def _optimize(
+    regression: Regression,
+    config: FitConfig,
+    rng: np.random.Generator,
+    earlier: Optima | None,
+    plain: Optima | None,
+    once: bool,
+) -> Optima:
+    """Fit all trials under a hypothesis, also from ``earlier`` optima and those as commanded.
 
-    observed: Observed
-    joint: JointProblem
-    config: FitConfig
-    rng: np.random.Generator
-    earlier: JointPosterior | None
+    Trials that no body explained before are searched ``once``, not again and again. Most
+    alternatives are wrong: they too are searched once, and later with half the effort.
+    """
+    parameters, trials, starts = regression.parameters, len(regression.observed), None
+    if earlier is not None:
+        starts = carried_over(earlier, parameters)
+        posed, _ = pose(regression, starts, config.poses, rng)
+        for trial in range(len(earlier.regression.observed), trials):
+            entries = parameters.own_entries(trial)
+            starts[:, entries] = posed[:, entries]
+    if plain is None:
+        return search(regression, rng, config, starts, once)
+    as_commanded = carried_over(plain, parameters)
+    if starts is None:
+        return search(regression, rng, config, as_commanded)
+    return search(regression, rng, halved(config), np.concatenate([starts, as_commanded]))
 
-    @property
-    def start(self) -> WarmStart:
-        """What the earlier fit left."""
-        return (self.earlier and self.earlier.warm_start) or WarmStart()
 
-    def goodness(self, optima: Optima) -> Goodness:
-        """Test whether the best fit leaves nothing but noise."""
-        return goodness_of_fit(
-            optima.residuals, len(optima.regression.parameters), self.config.noise
-        )
-
-    def optimize(self, hypothesis: Hypothesis, plain: Optima | None = None) -> Optima:
-        """Fit all trials under a hypothesis, also from earlier optima and ``plain`` ones."""
-        config, observed = self.config, self.observed
-        groups = self.joint.groups if config.nuisances is None else config.nuisances
-        parameters = Parameters.of(self.joint, len(observed), groups, hypothesis, config.per_trial)
-        regression = Regression(parameters, observed, config.noise)
-        earlier, starts = self.start.optima.get(hypothesis.name), None
-        if earlier is not None:
-            starts = carried_over(earlier, parameters)
-            posed, _ = pose(regression, starts, config.poses, self.rng)
-            for trial in range(len(earlier.regression.observed), len(observed)):
-                entries = parameters.own_entries(trial)
-                starts[:, entries] = posed[:, entries]
-        if plain is None:
-            # Trials that no body explained are not searched again and again.
-            once = not self.start.explained
-        else:  # most alternatives are wrong: they are searched once, and later with half the effort
-            once = True
-            as_commanded = carried_over(plain, parameters)
-            starts = as_commanded if starts is None else np.concatenate([starts, as_commanded])
-            if earlier is not None:
-                config = halved(config)
-        return search(regression, self.rng, config, starts, lambda o: once or self.goodness(o).good)
-
-    def plausible(self, plain: Optima, alone: Posterior) -> list[Hypothesis]:
-        """Return the alternative hypotheses to fit, given the fit as commanded."""
-        when = self.config.alternatives
-        if when == "never":
-            return []
-        names = {h.name for h in self.joint.hypotheses} - self.start.dropped
-        if when == "doubt" and self.goodness(plain).good:
-            # Those that were probable stay: a small fin explains a missing one nearly as well.
-            branches = () if self.earlier is None else self.earlier.branches
-            probable = {branch.hypothesis.name for branch in branches}
-            absent = self._perhaps_absent(plain, alone)
-            names &= probable | {h.name for h in self.joint.hypotheses if h.part in absent}
-        return [h for h in self.joint.hypotheses if h.name in names]
-
-    def _perhaps_absent(self, plain: Optima, alone: Posterior) -> set[str]:
-        """Return the names of parts that may have next to no area."""
-        least = np.minimum(plain.fits.theta[0], alone.interval(0.9)[0])
-        return {
-            name
-            for name, part in zip(self.joint.parts, groups(self.joint), strict=True)
-            if part.area and min(least[side.place] for side in part.area) < ABSENT
-        }
+def _plausible(
+    joint: JointProblem,
+    config: FitConfig,
+    plain: Optima,
+    alone: Posterior,
+    earlier: JointPosterior | None,
+) -> list[Hypothesis]:
+    """Return the alternative hypotheses to fit, given the fit as commanded and its posterior."""
+    if config.alternatives == "never":
+        return []
+    start = (earlier and earlier.warm_start) or WarmStart()
+    likely = [h for h in joint.hypotheses if h.name not in start.dropped]
+    if config.alternatives == "always" or not plain.goodness.good:
+        return likely
+    # Those that were probable stay: a small fin explains a missing one nearly as well.
+    probable = {branch.hypothesis.name for branch in earlier.branches} if earlier else set()
+    place = joint.problem.models.names.index
+    least = np.minimum(plain.fits.theta[0], alone.interval(0.9)[0])
+    absent = {
+        name
+        for name, part in joint.parts.items()
+        if any(least[place(dimension)] < ABSENT for dimension in part.area)
+    }
+    return [h for h in likely if h.name in probable or h.part in absent]
 
 
 def mixture(optima: Optima, best: Optima) -> Posterior:
@@ -212,15 +204,13 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
     parameters, theta = optima.regression.parameters, optima.fits.theta
     linear = optima.regression.misfit(FINE).linearise(theta)
     away = theta - parameters.prior_mean
-    modes = tuple(
-        Mode(
-            theta[k],
-            weight * linear.normal[k] + parameters.prior_information,
-            float(0.5 * weight * optima.fits.squares[k] + parameters.prior_cost(theta[k])),
-            weight * linear.gradient[k] + parameters.prior_information @ away[k],
-        )
-        for k in range(len(theta))
-    )
+    modes = []
+    for k in range(len(theta)):
+        information = weight * linear.normal[k] + parameters.prior_information
+        information = 0.5 * (information + information.T)
+        gradient = weight * linear.gradient[k] + parameters.prior_information @ away[k]
+        cost = 0.5 * weight * optima.fits.squares[k] + parameters.prior_cost(theta[k])
+        modes.append(Mode(theta[k], information, float(cost), gradient))
     return Posterior(parameters.names, parameters.low, parameters.high, parameters.circular, modes)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import whole
-from eea.joint.diagnostics import findings, groups
+from eea.joint.diagnostics import findings
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, intervals
@@ -161,7 +161,7 @@ class JointPosterior:
             said = [self.goodness.verdict]
             if best.hypothesis.name != AS_COMMANDED.name:
                 said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
-        return said + findings(best.posterior, groups(best.parameters.joint))
+        return said + findings(best.posterior, best.parameters.joint)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything except the modes' covariances, ready for JSON."""

@@ -18,6 +18,7 @@ least-squares minimization", 2012)::
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -58,12 +59,15 @@ class Fitted(NamedTuple):
     squares: Floats  #: Sum of squared residuals, (S,).
     cost: Floats  #: -log posterior (S,), up to a constant.
 
+    def of(self, rows: Sequence[int] | NDArray[Any]) -> Fitted:
+        """Return some of the descents."""
+        return Fitted(*(part[rows] for part in self))
+
 
 class Linear(NamedTuple):
     """The linearisation at S vectors."""
 
-    squares: Floats  #: Sum of squared residuals, (S,).
-    gradient: Floats  #: Of half of it, (S, P).
+    gradient: Floats  #: Of half the sum of squared residuals, (S, P).
     normal: Floats  #: Gauss and Newton's matrix J^T J, (S, P, P).
     residuals: Floats  #: (S, E, M).
     slopes: Floats  #: Their derivatives (S, E, F, M) by the free slots.
@@ -117,13 +121,10 @@ class Misfit:
         parts = []
         for first in range(0, len(robots), MOST_ROBOTS):
             rows = slice(first, first + MOST_ROBOTS)
-            inputs = self.parameters.inputs(robots[rows])
+            bodies, nuisances, angles = self.parameters.inputs(robots[rows])
+            commands = self._observed.commands[which[rows]]
             signal = self.parameters.joint.simulate(
-                inputs.bodies,
-                inputs.nuisances,
-                self._observed.commands[which[rows]],
-                inputs.angles,
-                self.precision.fine,
+                bodies, nuisances, commands, angles, self.precision.fine
             )
             kept = signal[:, :: self.precision.stride].swapaxes(1, 2)
             parts.append(kept.reshape(len(kept), -1))
@@ -143,8 +144,8 @@ class Misfit:
         sums = np.einsum("sem,sem->s", residuals, residuals).astype(np.float64)
         return np.where(np.isfinite(sums), sums, np.inf)
 
-    def jacobian(self, theta: Floats) -> tuple[Floats, Floats]:
-        """Return residuals (S, E, M) and their derivatives (S, E, F, M) by the free slots.
+    def linearise(self, theta: Floats) -> Linear:
+        """Return the misfit near vectors (S, P), by forward differences.
 
         The derivatives of a robot that diverged are zero.
         """
@@ -163,21 +164,14 @@ class Misfit:
             slopes /= step[..., None]
         if lost.any():
             slopes[lost[:, :, 1:] | lost[:, :, :1]] = 0.0
-        return rows[:, :, 0].astype(np.float64), slopes
-
-    def linearise(self, theta: Floats) -> Linear:
-        """Return the misfit near vectors (S, P), by forward differences."""
-        residuals, slopes = self.jacobian(theta)
-        sums = np.einsum("sem,sem->s", residuals, residuals)
+        residuals = rows[:, :, 0].astype(np.float64)
         blocks = slopes @ slopes.swapaxes(-1, -2)  # (S, E, F, F)
-        size = len(self.parameters)
-        normal = np.zeros((len(theta), size, size))
-        for e, entries in enumerate(self.parameters.slots[self._trials][:, self._free]):
-            used = entries != FIXED
-            at = entries[used]
+        normal = np.zeros((len(theta), len(parameters), len(parameters)))
+        for e, one in enumerate(entries):
+            used = one != FIXED
+            at = one[used]
             normal[:, at[:, None], at] += blocks[:, e][:, used][:, :, used]
-        squares = np.where(np.isfinite(sums), sums, np.inf)
-        return Linear(squares, self._pull(slopes, residuals), normal, residuals, slopes)
+        return Linear(self._pull(slopes, residuals), normal, residuals, slopes)
 
     def _pull(self, slopes: Floats, signal: Floats) -> Floats:
         """Return J^T (S, P) of slopes (S, E, F, M) times a signal (S, E, M)."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,14 +15,6 @@ FIXED = -1  # in ``slots``: a constant instead of a parameter
 SURE = 1e12  # the prior's precision of a dimension that a hypothesis fixes, which stays an entry
 
 
-class Inputs(NamedTuple):
-    """The simulator's inputs, (S, E, width) each, for S vectors and E trials."""
-
-    bodies: Floats
-    nuisances: Floats
-    angles: Floats
-
-
 @dataclass(frozen=True, eq=False)
 class Parameters:
     """The unknowns of E trials as one vector theta (P,).
@@ -31,32 +22,16 @@ class Parameters:
     First come the body's dimensions and the nuisances common to all trials, as shares of their
     ranges in [0, 1], then each trial's own nuisances (shares) and hidden angles (rad). A **slot**
     is one of the W numbers that a trial is simulated with: body, nuisances, angles.
-
-    Attributes
-    ----------
-    names
-        Of the entries; those of trial e end in ``@e``, from 1.
-    low, high
-        Bounds (P,); infinite for angles.
-    circular
-        Whether each entry (P,) is an angle.
-    prior_mean, prior_precision
-        The normal prior of each entry (P,); precision 0 is uniform.
-    prior_information
-        (P, P), the prior's inverse covariance.
-    slots
-        (E, W) the entry of which each trial's slot takes the value, or ``FIXED``.
     """
 
     joint: JointProblem
-    names: tuple[str, ...]
-    low: Floats
-    high: Floats
-    circular: NDArray[np.bool_]
-    prior_mean: Floats
-    prior_precision: Floats
-    prior_information: Floats
-    slots: NDArray[np.intp]
+    names: tuple[str, ...]  #: Of the entries; those of trial e end in ``@e``, from 1.
+    low: Floats  #: Lower bounds (P,); infinite for angles.
+    high: Floats  #: Upper bounds (P,).
+    circular: NDArray[np.bool_]  #: Whether each entry (P,) is an angle.
+    prior_mean: Floats  #: Of the normal prior (P,).
+    prior_information: Floats  #: (P, P), its inverse covariance; 0 is uniform.
+    slots: NDArray[np.intp]  #: (E, W) the entry whose value each trial's slot takes, or ``FIXED``.
     _places: NDArray[np.intp]  # (P,) the slot that takes each entry
     _constants: Floats  # (W,) and the following: of the slots
     _offset: Floats
@@ -75,28 +50,21 @@ class Parameters:
 
         Nuisances outside ``groups`` are nominal; those in ``per_trial`` groups vary by trial.
         """
-        models, hidden = joint.problem.models, joint.problem.hidden
+        models, nuisances, hidden = joint.problem.models, joint.nuisances, joint.problem.hidden
         angles = np.zeros(len(hidden))
-        low = np.concatenate([models.low, [n.low for n in joint.nuisances], angles])
-        span = np.concatenate(
-            [models.span, [n.high - n.low for n in joint.nuisances], angles + 1.0]
-        )
-        slots = np.full((trials, len(low)), FIXED, dtype=np.intp)
+        low = np.concatenate([models.low, [n.low for n in nuisances], angles])
+        span = np.concatenate([models.span, [n.high - n.low for n in nuisances], angles + 1.0])
         constants = np.zeros(len(low))
-        entries: list[tuple[str, int, float, float]] = []  # name, slot, prior mean and precision
-        own: list[tuple[str, int, float, float]] = []  # the same, of every trial
-
-        def enter(name: str, slot: int, mean: float, precision: float) -> int:
-            entries.append((name, slot, mean, precision))
-            return len(entries) - 1
-
+        # Of all trials, and of each: name, slot, prior mean and precision.
+        shared: list[tuple[str, int, float, float]] = []
+        own: list[tuple[str, int, float, float]] = []
         for i, name in enumerate(models.names):
             if name in hypothesis.fixed:
                 constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
-                enter(name, i, constants[i], SURE)
+                shared.append((name, i, constants[i], SURE))
             else:
-                slots[:, i] = enter(name, i, 0.5, 0.0)
-        for i, nuisance in enumerate(joint.nuisances, len(models)):
+                shared.append((name, i, 0.5, 0.0))
+        for i, nuisance in enumerate(nuisances, len(models)):
             name = nuisance.name
             constants[i] = mean = (nuisance.nominal - low[i]) / span[i]
             precision = (span[i] / nuisance.sd) ** 2
@@ -105,19 +73,21 @@ class Parameters:
             if name in hypothesis.fixed:
                 constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
             elif name in hypothesis.freed or (inferred and not by_trial):
-                slots[:, i] = enter(name, i, mean, precision)
+                shared.append((name, i, mean, precision))
             elif inferred:
                 own.append((name, i, mean, precision))
-        for i, name in enumerate(hidden, len(models) + len(joint.nuisances)):
-            if name in hypothesis.shared_angles:
-                slots[:, i] = enter(name, i, 0.0, 0.0)
-            else:
-                own.append((name, i, 0.0, 0.0))
-        for e in range(trials):
-            for name, i, mean, precision in own:
-                slots[e, i] = enter(f"{name}@{e + 1}", i, mean, precision)
-        names, places, means, precisions = zip(*entries, strict=True)
-        turning = np.array(places) >= len(models) + len(joint.nuisances)
+        for i, name in enumerate(hidden, len(models) + len(nuisances)):
+            (shared if name in hypothesis.shared_angles else own).append((name, i, 0.0, 0.0))
+        slots = np.full((trials, len(low)), FIXED, dtype=np.intp)
+        for entry, (name, i, _, _) in enumerate(shared):
+            if name not in hypothesis.fixed:
+                slots[:, i] = entry
+        by_trial_slots = [i for _, i, _, _ in own]
+        count = len(shared) + trials * len(own)
+        slots[:, by_trial_slots] = np.arange(len(shared), count).reshape(trials, len(own))
+        rows = shared + [(f"{name}@{e + 1}", *row) for e in range(trials) for name, *row in own]
+        names, places, means, precisions = zip(*rows, strict=True)
+        turning = np.array(places) >= len(models) + len(nuisances)
         return cls(
             joint,
             names,
@@ -125,7 +95,6 @@ class Parameters:
             high=np.where(turning, np.inf, 1.0),
             circular=turning,
             prior_mean=np.array(means),
-            prior_precision=np.array(precisions),
             prior_information=np.diag(precisions),
             slots=slots,
             _places=np.array(places),
@@ -142,16 +111,20 @@ class Parameters:
         """Number of the body's entries, which come first."""
         return len(self.joint.problem.models)
 
+    @property
+    def prior_precision(self) -> Floats:
+        """The prior's precision of each entry (P,); 0 is uniform."""
+        return np.diag(self.prior_information)
+
     def local(self, theta: Floats) -> Floats:
         """Return the slots' values (S, E, W) of vectors (S, P), in the same units."""
         values: Floats = np.where(self.slots == FIXED, self._constants, theta[:, self.slots])
         return values
 
-    def inputs(self, local: Floats) -> Inputs:
-        """Return the simulator's inputs for slots (..., W), in natural units."""
+    def inputs(self, local: Floats) -> list[Floats]:
+        """Return bodies, nuisances and angles, (..., width), of slots (..., W), for a simulator."""
         natural = self._offset + self._span * local
-        edges = np.cumsum([self.body, len(self.joint.nuisances)])
-        return Inputs(*np.split(natural, edges, axis=-1))
+        return np.split(natural, np.cumsum([self.body, len(self.joint.nuisances)]), axis=-1)
 
     def natural(self, theta: Floats) -> Floats:
         """Return vectors (..., P) in natural units; angles stay rad."""
@@ -174,6 +147,11 @@ class Parameters:
         """Return which entries (h,) are a trial's hidden angles."""
         return self.slots[trial, self.slots.shape[1] - len(self.joint.problem.hidden) :]
 
+    def own_entries(self, trial: int) -> NDArray[np.intp]:
+        """Return which entries are a trial's alone."""
+        own = [entry for entry in self.slots[trial] if entry != FIXED and "@" in self.names[entry]]
+        return np.array(own, dtype=np.intp)
+
     def freed_entries(self) -> NDArray[np.intp]:
         """Return which entries are switches that the hypothesis has freed."""
         switches = {n.name for n in self.joint.nuisances if n.switch}
@@ -181,14 +159,8 @@ class Parameters:
 
     def start_slots(self) -> NDArray[np.intp]:
         """Return which slots are a trial's initial state, except the angles."""
-        starts = (n.start for n in self.joint.nuisances)
-        return self.body + np.flatnonzero(np.fromiter(starts, dtype=np.bool_))
-
-    def own_entries(self, trial: int) -> NDArray[np.intp]:
-        """Return which entries are a trial's alone."""
-        entries: NDArray[np.intp] = self.slots[trial]
-        own = [entry for entry in entries if entry != FIXED and "@" in self.names[entry]]
-        return np.array(own, dtype=np.intp)
+        starts = [n.start for n in self.joint.nuisances]
+        return self.body + np.flatnonzero(np.array(starts, dtype=np.bool_))
 
     def into_bounds(self, theta: Floats) -> Floats:
         """Return vectors (..., P) brought into the box, and their angles into [-pi, pi)."""

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import TURN, Floats, wrap
-from eea.core.checks import ConfigurationError, brief, finite, real, whole
+from eea.core.checks import real
 from eea.joint.truncated_normal import BoxNormal
 
 DRAWS = 4096  # for summaries: a 5% quantile is then one of 4.3 to 5.7%
@@ -19,41 +20,15 @@ APART = 2.0
 PILED = 1.25  # ratio of the densities at a bound and at the far end, above which it is one-sided
 
 
-@dataclass(frozen=True, eq=False)
-class Mode:
-    """One optimum of -log posterior and its shape there.
-
-    Raises
-    ------
-    ConfigurationError
-        If a shape is wrong, a number not finite, or ``information`` has a negative eigenvalue.
-    """
+class Mode(NamedTuple):
+    """One optimum of -log posterior and its shape there."""
 
     theta: Floats  #: (P,): shares of ranges, and rad where circular.
-    #: (P, P), the Hessian at ``theta``: J^T J / sigma^2 plus the prior's precision. It may be
-    #: singular: parameters without information are uniform over their ranges.
+    #: (P, P), the symmetric Hessian at ``theta``: J^T J / sigma^2 plus the prior's precision. It
+    #: may be singular: parameters without information are uniform over their ranges.
     information: Floats
     cost: float  #: -log posterior at ``theta``, up to a constant common to all modes.
-    #: (P,), the gradient: nonzero where a bound holds the optimum. Zero if not given.
-    gradient: Floats = field(default_factory=lambda: np.empty(0))
-
-    def __post_init__(self) -> None:
-        theta = finite("theta", self.theta, (None,))
-        size = len(theta)
-        information = finite("information", self.information, (size, size))
-        real("cost", self.cost, -np.inf)
-        slope = self.gradient if np.size(self.gradient) else np.zeros(size)
-        variances = np.diag(information)
-        scale = np.sqrt(np.where(variances > 0.0, variances, 1.0))
-        scaled = information / np.outer(scale, scale)
-        if not np.allclose(scaled, scaled.T, atol=1e-6):
-            raise ConfigurationError(f"information must be symmetric; got {brief(information)}")
-        if size and np.linalg.eigvalsh(0.5 * (scaled + scaled.T))[0] < -1e-6 * size:
-            raise ConfigurationError("information must have no negative eigenvalue")
-        object.__setattr__(self, "theta", theta)
-        object.__setattr__(self, "information", 0.5 * (information + information.T))
-        object.__setattr__(self, "cost", float(self.cost))
-        object.__setattr__(self, "gradient", finite("gradient", slope, (size,)))
+    gradient: Floats  #: (P,), nonzero where a bound holds the optimum.
 
 
 def distinct(modes: Sequence[Mode], circular: NDArray[np.bool_]) -> tuple[Mode, ...]:
@@ -82,15 +57,11 @@ class Posterior:
     A mode's weight is its integral over the box: exp(-cost), times det(information)^(-1/2), times
     the share of the normal distribution inside (MacKay 2003, ch. 27; Bornkamp 2011 for mixtures).
 
-    Raises
-    ------
-    ConfigurationError
-        If an optimum lies outside its bounds.
-
     Examples
     --------
-    >>> mode = Mode([0.02, 0.5], [[400.0, 0.0], [0.0, 0.0]], cost=0.0)
-    >>> found = Posterior(("width", "thickness"), [0, 0], [1, 1], [False, False], [mode])
+    >>> mode = Mode(np.array([0.02, 0.5]), np.diag([400.0, 0.0]), 0.0, np.zeros(2))
+    >>> straight = np.zeros(2, dtype=np.bool_)
+    >>> found = Posterior(("width", "thickness"), np.zeros(2), np.ones(2), straight, [mode])
     >>> low, high = found.interval(0.9)
     >>> np.round(high - low, 1)  # there is no information on the thickness
     array([0.1, 0.9])
@@ -103,22 +74,9 @@ class Posterior:
     modes: Sequence[Mode]  #: Without duplicates, best first.
 
     def __post_init__(self) -> None:
-        circular = np.asarray(self.circular, dtype=np.bool_)
-        low = np.where(circular, -np.pi, self.low)
-        high = np.where(circular, np.pi, self.high)
-        for mode in self.modes:
-            past = np.maximum(low - mode.theta, mode.theta - high)
-            if (past[~circular] > 1e-6 * (high - low)[~circular]).any():
-                worst = int(np.argmax(np.where(circular, -np.inf, past)))
-                raise ConfigurationError(
-                    f"theta of {self.names[worst]} must be in [{low[worst]:g}, {high[worst]:g}]; "
-                    f"got {mode.theta[worst]:g}"
-                )
-        for name, value in (
-            ("low", low), ("high", high), ("circular", circular),
-            ("modes", distinct(self.modes, circular)),
-        ):  # fmt: skip
-            object.__setattr__(self, name, value)
+        object.__setattr__(self, "low", np.where(self.circular, -np.pi, self.low))
+        object.__setattr__(self, "high", np.where(self.circular, np.pi, self.high))
+        object.__setattr__(self, "modes", distinct(self.modes, self.circular))
 
     @cached_property
     def components(self) -> tuple[BoxNormal, ...]:
@@ -153,7 +111,6 @@ class Posterior:
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Return ``count`` independent draws, shape (count, P), angles in [-pi, pi)."""
-        whole("count", count, 0)
         shares = rng.multinomial(count, self.weights)
         drawn = np.concatenate(
             [part.sample(n, rng) for part, n in zip(self.components, shares, strict=True) if n]
@@ -176,14 +133,13 @@ class Posterior:
         return np.where(self.circular, self._mean_angles, middle)
 
     @cached_property
-    def sd(self) -> Floats:
-        """The standard deviations, (P,); an angle's about its circular mean."""
-        return np.asarray(np.sqrt(np.mean(self._deviations**2, axis=0)))
-
-    @cached_property
     def correlation(self) -> Floats:
         """The correlations, (P, P); an angle's of its deviations from the circular mean."""
-        scaled = self._deviations / np.maximum(self.sd, 1e-300)
+        draws = self.draws
+        turned, moved = wrap(draws - self._mean_angles), draws - draws.mean(axis=0)
+        deviations = np.where(self.circular, turned, moved)
+        sd = np.sqrt(np.mean(deviations**2, axis=0))
+        scaled = deviations / np.maximum(sd, 1e-300)
         matrix = scaled.T @ scaled / len(scaled)
         np.fill_diagonal(matrix, 1.0)
         return np.asarray(matrix)
@@ -191,11 +147,6 @@ class Posterior:
     @cached_property
     def _mean_angles(self) -> Floats:
         return np.asarray(np.angle(np.exp(1j * self.draws).mean(axis=0)))
-
-    @cached_property
-    def _deviations(self) -> Floats:
-        draws = self.draws
-        return np.where(self.circular, wrap(draws - self._mean_angles), draws - draws.mean(axis=0))
 
 
 def intervals(

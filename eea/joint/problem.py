@@ -98,12 +98,13 @@ class Part:
 
     Examples
     --------
-    >>> Part({"tail.length": "length", "tail.width": "width"}, ("length", "width")).hint
+    >>> sizes = {"tail.length": "length", "tail.width": "width"}
+    >>> Part(sizes, area=("tail.length", "tail.width")).hint
     ''
     """
 
     sizes: Mapping[str, str]  #: Dimension -> its label, such as "length".
-    area: tuple[str, str] | None = None  #: Labels of two whose product is the part's area.
+    area: tuple[str, ...] = ()  #: Two dimensions whose product is the part's area, if it has one.
     hint: str = ""  #: Which trial would determine them.
 
 
@@ -147,28 +148,28 @@ class JointProblem:
 
     def __post_init__(self) -> None:
         instance("problem", self.problem, Problem)
-        nuisances = [nuisance.name for nuisance in self.nuisances]
-        names = [*self.problem.models.names, *nuisances, *self.problem.hidden]
-        twice = {name for name in names if names.count(name) > 1}
-        if twice:
+        models, hidden = self.problem.models.names, self.problem.hidden
+        nuisances = tuple(nuisance.name for nuisance in self.nuisances)
+        switches = [nuisance.name for nuisance in self.nuisances if nuisance.switch]
+        names = (*models, *nuisances, *hidden)
+        if len(set(names)) < len(names):
+            twice = min(name for name in names if names.count(name) > 1)
             raise ConfigurationError(
                 "dimensions, nuisances and hidden angles must have names of their own; "
-                f"{min(twice)!r} is given twice"
+                f"{twice!r} is given twice"
             )
         for hypothesis in self.hypotheses:
-            for name in hypothesis.fixed:
-                known = [*self.problem.models.names, *nuisances]
-                choice(f"what is fixed in {hypothesis.name!r}", name, known)
-            switches = [n.name for n in self.nuisances if n.switch]
-            for name in hypothesis.freed:
-                choice(f"what is freed in {hypothesis.name!r}", name, switches)
-            for name in hypothesis.shared_angles:
-                choice(f"an angle of {hypothesis.name!r}", name, self.problem.hidden)
-            if hypothesis.part:
-                choice(f"the part of {hypothesis.name!r}", hypothesis.part, self.parts)
-        for name, part in self.parts.items():
-            for dimension in part.sizes:
-                choice(f"a dimension of {name!r}", dimension, self.problem.models.names)
+            for field_name, given, known in (
+                ("fixed", hypothesis.fixed, (*models, *nuisances)),
+                ("freed", hypothesis.freed, switches),
+                ("shared_angles", hypothesis.shared_angles, hidden),
+                ("part", [hypothesis.part] if hypothesis.part else [], self.parts),
+            ):
+                for name in given:
+                    choice(f"{field_name} of {hypothesis.name!r}", name, known)
+        for part, of in self.parts.items():
+            for dimension in (*of.sizes, *of.area):
+                choice(f"a dimension of {part!r}", dimension, models)
 
     @property
     def groups(self) -> tuple[str, ...]:

@@ -7,7 +7,6 @@ the scan is repeated, since the most common reason is a wrong valley.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -16,6 +15,7 @@ import numpy as np
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import FitConfig
+from eea.joint.goodness_of_fit import Goodness, goodness_of_fit
 from eea.joint.initialization import hop, pose, relined, scan
 from eea.joint.least_squares import COARSE, FINE, LEAST_SIGMA, Fitted, Regression, descend
 from eea.joint.parameters import Parameters
@@ -44,17 +44,23 @@ class Optima:
         residuals: Floats = flat.reshape(trials, axes, samples).swapaxes(1, 2)
         return residuals
 
+    @cached_property
+    def goodness(self) -> Goodness:
+        """Whether the best leaves nothing but noise."""
+        regression = self.regression
+        return goodness_of_fit(self.residuals, len(regression.parameters), regression.noise)
+
 
 def search(
     regression: Regression,
     rng: np.random.Generator,
     effort: FitConfig,
     known: Floats | None = None,
-    explained: Callable[[Optima], bool] = lambda _: True,
+    once: bool = True,
 ) -> Optima:
     """Return the best fits, from ``known`` vectors (K, P) and random starting points.
 
-    The search is repeated up to ``effort.restarts`` times until a fit is ``explained``: until it
+    Unless it is done ``once``, the search is repeated up to ``effort.restarts`` times, until a fit
     leaves nothing but noise.
     """
     best: Optima | None = None
@@ -70,7 +76,7 @@ def search(
         starts = np.concatenate([starts, scan(regression, rng, scanned)])
         found = _refine(regression, starts, rng, effort)
         best = found if best is None else _optima(regression, _together(best.fits, found.fits))
-        if explained(best):
+        if once or best.goodness.good:
             break
     assert best is not None
     return best
@@ -158,7 +164,7 @@ def _optima(regression: Regression, fitted: Fitted) -> Optima:
     cost = 0.5 * fitted.squares / sigma**2 + parameters.prior_cost(fitted.theta)
     found = _unique(parameters, fitted._replace(cost=cost))
     near = found.cost <= found.cost[0] + CLOSE
-    return Optima(regression, Fitted(*(part[near] for part in found)), sigma)
+    return Optima(regression, found.of(near), sigma)
 
 
 def _together(one: Fitted, other: Fitted) -> Fitted:
@@ -167,8 +173,7 @@ def _together(one: Fitted, other: Fitted) -> Fitted:
 
 def _best(fitted: Fitted, count: int) -> Fitted:
     """Return the best few, best first."""
-    order = np.argsort(fitted.cost, kind="stable")[:count]
-    return Fitted(*(part[order] for part in fitted))
+    return fitted.of(np.argsort(fitted.cost, kind="stable")[:count])
 
 
 def _different(parameters: Parameters, fitted: Fitted, count: int) -> Fitted:
@@ -195,4 +200,4 @@ def _unique(
             kept.append(i)
     if not kept:
         raise TargetError("no body was found whose simulation stays finite")
-    return Fitted(*(part[kept] for part in ordered))
+    return ordered.of(kept)

@@ -1,14 +1,13 @@
 """A joint posterior as a few arrays of numbers, and back: for a file without pickle.
 
-The array ``header`` is UTF-8 of JSON: names, ranges, hypotheses and the goodness of fit. The modes
-of all hypotheses follow one another in flat arrays of float64: ``theta``, ``information``,
-``gradient`` and ``cost``.
+The array ``header`` is UTF-8 of JSON: names, ranges, hypotheses and the goodness of fit. The others
+are flat, with as many numbers for each mode, of all hypotheses one after the other, zeros at the
+end.
 """
 
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
@@ -16,9 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, TargetError, brief, flag, instance, real, whole
-from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_STEPS
+from eea.core.checks import ConfigurationError, TargetError, brief
 from eea.core.genome import BitLayout, Variable
 from eea.core.problem import Problem
 from eea.joint.goodness_of_fit import Goodness
@@ -27,11 +24,8 @@ from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Nuisance, Part
 
-SCHEMA = "eea.belief/1"
-#: Every array, and its number of dimensions.
-ARRAYS = {"header": 1, "theta": 1, "information": 1, "gradient": 1, "cost": 1}
-MOST_HEADER, MOST_SLOTS = 2**22, 10**7  # bytes; numbers that all trials are simulated with
-LEAST_SIGMA = 1e-300
+SCHEMA = "eea.posterior/2"
+ARRAYS = ("header", "theta", "information", "cost", "gradient")
 
 
 def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
@@ -41,15 +35,11 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
     modes = [mode for branch in posterior.branches for mode in branch.posterior.modes]
     header = {
         "schema": SCHEMA,
-        "problem": {
-            "models": [asdict(variable) for variable in problem.models.variables],
-            "actions": [asdict(variable) for variable in problem.actions.variables],
-            "hidden": problem.hidden,
-            "axes": problem.axes,
-        },
-        "nuisances": [
-            asdict(n) | {"sd": None if math.isinf(n.sd) else n.sd} for n in joint.nuisances
-        ],
+        "models": [asdict(variable) for variable in problem.models.variables],
+        "actions": [asdict(variable) for variable in problem.actions.variables],
+        "hidden": problem.hidden,
+        "axes": problem.axes,
+        "nuisances": [asdict(nuisance) for nuisance in joint.nuisances],
         "hypotheses": [asdict(hypothesis) for hypothesis in joint.hypotheses],
         "parts": {name: asdict(part) for name, part in joint.parts.items()},
         "sigma": posterior.sigma,
@@ -66,13 +56,19 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
             for branch in posterior.branches
         ],
     }
-    text = json.dumps(header, allow_nan=False).encode()
+    size = max(len(mode.theta) for mode in modes)
+    theta, gradient = np.zeros((2, len(modes), size))
+    information = np.zeros((len(modes), size, size))
+    for i, mode in enumerate(modes):
+        own = slice(len(mode.theta))
+        theta[i, own], gradient[i, own] = mode.theta, mode.gradient
+        information[i, own, own] = mode.information
     return {
-        "header": np.frombuffer(text, np.uint8),
-        "theta": np.concatenate([mode.theta for mode in modes]),
-        "information": np.concatenate([mode.information.ravel() for mode in modes]),
-        "gradient": np.concatenate([mode.gradient for mode in modes]),
+        "header": np.frombuffer(json.dumps(header).encode(), np.uint8),
+        "theta": theta.ravel(),
+        "information": information.ravel(),
         "cost": np.array([mode.cost for mode in modes]),
+        "gradient": gradient.ravel(),
     }
 
 
@@ -82,102 +78,58 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
     Raises
     ------
     ConfigurationError
-        If an array is missing, or they do not describe a posterior.
+        If the arrays do not describe a posterior, or that of another version.
     """
     try:
-        header = json.loads(np.asarray(arrays["header"], np.uint8)[:MOST_HEADER].tobytes())
-        return _read(
-            header, {name: np.array(arrays[name], np.float64) for name in list(ARRAYS)[1:]}
-        )
-    except ConfigurationError as error:
-        raise ConfigurationError(f"an archive of a posterior is wrong: {error}") from None
-    except (KeyError, TypeError, ValueError, IndexError, AttributeError, RecursionError) as error:
-        raise ConfigurationError(
-            f"an archive of a posterior lacks something: {brief(error)}"
-        ) from None
-
-
-def _read(header: Mapping[str, Any], flat: dict[str, Floats]) -> JointPosterior:
-    if header["schema"] != SCHEMA:
-        raise ConfigurationError(f"its schema must be {SCHEMA}; it is {brief(header['schema'])}")
-    joint, trials = _joint(header), header["trials"]
-    whole("its number of trials", trials, 1, MAXIMUM_ROUNDS)
-    slots = len(joint.problem.models) + len(joint.nuisances) + len(joint.problem.hidden)
-    whole("its numbers in all trials", slots * trials, 1, MOST_SLOTS)
-    branches = tuple(_branch(row, joint, trials, flat) for row in header["branches"])
-    if not branches or any(len(rest) for rest in flat.values()):
-        raise ConfigurationError("its arrays must hold as many numbers as its header says")
-    if not 0.5 < sum(branch.probability for branch in branches) < 1.5:
-        raise ConfigurationError("its probabilities must sum to 1")
-    real("its sigma", header["sigma"], LEAST_SIGMA)
-    whole("its samples", header["samples"], 0, trials * MAXIMUM_STEPS * joint.problem.axes)
-    goodness = _goodness(header["goodness"])
-    return JointPosterior(branches, goodness, float(header["sigma"]), header["samples"])
-
-
-def _goodness(row: Mapping[str, Any]) -> Goodness:
-    found = Goodness(**row)
-    real("its rms", found.rms, 0.0)
-    for name in ("whiteness_p", "peak_p", "p", *(["size_p"] if found.size_p is not None else [])):
-        real(f"its {name}", getattr(found, name), 0.0, 1.0)
-    flag("its good", found.good)
-    instance("its verdict", found.verdict, str)
-    return found
-
-
-def _joint(header: Mapping[str, Any]) -> JointProblem:
-    row = header["problem"]
-    models, actions = (
-        BitLayout([Variable(**variable) for variable in row[part]])
-        for part in ("models", "actions")
+        header = json.loads(arrays["header"].tobytes())
+        schema = header["schema"]
+        if schema == SCHEMA:
+            return _read(header, arrays)
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise ConfigurationError(f"it does not describe a posterior: {brief(error)}") from None
+    raise ConfigurationError(
+        f"its schema must be {SCHEMA}; it is {brief(schema)}: infer again with this version"
     )
-    nuisances = [
-        Nuisance(**one | {"sd": math.inf if one["sd"] is None else one["sd"]})
-        for one in header["nuisances"]
-    ]
-    hypotheses = [
-        Hypothesis(**one | {name: tuple(one[name]) for name in ("shared_angles", "freed")})
-        for one in header["hypotheses"]
-    ]
-    parts = {
-        name: Part(
-            dict(one["sizes"]), one["area"] and (one["area"][0], one["area"][1]), one["hint"]
+
+
+def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
+    joint = JointProblem(
+        Problem(
+            BitLayout([Variable(**variable) for variable in header["models"]]),
+            BitLayout([Variable(**variable) for variable in header["actions"]]),
+            tuple(header["hidden"]),
+            header["axes"],
+        ),
+        _no_simulator,
+        tuple(Nuisance(**nuisance) for nuisance in header["nuisances"]),
+        tuple(Hypothesis(**hypothesis) for hypothesis in header["hypotheses"]),
+        {name: Part(**part) for name, part in header["parts"].items()},
+    )
+    cost = arrays["cost"].tolist()
+    theta, gradient = (arrays[name].reshape(len(cost), -1) for name in ("theta", "gradient"))
+    information = arrays["information"].reshape(*theta.shape, -1)
+    hypotheses = {h.name: h for h in (AS_COMMANDED, *joint.hypotheses)}
+    branches, first = [], 0
+    for row in header["branches"]:
+        hypothesis, names = hypotheses[row["hypothesis"]], row["parameters"]
+        per_trial = {n.group for n in joint.nuisances if f"{n.name}@1" in names}
+        inferred = per_trial | {n.group for n in joint.nuisances if n.name in names}
+        parameters = Parameters.of(joint, header["trials"], inferred, hypothesis, per_trial)
+        if list(parameters.names) != names:
+            raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
+        own = slice(len(names))
+        modes = [
+            Mode(theta[i, own], information[i, own, own], cost[i], gradient[i, own])
+            for i in range(first, first + row["modes"])
+        ]
+        first += row["modes"]
+        posterior = Posterior(
+            parameters.names, parameters.low, parameters.high, parameters.circular, modes
         )
-        for name, one in header["parts"].items()
-    }
-    problem = Problem(models, actions, tuple(row["hidden"]), row["axes"])
-    return JointProblem(problem, _no_simulator, tuple(nuisances), tuple(hypotheses), parts)
+        branches.append(HypothesisPosterior(hypothesis, row["probability"], parameters, posterior))
+    goodness = Goodness(**header["goodness"])
+    return JointPosterior(tuple(branches), goodness, header["sigma"], header["samples"])
 
 
 def _no_simulator(*_: Any, **__: Any) -> NDArray[Any]:
     raise TargetError("a posterior that was read from a file cannot simulate")
-
-
-def _branch(
-    row: Mapping[str, Any], joint: JointProblem, trials: int, flat: dict[str, Floats]
-) -> HypothesisPosterior:
-    """Return a hypothesis's posterior, and take its numbers from the front of the arrays."""
-    known = {h.name: h for h in (AS_COMMANDED, *joint.hypotheses)}
-    hypothesis, names = known[row["hypothesis"]], tuple(row["parameters"])
-    whole("a branch's number of modes", row["modes"], 1)
-    real("a branch's probability", row["probability"], 0.0, 1.0)
-    own = {n.group for n in joint.nuisances if f"{n.name}@1" in names}
-    inferred = own | {n.group for n in joint.nuisances if n.name in names}
-    parameters = Parameters.of(joint, trials, inferred, hypothesis, own)
-    if parameters.names != names:
-        raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
-    modes = []
-    for _ in range(row["modes"]):
-        theta, gradient = (_take(flat, name, len(names)) for name in ("theta", "gradient"))
-        information = _take(flat, "information", len(names) ** 2)
-        cost = float(_take(flat, "cost", 1)[0])
-        modes.append(Mode(theta, information.reshape(2 * (len(names),)), cost, gradient))
-    posterior = Posterior(names, parameters.low, parameters.high, parameters.circular, tuple(modes))
-    return HypothesisPosterior(hypothesis, float(row["probability"]), parameters, posterior)
-
-
-def _take(flat: dict[str, Floats], name: str, count: int) -> Floats:
-    front, flat[name] = flat[name][:count], flat[name][count:]
-    if len(front) < count:
-        raise ConfigurationError(f"its {name} must hold as many numbers as its header says")
-    return front

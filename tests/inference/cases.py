@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from eea import FitConfig, JointConfig
+from eea import FitConfig, JointConfig, JointInference
 from eea.core.session import streams
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
-from eea.joint import JointInference, JointPosterior
-from eea.joint.joint_posterior import HypothesisPosterior
+from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.least_squares import FINE, Misfit, descend
 from eea.joint.parameters import Parameters
 from eea.joint.problem import AS_COMMANDED

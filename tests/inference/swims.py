@@ -18,7 +18,7 @@ from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.scenario import Scenario
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
 from eea.fish.windows import BEFORE
-from eea.joint import JointPosterior
+from eea.joint.joint_posterior import JointPosterior
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.policy import new_policy

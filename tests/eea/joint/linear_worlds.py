@@ -15,14 +15,26 @@ EFFECTS = np.array(
 )
 
 
+def mode(theta, information, cost, gradient=None):
+    """Return a mode; without a gradient unless one is given."""
+    theta = np.asarray(theta, dtype=float)
+    slope = np.zeros(len(theta)) if gradient is None else gradient
+    return Mode(theta, np.asarray(information, dtype=float), cost, slope)
+
+
+def mixture(names, low, high, circular, modes):
+    """Return a posterior; the bounds may be lists."""
+    return Posterior(names, np.array(low), np.array(high), np.array(circular), modes)
+
+
 def fit(effects, felt, low, high, circular=None, names=None):
     """Return the posterior of ``felt`` = ``effects`` theta + standard normal noise."""
     turning = np.zeros(len(low), dtype=bool) if circular is None else circular
     free = (np.where(turning, -50.0, low), np.where(turning, 50.0, high))
     theta = np.clip(lsq_linear(effects, felt, free, tol=1e-14).x, *free)
     misfit = effects @ theta - felt
-    mode = Mode(theta, effects.T @ effects, 0.5 * misfit @ misfit, effects.T @ misfit)
-    return Posterior(names or tuple(f"p{k}" for k in range(len(low))), low, high, turning, [mode])
+    best = Mode(theta, effects.T @ effects, 0.5 * misfit @ misfit, effects.T @ misfit)
+    return Posterior(names or tuple(f"p{k}" for k in range(len(low))), low, high, turning, [best])
 
 
 def observe(truth, rng, effects=EFFECTS):

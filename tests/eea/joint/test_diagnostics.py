@@ -1,25 +1,31 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from eea.joint.diagnostics import Group, Size, findings
-from eea.joint.posterior import Mode, Posterior
+from eea.core.genome import action_layout, model_layout
+from eea.core.problem import Problem
+from eea.joint.diagnostics import findings
+from eea.joint.posterior import Posterior
+from eea.joint.problem import JointProblem, Part
+from linear_worlds import mode
 
 NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")
 CIRCULAR = np.array([False] * 6 + [True])
-FAST = "faster flippers would tell"
-LENGTH, WIDTH = Size("the fin", "length", 0, 0, 2, FAST), Size("the fin", "width", 1, 0, 1, FAST)
-FIN = Group(
-    "the fin", (LENGTH, WIDTH, Size("the fin", "thickness", 2, 0, 0.1, FAST)), (LENGTH, WIDTH)
+RANGES = (2.0, 1.0, 0.1, 2.0, 1.0, 1.2)
+PROBLEM = Problem(
+    model_layout([(name, high, 6) for name, high in zip(NAMES, RANGES, strict=False)]),
+    action_layout([("speed", -1.0, 1.0)]),
+    ("phase",),
+    axes=1,
 )
-SIDES = tuple(
-    Size("the tail", label, index, 0, high, "a faster tail would tell")
-    for label, index, high in (("length", 3, 2), ("width", 4, 1))
-)
-TAIL = Group("the tail", SIDES, SIDES)
+SIZES = {name: name.partition(".")[2] for name in NAMES[:5]}
+FIN = Part({name: SIZES[name] for name in NAMES[:3]}, NAMES[:2], "faster flippers would tell")
+TAIL = Part({name: SIZES[name] for name in NAMES[3:5]}, NAMES[3:5], "a faster tail would tell")
+BOTH = {"fin": FIN, "tail": TAIL}
 KNOWN = np.full(7, 1e4)
 MIDDLE = np.full(7, 0.5)
 
@@ -28,14 +34,19 @@ def known(*modes):
     return Posterior(NAMES, np.zeros(7), np.ones(7), CIRCULAR, modes)
 
 
+def said_of(posterior, parts=BOTH):
+    """Return the findings on a robot of these parts."""
+    return findings(posterior, JointProblem(PROBLEM, lambda *_: None, parts=parts))
+
+
 def test_of_a_body_that_is_known_there_is_nothing_to_say():
-    assert findings(known(Mode(MIDDLE, np.diag(KNOWN), 0.0)), [FIN, TAIL]) == []
+    assert said_of(known(mode(MIDDLE, np.diag(KNOWN), 0.0))) == []
 
 
 def test_a_fin_of_no_length_is_absent_and_of_its_other_sizes_nothing_is_said():
     theta, precision = MIDDLE.copy(), KNOWN.copy()
     theta[0], precision[1:3] = 0.0, 0.0
-    said = findings(known(Mode(theta, np.diag(precision), 0.0)), [FIN, TAIL])
+    said = said_of(known(mode(theta, np.diag(precision), 0.0)))
     assert len(said) == 1
     assert said[0].startswith("the fin is absent: its area is at most 0.0")
 
@@ -43,7 +54,7 @@ def test_a_fin_of_no_length_is_absent_and_of_its_other_sizes_nothing_is_said():
 def test_of_data_that_tell_nothing_one_sentence_says_so():
     precision = KNOWN.copy()
     precision[:5] = 0.0
-    said = findings(known(Mode(MIDDLE, np.diag(precision), 0.0)), [FIN, TAIL])
+    said = said_of(known(mode(MIDDLE, np.diag(precision), 0.0)))
     assert said == ["the data tell next to nothing of the body: each size may be almost any"]
 
 
@@ -52,7 +63,9 @@ def test_a_size_that_would_rather_be_beyond_its_range_is_named(pull, theta, beyo
     """A best fit so many sd, 0.01, above the range; below it there is nothing."""
     at, slope = MIDDLE.copy(), np.zeros(7)
     at[0], slope[0] = theta, -100.0 * pull
-    said = findings(known(Mode(at, np.diag(KNOWN), 0.0, slope)), [TAIL, FIN._replace(area=None)])
+    said = said_of(
+        known(mode(at, np.diag(KNOWN), 0.0, slope)), {"tail": TAIL, "fin": replace(FIN, area=())}
+    )
     expected = "the fin's length is at the end of its range, 2, and may be beyond it"
     assert said == [expected] * beyond
 
@@ -61,16 +74,16 @@ def test_a_size_that_would_rather_be_beyond_its_range_is_named(pull, theta, beyo
 def test_two_sizes_that_trade_off_are_named_with_what_would_tell(sign):
     information = np.diag(KNOWN)
     information[3:5, 3:5] = 1e4 * np.array([[1.0, 0.99 * sign], [0.99 * sign, 1.0]])
-    found = known(Mode(MIDDLE, information, 0.0))
+    found = known(mode(MIDDLE, information, 0.0))
     expected = "the tail's length and width trade off; a faster tail would tell"
-    assert findings(found, [FIN, TAIL]) == [expected]
-    assert findings(found, [FIN]) == []
+    assert said_of(found) == [expected]
+    assert said_of(found, {"fin": FIN}) == []
 
 
 def test_a_size_that_is_not_told_is_named_with_its_range_in_its_unit():
     precision = KNOWN.copy()
     precision[2] = 0.0
-    said = findings(known(Mode(MIDDLE, np.diag(precision), 0.0)), [FIN, TAIL])
+    said = said_of(known(mode(MIDDLE, np.diag(precision), 0.0)))
     assert len(said) == 1
     told = re.fullmatch(
         "the data do not tell the fin's thickness: anything from (.*) to (.*); "
@@ -84,20 +97,20 @@ def test_several_bodies_are_told_with_their_weights_where_they_differ():
     other = MIDDLE.copy()
     other[3] = 0.8
     odds = np.log(0.7 / 0.3)
-    found = known(Mode(MIDDLE, np.diag(KNOWN), 0.0), Mode(other, np.diag(KNOWN), odds))
-    said = findings(found, [FIN, TAIL])
+    found = known(mode(MIDDLE, np.diag(KNOWN), 0.0), mode(other, np.diag(KNOWN), odds))
+    said = said_of(found)
     assert said[:1] == [
-        "two bodies explain it: 70% the tail's length 1, or 30% the tail's length 1.6"
+        "2 bodies explain it: 70% the tail's length 1, or 30% the tail's length 1.6"
     ]
 
 
 def test_modes_of_other_angles_and_nuisances_are_one_body():
     other = MIDDLE.copy()
     other[5], other[6] = 0.1, 2.5
-    modes = (Mode(MIDDLE, np.diag(KNOWN), 0.0), Mode(other, np.diag(KNOWN), 0.0))
+    modes = (mode(MIDDLE, np.diag(KNOWN), 0.0), mode(other, np.diag(KNOWN), 0.0))
     assert len(known(*modes).modes) == 2
-    assert findings(known(*modes), [FIN, TAIL]) == []
+    assert said_of(known(*modes)) == []
     other[3] += 0.015  # a sd and a half: the shapes of the two lengths overlap
-    assert findings(known(modes[0], Mode(other, np.diag(KNOWN), 0.0)), [FIN, TAIL]) == []
-    gain = Group("the servos", (Size("the servos", "gain", 5, 0.8, 1.2),))
-    assert findings(known(*modes), [gain])[0].startswith("two bodies explain it: ")
+    assert said_of(known(modes[0], mode(other, np.diag(KNOWN), 0.0))) == []
+    gain = {"servos": Part({"gain": "gain"})}
+    assert said_of(known(*modes), gain)[0].startswith("2 bodies explain it: ")

@@ -19,7 +19,9 @@ from eea.joint.session import JointInference
 from tests.eea.joint.swing import CONFIG, SIGMA, SWING, infer, simulate
 
 SLIPPERY = "the arm has no friction"
-ARM = Part({"arm.length": "length", "arm.friction": "friction"}, area=("length", "friction"))
+ARM = Part(
+    {"arm.length": "length", "arm.friction": "friction"}, area=("arm.length", "arm.friction")
+)
 PROBLEM = replace(
     SWING,
     hypotheses=(*SWING.hypotheses, Hypothesis(SLIPPERY, {"arm.friction": 0.0}, part="arm")),

@@ -58,14 +58,10 @@ def test_posterior_survives_a_file_to_the_bit(path, motor):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"schema": "eea.belief/0"}, "its schema must be eea.belief/1; it is 'eea.belief/0'"),
-        ({"trials": 10**9}, "its number of trials must be a whole number .* at most 10000"),
+        ({"schema": "eea.belief/1"}, "schema must be eea.posterior/2; it is 'eea.belief/1': infer"),
         ({"trials": 1}, "its parameters must be"),
-        ({"branches": []}, "must hold as many numbers as its header says"),
-        ({"nuisances": [{"name": "bias"}]}, "lacks something"),
-        ({"goodness": {}}, "lacks something: TypeError"),
-        ({"sigma": 10**400}, "its sigma must be a finite number"),
-        ({"samples": 10**15}, "its samples must be a whole number"),
+        ({"nuisances": [{"name": "bias"}]}, "does not describe a posterior: TypeError"),
+        ({"goodness": {}}, "does not describe a posterior: TypeError"),
     ],
 )
 def test_wrong_header_is_refused(result, path, changes, message):
@@ -76,15 +72,12 @@ def test_wrong_header_is_refused(result, path, changes, message):
 @pytest.mark.parametrize(
     ("name", "change", "message"),
     [
-        ("theta", lambda a: a[:-1], "its theta must hold as many numbers"),
-        ("cost", lambda a: np.append(a, 0.0), "must hold as many numbers as its header says"),
-        ("information", lambda a: -a, "information must have no negative eigenvalue"),
-        ("theta", lambda a: a + np.nan, "theta must be finite"),
-        ("theta", lambda a: a + 100.0, r"theta of .* must be in \[0, 1\]"),
-        ("header", lambda a: a[: len(a) // 2], "lacks something: JSONDecodeError"),
+        ("theta", lambda a: a[:-1], "does not describe a posterior: ValueError"),
+        ("header", lambda a: a[: len(a) // 2], "does not describe a posterior: JSONDecodeError"),
+        ("cost", lambda a: a[None], "must have cost of shape"),
     ],
 )
-def test_wrong_numbers_are_refused(result, path, name, change, message):
+def test_wrong_arrays_are_refused(result, path, name, change, message):
     arrays = to_arrays(result.belief)
     write_arrays(path, arrays | {name: change(arrays[name])})
     refused(path, message)
