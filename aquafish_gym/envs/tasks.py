@@ -286,8 +286,8 @@ class TaskFunctions(NamedTuple):
     make_step: type[Step] = Step
 
 
-def compiled_task(task: Task) -> tuple[TaskFunctions, TaskNumbers] | None:
-    """Return what the compiled loop takes of a task; None of one that is not built in."""
+def compiled_task(task: Task | None) -> tuple[TaskFunctions, TaskNumbers] | None:
+    """Return what the compiled loop takes of a task; None of none and of one not built in."""
     kind: Any = type(task)
     # Of exactly these classes: a subclass may have overridden a method.
     if kind not in (SwimForward, Recover, HoldStation, ReachWaypoints):

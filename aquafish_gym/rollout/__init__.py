@@ -1,8 +1,8 @@
 """Rollouts: policies swim the robots of a scenario, in a task, on an engine.
 
 :func:`rollout` has two loops. Programs, policies of straight-line code, run on the compiled engine
-with everything else in one threaded loop (``engines/compiled/kernel.py``). Any other policy, and
-any policy on another engine, runs in ``one.py``, a robot at a time.
+with everything else in one threaded loop (``engines/compiled/kernel.py``). Any other policy, task
+or engine runs in ``one.py``, a robot at a time.
 """
 
 from __future__ import annotations
@@ -13,15 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.engines.packages import check_engine
-from aquafish_gym.envs.tasks import Task
+from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.rollout.many import swim_all
 from aquafish_gym.rollout.one import act_alone, swim_one
-from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, is_noisy, joined
+from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever
 from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 __all__ = ["Path", "Program", "Trajectories", "rollout"]
-RECORDS = ("end", "path")
 
 
 def rollout(
@@ -36,7 +35,6 @@ def rollout(
     believed_gain: ArrayLike = (1.0, 1.0, 1.0),
     memory: ArrayLike | None = None,
     rngs: Sequence[np.random.Generator] = (),
-    record: str = "end",
     dtype: type[np.floating] = np.float64,
     threads: int | None = None,
     substeps: int = 1,
@@ -50,9 +48,8 @@ def rollout(
     scenario
         Robots, water and faults. Servo lags need a policy that is no program.
     task
-        What is rewarded; it may have a goal, a current, and a memory. A task of a class that is not
-        built in is judged outside of the compiled loop, which stops for it after each action:
-        several times slower.
+        What is rewarded; it may have a goal, a current, and a memory. Only the built-in tasks are
+        compiled: in a task of another class a program swims one robot at a time, much slower.
     engine
         As of :func:`~aquafish_gym.simulate`.
     seconds
@@ -67,8 +64,6 @@ def rollout(
     rngs
         A generator for each robot, for ``memory`` and for the noise of gyroscopes; may be empty if
         neither is drawn. Noise is drawn from copies: robots that share one observe the same noise.
-    record
-        ``"end"`` or ``"path"``: see :class:`Trajectories`.
     dtype, threads, substeps
         As of :func:`~aquafish_gym.simulate`; the first two are of programs in the compiled engine.
 
@@ -93,7 +88,7 @@ def rollout(
             f"an action is held for {interval} steps, which must divide the {steps} of the task"
         )
     batch = len(scenario)
-    needed = is_noisy(scenario)
+    needed = ever(scenario, "gyro_noise")
     if memory is None and task is not None and type(task).begin is not Task.begin:
         needed, memory = True, [task.begin(rng) for rng in rngs]
     if needed and len(rngs) != batch:
@@ -102,13 +97,15 @@ def rollout(
             f"got {len(rngs)}"
         )
     begun = np.zeros((batch, 0)) if memory is None else np.reshape(memory, (batch, -1))
-    path = one_of("record", record, RECORDS) == "path"
-    plan = Plan(scenario, task, steps, interval, begun, tuple(rngs), path, substeps)
-    first = scenario.fin_angles if believed is None else believed
-    fins, gains = (np.broadcast_to(one, (batch, 3)) for one in (first, believed_gain))
+    plan = Plan(scenario, task, steps, interval, begun, tuple(rngs), substeps)
     check_engine(engine)
-    if isinstance(policy, Program) and engine == "numba":
-        return swim_all(policy, plan, fins, gains, dtype, threads)
     if isinstance(policy, Program):
+        first = scenario.fin_angles if believed is None else believed
+        fins, gains = (np.broadcast_to(one, (batch, 3)) for one in (first, believed_gain))
+        if engine == "numba" and (task is None or compiled_task(task) is not None):
+            return swim_all(policy, plan, fins, gains, dtype, threads)
         policy = [act_alone(policy, b, fins[b], gains[b]) for b in range(batch)]
-    return joined([swim_one(act, plan, b, engine) for b, act in enumerate(policy)], plan)
+    swum = [swim_one(act, plan, b, engine) for b, act in enumerate(policy)]
+    returns, diverged, paths = zip(*swum, strict=True)
+    end = np.array([path.position[-1] for path in paths])
+    return Trajectories(np.array(returns), np.array(diverged), end, paths)

@@ -10,11 +10,11 @@ import numpy as np
 from aquafish_gym.command import lane_servo_speeds, reckon, scale_action
 from aquafish_gym.damage.sensors import Sensors
 from aquafish_gym.engines.worlds import World, make_world
-from aquafish_gym.envs.tasks import Memory, Step
+from aquafish_gym.envs.tasks import Memory, Step, Task
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
-from aquafish_gym.physics.arithmetic import TAU, Vector, subtract
+from aquafish_gym.physics.arithmetic import TAU, Number, Vector, subtract
 from aquafish_gym.physics.kinematics import State, rotation, to_body
-from aquafish_gym.rollout.plan import Act, Floats, Path, Plan, Program, Trajectories
+from aquafish_gym.rollout.plan import Act, Floats, Path, Plan, Program
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import finite_array
 
@@ -22,37 +22,42 @@ _LIMITS = np.array([1.0] * 6 + [GYRO_RANGE] * 3)
 _ONLY = np.zeros(1, np.intp)
 
 
-def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> Trajectories:
-    """Swim one robot: the loop that the compiled one does for many."""
-    task, dt = plan.task, plan.dt
+class _NoTask(Task):
+    def reward_terms(self, step: Step) -> dict[str, Number]:  # noqa: ARG002
+        return {}
+
+
+def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool, Path]:
+    """Return the return, whether it diverged, and the path of one robot.
+
+    This is the loop that the compiled one runs for many.
+    """
+    task = plan.task or _NoTask()
     now = plan.scenario.take(robot)
     changes = {step: to for step, _, to in now.schedule}
-    sensors, rng = (
-        Sensors(1, np.float64),
-        [copy.deepcopy(rng) for rng in plan.rngs[robot : robot + 1]],
-    )
+    rngs = [copy.deepcopy(rng) for rng in plan.rngs[robot : robot + 1]]
     memory: Memory = tuple(plan.memory[robot].tolist())
+    total = 0.0
+    path = np.full((-(-plan.steps // plan.interval) + 1, 10), math.nan)
+    gyro, commands = np.full((2, plan.steps, 3), math.nan)
+    sensors = Sensors(1, np.float64)
+    sensors.update(_ONLY, now)
     world = make_world(engine, now, plan.substeps)
-    total, diverged = 0.0, False
-    path: list[tuple[float, ...]] = []
-    gyro: list[Vector] = []
-    commands: list[Vector] = []
     try:
-        sensors.update(_ONLY, now)
-        for t in range(0, plan.steps, plan.interval):
+        for count, t in enumerate(range(0, plan.steps, plan.interval)):
             if t in changes:
                 _change(world, changes[t], sensors)
             state = world.state()
-            path.append(_sample(state))
-            water = None if task is None else task.current(memory, t * TIMESTEP)
+            path[count] = _sample(state)
+            water = task.current(memory, t * TIMESTEP)
             if water is not None:
                 water = (float(water[0]), float(water[1]), float(water[2]))
                 world.set_current(water)
             turn = rotation(state.orientation)
             observation = np.array([*turn[2], *turn[1], *state.spin])
             if sensors.broken:
-                observation = sensors.observe(observation[None], _LIMITS, rng, _ONLY)[0]
-            if task is not None and task.has_goal:
+                observation = sensors.observe(observation[None], _LIMITS, rngs, _ONLY)[0]
+            if task.has_goal:
                 way = to_body(turn, subtract(task.goal(memory), state.position))
                 limited = np.clip(way, -GOAL_RANGE, GOAL_RANGE)
                 observation = np.concatenate([observation, limited])
@@ -64,29 +69,21 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> Trajectories:
                     if water is not None:
                         world.set_current(water)
                 world.advance((left, right, caudal))
-                gyro.append(world.state().spin)
-                commands.append((left, right, caudal))
-            diverged = world.diverged
-            if diverged:
+                gyro[k], commands[k] = world.state().spin, (left, right, caudal)
+            if world.diverged:
                 break
-            if task is not None:
-                after = world.state()
-                done = tuple(np.clip(action, -1.0, 1.0).tolist())
-                step = Step(state.position, after.position, after.orientation, done, memory, dt)
-                total += float(sum(task.reward_terms(step).values()))
-                memory = task.remember(step)
-        state = world.state()
-        end = np.full(3, math.nan) if diverged else np.array(state.position)
-        if not diverged:
-            path.append(_sample(state))
+            after = world.state()
+            done = tuple(np.clip(action, -1.0, 1.0).tolist())
+            step = Step(state.position, after.position, after.orientation, done, memory, plan.dt)
+            total += float(sum(task.reward_terms(step).values()))
+            memory = task.remember(step)
+        else:
+            path[-1] = _sample(after)
+        diverged = world.diverged
     finally:
         world.close()
-    table = np.full((1, len(plan.times), 10), math.nan)
-    table[0, : len(path)] = path
-    logs = np.full((2, 1, plan.steps, 3), math.nan)
-    logs[:, 0, : len(gyro)] = gyro, commands
-    swum = Path(plan.times, table[..., :3], table[..., 3:7], table[..., 7:], *logs)
-    return Trajectories(np.array([total]), np.array([diverged]), end[None], swum)
+    time = np.array([*range(0, plan.steps, plan.interval), plan.steps]) * TIMESTEP
+    return total, diverged, Path(time, path[:, :3], path[:, 3:7], path[:, 7:], gyro, commands)
 
 
 def _sample(state: State) -> tuple[float, ...]:
@@ -101,16 +98,12 @@ def _change(world: World, to: Scenario, sensors: Sensors) -> None:
     sensors.update(_ONLY, to)
 
 
-def _triple(row: Floats) -> tuple[float, float, float]:
-    x, y, z = row.tolist()
-    return (x, y, z)
-
-
 def act_alone(program: Program, robot: int, fins: Floats, gains: Floats) -> Act:
     """Return one robot's program on plain floats."""
     weights, layout = program.weights[:, robot].tolist(), program.layout.tolist()
     scratch, held = [0.0] * program.scratch, program.interval * TIMESTEP
-    angles = _triple(fins / TAU)
+    left, right, phase = (fins / TAU).tolist()
+    angles: Vector = (left, right, phase)
 
     def act(observation: Floats, time: float) -> Vector:
         nonlocal angles

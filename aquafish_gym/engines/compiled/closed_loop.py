@@ -29,15 +29,12 @@ class ClosedLoop:
         where there is no task, or where it is judged outside.
     broken
         Whether sensors may observe something else than what is.
-    commands
-        (B, N, 3) of the last run, if it was recorded.
     """
 
     def __init__(self, batch: int, width: int, dtype: type[np.floating], scratch: int) -> None:
         self.functions: Any = None
         self.task: Any = ()
         self.broken = False
-        self.commands: Floats | None = None
         self._batch = batch
         groups, rows = -(-batch // width), episode.ROWS + scratch
         self._episodes = np.zeros((groups, rows * width), dtype)

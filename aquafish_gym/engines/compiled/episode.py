@@ -29,7 +29,6 @@ from aquafish_gym.physics.layout import fetch_vector, put_vector
 _SIZES = {
     "fins": 3,  # where the controller believes the fins to be, in turns
     "gain": 3,  # by which factor it believes each servo to be faster than commanded
-    "goal": 3,  # in the world, units; set from outside of tasks that are not compiled
     "before": 3,  # where the robot was when the control step began, units
     "action": 3,  # of the control step, in [-1, 1]
     "memory": 6,  # the task's
@@ -45,8 +44,8 @@ _SIZES = {
 }
 _FIRST = list(accumulate(_SIZES.values(), initial=0))
 FIELDS: dict[str, slice] = dict(zip(_SIZES, map(slice, _FIRST, _FIRST[1:]), strict=True))
-FINS, GAIN, GOAL, BEFORE, ACTION, MEMORY, TOTAL, ALIVE, OBSERVED, HELD = _FIRST[:10]
-BIAS, FRESH, STUCK, DROPPED, ROWS = _FIRST[10:]
+FINS, GAIN, BEFORE, ACTION, MEMORY, TOTAL, ALIVE, OBSERVED, HELD = _FIRST[:9]
+BIAS, FRESH, STUCK, DROPPED, ROWS = _FIRST[9:]
 CHANNELS = _SIZES["observed"]
 _FIRST_OF_GYRO = 6
 

@@ -35,7 +35,6 @@ from aquafish_gym.engines.compiled.episode import (
     ACTION,
     BEFORE,
     FINS,
-    GOAL,
     ROWS,
     fetch_memory,
     note_action,
@@ -50,7 +49,6 @@ from aquafish_gym.engines.compiled.recording import (
     GYRO,
     SPECTRUM,
     WIDTHS,
-    put_command,
     put_sample,
     write_blocks,
 )
@@ -130,7 +128,6 @@ def compile_kernel(
             np.empty(3 * BLOCK * width, parameters.dtype),
             np.empty(3 * BLOCK * width, parameters.dtype),
             np.empty(10 * BLOCK * width, parameters.dtype),
-            np.empty(3 * BLOCK * width, parameters.dtype),
         )
         series = np.empty(3 * steps * width if record & SPECTRUM else 0, parameters.dtype)
         rates_only = record in (GYRO, SPECTRUM)
@@ -155,7 +152,7 @@ def compile_kernel(
                         memory = fetch_memory(kept, zero)
                         if flows:
                             current = current_of(task, memory, time)
-                        goal = fetch_vector(kept, GOAL, 0, 1, zero)
+                        goal = (zero, zero, zero)
                         if aims:
                             goal = goal_of(task, memory)
                         up, north = directions(rpy)
@@ -194,8 +191,6 @@ def compile_kernel(
                     put_vector(series, 0, t, steps, scale(unit, state.spin))
                 elif record:
                     put_sample(blocks, record, in_block, rpy, state)
-                    if closed:  # an open loop, the faster for it, keeps no command
-                        put_command(blocks, record, in_block, speeds)
                     in_block += 1
                     if in_block == BLOCK or t == steps - 1:
                         write_blocks(blocks, logs, record, t + 1 - in_block, in_block, group, zero)

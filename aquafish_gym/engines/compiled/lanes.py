@@ -16,7 +16,7 @@ from aquafish_gym.engines.api import MAXIMUM_THREADS, available_cores
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.kernel import Policy, compile_kernel
 from aquafish_gym.engines.compiled.policies import hold, perform
-from aquafish_gym.engines.compiled.recording import CHANNELS, COMMANDS, GYRO, POSE, RPY, SPECTRUM
+from aquafish_gym.engines.compiled.recording import CHANNELS, GYRO, POSE, RPY, SPECTRUM
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.layout import (
@@ -40,7 +40,6 @@ Rows = NDArray[np.bool_] | NDArray[np.intp]
 
 _RECORDS = {
     "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
-    "path": RPY | GYRO | POSE | COMMANDS,
 }  # fmt: skip
 _ALL = slice(None)
 _NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
@@ -187,9 +186,7 @@ class LaneBatch:
         spectra, roots = np.empty((0, 2, 0), self.dtype), roots_of_unity(0, self._dtype_name)
         output = (logs, spectra, roots, 1.0)
         self._run(policy, (weights, layout), steps, (interval, early), output, bits, loop)
-        rpy, gyro, pose, commands = (log.transpose(0, 2, 1) for log in logs)
-        if loop is not None and bits & COMMANDS:
-            loop.commands = commands
+        rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
         return ImuLog(
             rpy=rpy if bits & RPY and record != "gyro" else None,
             gyro=gyro if bits & GYRO else None,

@@ -18,9 +18,9 @@ WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
 
 # What to record, as bits. SPECTRUM is the gyroscope's. Where it or GYRO is recorded alone, the
 # attitude is computed only at the end.
-RPY, GYRO, POSE, SPECTRUM, COMMANDS = 1, 2, 4, 8, 16
+RPY, GYRO, POSE, SPECTRUM = 1, 2, 4, 8
 # The channels of each log, in the order of the logs.
-CHANNELS = {RPY: 3, GYRO: 3, POSE: 10, COMMANDS: 3}
+CHANNELS = {RPY: 3, GYRO: 3, POSE: 10}
 
 
 def put_sample(blocks: Any, record: int, at: int, rpy: Vector, state: State) -> None:
@@ -37,12 +37,6 @@ def put_sample(blocks: Any, record: int, at: int, rpy: Vector, state: State) -> 
         put_vector(blocks[2], 7, at, BLOCK, joint_angles(state))
 
 
-def put_command(blocks: Any, record: int, at: int, command: Vector) -> None:
-    """Put the command of sample ``at`` of a block."""
-    if record & COMMANDS:
-        put_vector(blocks[3], 0, at, BLOCK, command)
-
-
 def write_blocks(
     blocks: Any, logs: Any, record: int, first: int, count: int, group: int, zero: Number
 ) -> None:
@@ -53,8 +47,6 @@ def write_blocks(
         write_block(blocks[1], logs[1], first, count, group, zero)
     if record & POSE:
         write_block(blocks[2], logs[2], first, count, group, zero)
-    if record & COMMANDS:
-        write_block(blocks[3], logs[3], first, count, group, zero)
 
 
 def write_block(block: Any, log: Any, first: int, count: int, group: int, zero: Number) -> None:
