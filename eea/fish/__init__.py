@@ -15,7 +15,7 @@ if TYPE_CHECKING:
         estimate_morphology_of,
         fish_eea,
     )
-    from eea.fish.fins import Fins, fins_after
+    from eea.fish.fins import fins_after
     from eea.fish.gap import RealityGap
     from eea.fish.log_inference import infer_log, watch_swim
     from eea.fish.posterior_file import load_posterior, save_posterior
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = [
     "EngineSimulator",
     "EngineTarget",
-    "Fins",
     "MorphologyEstimate",
     "RealityGap",
     "SwimLog",
@@ -45,7 +44,6 @@ __all__ = [
 _ROOMS = {
     "EngineSimulator": "simulator",
     "EngineTarget": "target",
-    "Fins": "fins",
     "RealityGap": "gap",
     "SwimLog": "swim_log",
     "fins_after": "fins",

@@ -125,11 +125,9 @@ def posterior_figure(result: Result) -> Figure:
         _finish(axes, [n.name for n in nuisances], most, "nuisances; prior in grey")
 
     trials = len(best.parameters.slots)
+    begin = f"{trials} trial{'' if trials == 1 else 's'} of {result.config.steps} steps"
     marked = "" if result.truth is None else ", truth (▼)"
-    figure.suptitle(
-        f"trials: {trials} of {result.config.steps} steps, seed {result.seed}: "
-        f"density, 50% and 90% interval{marked}"
-    )
+    figure.suptitle(f"{begin}, seed {result.seed}: density, 50% and 90% interval{marked}")
     probable = [b for b in belief.branches if b.probability > LEAST]
     named = "; ".join(f"{b.hypothesis.name} ({b.probability:.0%})" for b in probable)
     lines = [named, belief.verdict] if len(probable) > 1 else [belief.verdict]

@@ -6,7 +6,8 @@ import os
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import DamagedFileError
-from eea.core.checks import ConfigurationError, instance
+from aquafish_gym.utils.validation import instance
+from eea.core.checks import ConfigurationError
 from eea.core.result import Belief
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.serialization import ARRAYS, from_arrays, to_arrays
@@ -15,12 +16,10 @@ from eea.joint.serialization import ARRAYS, from_arrays, to_arrays
 def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
     """Write a ``result.belief`` of joint inference to an ``.npz`` file, whole or not at all.
 
-    The file has everything except the simulator. ``ConfigurationError`` if it is another belief,
+    The file has everything except the simulator. ``InvalidArgumentError`` if it is another belief,
     ``CannotWriteError`` if the file cannot be written.
     """
-    instance("belief", belief, JointPosterior)
-    assert isinstance(belief, JointPosterior)
-    write_arrays(path, to_arrays(belief))
+    write_arrays(path, to_arrays(instance("belief", belief, JointPosterior)))
 
 
 def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:

@@ -30,8 +30,9 @@ POINTS = 4  # of a cubic
 
 @dataclass(frozen=True, eq=False)
 class LogWindows:
-    """E windows of T samples of a log, to be simulated for K steps of 0.01 s."""
+    """E windows of T samples of a log, to be simulated for ``steps`` steps of 0.01 s."""
 
+    steps: int
     series: Floats  #: (E, K, 3) commands.
     spin: Floats  #: (E, 3) the gyroscope's reading just before, rad/s.
     gyro: Floats  #: (E, T, 3) the readings, rad/s.
@@ -40,11 +41,6 @@ class LogWindows:
     time: Floats  #: (E, T) of the readings, s after each window's beginning.
     ends: Floats  #: (E,) when each ends, s of swimming since the record began, over all trials.
     remarks: tuple[str, ...]  #: The parts that are not used, in sentences.
-
-    @property
-    def steps(self) -> int:
-        """The number of steps of 0.01 s that cover the samples."""
-        return _steps_for(self.time)
 
     @cached_property
     def regular(self) -> bool:
@@ -102,8 +98,11 @@ def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None
     # The simulation has no sample before its first step.
     early = int((time < TIMESTEP - NEAR).sum(axis=1).max())
     time, gyro = time[:, early:], gyro[:, early:]
-    begin, steps = log.time[first] - lead * TIMESTEP, lead + _steps_for(time)
-    series = np.array([_commands(log, *each, steps) for each in zip(trial, begin, strict=True)])
+    steps = max(POINTS, int(np.ceil((time.max() - NEAR) / TIMESTEP)))
+    begin = log.time[first] - lead * TIMESTEP
+    series = np.array([
+        _commands(log, *each, lead + steps) for each in zip(trial, begin, strict=True)
+    ])  # fmt: skip
     if not moving and not series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
     if (gyro == gyro[:, :1]).all():
@@ -120,6 +119,7 @@ def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None
         if not moving and not series[i].any():
             remarks.append(f"in {log.name(i)} no servo moves: it tells little about the body")
     return LogWindows(
+        steps=steps,
         series=series[:, ::interval],
         spin=log.gyro[first] if moving else np.zeros((len(first), 3)),
         gyro=gyro,
@@ -179,10 +179,6 @@ def _commands(log: SwimLog, trial: int, begin: float, steps: int) -> Floats:
     changes = np.cumsum((np.diff(commands, axis=0, prepend=commands[:1]) != 0.0).any(axis=1))
     steady = changes[at[:-1]] == changes[until[1:]]
     return np.where(steady[:, None], commands[at[:-1]], mean)
-
-
-def _steps_for(time: Floats) -> int:
-    return max(POINTS, int(np.ceil((time.max() - NEAR) / TIMESTEP)))
 
 
 def cubic_weights(at: Floats, count: int) -> tuple[NDArray[np.intp], Floats]:
