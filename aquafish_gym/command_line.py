@@ -68,19 +68,9 @@ BodyDamage = Annotated[
 TargetMorphology = Annotated[
     Path | None, arg(metavar="FILE", help=f"JSON file of the target before its damage: {_BODY}")
 ]
-TargetDamage = Annotated[
-    str,
-    arg(
-        name="damage",
-        aliases=("--target-damage",),
-        metavar="DAMAGE",
-        help=f"Damage of the target: {_FIN_DAMAGE}",
-    ),
-]
 AnyDamage = Annotated[
     str,
     arg(
-        name="damage",
         aliases=("--target-damage",),
         metavar="DAMAGE",
         help=f"Damage of the target: {_ANY_DAMAGE}",

@@ -21,7 +21,6 @@ from aquafish_gym.command_line import (
     BodyDamage,
     EpisodeDamage,
     Out,
-    TargetDamage,
     TargetMorphology,
     read_morphology,
 )
@@ -114,7 +113,7 @@ class TransferCommand:
     controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """A controller.json, as evolve writes it; it holds the body it was evolved on."""
     target_morphology: TargetMorphology = None
-    damage: TargetDamage = "none"
+    damage: Annotated[BodyDamage, tyro.conf.arg(aliases=("--target-damage",))] = "none"
     target_world: WorldConfig = field(default_factory=WorldConfig)
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for transfer.json and trajectories.png; none are written without it."""

@@ -13,7 +13,7 @@ from typing import Literal
 
 import pytest
 
-from aquafish_gym.command_line import TargetDamage, read_morphology, run_command_line
+from aquafish_gym.command_line import AnyDamage, read_morphology, run_command_line
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
 
 
@@ -28,7 +28,7 @@ class Swim:
     """How far."""
     style: Literal["crawl", "butterfly"] = "crawl"
     fish: int = 1
-    target_damage: TargetDamage = "none"
+    damage: AnyDamage = "none"
 
     def __post_init__(self) -> None:
         integer("fish", self.fish, 1, 10**6)
@@ -39,7 +39,7 @@ class Swim:
             raise InvalidArgumentError("far must be 0 or more;\n got less")
         if self.far > 100:
             raise KeyboardInterrupt
-        print(f"swam with {self.target_damage}")
+        print(f"swam with {self.damage}")
 
 
 COMMANDS = {"swim": (Swim, "swim somewhere"), "again": (f"{__name__}:Swim", "swim again")}

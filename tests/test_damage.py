@@ -173,9 +173,9 @@ def test_faults_of_unknown_parts_and_kinds_are_refused() -> None:
     for written in ({"part": "tail"}, {"part": "caudal", "word": "missing", "more": 1}):
         with pytest.raises(InvalidArgumentError):
             Damage.coerce(written)
-    with pytest.raises(InvalidArgumentError, match="made of faults"):
+    with pytest.raises(InvalidArgumentError, match="a list of faults"):
         Damage(("caudal:missing",))  # type: ignore[arg-type]
-    with pytest.raises(InvalidArgumentError, match="must be a row of faults"):
+    with pytest.raises(InvalidArgumentError, match="a list of faults"):
         Damage(Fault("caudal", "missing"))  # type: ignore[arg-type]
 
 

@@ -45,12 +45,14 @@ class Damage:
 
     def __post_init__(self) -> None:
         # Faults have an order, which sets lack, and an end, which generators may lack.
-        if not isinstance(self.faults, list | tuple):
-            raise InvalidArgumentError(f"damage must be a row of faults; got {brief(self.faults)}")
-        _check_count(len(self.faults))
-        for fault in self.faults:
-            if not isinstance(fault, Fault):
-                raise InvalidArgumentError(f"damage must be made of faults; got {brief(fault)}")
+        rows = isinstance(self.faults, list | tuple)
+        if not rows or not all(isinstance(fault, Fault) for fault in self.faults):
+            raise InvalidArgumentError(f"damage must be a list of faults; got {brief(self.faults)}")
+        if len(self.faults) > MAXIMUM_FAULTS:
+            raise InvalidArgumentError(
+                f"damage must be at most {MAXIMUM_FAULTS} faults of one robot; "
+                f"got {len(self.faults)}"
+            )
         object.__setattr__(self, "faults", tuple(self.faults))
 
     @classmethod
@@ -60,9 +62,7 @@ class Damage:
             raise InvalidArgumentError(f"damage must be text to be parsed; got {brief(text)}")
         if text.strip().lower() in ("", "none"):
             return cls()
-        parts = text.replace(",", ";").split(";")
-        _check_count(len(parts))
-        return cls(tuple(map(_fault_from_text, parts)))
+        return cls(tuple(map(_fault_from_text, text.replace(",", ";").split(";"))))
 
     @classmethod
     def coerce(cls, value: object) -> Damage:
@@ -78,7 +78,6 @@ class Damage:
             case str():
                 return cls.parse(value)
             case list() | tuple() if is_list_of_faults(value):
-                _check_count(len(value))
                 return cls(tuple(map(_fault_from, value)))
         raise InvalidArgumentError(
             "damage must be one text, such as 'left_pectoral:length=0.5; caudal:missing', a "
@@ -242,13 +241,6 @@ def is_list_of_faults(value: object) -> bool:
     return isinstance(value, list | tuple) and all(
         isinstance(one, Fault) or (isinstance(one, Mapping) and "part" in one) for one in value
     )
-
-
-def _check_count(count: int) -> None:
-    if count > MAXIMUM_FAULTS:
-        raise InvalidArgumentError(
-            f"damage must be at most {MAXIMUM_FAULTS} faults of one robot; got {count}"
-        )
 
 
 def _fault_from(value: Fault | Mapping[str, Any]) -> Fault:

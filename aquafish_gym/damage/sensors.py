@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,19 +33,16 @@ class Sensors:
 
     def update(self, rows: Rows, scenario: Scenario) -> None:
         """Set the sensors of robots ``rows`` (n,) from a scenario of n, for later observations."""
-        sensor: tuple[NDArray[Any], ...] = (
-            scenario.gyro_noise,
-            scenario.sensor_bias,
-            scenario.sensor_stuck,
-            scenario.sensor_dropped,
-        )
-        if not self.broken and not any(part.any() for part in sensor):
+        noise, bias = scenario.gyro_noise, scenario.sensor_bias
+        stuck, dropped = scenario.sensor_stuck, scenario.sensor_dropped
+        if not self.broken and not (noise.any() or bias.any() or stuck.any() or dropped.any()):
             return
         self.broken = True
-        self._fresh[rows] = scenario.sensor_stuck & ~self._stuck[rows]
-        tables: tuple[NDArray[Any], ...] = (self._noise, self._biases, self._stuck, self._dropped)
-        for table, value in zip(tables, sensor, strict=True):
-            table[rows] = value
+        self._fresh[rows] = stuck & ~self._stuck[rows]
+        self._noise[rows] = noise
+        self._biases[rows] = bias
+        self._stuck[rows] = stuck
+        self._dropped[rows] = dropped
 
     def reset(self, rows: Rows) -> None:
         """Forget the observations of these robots: an episode begins."""

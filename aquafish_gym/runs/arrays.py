@@ -41,10 +41,16 @@ def read_arrays(
     arrays. Raises as ``storage.read_document``.
     """
     name = f"{argument}: {path}"
+    content = BytesIO(read_bytes(path, argument, most_bytes))
     try:
-        arrays = _load(read_bytes(path, argument, most_bytes), most_bytes)
-    except DamagedFileError as error:
-        raise DamagedFileError(f"{name} {error}") from None
+        with zipfile.ZipFile(content) as archive:  # checks the CRC-32 of each member
+            size = sum(member.file_size for member in archive.infolist())
+        with np.load(content, allow_pickle=False) as loaded:
+            arrays = dict(loaded) if size <= most_bytes else {}
+    except Exception:  # zipfile and numpy's reader of headers raise a dozen kinds
+        raise DamagedFileError(f"{name} is not a whole archive of arrays") from None
+    if size > most_bytes:
+        raise DamagedFileError(f"{name} must hold at most {most_bytes} bytes of arrays")
     if sorted({*arrays, *optional}) != sorted(shapes):
         raise DamagedFileError(
             f"{name} must hold the arrays {', '.join(sorted(shapes))} and no others; "
@@ -58,18 +64,3 @@ def read_arrays(
                 f"{name} must have {one} of shape {spelled(shapes[one])}; it is {array.shape}"
             )
     return arrays
-
-
-def _load(content: bytes, most_bytes: int) -> dict[str, NDArray[Any]]:
-    """Return an archive's arrays, or raise DamagedFileError without the file's name."""
-    try:
-        with zipfile.ZipFile(BytesIO(content)) as archive:  # checks the CRC-32 of each member
-            size = sum(member.file_size for member in archive.infolist())
-        if size > most_bytes:
-            raise DamagedFileError(f"must hold at most {most_bytes} bytes of arrays")
-        with np.load(BytesIO(content), allow_pickle=False) as loaded:
-            return dict(loaded)
-    except DamagedFileError:
-        raise
-    except Exception:  # zipfile and numpy's reader of headers raise a dozen kinds
-        raise DamagedFileError("is not a whole archive of arrays") from None

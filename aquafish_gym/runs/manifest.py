@@ -70,7 +70,12 @@ def versions() -> dict[str, str]:
 def read_manifest(folder: Path) -> dict[str, Any] | None:
     """Return a folder's manifest, with ``kind`` and ``settings``, or ``None`` without one."""
     path = folder / SETTINGS
-    return read_document(path, SCHEMA, "out") if path.exists() else None
+    if not path.exists():
+        return None
+    document = read_document(path, SCHEMA, "out")
+    if not isinstance(document.get("kind"), str) or not isinstance(document.get("settings"), dict):
+        raise InvalidArgumentError(f"out: {path} does not say what the folder holds")
+    return document
 
 
 def write_manifest(
