@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import body_array
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, flag
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, one_of
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -50,7 +50,6 @@ _FIELDS: dict[str, _Field] = {
     "gyro_noise": _Field((), 0.0, MAXIMUM_SPIN, "rad/s", 0.0),
     "sensor_bias": _Field((9,), -MAXIMUM_SPIN, MAXIMUM_SPIN, "", 0.0),
 }
-_FLAGS = ("sensor_stuck", "sensor_dropped")
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,13 +93,15 @@ class Scenario:
         reactive
             Whether the water also resists acceleration.
         **fields
-            The other fields, (B, ...) or one row without its axis; each has a default that changes
-            nothing. A single ``servo_gain`` is for all three servos.
+            Other fields, (B, ...) or one row without its axis; each has a default that changes
+            nothing. A single ``servo_gain`` is for all three servos. ``Damage.edit`` sets stuck and
+            dropped sensors.
 
         Raises
         ------
-        InvalidArgumentError
-            If a field has the wrong shape or range, or the fields differ in length.
+        InvalidArgumentError, UnknownNameError
+            If a field has the wrong shape or range, the fields differ in length, or there is no
+            such field.
         """
         tables = {name: check_field(name, value) for name, value in fields.items()}
         spread = broadcast({"body": check_field("body", body), **tables})
@@ -115,7 +116,7 @@ class Scenario:
             for name, field in _FIELDS.items()
             if name not in fields
         }
-        for name in _FLAGS:
+        for name in ("sensor_stuck", "sensor_dropped"):
             missing[name] = np.zeros((batch, len(CHANNELS)), np.bool_)
         missing["faults"] = np.zeros(batch, np.int64)
         return cls(**{**missing, **fields}, reactive=reactive)
@@ -194,15 +195,7 @@ def check_field(name: str, value: object, argument: str = "") -> NDArray[Any]:
     argument = argument or name
     if name == "body":
         return body_array(value, argument)  # type: ignore[arg-type]
-    if name in _FLAGS:
-        flags = np.atleast_2d(np.asarray(value))
-        if flags.dtype != np.bool_ or flags.shape[1:] != (len(CHANNELS),):
-            raise InvalidArgumentError(
-                f"{argument} must be True or False for each of the {len(CHANNELS)} channels; "
-                f"got {brief(value)}"
-            )
-        return flags
-    row, low, high, unit, _ = _FIELDS[name]
+    row, low, high, unit, _ = _FIELDS[one_of("field", name, _FIELDS)]
     if name == "servo_gain" and isinstance(value, Real | Decimal):
         value = [value] * 3
     return finite_array(argument, value, (None, *row), low, high, unit, flat=True)  # type: ignore[arg-type]

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.api import ENGINES, check_engine, resolve_engine
-from aquafish_gym.engines.packages import AUTO
+from aquafish_gym.engines.packages import AUTO, NAMES, check_engine, resolve_engine
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -57,7 +56,7 @@ class TransferConfig:
         integer("seed", self.seed, 0, MAXIMUM_SEED)
         step_count(self.seconds)
         for name in ("native_engine", "target_engine"):
-            one_of(name, getattr(self, name), (AUTO, *ENGINES))
+            one_of(name, getattr(self, name), (AUTO, *NAMES))
         finite_array("angle_error", self.angle_error, (3,), unit="rad")
         finite_array("believed_gain", self.believed_gain, (3,))
 

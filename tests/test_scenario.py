@@ -34,6 +34,7 @@ def test_default_scenario_is_the_nominal_robot_in_still_water() -> None:
         ({"drag": (1.0, 11.0)}, "drag"),
         ({"servo_lag": "late"}, "servo_lag"),
         ({"gyro_noise": -1.0}, "gyro_noise"),
+        ({"servo_lags": 0.1}, "did you mean 'servo_lag'"),
         ({"body": np.full((2, 9), 0.1), "current": np.zeros((3, 3))}, "equally many"),
     ],
 )

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
-from dataclasses import dataclass
-from pkgutil import resolve_name
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,32 +18,7 @@ from aquafish_gym.world_config import MAXIMUM_SUBSTEPS as MAXIMUM_SUBSTEPS
 
 MAXIMUM_THREADS = 1024
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
-# How many numbers a sample has.
-RECORDS: dict[str, int] = {"rpy": 3, "gyro": 3, "attitude": 6, "pose": 16}
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to simulate: the keywords of :func:`simulate`, which checks them."""
-
-    steps: int
-    substeps: int = 1
-    dtype: type[np.floating] = np.float32
-    threads: int | None = None
-    record: str = "attitude"
-    interval: int = 1
-    begun: int = 0
-
-
-# Swims a scenario of B robots under commands (B, 3) or series of them (B, K, 3). It trusts its
-# caller.
-Engine = Callable[[Scenario, NDArray[np.float64], Settings], ImuLog]
-
-# Loaded when first used: importing the package stays quick, and works without them.
-ENGINES: dict[str, str] = {
-    "numba": "aquafish_gym.engines.compiled.simulate:simulate_lanes",
-    "pybullet": "aquafish_gym.engines.bullet.world:simulate_bullet",
-}
+RECORDS = ("rpy", "gyro", "attitude", "pose")
 
 
 def simulate(
@@ -178,23 +150,28 @@ def simulate_scenario(
     ``commands`` are (B, 3) or (B, K, 3), checked; for the rest see :func:`simulate`.
     """
     engine = check_engine(resolve_engine("engine", engine))
-    settings = Settings(
-        steps=integer("steps", steps, 1, MAXIMUM_STEPS),
-        substeps=integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS),
-        dtype=getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
-        threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
-        record=one_of("record", record, RECORDS),
-        interval=integer("interval", interval, 1, MAXIMUM_STEPS),
-        begun=integer("begun", begun, 0, MAXIMUM_STEPS),
-    )
-    if engine != "numba" and (settings.begun or scenario.velocity.any() or scenario.spin.any()):
+    steps = integer("steps", steps, 1, MAXIMUM_STEPS)
+    substeps = integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
+    kind = getattr(np, one_of("dtype", dtype, ("float32", "float64")))
+    threads = None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS)
+    record = one_of("record", record, RECORDS)
+    interval = integer("interval", interval, 1, MAXIMUM_STEPS)
+    begun = integer("begun", begun, 0, MAXIMUM_STEPS)
+    # The engines are imported here: importing the package stays quick, and works without PyBullet.
+    if engine == "numba":
+        from aquafish_gym.engines.compiled.simulate import simulate_lanes
+
+        return simulate_lanes(
+            scenario, commands, steps, kind, substeps, threads, record, interval, begun
+        )
+    if begun or scenario.velocity.any() or scenario.spin.any():
         raise InvalidArgumentError(
             f'begun, velocity and spin must be 0 for the engine "{engine}", whose trials begin at '
             'rest; engine="numba" begins in mid-swim'
         )
-    _check_log_fits(len(scenario), settings, engine)
-    run: Engine = resolve_name(ENGINES[engine])
-    return run(scenario, commands, settings)
+    from aquafish_gym.engines.bullet.simulate import simulate_bullet
+
+    return simulate_bullet(scenario, commands, steps, substeps, record, interval)
 
 
 def available_cores() -> int:
@@ -202,21 +179,3 @@ def available_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1  # macOS and Windows bind no process to cores
-
-
-def _check_log_fits(batch: int, settings: Settings, engine: str) -> None:
-    """Refuse a log that is larger than this machine's memory."""
-    sample = RECORDS[settings.record] * np.dtype(settings.dtype).itemsize
-    if engine != "numba":  # PyBullet keeps everything, in double precision, until the end
-        sample = RECORDS["pose"] * 8
-    wanted = batch * settings.steps * sample
-    try:
-        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, OSError, ValueError):  # this system does not say
-        return
-    if wanted > memory:
-        raise InvalidArgumentError(
-            f"a log of {settings.steps} steps of {batch} robots would take {wanted / 2**30:,.0f} "
-            f"GiB, and this machine has {memory / 2**30:,.0f} GiB of memory; take fewer steps or "
-            'robots at a time, or record="rpy"'
-        )

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import functools
-import multiprocessing
 import os
-import sys
 from importlib.util import find_spec
 from typing import Any
 
@@ -20,26 +18,14 @@ AUTO = "auto"
 def resolve_engine(argument: str, name: object) -> str:
     """Return an engine's own name; ``"auto"`` is resolved by what is installed.
 
-    It is PyBullet where it is installed, else the compiled engine, which is the same robot to 1e-9,
-    with one line on stderr: once per process, and not in workers. ``argument`` is the engine's name
-    in messages. :func:`check_engine` checks that a named engine can be used here.
+    It is PyBullet where it is installed, else the compiled engine, which is the same robot to 1e-9.
+    ``argument`` is the engine's name in messages. :func:`check_engine` checks that a named engine
+    can be used here.
     """
     known = one_of(argument, name, (AUTO, *NAMES))
     if known != AUTO:
         return known
-    if find_spec("pybullet") is not None:
-        return "pybullet"
-    _report_compiled()
-    return "numba"
-
-
-@functools.cache
-def _report_compiled() -> None:
-    if sys.stderr is not None and multiprocessing.parent_process() is None:
-        print(
-            'PyBullet is not installed here: engine "auto" is "numba", the same robot compiled',
-            file=sys.stderr,
-        )
+    return "numba" if find_spec("pybullet") is None else "pybullet"
 
 
 def check_engine(engine: object) -> str:
@@ -51,11 +37,6 @@ def check_engine(engine: object) -> str:
     name = resolve_engine("engine", engine)
     if name == "pybullet":
         load_pybullet()
-    elif find_spec(name) is None:
-        raise EngineUnavailableError(
-            f'the engine "{name}" needs the package {name}, which is not installed here: '
-            f"pip install {name}"
-        )
     return name
 
 

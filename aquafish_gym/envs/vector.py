@@ -14,8 +14,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.engines.api import ENGINES, MAXIMUM_THREADS
-from aquafish_gym.engines.packages import AUTO
+from aquafish_gym.engines.api import MAXIMUM_THREADS
+from aquafish_gym.engines.packages import AUTO, NAMES
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
@@ -100,7 +100,7 @@ class AquaFishVectorEnv(
 
         super().__init__(task, frame_skip, observe_fins)
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
-        if one_of("engine", engine, (AUTO, *ENGINES)) not in (AUTO, "numba"):
+        if one_of("engine", engine, (AUTO, *NAMES)) not in (AUTO, "numba"):
             raise InvalidArgumentError(
                 f'the batched environment runs on engine="numba" alone; for engine={engine!r} '
                 'use gym.make_vec(..., vectorization_mode="sync")'

@@ -15,7 +15,6 @@ from __future__ import annotations
 import ctypes
 import math
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,18 +27,10 @@ Symmetric = tuple[Number, Number, Number, Number, Number, Number]  # xx, yy, zz,
 TAU = 2 * math.pi
 
 
-def _find_fma() -> Callable[[float, float, float], float]:
-    """Return the C library's ``fma``: Python has its own only from 3.13 on."""
-    if sys.version_info >= (3, 13):
-        return math.fma
-    # Except on Windows, Python itself is linked with it.
-    function = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fma
-    function.restype = ctypes.c_double
-    function.argtypes = [ctypes.c_double] * 3
-    return function
-
-
-_fma = _find_fma()
+# The C library's, with which Python is linked except on Windows; Python's own is of 3.13.
+_fma = ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fma
+_fma.restype = ctypes.c_double
+_fma.argtypes = [ctypes.c_double] * 3
 
 
 def fma(a: Number, b: Number, c: Number) -> Number:

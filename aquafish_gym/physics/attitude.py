@@ -11,9 +11,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from aquafish_gym.physics.arithmetic import (
     TAU,
     Matrix,
@@ -62,14 +59,3 @@ def directions(rpy: Vector) -> tuple[Vector, Vector]:
     up = (-pc * rs, ps, pc * rc)
     north = (ys * rc + yc * ps * rs, yc * pc, ys * rs - yc * ps * rc)
     return up, north
-
-
-def rotations(rpy: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the matrices (T, 3, 3) from body to world of roll, pitch and yaw (T, 3), rad."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
-    rows = [
-        [cy * cr - sy * sp * sr, -sy * cp, cy * sr + sy * sp * cr],
-        [sy * cr + cy * sp * sr, cy * cp, sy * sr - cy * sp * cr],
-        [-cp * sr, sp, cp * cr],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)

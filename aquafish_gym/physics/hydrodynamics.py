@@ -42,7 +42,6 @@ AXIAL_DRAG = 0.30  # assumed; a hemisphere facing the flow: 0.34
 _NEAR, _MIDDLE, _FAR = 0.5 - 0.5 * math.sqrt(0.6), 0.5, 0.5 + 0.5 * math.sqrt(0.6)
 _OUTER_WEIGHT, _MIDDLE_WEIGHT = 5 / 18, 8 / 18
 _ASIDE = math.sqrt(3.0) / 4
-FIN_POINTS = 4
 
 _HALF = 0.5 * DENSITY
 _CROSS = _HALF * CROSS_FLOW_DRAG

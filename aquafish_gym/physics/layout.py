@@ -141,27 +141,30 @@ def robot_parameters(
     drag; and that of the body's. ``drag`` is (2,) or (B, 2): of the fins, and of the body.
     """
     fins, body = np.moveaxis(np.asarray(drag, dtype=np.float64), -1, 0)
-    sizes = morphologies.T[_COLUMNS]  # (fin, width or length or thickness, B)
+    table = np.empty((ROBOT_ROWS, len(morphologies)))
+    rows = table[:-1].reshape(3, FIN_ROWS, len(morphologies))
+    # Filled in place: this is most of what packing a batch takes.
+    sizes, mass, inertia = rows[:, 0:3], rows[:, 3], rows[:, 4:7]
+    sizes[:] = morphologies.T[_COLUMNS]
+    np.maximum(sizes[:, 0] * sizes[:, 1] * sizes[:, 2], MINIMUM_FIN_MASS, out=mass)
     squares = sizes**2 / 12
-    mass = np.maximum(sizes[:, 0] * sizes[:, 1] * sizes[:, 2], MINIMUM_FIN_MASS)
-    table = np.empty((ROBOT_ROWS, sizes.shape[2]))
-    rows = table[:-1].reshape(len(sizes), FIN_ROWS, sizes.shape[2])
-    rows[:, 0:3] = sizes
-    rows[:, 3] = mass
-    rows[:, 4] = squares[:, 1] + squares[:, 2]
-    rows[:, 5] = squares[:, 0] + squares[:, 2]
-    rows[:, 6] = squares[:, 0] + squares[:, 1]
-    rows[:, 4:7] = mass[:, None] * np.maximum(rows[:, 4:7], MINIMUM_GYRATION**2)
+    np.add(squares[:, 1], squares[:, 2], out=inertia[:, 0])
+    np.add(squares[:, 0], squares[:, 2], out=inertia[:, 1])
+    np.add(squares[:, 0], squares[:, 1], out=inertia[:, 2])
+    np.maximum(inertia, MINIMUM_GYRATION**2, out=inertia)
+    inertia *= mass[:, None]
     rows[:, 7] = fins
     table[-1] = body
     return table
 
 
-def condition_rows(current: ArrayLike, servo_gain: ArrayLike, batch: int) -> NDArray[np.float64]:
-    """Return the conditions (6, B) of a batch; each of the two is (3,) for all, or (B, 3)."""
-    rows = np.empty((CONDITION_ROWS, batch))
-    rows[CURRENT : CURRENT + 3] = np.broadcast_to(current, (batch, 3)).T
-    rows[SERVO_GAIN : SERVO_GAIN + 3] = np.broadcast_to(servo_gain, (batch, 3)).T
+def condition_rows(
+    current: NDArray[np.float64], servo_gain: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the conditions (6, B) for currents and gains (B, 3)."""
+    rows = np.empty((CONDITION_ROWS, len(current)))
+    rows[CURRENT : CURRENT + 3] = current.T
+    rows[SERVO_GAIN : SERVO_GAIN + 3] = servo_gain.T
     return rows
 
 

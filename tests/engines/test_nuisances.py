@@ -15,10 +15,9 @@ from numpy.testing import assert_allclose, assert_array_equal
 from aquafish_gym import ImuLog, simulate
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.attitude import rotations
 from aquafish_gym.physics.layout import FIELDS, STATE_ROWS
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
-from tests.verification.trials import lane_batch, one_world, random_trials
+from tests.verification.trials import lane_batch, one_world, random_trials, rotations
 
 COUNT = 21  # no multiple of a register's robots
 TRIALS = random_trials(COUNT, seed=3)

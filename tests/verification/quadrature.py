@@ -18,7 +18,6 @@ from aquafish_gym.physics.hydrodynamics import (
     AXIAL_DRAG,
     CROSS_FLOW_DRAG,
     DENSITY,
-    FIN_POINTS,
     NORMAL_DRAG,
     SKIN_FRICTION,
     body_drag,
@@ -357,7 +356,7 @@ def study(count: int = 300, seed: int = 0, points: int = FINE) -> list[dict[str,
         ("nominal tail", one_body.tails),
     ):
         truth = fin_reference(size, motion, points)
-        record(part, "the law's", FIN_POINTS, drag("numba", size, motion), truth)
+        record(part, "the law's", 4, drag("numba", size, motion), truth)
         for name, rule, along, across in OTHER_RULES:
             found = fin_by_rule(size, motion, rule(along), rule(across))
             record(part, f"{name} {along}x{across}", along * across, found, truth)

@@ -62,3 +62,14 @@ def one_world(
     """Return one robot in an engine; ``fields`` are of ``Scenario.create``."""
     scenario = Scenario.create(body, fin_angles=angles, current=current, **fields)  # type: ignore[arg-type]
     return make_world(engine, scenario, substeps)
+
+
+def rotations(rpy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the matrices (T, 3, 3) from body to world of roll, pitch and yaw (T, 3), rad."""
+    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy).T, np.sin(rpy).T
+    rows = [
+        [cy * cr - sy * sp * sr, -sy * cp, cy * sr + sy * sp * cr],
+        [sy * cr + cy * sp * sr, cy * cp, sy * sr - cy * sp * cr],
+        [-cp * sr, sp, cp * cr],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)

@@ -1,12 +1,12 @@
 """What PyBullet does not compute: the water's wrench, the servos' motion, the log.
 
-It is the physics of ``physics/dynamics.py``, compiled where numba is installed, since in plain
-Python it takes longer than Bullet's own step.
+It is the physics of ``physics/dynamics.py``, compiled, since in plain Python it takes longer than
+Bullet's own step.
 """
 
 from __future__ import annotations
 
-import functools
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -70,16 +70,9 @@ def follow(orientations: Any, world_spins: Any, rpy: Any, gyro: Any) -> None:
         gyro[t, 0], gyro[t, 1], gyro[t, 2] = to_body(r, (w[0], w[1], w[2]))
 
 
-@functools.cache
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Return one of this module's functions compiled if numba is here, else itself.
+    """Return one of this module's functions compiled, to the same results."""
+    from aquafish_gym.physics import compiling  # numba takes a second to load
 
-    The results are the same.
-    """
-    try:
-        from aquafish_gym.physics import compiling, simd
-    except ImportError:
-        return function
-    for part in (_read, _turn_joints):
-        simd.inlined(part)
+    compiling.register_module(sys.modules[__name__])
     return compiling.compiled_function(function, slow=True)  # type: ignore[no-any-return]

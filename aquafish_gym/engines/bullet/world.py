@@ -5,8 +5,7 @@ wrench, from :func:`aquafish_gym.physics.dynamics.wrench`, is applied to the bas
 step: the fins' forces need not go through the links, because the motors prescribe the joints
 and Bullet's link frames are one step old when forces are applied.
 
-Bullet checks nothing: it accepts NaN, negative sizes and links that do not exist. So every
-number is checked before it goes in, and the motion after every step.
+Bullet accepts NaN, so the wrench is checked before every step, and the motion after it.
 """
 
 from __future__ import annotations
@@ -18,16 +17,12 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from aquafish_gym.engines.api import Settings
-from aquafish_gym.engines.bullet.push import compiled, follow, push, push_reactive
+from aquafish_gym.engines.bullet.push import compiled, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.engines.worlds import RUNAWAY, Triple, World
-from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
-    Drive,
     Joints,
     State,
     at_rest,
@@ -38,7 +33,6 @@ from aquafish_gym.physics.kinematics import (
 )
 from aquafish_gym.physics.layout import (
     LEFT,
-    ROBOT_ROWS,
     STATE_NUMBERS,
     fetch_joints,
     put_joints,
@@ -47,9 +41,7 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y
 from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
-
-Quaternion = tuple[float, float, float, float]
+from aquafish_gym.utils.validation import EngineUnavailableError
 
 # A client costs megabytes and connecting leaks, so clients are kept for the next world: one at a
 # time, in the process that opened it.
@@ -101,22 +93,7 @@ class BulletWorld(World):
         self._process = os.getpid()
         self._client = take_client()
         self._closing = weakref.finalize(self, return_client, self._client, self._process)
-        self._push = compiled(push)
-        self._robot = -1
-        self._column: NDArray[np.float64] = np.zeros(ROBOT_ROWS)
-        self._joints: NDArray[np.float64] = np.zeros(STATE_NUMBERS - LEFT)
-        self._current: Vector = (0.0, 0.0, 0.0)
-        self._gains: Vector = (1.0, 1.0, 1.0)
-        self._command: Vector | None = None
-        self._drive: Drive = drive((0.0, 0.0, 0.0), self.timestep)
-        self._set_resting()
-
-    def _set_resting(self) -> None:
-        self.diverged = False
-        self.position: Vector = (0.0, 0.0, 0.0)
-        self.orientation: Quaternion = (0.0, 0.0, 0.0, 1.0)
-        self.velocity: Vector = (0.0, 0.0, 0.0)
-        self.world_spin: Vector = (0.0, 0.0, 0.0)
+        self._joints = np.zeros(STATE_NUMBERS - LEFT)
 
     def close(self) -> None:
         """Give the client back; the world is of no more use."""
@@ -129,8 +106,6 @@ class BulletWorld(World):
                 'make the environment in the child process (start method "spawn", or a '
                 'factory such as lambda: gym.make(...)), or use engine="numba"'
             )
-        if not self._closing.alive:
-            raise RuntimeError("this PyBullet world is closed; make a new one")
 
     def __reduce__(self) -> Any:
         raise TypeError(
@@ -140,14 +115,14 @@ class BulletWorld(World):
 
     def _start(self, scenario: Scenario) -> None:
         self._check_process()
-        angles = _triple(scenario.fin_angles[0])
-        if not np.isfinite(angles).all():
-            raise InvalidArgumentError(f"a PyBullet world needs finite fin angles; got {angles}")
+        angles = triple(scenario.fin_angles[0])
         self._push = compiled(push_reactive if scenario.reactive else push)
         rest = at_rest(angles)
         put_joints(self._joints, 0, 0, 1, (rest.left, rest.right, rest.phase, rest.rates))
+        self.diverged = False
+        self.position, self.orientation = rest.position, rest.orientation
+        self.velocity = self.world_spin = rest.velocity
         self._set(scenario)
-        self._set_resting()
         self._build((*angles[:2], float(caudal_angle(rest.phase))))
 
     def update(self, scenario: Scenario) -> None:
@@ -167,19 +142,14 @@ class BulletWorld(World):
         p.resetBaseVelocity(self._robot, self.velocity, self.world_spin, physicsClientId=client)
 
     def set_current(self, current: Triple) -> None:
-        self._current = _triple(current)
+        self._current = triple(current)
 
     def _set(self, scenario: Scenario) -> None:
         """Take over the robot's parameters, its current and its gains."""
-        column = np.ascontiguousarray(robot_parameters(scenario.body, scenario.drag)[:, 0])
-        current = _triple(scenario.current[0])
-        if not np.isfinite([*column, *current]).all() or (column < 0).any():
-            raise InvalidArgumentError(
-                "a PyBullet world needs finite sizes of 0 or more and a finite current"
-            )
-        self._column, self._current = column, current
-        self._gains = _triple(scenario.servo_gain[0])
-        self._command = None  # a new robot's motors, or other gains, need the command again
+        self._column = np.ascontiguousarray(robot_parameters(scenario.body, scenario.drag)[:, 0])
+        self._current, self._gains = triple(scenario.current[0]), triple(scenario.servo_gain[0])
+        # A new robot's motors, or other gains, need the command again.
+        self._command: Vector | None = None
 
     def _build(self, angles: Triple) -> None:
         """Empty the world and put the robot in, its joints at these angles (rad)."""
@@ -190,7 +160,6 @@ class BulletWorld(World):
         p.setGravity(0.0, 0.0, 0.0, physicsClientId=client)
         p.setPhysicsEngineParameter(
             fixedTimeStep=self.timestep,
-            numSubSteps=0,
             numSolverIterations=_SOLVER_ITERATIONS,
             solverResidualThreshold=0.0,
             physicsClientId=client,
@@ -212,11 +181,8 @@ class BulletWorld(World):
             linkParentIndices=[0] * 3,
             linkJointTypes=[p.JOINT_REVOLUTE] * 3,
             linkJointAxis=AXES,
-            useMaximalCoordinates=0,
             physicsClientId=client,
         )
-        if robot < 0:
-            raise RuntimeError("PyBullet could not build the robot")
         # By link, the base's, -1, being last. The caudal fin's width axis is the body's z, its
         # normal the body's x.
         inertias = [left.inertia, right.inertia, caudal.inertia[::-1], BODY_INERTIA]
@@ -247,8 +213,6 @@ class BulletWorld(World):
 
     def _set_motors(self, command: Vector) -> None:
         """Set the pectorals' motors, whose speed is constant; the tail's is set at every step."""
-        if not all(map(math.isfinite, command)):
-            raise InvalidArgumentError(f"command must be finite; got {command!r}")
         self._command = command
         (left, right, caudal), (a, b, c) = command, self._gains
         self._drive = drive((a * left, b * right, c * caudal), self.timestep)
@@ -257,8 +221,6 @@ class BulletWorld(World):
 
     def _swim(self, command: Vector, steps: int) -> None:
         self._check_process()
-        if self._robot < 0:
-            raise RuntimeError("reset the PyBullet world before advancing it")
         if command != self._command:
             self._set_motors(command)
         p, client, robot, push = self._bullet, self._client, self._robot, self._push
@@ -288,9 +250,8 @@ class BulletWorld(World):
                 self._diverge()
 
     def _diverge(self) -> None:
-        nothing = (math.nan,) * 3
         self.diverged = True
-        self.position = self.velocity = self.world_spin = nothing
+        self.position = self.velocity = self.world_spin = (math.nan,) * 3
         self.orientation = (math.nan,) * 4
 
     def state(self) -> State:
@@ -308,56 +269,7 @@ class BulletWorld(World):
         return found
 
 
-def simulate_bullet(
-    scenario: Scenario, commands: NDArray[np.float64], settings: Settings
-) -> ImuLog:
-    """Simulate a scenario with PyBullet, one robot after another.
-
-    It computes in double precision whatever ``settings.dtype`` is, and in one thread. See
-    :func:`aquafish_gym.simulate`.
-    """
-    batch, steps = len(scenario), settings.steps
-    rpy, gyro = np.empty((batch, steps, 3)), np.empty((batch, steps, 3))
-    position, quaternion = np.empty((batch, steps, 3)), np.empty((batch, steps, 4))
-    fin_angles = np.empty((batch, steps, 3))
-    spins = np.empty((steps, 3))
-    diverged = np.zeros(batch, dtype=np.bool_)
-    fill = compiled(follow)
-    for i in range(batch):
-        one = scenario.take(i)
-        changes = {change.step: change.to for change in one.schedule}
-        world = BulletWorld(settings.substeps)
-        try:
-            world.reset(one)
-            series = [_triple(command) for command in commands[i].reshape(-1, 3)]
-            for t in range(steps):
-                if t in changes:
-                    world.update(changes[t])
-                world.advance(series[min(t // settings.interval, len(series) - 1)])
-                position[i, t] = world.position
-                quaternion[i, t] = world.orientation
-                spins[t] = world.world_spin
-                fin_angles[i, t] = world.fin_angles
-            diverged[i] = world.diverged
-        finally:
-            world.close()
-        good = steps
-        if diverged[i]:
-            good = int(np.isfinite(quaternion[i]).all(axis=1).sum())
-            rpy[i, good:] = gyro[i, good:] = math.nan
-        fill(quaternion[i, :good], spins[:good], rpy[i, :good], gyro[i, :good])
-    pose = settings.record == "pose"
-    return ImuLog(
-        rpy=None if settings.record == "gyro" else rpy,
-        gyro=None if settings.record == "rpy" else gyro,
-        position=position if pose else None,
-        quaternion=quaternion if pose else None,
-        fin_angles=fin_angles if pose else None,
-        diverged=diverged,
-    )
-
-
-def _triple(row: Iterable[float]) -> Triple:
+def triple(row: Iterable[float]) -> Triple:
     """Return three plain floats: Bullet and the compiled push take nothing else."""
     x, y, z = row
     return (float(x), float(y), float(z))

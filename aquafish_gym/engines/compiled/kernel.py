@@ -48,7 +48,6 @@ from aquafish_gym.engines.compiled.recording import (
     BLOCK,
     GYRO,
     SPECTRUM,
-    WIDTHS,
     put_sample,
     write_blocks,
 )
@@ -72,7 +71,6 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.physics.reactive import step_reactive
 from aquafish_gym.scenario import TIMESTEP
-from aquafish_gym.utils.validation import InvalidArgumentError
 
 Policy = Callable[..., Vector]
 
@@ -85,14 +83,12 @@ def _no_function(_task: Any, memory: Any, _time: float = 0.0) -> Any:
 def compile_kernel(
     policy: Policy, width: int, reactive: bool = False, functions: Any = None
 ) -> Any:
-    """Return the compiled loop for a policy at a lane width, of ``WIDTHS``; it compiles lazily.
+    """Return the compiled loop for a policy at a lane width; it compiles lazily.
 
     ``reactive`` brings in the terms of ``physics/reactive.py``; ``functions`` are those of the
     task that a closed loop does, if any (``envs.tasks.TaskFunctions``). The loop runs groups
     ``begin`` to ``end`` and may be called from several threads at once.
     """
-    if width not in WIDTHS:
-        raise InvalidArgumentError(f"width must be one of {WIDTHS} robots; got {width!r}")
     register()
     for module in (sys.modules[__name__], episode, recording, command, policies):
         register_module(module)

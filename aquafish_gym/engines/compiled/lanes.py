@@ -41,7 +41,6 @@ Rows = NDArray[np.bool_] | NDArray[np.intp]
 _RECORDS = {
     "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
 }  # fmt: skip
-_ALL = slice(None)
 _NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
 # Under this many steps of a group, a second thread costs more than it brings.
 _WORTH_A_THREAD = 1000
@@ -103,15 +102,16 @@ class LaneBatch:
         self.steps_done = 0
         nothing = np.zeros((self.groups, 0), dtype)
         self._no_loop = (nothing, nothing, False)
-        parameters, conditions, states = _rows_of(scenario, rates)
-        self._parameters = pack_rows(parameters, dtype, self.width)
-        self._conditions = pack_rows(conditions, dtype, self.width)
-        self._states = pack_rows(states, dtype, self.width)
+        pack = functools.partial(pack_rows, dtype=dtype, width=self.width)
+        # One table after the other: each is packed while the cache holds it.
+        self._parameters = pack(robot_parameters(scenario.body, scenario.drag))
+        self._conditions = pack(condition_rows(scenario.current, scenario.servo_gain))
+        self._states = pack(_states(scenario, rates))
 
     def restart(self, rows: Rows, scenario: Scenario) -> None:
         """Put the robots ``rows``, a mask (B,) or numbers (n,), at the start of a scenario of n."""
         self.update(rows, scenario)
-        self._table(self._states, STATE_ROWS)[:, rows] = _rows_of(scenario)[2]
+        self._table(self._states, STATE_ROWS)[:, rows] = _states(scenario)
 
     def update(self, rows: Rows, scenario: Scenario, keep_current: bool = False) -> None:
         """Give the robots ``rows`` the bodies, drag, water and servos of a scenario in mid-swim.
@@ -120,9 +120,9 @@ class LaneBatch:
         moves on as it does.
         """
         parameters = robot_parameters(scenario.body, scenario.drag)
-        conditions = condition_rows(scenario.current, scenario.servo_gain, len(scenario))
         self._table(self._parameters, ROBOT_ROWS)[:, rows] = parameters
-        first = SERVO_GAIN if keep_current else 0
+        first = SERVO_GAIN if keep_current else CURRENT
+        conditions = condition_rows(scenario.current, scenario.servo_gain)
         self._table(self._conditions, CONDITION_ROWS)[first:, rows] = conditions[first:]
 
     def set_current(self, currents: NDArray[np.float64]) -> None:
@@ -147,12 +147,9 @@ class LaneBatch:
         series = commands[:, None] if commands.ndim == 2 else commands
         count = series.shape[1]
         if count == 1 and not np.any(lag):
-            return self.run(
-                hold, self._pack_commands(series[:, 0]), _NO_LAYOUT, steps, steps, record
-            )
+            return self.run(hold, self._pack_commands(series), _NO_LAYOUT, steps, steps, record)
         samples = np.broadcast_to(np.asarray(lag) / TIMESTEP, (1, self.batch))
-        flat = series.reshape(self.batch, -1)
-        weights = self._pack_commands(flat, samples, columns=3 * count)
+        weights = self._pack_commands(series, samples)
         latest = math.ceil(samples.max())
         layout = np.array([count, interval, begun, -(-latest // interval)])
         # Once the last robot obeys the last of them, the command is steady.
@@ -222,16 +219,14 @@ class LaneBatch:
             for bit, n in CHANNELS.items()
         )
 
-    def _pack_commands(
-        self, commands: NDArray[np.float64], *more: NDArray[np.float64], columns: int = 3
-    ) -> Floats:
-        """Return a policy's weights: commands (B, columns), and ``more`` tables (rows, B)."""
-        # A shorter table would be read beyond its end.
-        if commands.shape != (self.batch, columns):
+    def _pack_commands(self, commands: NDArray[np.float64], *more: NDArray[np.float64]) -> Floats:
+        """Return a policy's weights: commands (B, ...), and ``more`` tables (rows, B)."""
+        if len(commands) != self.batch:  # a shorter table would be read beyond its end
             raise InvalidArgumentError(
-                f"commands must have shape ({self.batch}, {columns}); got {commands.shape}"
+                f"commands must be those of {self.batch} robots; got {len(commands)}"
             )
-        return pack_rows(np.concatenate([commands.T, *more]), self.dtype, self.width)
+        flat = commands.reshape(self.batch, math.prod(commands.shape[1:]))
+        return pack_rows(np.concatenate([flat.T, *more]), self.dtype, self.width)
 
     def _run(
         self,
@@ -273,13 +268,11 @@ class LaneBatch:
 
     def diverged(self) -> NDArray[np.bool_]:
         """Return which robots (B,) have left the finite numbers."""
-        if np.isfinite(self._states).all():
-            return np.zeros(self.batch, np.bool_)
         return np.logical_not(np.isfinite(self._table(self._states, STATE_ROWS)).all(axis=0))
 
-    def rows(self, which: slice = _ALL) -> NDArray[np.float64]:
-        """Return a copy of (``which`` rows of) the states (25, B): those of ``State``, then rpy."""
-        return self._table(self._states, STATE_ROWS)[which].astype(np.float64)
+    def rows(self) -> NDArray[np.float64]:
+        """Return a copy of the states (25, B): the numbers of ``State``, then rpy."""
+        return self._table(self._states, STATE_ROWS).astype(np.float64)
 
     def state(self) -> dict[str, NDArray[np.float64]]:
         """Return copies of what the robots are now, (B, 3) or (B, 4) each.
@@ -303,12 +296,5 @@ class LaneBatch:
         return view
 
 
-def _rows_of(
-    scenario: Scenario, rates: ArrayLike = (0.0, 0.0, 0.0)
-) -> tuple[NDArray[np.float64], ...]:
-    """Return a scenario as the kernel's tables: robots, conditions and states at the start."""
-    return (
-        robot_parameters(scenario.body, scenario.drag),
-        condition_rows(scenario.current, scenario.servo_gain, len(scenario)),
-        start_rows(scenario.fin_angles, scenario.velocity, scenario.spin, rates),
-    )
+def _states(scenario: Scenario, rates: ArrayLike = (0.0, 0.0, 0.0)) -> NDArray[np.float64]:
+    return start_rows(scenario.fin_angles, scenario.velocity, scenario.spin, rates)

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Number, fetch, fma, put
 from aquafish_gym.physics.compiling import compiled_function
-from aquafish_gym.utils.validation import InvalidArgumentError
 
 AXES = 3
 # Sums over coefficients always run in sixteen partial sums, whatever the machine's registers:
@@ -216,15 +215,6 @@ def distances(
 
     ``observed`` is (E, 2, F'), and ``which`` (B,) says with which of them each is compared.
     """
-    if which.shape != spectra.shape[:1] or spectra.shape[1:] != observed.shape[1:]:
-        raise InvalidArgumentError(
-            f"spectra, observed and which must fit: (B, 2, F'), (E, 2, F') and (B,); got "
-            f"{spectra.shape}, {observed.shape} and {which.shape}"
-        )
-    if len(which) and not 0 <= which.min() <= which.max() < len(observed):
-        raise InvalidArgumentError(
-            f"which must lie in [0, {len(observed) - 1}]; got {which.min()} to {which.max()}"
-        )
     out = np.empty(len(spectra))
     compiled_function(_to_observed, nogil=True)(spectra, observed, which, out)
     return out
