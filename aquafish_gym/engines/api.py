@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import check_series
+from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.engines.packages import check_engine as check_engine
 from aquafish_gym.engines.packages import resolve_engine as resolve_engine
 from aquafish_gym.imu import ImuLog
@@ -16,7 +15,6 @@ from aquafish_gym.scenario import Scenario, broadcast, check_field
 from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS as MAXIMUM_SUBSTEPS
 
-MAXIMUM_THREADS = 1024
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
 RECORDS = ("rpy", "gyro", "attitude", "pose")
 
@@ -172,10 +170,3 @@ def simulate_scenario(
     from aquafish_gym.engines.bullet.simulate import simulate_bullet
 
     return simulate_bullet(scenario, commands, steps, substeps, record, interval)
-
-
-def available_cores() -> int:
-    """Return how many cores this process may use."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1  # macOS and Windows bind no process to cores

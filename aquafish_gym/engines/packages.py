@@ -1,4 +1,4 @@
-"""The engines that are installed, and the meaning of "auto"."""
+"""What this machine has: the engines, the meaning of "auto", and the cores."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from aquafish_gym.utils.validation import EngineUnavailableError, one_of
 
 # One robot in one water, to rounding.
 NAMES = ("numba", "pybullet")
+MAXIMUM_THREADS = 1024
 # Whichever of the two this machine has, PyBullet first; see ``resolve_engine``.
 AUTO = "auto"
 
@@ -66,3 +67,10 @@ def _import_quietly() -> Any:
     finally:
         os.dup2(kept, 2)
         os.close(kept)
+
+
+def available_cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1  # macOS and Windows bind no process to cores

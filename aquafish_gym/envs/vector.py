@@ -14,8 +14,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.engines.api import MAXIMUM_THREADS
-from aquafish_gym.engines.packages import AUTO, NAMES
+from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS, NAMES
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows

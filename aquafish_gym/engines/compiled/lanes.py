@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.engines.api import MAXIMUM_THREADS, available_cores
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.kernel import Policy, compile_kernel
 from aquafish_gym.engines.compiled.policies import hold, perform
 from aquafish_gym.engines.compiled.recording import CHANNELS, GYRO, POSE, RPY, SPECTRUM
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
+from aquafish_gym.engines.packages import MAXIMUM_THREADS, available_cores
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.layout import (
     CONDITION_ROWS,
