@@ -109,13 +109,10 @@ def _cluster(address: str) -> Iterator[Executor]:
         ) from None
     try:
         client: Any = Client(address, timeout=_PATIENCE, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
+        client.wait_for_workers(1, timeout=_PATIENCE)
+    except (OSError, ValueError, TypeError) as error:  # TimeoutError is an OSError
         raise InvalidArgumentError(
-            f"scheduler: no answer at {address} ({type(error).__name__})"
+            f"scheduler: no worker answers at {address} ({type(error).__name__})"
         ) from None
     with client:
-        try:
-            client.wait_for_workers(1, timeout=_PATIENCE)
-        except TimeoutError:
-            raise InvalidArgumentError(f"scheduler: {address} has no workers") from None
         yield client.get_executor(pure=False)
