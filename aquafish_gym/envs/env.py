@@ -286,12 +286,13 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     def _info(
         self, before: Vector, terms: dict[str, float], diverged: bool = False
     ) -> dict[str, Any]:
-        return episode.motion_info(before, self._state.position, self.dt) | {
-            "diverged": diverged,
-            "fin_angles": np.array(self._fin_angles),
-            **{name: value.copy() for name, value in self._truth.items()},
-            **terms,
-        }
+        info = episode.motion_info(before, self._state.position, self.dt)
+        info["diverged"] = diverged
+        info["fin_angles"] = np.array(self._fin_angles)
+        for name, value in self._truth.items():
+            info[name] = value.copy()
+        info.update(terms)
+        return info
 
     def render(self) -> Any:
         """Return a frame (480, 640, 3) uint8, or show it in the window; None without a mode."""

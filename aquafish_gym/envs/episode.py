@@ -217,17 +217,13 @@ class Setting:
                 f"frame_skip must divide {steps}, the physics steps of an episode of "
                 f"{self.task.seconds:g} s; got {self.frame_skip}"
             )
+        self.dt = TIMESTEP * self.frame_skip  # length of one step, s
         self._last = steps // self.frame_skip  # how many steps an episode has
         self._reckons = isinstance(observe_fins, str)  # whether from the commands
         if isinstance(observe_fins, str):
             one_of("observe_fins", observe_fins, ("reckoned",))
         self._observe_fins = self._reckons or flag("observe_fins", observe_fins)
         self._limits = limits(self._observe_fins, self.task.has_goal)
-
-    @property
-    def dt(self) -> float:
-        """Length of one step, s."""
-        return TIMESTEP * self.frame_skip
 
     @property
     def spec(self) -> EnvSpec | None:
