@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -76,7 +76,7 @@ class Evolve:
 
     def execute(self) -> None:
         """Evolve to the last generation, with progress."""
-        from gait.plots import plot_history
+        from gait.plots import plot_progress
 
         bodies = _bodies(self.morphology, Damage.parse(self.damage))
         rows: list[Generation] = []
@@ -97,7 +97,11 @@ class Evolve:
                 raise KeyboardInterrupt(f"interrupted; {rest}") from None
             finally:
                 if rows:
-                    plot_history(self.out / "history.png", rows)
+                    x, final, mean = zip(
+                        *((row.generation, row.final, row.mean) for row in rows), strict=True
+                    )
+                    labels = ("final (the winner)", "mean (all)", "generation")
+                    plot_progress(self.out / "history.png", x, final, mean, labels)
         network = evolved.controller
         print(
             f"swims {_result_text(evolved, self.config)} ({network.nodes} nodes, "
@@ -176,26 +180,29 @@ class BaselineCommand:
 
     def execute(self) -> None:
         """Learn to the last epoch, with progress."""
-        from gait.plots import plot_curve
+        from gait.plots import plot_progress
 
         config, points = self.config, list[CurvePoint]()
         own, schedule = Damage.parse(self.damage).split()
         bodies = _bodies(self.morphology, own)
-        with _progress("PPO", config.epochs * config.epoch_steps) as show:
+        with _progress("PPO", config.epochs) as show:
 
-            def report(steps: int, curve: Sequence[CurvePoint]) -> None:
-                points[:] = curve
-                last = [f"training {p.training:6.2f}  score {p.score:6.2f}" for p in curve[-1:]]
-                show(steps, "".join(last) or "PPO")
+            def report(point: CurvePoint) -> None:
+                points.append(point)
+                show(len(points), f"training {point.training:6.2f}  score {point.score:6.2f}")
 
             try:
-                learned = train(bodies, config, damage=schedule, out=self.out, on_step=report)
+                learned = train(bodies, config, damage=schedule, out=self.out, on_epoch=report)
             except KeyboardInterrupt:
                 rest = f"the best controller so far is in {self.out}" if points else "nothing kept"
                 raise KeyboardInterrupt(f"interrupted; {rest}") from None
             finally:
                 if points:
-                    plot_curve(self.out / "curve.png", points)
+                    x, score, training = zip(
+                        *((p.steps, p.score, p.training) for p in points), strict=True
+                    )
+                    labels = ("score (fixed poses)", "training", "actions of all robots")
+                    plot_progress(self.out / "curve.png", x, score, training, labels)
         over = f"{len(bodies)} bodies" if len(bodies) > 1 else f"{FINAL_POSES} random poses"
         result = f"swims {learned.score:.2f} units in 20 s"
         if config.task != "forward" or schedule:

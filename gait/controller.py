@@ -49,8 +49,7 @@ class Controller:
     Node n computes tanh(2.5 (bias_n + response_n sum_k weights_nk v_k)). The vector v holds the
     inputs (``senses.names``) and then the nodes' values: present ones of earlier layers, previous
     ones (0 at first) of all others. The last three nodes are the outputs in [-1, 1], in the order
-    of the servos. One table holds every class of controller: NEAT's feed-forward networks have one
-    layer for each node, its recurrent ones a single layer.
+    of the servos. One table holds every class of controller; NEAT's have one layer for each node.
 
     Parameters
     ----------
@@ -164,8 +163,7 @@ class Controller:
     @property
     def kind(self) -> tuple[Any, ...]:
         """The properties that controllers of one batch must share."""
-        padded = self.layers is not None and len(self.layers) == 1
-        return self.senses, () if padded else self.layers, self.output, self.interval
+        return self.senses, self.layers, self.output, self.interval
 
     @property
     def _ends(self) -> tuple[int, ...]:
@@ -207,8 +205,7 @@ class Controller:
         weights[np.ix_(place, [*range(inputs), *(inputs + place)])] = self.weights
         bias, response = np.zeros(nodes), np.zeros(nodes)
         bias[place], response[place] = self.bias, self.response
-        layers = None if self.layers is None else (nodes,)
-        return replace(self, weights=weights, bias=bias, response=response, layers=layers)
+        return replace(self, weights=weights, bias=bias, response=response)
 
     def __repr__(self) -> str:
         return (
@@ -232,17 +229,15 @@ class Controller:
 
         def act(observation: ArrayLike, time: float) -> NDArray[np.float64]:
             nonlocal action, due
-            values = np.asarray(observation)
-            if values.ndim != 1 or len(values) < needed or not math.isfinite(time):
+            values = finite_array("observation", observation, (None,))
+            if len(values) < needed:
                 raise InvalidArgumentError(
-                    f"observation must be a row of at least {needed} numbers, at a finite time; "
-                    f"got shape {values.shape} at {time}"
+                    f"observation must have at least {needed} numbers; got {len(values)}"
                 )
-            entries = np.concatenate([values[:_IMU_ENTRIES], values[-3:]])
-            checked = finite_array("observation", entries, (_IMU_ENTRIES + 3,))
             if time >= due - TIMESTEP / 2:
                 due = time + hold
-                action = np.array(respond(checked, time))
+                entries = np.concatenate([values[:_IMU_ENTRIES], values[-3:]])
+                action = np.array(respond(entries, time))
             return action
 
         return act
@@ -269,12 +264,9 @@ class Controller:
 
     @classmethod
     def from_dict(cls, data: object) -> Controller:
-        """Return the controller of a :meth:`to_dict`, whose lists may also be arrays.
-
-        InvalidArgumentError names a field that does not fit.
-        """
+        """Return the controller of a :meth:`to_dict`; InvalidArgumentError names a wrong field."""
         names = {"inputs", "outputs", *cls.__dataclass_fields__}
-        fields = dict(_check_fields("controller", _without_arrays(data), names, OPTIONAL))
+        fields = dict(_check_fields("controller", data, names, OPTIONAL))
         senses = IMU_AND_CLOCK
         if "senses" in fields:
             known = Senses.__dataclass_fields__
@@ -337,9 +329,3 @@ def _check_fields(
         odd = ", ".join(sorted(map(str, wrong)))
         raise InvalidArgumentError(f"{argument} has missing or unknown fields: {odd}")
     return checked
-
-
-def _without_arrays(value: object) -> Any:
-    if isinstance(value, dict):
-        return {name: _without_arrays(entry) for name, entry in value.items()}
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value

@@ -124,9 +124,9 @@ def evolve_gait(
     settings |= {} if sample is None else {"sample": sample}
     settings |= {} if world == WorldConfig() else {"world": asdict(world)}
     trials = _Trials(bodies, config, world)
-    search, run = make_search(config, body), History(settings, sample)
+    search, run = make_search(config, body), History(sample)
     with run_folder(out, "a gait", settings, FILES, bodies) as folder:
-        recorded = read_checkpoint(folder, settings, config.plan) if folder else []
+        recorded = read_checkpoint(folder, config.plan) if folder else []
         saved = -np.inf
         try:
             while len(run.rows) < config.plan.rows:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +22,7 @@ from gait.search.ask_tell import Proposal
 FINALISTS = 8
 HISTORY_FILE, CHECKPOINT_FILE = "history.csv", "checkpoint.json"
 FILES = (CHECKPOINT_FILE, CONTROLLER_FILE, HISTORY_FILE)  # and a sample's bodies.json
-CHECKPOINT_SCHEMA = "gait.checkpoint/5"
+CHECKPOINT_SCHEMA = "gait.checkpoint/6"
 MAXIMUM_CHECKPOINT_BYTES = 64 * 2**20  # three million fitness values
 
 
@@ -55,10 +55,10 @@ class History:
     best: Controller
     winner: Controller  # of the last generation with finalists
 
-    def __init__(self, settings: Mapping[str, Any], sample: str | None) -> None:
+    def __init__(self, sample: str | None) -> None:
         self.rows: list[Generation] = []
         self.fitness = -np.inf  # of the best
-        self._settings, self._sample, self._scores = settings, sample, list[Scores]()
+        self._sample, self._scores = sample, list[Scores]()
 
     def record(self, proposal: Proposal, scores: Scores) -> Generation:
         """Append a generation, and return its row."""
@@ -87,7 +87,7 @@ class History:
 
     def save(self, folder: Path) -> None:
         """Write the checkpoint, and then the results."""
-        checkpoint = {"settings": self._settings, "generations": self._scores}
+        checkpoint = {"generations": self._scores}
         write_document(folder / CHECKPOINT_FILE, checkpoint, CHECKPOINT_SCHEMA)
         self.best.save(folder / CONTROLLER_FILE)
         write_rows(folder / HISTORY_FILE, self.rows)
@@ -100,15 +100,13 @@ def finalists_of(proposal: Proposal, fitness: NDArray[np.float64]) -> Sequence[C
     return [proposal.controllers[i] for i in np.argsort(-fitness, kind="stable")[:FINALISTS]]
 
 
-def read_checkpoint(folder: Path, settings: Mapping[str, Any], plan: Plan) -> list[Scores]:
-    """Return the scores of the generations that a folder holds for these settings."""
+def read_checkpoint(folder: Path, plan: Plan) -> list[Scores]:
+    """Return the scores of the generations that a folder holds."""
     path = folder / CHECKPOINT_FILE
     if not path.exists():
         return []
     try:
         document = read_document(path, CHECKPOINT_SCHEMA, "out", MAXIMUM_CHECKPOINT_BYTES)
-        if document["settings"] != settings:
-            raise DamagedFileError(f"out: {path} is the checkpoint of another run")
         recorded = [Scores(*row) for row in document["generations"]]
     except (DamagedFileError, KeyError, TypeError) as error:
         reason = error if isinstance(error, DamagedFileError) else f"out: {path} lacks something"

@@ -139,7 +139,7 @@ def train(
     *,
     damage: object = None,
     out: Path | str | None = None,
-    on_step: Callable[[int, Sequence[CurvePoint]], None] | None = None,
+    on_epoch: Callable[[CurvePoint], None] | None = None,
 ) -> Learned:
     """Learn a task on a body, or on a sample of bodies: domain randomisation.
 
@@ -158,8 +158,8 @@ def train(
     out
         A folder for ``controller.json`` (the best so far) and ``curve.csv``, both rewritten after
         each epoch, and a sample's ``bodies.json``. A run does not resume: it starts again.
-    on_step
-        Called with the number of actions so far, and the curve.
+    on_epoch
+        Called with each point of the curve.
 
     Raises
     ------
@@ -187,12 +187,7 @@ def train(
     best, curve = Learned(learner.controller(), -inf, ()), list[CurvePoint]()
     with run_folder(out, "a baseline", settings, FILES, bodies) as folder:
         for epoch in range(1, config.epochs + 1):
-
-            def report(steps: int) -> None:
-                if on_step:
-                    on_step(steps, curve)
-
-            training = learner.learn(_seed(config, epoch - 1), report)
+            training = learner.learn(_seed(config, epoch - 1))
             controller = learner.controller()
             score = float(swim_scores([controller], *swims, config.task, damage=broken).mean())
             curve.append(CurvePoint(epoch * config.epoch_steps, training, score))
@@ -201,8 +196,8 @@ def train(
             if folder:
                 best.controller.save(folder / CONTROLLER_FILE)
                 write_rows(folder / CURVE_FILE, curve)
-            if on_step:
-                on_step(curve[-1].steps, curve)
+            if on_epoch:
+                on_epoch(curve[-1])
     return Learned(best.controller, best.score, tuple(curve))
 
 
@@ -245,20 +240,12 @@ class _Learner:
             )
         self.model.set_logger(logger.Logger(None, []))
 
-    def learn(self, seed: int, report: Callable[[int], None]) -> float:
+    def learn(self, seed: int) -> float:
         """Learn for an epoch, and return the mean return of the last episodes."""
-        model, size = self.model, self.config.epoch_steps
-        before = model.num_timesteps
-
-        def callback(_locals: dict[str, Any], _globals: dict[str, Any]) -> bool:
-            if model.num_timesteps - before < size:
-                report(model.num_timesteps)
-            return True
-
         with isolated_rng():
-            model.set_random_seed(seed)
-            model.set_env(self.normal)  # resets the robots
-            model.learn(size, callback, reset_num_timesteps=False)
+            self.model.set_random_seed(seed)
+            self.model.set_env(self.normal)  # resets the robots
+            self.model.learn(self.config.epoch_steps, reset_num_timesteps=False)
         return float(self.robots.earned.mean())
 
     def controller(self) -> Controller:

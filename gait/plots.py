@@ -9,13 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gait.history import Generation
 from gait.rollout import Swim
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from gait.learning import CurvePoint
 
 DPI = 150
 # Distinct in grey and for the colour-blind, and none of the case study's colours of treatments.
@@ -42,37 +39,29 @@ def plot_trajectories(path: Path, swims: Mapping[str, Swim]) -> None:
     _write(path, (5.0, 5.0), lambda axes: draw_trajectories(swims, axes))
 
 
-def plot_history(path: Path, history: Sequence[Generation]) -> None:
-    """Write a search's columns ``final`` and ``mean``, and the best ``final`` so far, to a file."""
-    x, final, mean = zip(*((row.generation, row.final, row.mean) for row in history), strict=True)
-    names = ("final", "final (the winner)", "mean (all)", "generation")
-    _write(path, (6.0, 4.0), lambda axes: _draw_progress(axes, x, final, mean, names))
-
-
-def plot_curve(path: Path, curve: Sequence[CurvePoint]) -> None:
-    """Write a learning curve's ``score`` and ``training``, and the best score so far, to a file."""
-    x, score, training = zip(*((p.steps, p.score, p.training) for p in curve), strict=True)
-    names = ("score", "score (fixed poses)", "training", "actions of all robots")
-    _write(path, (6.0, 4.0), lambda axes: _draw_progress(axes, x, score, training, names))
-
-
-def _draw_progress(
-    axes: Axes,
+def plot_progress(
+    path: Path,
     x: Sequence[int],
     final: Sequence[float],
     mean: Sequence[float],
-    names: tuple[str, str, str, str],
+    labels: tuple[str, str, str],
 ) -> None:
+    """Write two curves over ``x``, and the best ``final`` so far, to a file.
+
+    ``labels`` are of ``final``, ``mean`` and ``x``.
+    """
     from matplotlib.ticker import MaxNLocator
 
-    name, final_label, mean_label, x_label = names
-    axes.plot(x, np.maximum.accumulate(final), color=_FINAL, label=f"{name}, best so far")
-    axes.plot(x, final, ".", color=_FINAL, alpha=0.6, label=final_label)
-    axes.plot(x, mean, "--", color=_MEAN, label=mean_label)
-    axes.set_xlabel(x_label)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("distance (units of 5 cm)")
-    axes.legend(loc="best", frameon=False)
+    def draw(axes: Axes) -> None:
+        axes.plot(x, np.maximum.accumulate(final), color=_FINAL, label=f"{labels[0]}, best so far")
+        axes.plot(x, final, ".", color=_FINAL, alpha=0.6, label=labels[0])
+        axes.plot(x, mean, "--", color=_MEAN, label=labels[1])
+        axes.set_xlabel(labels[2])
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        axes.set_ylabel("distance (units of 5 cm)")
+        axes.legend(loc="best", frameon=False)
+
+    _write(path, (6.0, 4.0), draw)
 
 
 def _write(path: Path, size: tuple[float, float], draw: Callable[[Axes], None]) -> None:

@@ -181,7 +181,7 @@ def test_damaged_checkpoint_is_refused(tmp_path: Path) -> None:
     evolve_with(WeightScorer(), None, CONFIG, out=tmp_path)
     path = tmp_path / CHECKPOINT_FILE
     sound = read_document(path)
-    for document in ({**sound, "generations": [1]}, {**sound, "settings": {}}, {}):
+    for document in ({**sound, "generations": [1]}, {}):
         write_document(path, document, CHECKPOINT_SCHEMA)
         with pytest.raises(DamagedFileError, match="delete it to start again"):
             evolve_with(WeightScorer(), None, CONFIG, out=tmp_path)

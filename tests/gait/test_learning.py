@@ -22,7 +22,7 @@ from gait import learning
 from gait.controller import Controller
 from gait.files import BODIES_FILE, CONTROLLER_FILE
 from gait.fitness import swim_scores
-from gait.learning import CURVE_FILE, LearningConfig, _Learner, train
+from gait.learning import CURVE_FILE, CurvePoint, LearningConfig, _Learner, train
 from gait.network import Senses, forward
 from gait.rollout import random_poses, stream, swim_all
 from gait.search.templates import Template
@@ -67,7 +67,7 @@ def learned(config: LearningConfig) -> tuple[Any, Controller, Controller]:
     learner = _Learner(HALF.to_array()[None], config, Damage())
     before = learner.controller()
     for seed in range(2):
-        learner.learn(seed, lambda _steps: None)
+        learner.learn(seed)
 
     def act(observed: NDArray[np.float32]) -> NDArray[np.float32]:
         normal = learner.model.get_vec_normalize_env().normalize_obs(observed)
@@ -166,12 +166,12 @@ def test_result_is_the_best_epoch_and_files_hold_it(tmp_path: Path) -> None:
 def test_interruption_keeps_the_best_controller(tmp_path: Path) -> None:
     pytest.importorskip("stable_baselines3")
 
-    def stop(steps: int, _curve: Any) -> None:
-        if steps >= 140:  # in the third epoch
+    def stop(point: CurvePoint) -> None:
+        if point.steps == 120:  # after the second epoch
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        train(HALF, CONFIG, out=tmp_path, on_step=stop)
+        train(HALF, CONFIG, out=tmp_path, on_epoch=stop)
     Controller.load(tmp_path / CONTROLLER_FILE)
     assert len((tmp_path / CURVE_FILE).read_text().splitlines()) == 3
 

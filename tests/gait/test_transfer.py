@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.history import Generation
 from gait.policy import Policy
 from gait.rollout import swim, swim_all
 from gait.transfer import TransferConfig, transfer
@@ -103,7 +102,7 @@ def test_native_body_is_required() -> None:
 def test_paths_are_drawn_from_above(tmp_path: Path) -> None:
     from matplotlib.figure import Figure
 
-    from gait.plots import draw_trajectories, plot_history
+    from gait.plots import draw_trajectories, plot_progress
 
     config = TransferConfig(poses=2, seconds=0.5, target_engine="numba")
     both = transfer(make_controller(), {"caudal": (0, 0, 0)}, config)
@@ -112,8 +111,8 @@ def test_paths_are_drawn_from_above(tmp_path: Path) -> None:
     draw_trajectories({"native": both.native.swim, "target": both.target.swim}, axes)
     path = both.native.swim.position[:, :2]
     np.testing.assert_array_equal(axes.lines[0].get_xydata(), path)
-    rows = [Generation(i, 1.0, 0.0, 2, float(i), 0.0, 3, 30) for i in range(3)]
-    plot_history(tmp_path / "history.png", rows)
+    labels = ("final", "mean", "generation")
+    plot_progress(tmp_path / "history.png", [0, 1, 2], [0.0, 1.0, 2.0], [0.0, 0.0, 0.0], labels)
     assert (tmp_path / "history.png").stat().st_size > 1000
 
 
