@@ -79,6 +79,8 @@ class Damage:
                 return cls.parse(value)
             case list() | tuple() if is_list_of_faults(value):
                 return cls(tuple(map(_fault_from, value)))
+            case {"faults": faults}:  # as Gymnasium writes a dataclass in a specification
+                return cls.coerce(faults)
         raise InvalidArgumentError(
             "damage must be one text, such as 'left_pectoral:length=0.5; caudal:missing', a "
             f"Damage, or a list of faults of one robot; got {brief(value)}"
