@@ -19,7 +19,7 @@ from gap_job import METHODS, ORACLE
 from gap_report import LEVELS, sure_to_swim
 from gap_worlds import WORLDS
 
-COLOURS: dict[str, str] = {name: arm_style(0, name)[0] for name in METHODS}
+COLOURS: dict[str, str] = {name: arm_style(name)[0] for name in METHODS}
 MARKS: dict[str, str] = dict(zip(METHODS, MARKERS, strict=False))
 LEAST = 1e-4  # smaller errors of OBJ_FIT are drawn at the edge
 FITNESSES = (0.5, 0.7, 0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 0.998, 0.999, 0.9999)

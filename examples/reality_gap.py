@@ -19,7 +19,7 @@ import tyro
 
 from aquafish_gym.command_line import BAD_INPUT, Out, run_command_line
 from aquafish_gym.engines.api import check_engine
-from aquafish_gym.runs.jobs import read_result, run_jobs
+from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
@@ -141,9 +141,7 @@ class Gap:
             write_manifest(folder, KIND, settings.to_dict(), ("runs", REPORT))
             failures = run_jobs(jobs, run_job, folder, count=self.workers, warm_up=warm_up)
             publish(folder, settings, self.format)
-            if failures:
-                print("\n".join(f"failed: {failure}" for failure in failures), file=sys.stderr)
-                raise SystemExit(1)
+            exit_if_failed(failures)
 
 
 def publish(folder: Path, settings: Settings, formats: Sequence[str]) -> None:

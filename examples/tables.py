@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from aquafish_gym.runs.jobs import Job, read_result, run_jobs
+from aquafish_gym.runs.jobs import Job, exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
 from gait.config import EvolveConfig
@@ -40,9 +39,7 @@ def do_table(
     with lock(folder):
         write_manifest(folder, kind, settings, ("table.md", *pictures))
         failures = run_jobs(jobs, work, folder, count=workers)
-        if failures:
-            print("\n".join(failures), file=sys.stderr)
-            raise SystemExit(1)
+        exit_if_failed(failures)
         rows = tabulate([read_result(folder, job) or {} for job in jobs])
         head, *body = (f"| {' | '.join(row)} |" for row in rows)
         text = "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body])

@@ -20,7 +20,7 @@ from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.command_line import BodyDamage, BodyFile, Out, TargetEngine, read_morphology
 from aquafish_gym.engines.api import check_engine
-from aquafish_gym.runs.jobs import finished, read_result, run_jobs
+from aquafish_gym.runs.jobs import exit_if_failed, finished, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.runs.workers import check_workers
@@ -116,9 +116,7 @@ class Recover:
                     jobs, treat, folder, count=self.workers, scheduler=self.scheduler,
                     warm_up=warm_up, describe=_distances,
                 )  # fmt: skip
-                if failures:
-                    print("\n".join(f"failed: {failure}" for failure in failures), file=sys.stderr)
-                    raise SystemExit(1)
+                exit_if_failed(failures)
             self._publish(jobs, folder, settings)
 
     def treatments(self) -> list[Treatment]:

@@ -120,6 +120,14 @@ def run_jobs(
     return failures
 
 
+def exit_if_failed(failures: Sequence[str]) -> None:
+    """Print what :func:`run_jobs` returned; raise SystemExit with the code 1 if a job failed."""
+    for failure in failures:
+        print(f"failed: {failure}", file=sys.stderr)
+    if failures:
+        raise SystemExit(1)
+
+
 def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
     """Return the jobs whose files are there and whole."""
     done = set()

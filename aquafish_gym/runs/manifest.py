@@ -110,12 +110,20 @@ def write_manifest(
         return
     if before["kind"] != kind:
         raise InvalidArgumentError(f"{rule} {before['kind']}")
-    name = first_difference(before["settings"], asked)
-    if name is not None:
-        there, here = (brief(flat(one).get(name)) for one in (before["settings"], asked))
-        raise InvalidArgumentError(
-            f"out: {folder} holds {kind} with {name} {there}, not {here}; choose another folder"
-        )
+    refuse_difference(folder, kind, before["settings"], asked)
+
+
+def refuse_difference(
+    folder: Path, kind: str, held: Mapping[str, Any], asked: Mapping[str, Any]
+) -> None:
+    """Raise InvalidArgumentError with the first setting, in order, in which two mappings differ."""
+    there, here, missing = flat(held), flat(asked), object()
+    for name in [*here, *(name for name in there if name not in here)]:
+        if here.get(name, missing) != there.get(name, missing):
+            raise InvalidArgumentError(
+                f"out: {folder} holds {kind} with {name} {brief(there.get(name))}, not "
+                f"{brief(here.get(name))}; choose another folder"
+            )
 
 
 def flat(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -125,13 +133,3 @@ def flat(settings: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         nested = isinstance(value, Mapping)
         found |= flat(value, f"{prefix}{name}.") if nested else {f"{prefix}{name}": value}
     return found
-
-
-def first_difference(held: Mapping[str, Any], asked: Mapping[str, Any]) -> str | None:
-    """Return the dotted name of the first setting, in order, in which two nested ones differ."""
-    here, there = flat(held), flat(asked)
-    missing = object()
-    for name in [*there, *(name for name in here if name not in there)]:
-        if here.get(name, missing) != there.get(name, missing):
-            return name
-    return None

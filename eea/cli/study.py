@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,7 +18,7 @@ from aquafish_gym.command_line import (
 )
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.packages import resolve_engine
-from aquafish_gym.runs.jobs import finished, run_jobs
+from aquafish_gym.runs.jobs import exit_if_failed, finished, run_jobs
 from aquafish_gym.runs.manifest import lock
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.runs.workers import check_workers
@@ -27,10 +26,9 @@ from eea.cli.options import AlgorithmOptions
 from eea.core.checks import ConfigurationError
 from eea.core.config import Condition, Config, config_for
 from eea.fish import RealityGap
-from eea.study.folder import extended, write_description
 from eea.study.presets import ARMS, FIGURE_ARMS, smoke
 from eea.study.replicate import World, replicate, warm_up
-from eea.study.study import Study
+from eea.study.study import Study, extended, write_description
 
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
 Format = Literal["png", "pdf", "svg"]
@@ -139,12 +137,9 @@ class StudyCommand:
                 jobs, replicate, folder, count=self.workers, scheduler=self.scheduler,
                 describe=_objective_fitness,
             )  # fmt: skip
-            for failure in failures:
-                print(f"failed: {failure}", file=sys.stderr)
             if len(failures) < len(jobs):
                 _report(folder, self.format)
-            if failures:
-                raise SystemExit(1)
+            exit_if_failed(failures)
 
 
 def _objective_fitness(result: dict[str, Any]) -> str:

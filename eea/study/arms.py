@@ -17,6 +17,7 @@ LABELS = {
     "out-of-band-100": "Out-of-Band, {models} models",
     "joint": "Joint",
 }
+MINUS = "\u2212"
 # First less second, where a study has both.
 COMPARISONS = (
     ("joint", "out-of-band"),
@@ -53,3 +54,13 @@ def arm_order(arm: str) -> tuple[int, str]:
 def comparisons(arms: Sequence[str]) -> list[tuple[str, str]]:
     """Return which arms are compared, first less second."""
     return [pair for pair in COMPARISONS if set(pair) <= set(arms)]
+
+
+def duration_name(durations: Sequence[int]) -> str:
+    """Return ``256 steps``, or ``mean of 4 durations``."""
+    return f"{durations[0]} steps" if len(durations) == 1 else f"mean of {len(durations)} durations"
+
+
+def signed(value: float) -> str:
+    """Return a number to three decimals with its sign, with a real minus."""
+    return f"{value:+.3f}".replace("-", MINUS)

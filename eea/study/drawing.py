@@ -9,34 +9,28 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 from scipy.optimize import isotonic_regression
 
-from eea.study.tables import MINUS
-
 # Okabe and Ito's palette, which colour-blind readers can tell apart, and a wine red.
-_COLOURS = {
-    "ideal": "#009E73",
-    "none": "#D55E00",
-    "in-band": "#CC79A7",
-    "in-band-200": "#E69F00",
-    "out-of-band": "#0072B2",
-    "out-of-band-100": "#56B4E9",
-    "joint": "#882255",
+_STYLES: dict[str, tuple[str, Any]] = {
+    "ideal": ("#009E73", "-"),
+    "none": ("#D55E00", "--"),
+    "in-band": ("#CC79A7", "-."),
+    "in-band-200": ("#E69F00", ":"),
+    "out-of-band": ("#0072B2", (0, (5, 1, 1, 1, 1, 1))),
+    "out-of-band-100": ("#56B4E9", (0, (3, 1))),
+    "joint": ("#882255", (0, (8, 1))),
 }
-_OTHERS = ("#000000", "#8C6D31", "#7F7F7F", "#637939", "#843C39", "#5254A3")
-_LINES = ("-", "--", "-.", ":", (0, (5, 1, 1, 1, 1, 1)), (0, (3, 1)), (0, (8, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P")
 GREY, SMALL = "0.35", 8
 GUESS_LINES = {"random bodies": "--", "mid-range body": ":", "quantisation limit": "-"}
 _NAME = 0.08  # of the height of axes, for a name of two small lines
 
 
-def arm_style(index: int, arm: str) -> tuple[str, Any]:
-    """Return a colour and a dash, the same for a condition in every study."""
-    if arm in _COLOURS:
-        return _COLOURS[arm], _LINES[list(_COLOURS).index(arm)]
-    return _OTHERS[index % len(_OTHERS)], _LINES[index % len(_OTHERS)]
+def arm_style(arm: str) -> tuple[str, Any]:
+    """Return the colour and the dash of an arm, the same in every study."""
+    return _STYLES.get(arm, ("#000000", "-"))
 
 
 def duration_colour(steps: int, durations: Sequence[int]) -> Any:
@@ -85,13 +79,3 @@ def round_axis(axes: Axes, rounds: int) -> None:
     """Give axes the rounds as whole numbers."""
     axes.set_xlim(0.5, rounds + 0.5)
     axes.xaxis.set_major_locator(MaxNLocator(nbins=6, integer=True))
-
-
-def signed_axis(axes: Axes) -> None:
-    """Give axes differences, with their signs."""
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=6, steps=[1, 2, 5, 10]))
-    axes.xaxis.set_major_formatter(
-        FuncFormatter(
-            lambda value, _: f"{value:+.2g}".replace("-", MINUS) if abs(value) > 1e-9 else "0"
-        )
-    )

@@ -24,11 +24,9 @@ from eea.study.drawing import (
     grid,
     legend_below,
     round_axis,
-    signed_axis,
 )
 from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
 from eea.study.statistics import Floats, curve_interval
-from eea.study.tables import duration_name
 
 _ROUND = "round (experiments on the target)"
 
@@ -39,7 +37,7 @@ def save_study_figures(
     directory: Path,
     formats: Sequence[str] = ("png",),
 ) -> list[Path]:
-    """Draw the figures of a study in some of ``FORMATS``; return the files."""
+    """Draw the figures of a study; return the files."""
     directory.mkdir(exist_ok=True)
     paths = []
     for name, figure in study_figures(results, summary).items():
@@ -56,8 +54,6 @@ def study_figures(results: StudyResults, summary: Mapping[str, Any]) -> dict[str
         FIGURES.get(arm, f"rounds-{arm}"): rounds_figure(results, summary, arm) for arm in arms
     }
     figures["final"] = final_figure(results, summary)
-    if any(row["last_round"]["interval"] for row in summary["paired"]):
-        figures["paired"] = paired_figure(results, summary)
     if any(summary["dimension_error"].values()):
         figures["conditions"] = conditions_figure(results, summary)
         figures["dimensions"] = dimensions_figure(results, summary)
@@ -178,63 +174,18 @@ def final_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
     return figure
 
 
-def paired_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
-    """Return paired differences of OBJ_FIT with their 95% intervals, by comparison and duration.
-
-    A point is hollow where the interval holds 0.
-    """
-    shown: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
-    for row in summary["paired"]:
-        if row["last_round"]["interval"]:
-            shown.setdefault((row["first"], row["second"]), []).append(row)
-    keys = {tuple(row["durations"]) for rows in shown.values() for row in rows}
-    styles: dict[tuple[int, ...], tuple[str, Any, float]] = {
-        key: ("o", duration_colour(key[0], results.durations()), 1.6)
-        if len(key) == 1
-        else ("D", "black", 2.4)
-        for key in sorted(keys, key=lambda key: (len(key), *key))
-    }
-    gap = 0.8 if len(keys) > 1 else 1.5  # for names of two lines beside one row
-    figure = new_figure(5.4, 1.3 + 0.18 * sum(len(rows) + gap for rows in shown.values()))
-    axes = figure.add_subplot()
-    place, ticks = 0.0, []
-    for (first, second), rows in shown.items():
-        for i, row in enumerate(rows):
-            mark, colour, width = styles[tuple(row["durations"])]
-            low, high = row["last_round"]["interval"]
-            fill = "white" if low <= 0.0 <= high else colour
-            axes.plot([low, high], [place + i] * 2, color=colour, lw=width)
-            axes.plot(row["last_round"]["mean"], place + i, mark, ms=5, color=colour, mfc=fill)
-        name = f"{results.labels[first]}\nless {results.labels[second]}"
-        ticks.append((place + (len(rows) - 1) / 2, name))
-        place += len(rows) + gap
-        axes.axhline(place - (1 + gap) / 2, color="0.9", lw=0.8)
-    axes.axvline(0.0, color=GREY, lw=1)
-    axes.set_ylim(place - (1 + gap) / 2, -(1 + gap) / 2)
-    axes.set_yticks([tick for tick, _ in ticks], [name for _, name in ticks])
-    axes.tick_params(axis="y", length=0)
-    grid(axes, "x")
-    note = "95% interval (hollow where it holds 0)"
-    axes.set_xlabel(f"paired difference of OBJ_FIT,\n{note}", fontsize="medium")
-    signed_axis(axes)
-    for key, (mark, colour, _) in styles.items():
-        axes.plot([], [], mark, ms=5, color=colour, label=duration_name(key))
-    legend_below(figure, axes, 3)
-    return figure
-
-
 def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = False) -> None:
     """Draw each arm's mean over durations and its 95% interval; angles in degrees, if inferred."""
     arms, number = results.arms, np.arange(1, results.rounds + 1)
     if angles:
         arms = [arm for arm in arms if results.conditions[arm] != "ideal"]
-    for i, arm in enumerate(arms):
+    for arm in arms:
         curves, label = results.curves(arm, column).to_numpy(), results.labels[arm]
         if not len(curves):
             continue
         if angles:
             curves, label = np.degrees(curves), angle_label(label, results.conditions[arm])
-        colour, line = arm_style(i, arm)
+        colour, line = arm_style(arm)
         axes.fill_between(number, *curve_interval(curves), color=colour, alpha=0.15, lw=0)
         axes.plot(number, curves.mean(axis=0), color=colour, ls=line, lw=1.6, label=label)
 

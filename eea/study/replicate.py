@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
@@ -12,10 +12,28 @@ from eea.core.config import Config
 from eea.core.result import Belief, Result
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from eea.study.plan import ReplicateKey
 from eea.study.presets import smoke
 
+RUNS = "runs"
 MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is measured
+
+
+class ReplicateKey(NamedTuple):
+    """The key of a replicate: an arm, the steps of its trials and a seed."""
+
+    arm: str
+    steps: int
+    seed: int
+
+    @property
+    def name(self) -> str:
+        """Its name for people."""
+        return f"{self.arm}, {self.steps} steps, seed {self.seed}"
+
+    @property
+    def file(self) -> str:
+        """Its file, relative to the study's folder."""
+        return f"{RUNS}/{self.arm}/{self.steps}/{self.seed}.json"
 
 
 @dataclass(frozen=True)
@@ -50,12 +68,10 @@ class Replicate:
 
     @property
     def name(self) -> str:
-        """Its name for people."""
         return self.key.name
 
     @property
     def file(self) -> str:
-        """Its file relative to the study's folder."""
         return self.key.file
 
     def session(self) -> Session[Any]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import io
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -21,13 +21,12 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from aquafish_gym.runs.jobs import read_result
 from aquafish_gym.runs.storage import DamagedFileError, read_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
 from eea.fish import RealityGap
 from eea.study.arms import arm_label, arm_order, spoken
-from eea.study.folder import STUDY, read_description
-from eea.study.plan import RUNS, Plan, ReplicateKey, read_plan, replicate_keys
+from eea.study.replicate import RUNS, ReplicateKey
+from eea.study.study import read_description, replicate_keys, target_of
 
 Floats = NDArray[np.float64]
 
@@ -39,7 +38,7 @@ KEYS = ["arm", "steps", "seed"]  # of a replicate
 ANGLE_ERRORS = [f"angle_error.{fin}" for fin in FINS]  # rad
 DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
 # A record's fields, in the order of their columns.
-_NUMBERS = ("objective_fitness", "model_fitness", "action_fitness")
+_NUMBERS = ("round", "objective_fitness", "model_fitness", "action_fitness", "trials")
 _LISTS = ("angle_error", "dimension_error", "spread")
 COLUMNS = [
     *KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
@@ -119,23 +118,19 @@ def read_study(folder: str | os.PathLike[str]) -> StudyResults:
     """
     path = Path(folder)
     study = read_description(path)
-    plan, arms = read_plan(study), study["arms"]
-    try:
-        damage = Damage.coerce(study["target_damage"])
-        body = Morphology.coerce(study["target_morphology"])
-        truth = damage.body(body).to_array()
-    except (InvalidArgumentError, KeyError) as error:
-        raise DamagedFileError(f"{path / STUDY} does not state the target: {error}") from None
+    arms, keys = study["arms"], replicate_keys(study)
+    body, damage = target_of(study)
     return StudyResults(
-        table=_table(path, plan, study),
+        table=_table(path, keys),
         rounds=study["rounds"],
-        planned=len(replicate_keys(plan)),
-        truth=truth,
+        planned=len(keys),
+        truth=damage.body(body).to_array(),
         target=_in_words(body, damage, RealityGap(**study.get("gap", {}))),
         labels={
-            arm: arm_label(arm, arms[arm].get("estimation", {}).get("population")) for arm in plan
+            arm: arm_label(arm, settings.get("estimation", {}).get("population"))
+            for arm, settings in arms.items()
         },
-        conditions={arm: arms[arm]["condition"] for arm in plan},
+        conditions={arm: settings["condition"] for arm, settings in arms.items()},
     )
 
 
@@ -155,13 +150,13 @@ def _in_words(body: Morphology, damage: Damage, gap: RealityGap) -> str:
     return f"{text}."
 
 
-def _table(folder: Path, plan: Plan, study: dict[str, Any]) -> pd.DataFrame:
+def _table(folder: Path, keys: Sequence[ReplicateKey]) -> pd.DataFrame:
     """Return the table of ``StudyResults``; raises as ``read_study``."""
     source = folder / CSV
     if source.exists() and not (folder / RUNS).exists():
         content = read_bytes(source, "results", MOST_BYTES).decode(errors="replace")
     else:
-        ordered = sorted(replicate_keys(plan), key=lambda k: (arm_order(k.arm), k.steps, k.seed))
+        ordered = sorted(keys, key=lambda k: (arm_order(k.arm), k.steps, k.seed))
         rows = [row for key in ordered for row in _rows(folder, key)]
         if not rows:
             raise ConfigurationError(
@@ -178,31 +173,16 @@ def _table(folder: Path, plan: Plan, study: dict[str, Any]) -> pd.DataFrame:
         sound = False
     if not sound or table.empty:
         raise DamagedFileError(f"{source} is damaged: it is no table of rounds")
-    most, planned = study["rounds"], set(replicate_keys(plan))
-    for replicate, rounds in table.groupby(KEYS, sort=False)["round"]:
-        key, count = ReplicateKey(*replicate), len(rounds)
-        early = key in planned and study["arms"][key.arm].get("accurate") is not None
-        complete = list(rounds) == list(range(1, count + 1)) and (count == most or early)
-        if key not in planned or count > most or not complete:
-            raise DamagedFileError(
-                f"{folder} is damaged: {key.name} must have the rounds that {STUDY} plans, 1 to "
-                f"{most}; it has {count}"
-            )
     return table
 
 
-def _rows(folder: Path, key: ReplicateKey) -> Iterator[list[Any]]:
-    """Yield a row of the table for each round of a replicate, none if it is not finished."""
-    try:
-        for record in (read_result(folder, key) or {"rounds": []})["rounds"]:
-            numbers = [record[name] for name in ("round", *_NUMBERS, "trials")]
-            numbers += [x for name in _LISTS for x in record[name]]
-            if len(numbers) != len(COLUMNS) - len(KEYS):
-                raise ValueError("a list is too short or too long")
-            yield [*key, *numbers]
-    except DamagedFileError as error:
-        raise DamagedFileError(
-            f"{error}; delete this file, and the study's command computes it again"
-        ) from None
-    except (KeyError, TypeError, ValueError):
-        raise DamagedFileError(f"{folder / key.file} is damaged: it holds no rounds") from None
+def _rows(folder: Path, key: ReplicateKey) -> list[list[Any]]:
+    """Return a row of the table for each round of a replicate, none if it is not finished."""
+    return [
+        [
+            *key,
+            *(record[name] for name in _NUMBERS),
+            *(number for name in _LISTS for number in record[name]),
+        ]
+        for record in (read_result(folder, key) or {"rounds": []})["rounds"]
+    ]

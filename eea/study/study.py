@@ -1,23 +1,31 @@
-"""A study: its replicates, and everything that determines their results."""
+"""A study, and its folder's ``study.json``, which later commands may extend.
+
+``study.json`` describes what is run: every arm with all its settings, the target and the simulator,
+and the span of seeds of each arm at each length of trial. It also records the versions of the
+packages that made results.
+"""
 
 from __future__ import annotations
 
-import re
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
-from aquafish_gym.runs.manifest import versions
+from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.manifest import read_manifest, refuse_difference, versions
+from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
+from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import Config
-from eea.study.plan import Plan, written_plan
-from eea.study.replicate import Replicate, World
+from eea.study.replicate import Replicate, ReplicateKey, World
 
-# An arm's name names folders, figures and cells of tables.
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]*")
-_LONGEST = 120
+STUDY, SCHEMA = "study.json", "eea.study/1"
 # Settings that are the study's, or depend on the clock.
 _NOT_AN_ARMS = ("steps", "rounds", "time_limit")
+_GROWING = ("replicates", "versions", "source", "arms")  # these may differ when a study is extended
 MOST_REPLICATES = 10_000  # of an arm; the paper has 25
 MOST_JOBS = 100_000
 
@@ -29,7 +37,7 @@ class Study:
     Raises
     ------
     ConfigurationError
-        If an argument is wrong or there is no replicate.
+        If a number is out of range.
     """
 
     arms: Mapping[str, Config]  #: Name to settings, without steps, rounds and time limit.
@@ -42,54 +50,30 @@ class Study:
     def __post_init__(self) -> None:
         whole("replicates", self.replicates, 1, MOST_REPLICATES)
         whole("first_seed", self.first_seed, 0, 2**63 - 1)
-        whole("the number of arms", len(self.arms), 1)
-        whole("the number of steps", len(self.steps), 1)
         if len(set(self.steps)) < len(self.steps):
             raise ConfigurationError(f"steps must differ from each other; got {self.steps}")
-        for name, config in self.arms.items():
-            if not _NAME.fullmatch(name) or len(name) > _LONGEST:
-                raise ConfigurationError(
-                    f"an arm's name must be letters, digits, '.', '_' and '-', begin with a letter "
-                    f"or digit and have at most {_LONGEST} characters; got {name!r}"
-                )
-            if config.time_limit is not None:
-                raise ConfigurationError(
-                    f"time_limit must be None in a study; the arm {name} has {config.time_limit}"
-                )
         count = len(self.arms) * len(self.steps) * self.replicates
         whole("arms times steps times replicates", count, 1, MOST_JOBS)
-        self._configs()  # checks the steps and the rounds
+        self.jobs()  # checks the steps and the rounds
 
-    def _configs(self) -> list[tuple[str, Config]]:
-        """Return the name and the settings of each arm at each length of trial."""
-        return [
+    def jobs(self) -> list[Replicate]:
+        """Return every replicate, by arm, steps and seed."""
+        configs = [
             (name, replace(config, steps=steps, rounds=self.rounds))
             for name, config in self.arms.items()
             for steps in self.steps
         ]
-
-    @property
-    def seeds(self) -> range:
-        """The seeds of every arm."""
-        return range(self.first_seed, self.first_seed + self.replicates)
-
-    def jobs(self) -> list[Replicate]:
-        """Return every replicate, by arm, steps and seed."""
         return [
             Replicate(name, config, seed, self.world)
-            for name, config in self._configs()
-            for seed in self.seeds
+            for name, config in configs
+            for seed in range(self.first_seed, self.first_seed + self.replicates)
         ]
-
-    @property
-    def plan(self) -> Plan:
-        """The seeds of each arm and length of trial."""
-        return {name: dict.fromkeys(sorted(self.steps), self.seeds) for name in self.arms}
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything that determines the results, ready for JSON."""
         world = dict(vars(self.world))
         gap = world.pop("gap")
+        seeds = {"first": self.first_seed, "count": self.replicates}
         return {
             "target_morphology": world.pop("morphology").to_dict(),
             "target_damage": world.pop("damage").to_list(),
@@ -97,10 +81,106 @@ class Study:
             "current": list(self.world.current),
             **({"gap": gap.changes} if gap.changes else {}),
             "rounds": self.rounds,
-            "replicates": written_plan(self.plan),
+            "replicates": {
+                name: {str(steps): seeds for steps in sorted(self.steps)} for name in self.arms
+            },
             "arms": {
                 name: {k: v for k, v in config.to_dict().items() if k not in _NOT_AN_ARMS}
                 for name, config in self.arms.items()
             },
             "versions": [versions()],
         }
+
+
+def replicate_keys(document: Mapping[str, Any]) -> list[ReplicateKey]:
+    """Return the key of every replicate of a study.json, by arm, steps and seed."""
+    return [
+        ReplicateKey(arm, int(steps), seed)
+        for arm in document["arms"]
+        for steps, seeds in document["replicates"][arm].items()
+        for seed in range(seeds["first"], seeds["first"] + seeds["count"])
+    ]
+
+
+def target_of(document: Mapping[str, Any]) -> tuple[Morphology, Damage]:
+    """Return the body of a study.json's target before the damage, and the damage."""
+    morphology = Morphology.coerce(document["target_morphology"])
+    return morphology, Damage.coerce(document["target_damage"])
+
+
+def read_description(folder: Path) -> dict[str, Any]:
+    """Return the content of a folder's study.json; refuse a missing or damaged one by name."""
+    path = folder / STUDY
+    if not path.exists():
+        raise ConfigurationError(
+            f"{folder} must hold a study, which aquafish study --out {folder} begins; it has no "
+            f"{STUDY}"
+        )
+    document = read_document(path, SCHEMA, "study")
+    try:
+        target_of(document)
+        arms_have_settings = all("condition" in arm for arm in document["arms"].values())
+        sound = arms_have_settings and document["rounds"] >= 1 and bool(replicate_keys(document))
+    except (AttributeError, KeyError, TypeError, ValueError):
+        sound = False
+    if not sound:
+        raise DamagedFileError(
+            f"{path} is damaged: it needs a target, rounds, arms and their replicates"
+        )
+    return document
+
+
+def extended(folder: Path, study: Study) -> dict[str, Any]:
+    """Return the study.json of a study together with the one in its folder; write nothing.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the folder holds something else or a study with other settings; the message names the
+        first difference.
+    """
+    asked: dict[str, Any] = json.loads(json.dumps(study.to_dict()))
+    if not (folder / STUDY).exists():
+        other = read_manifest(folder)
+        if other is not None:
+            raise InvalidArgumentError(
+                f"out must be a new directory or hold a study; {folder} holds {other['kind']}"
+            )
+        return asked
+    held = read_description(folder)
+    shared = held["arms"].keys() & asked["arms"].keys()
+    before, now = (
+        {"arms": {name: arm for name, arm in document["arms"].items() if name in shared}}
+        | {name: value for name, value in document.items() if name not in _GROWING}
+        for document in (held, asked)
+    )
+    refuse_difference(folder, "a study", before, now)
+    replicates = {arm: dict(seeds) for arm, seeds in held["replicates"].items()}
+    for arm, durations in asked["replicates"].items():
+        own = replicates.setdefault(arm, {})
+        for steps, new in durations.items():
+            own[steps] = _joined(own.get(steps, new), new, f"out: {folder} holds {arm}")
+        replicates[arm] = {steps: own[steps] for steps in sorted(own, key=int)}
+    made_by = held.get("versions", [])
+    return {
+        **held,
+        "replicates": replicates,
+        "arms": {**held["arms"], **asked["arms"]},
+        "versions": made_by + [one for one in asked["versions"] if one not in made_by],
+    }
+
+
+def _joined(old: Mapping[str, int], new: Mapping[str, int], holder: str) -> dict[str, int]:
+    """Return the union of two spans of seeds; refuse a gap between them."""
+    (start, end), (first, stop) = ((s["first"], s["first"] + s["count"]) for s in (old, new))
+    if max(start, first) > min(end, stop):
+        raise InvalidArgumentError(
+            f"{holder} with seeds {start} to {end - 1}; {first} to {stop - 1} would leave a gap"
+        )
+    return {"first": min(start, first), "count": max(end, stop) - min(start, first)}
+
+
+def write_description(folder: Path, document: dict[str, Any]) -> None:
+    """Write study.json unless it already has this content."""
+    if not (folder / STUDY).exists() or read_description(folder) != document:
+        write_document(folder / STUDY, document, SCHEMA)

@@ -10,8 +10,8 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA, Morphology
 from aquafish_gym.runs.jobs import SCHEMA
 from aquafish_gym.runs.storage import encode_document, write_document
-from eea.study import folder as study_folder
-from eea.study.plan import ReplicateKey
+from eea.study import study
+from eea.study.replicate import ReplicateKey
 
 DAMAGE = "left_pectoral:length=0.5"
 TRUTH = Damage.parse(DAMAGE).apply(Morphology.nominal()).to_array()
@@ -45,7 +45,7 @@ def write_study(folder: Path, arms=("ideal", "none"), steps=(128, 256), seeds=5,
             "versions": [{"numpy": "2.4"}],
             "source": ["0123abcd"],
         },
-        study_folder.SCHEMA,
+        study.SCHEMA,
     )
     for i, arm in enumerate(arms):
         for duration in steps:

@@ -6,8 +6,7 @@ import json
 import pathlib
 import re
 
-from eea.study.arms import arm_label
-from eea.study.tables import MINUS, signed
+from eea.study.arms import MINUS, arm_label, signed
 
 DOCS = pathlib.Path(__file__).parents[2] / "docs"
 SUMMARY = json.loads((DOCS / "results" / "ablations" / "summary.json").read_text())

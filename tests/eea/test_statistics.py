@@ -26,8 +26,6 @@ def test_a_summary_by_hand():
     }
     assert summarize([2.0])["sd"] is None
     assert len(summarize(np.arange(float(FEWEST)))["interval"]) == 2
-    with pytest.raises(ValueError, match="at least one number"):
-        summarize([])
 
 
 def test_an_interval_is_of_enough_numbers_and_the_same_each_time():
@@ -75,8 +73,6 @@ def test_differences_are_taken_within_the_seeds_that_both_have():
     assert found["mean"] == pytest.approx((4 - 1 + 3) / 3)
     assert (found["wins"], found["losses"]) == (2, 1)
     assert found["sign_test_p"] == 1.0
-    with pytest.raises(ValueError, match="a seed in common"):
-        paired_difference({0: 1.0}, {1: 1.0})
 
 
 def test_the_sign_test_by_hand():

@@ -15,9 +15,9 @@ from aquafish_gym.runs.storage import read_document
 from eea.__main__ import REFUSED as ERRORS
 from eea.__main__ import main
 from eea.cli.study import StudyCommand
-from eea.study.folder import read_description
 from eea.study.presets import figure_config
 from eea.study.replicate import replicate
+from eea.study.study import read_description
 
 SMALL = [
     *("--exploration.population", "4", "--exploration.generations", "2"),

@@ -12,7 +12,7 @@ import tyro
 from rich.console import Console
 
 from aquafish_gym.command_line import run_command_line
-from aquafish_gym.runs.jobs import read_result, run_jobs
+from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
@@ -104,9 +104,7 @@ class Inference:
 
     def _work(self, cases: list[Case], folder: Path) -> None:
         failures = run_jobs(cases, measure, folder, count=self.workers, warm_up=_warm_up)
-        if failures:
-            print("\n".join(f"failed: {failure}" for failure in failures), file=sys.stderr)
-            raise SystemExit(1)
+        exit_if_failed(failures)
 
 
 def _read(folder: Path, case: Case) -> dict[str, Any]:

@@ -7,7 +7,7 @@ import re
 
 import pytest
 
-from aquafish_gym.runs.manifest import LOCK, first_difference, lock, read_manifest, write_manifest
+from aquafish_gym.runs.manifest import LOCK, lock, read_manifest, write_manifest
 from aquafish_gym.runs.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -88,9 +88,3 @@ def test_results_without_a_manifest_are_left_alone(tmp_path):
     with pytest.raises(InvalidArgumentError, match=re.escape("holds runs but no settings.json")):
         write_manifest(tmp_path, "a study", SETTINGS, ["report.json", "runs"])
     assert not (tmp_path / "settings.json").exists()
-
-
-def test_differences_have_dotted_names():
-    assert first_difference(SETTINGS, SETTINGS) is None
-    assert first_difference({"a": {}}, {}) is None
-    assert first_difference({"a": {"b": None}}, {"a": {}}) == "a.b"
