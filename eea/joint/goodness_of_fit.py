@@ -72,33 +72,27 @@ def goodness_of_fit(residuals: ArrayLike, parameters: int, sigma: float | None =
     if rms <= FLOOR:
         words = f"the best fit explains the log up to rounding ({rms:.1g} rad/s)"
         return Goodness(rms, sigma and 1.0, 1.0, 1.0, 1.0, good=True, verdict=words)
-    size_p = None
-    if sigma is not None:
-        size_p = float(chdtrc(count - parameters, squares / sigma**2))
     shares, spread = autocorrelation(trials, LAGS, FLOOR)
     corrected = np.minimum(shares + parameters / (count - parameters), 0.0)
     excess = np.where(shares > 0.0, shares, corrected)
-    whiteness_p = float(chdtrc(LAGS, float(((excess / spread) ** 2).sum())))
     peak, off = _largest(trials)
+    size_p, tests = None, {}  # what is wrong -> the p-value
+    if sigma is not None:
+        size_p = float(chdtrc(count - parameters, squares / sigma**2))
+        tests[f"{rms / sigma:.3g} times the noise"] = size_p
+    whiteness_p = float(chdtrc(LAGS, float(((excess / spread) ** 2).sum())))
+    tests[f"not noise: neighbouring samples correlate by {shares[0]:.2f}"] = whiteness_p
     peak_p = min(1.0, float(2.0 * count * np.exp(log_ndtr(-peak))))
-    chances = [whiteness_p, peak_p] + ([] if size_p is None else [size_p])
-    p = min(1.0, len(chances) * min(chances))
-    good = p >= ALARM
+    tests[f"not noise: a sample is off by {off:.2g} rad/s"] = peak_p
+    worst = min(tests, key=lambda name: tests[name])
+    p = min(1.0, len(tests) * tests[worst])
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
-    if good:
-        words = f"the best fit leaves {rms:.3g} rad/s, as noise would ({how_sure})"
+    words = f"the best fit leaves {rms:.3g} rad/s"
+    if p >= ALARM:
+        words += f", as noise would ({how_sure})"
     else:
-        if min(chances) == size_p:
-            how = f"{rms / (sigma or 1.0):.3g} times the noise"
-        elif min(chances) == whiteness_p:
-            how = f"not noise: neighbouring samples correlate by {shares[0]:.2f}"
-        else:
-            how = f"not noise: a sample is off by {off:.2g} rad/s"
-        words = (
-            f"no body explains the log: the best fit leaves {rms:.3g} rad/s, which is {how} "
-            f"({how_sure})"
-        )
-    return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words)
+        words = f"no body explains the log: {words}, which is {worst} ({how_sure})"
+    return Goodness(rms, size_p, whiteness_p, peak_p, p, p >= ALARM, words)
 
 
 def autocorrelation(residuals: Floats, lags: int, floor: float = 0.0) -> tuple[Floats, Floats]:

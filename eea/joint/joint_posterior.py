@@ -41,49 +41,19 @@ class HypothesisPosterior:
     parameters: Parameters
     posterior: Posterior
 
-    def summary(self, mass: float) -> dict[str, tuple[float, float, float]]:
-        """Return the median and the interval of each unknown, by name, in natural units."""
-        shares = np.array([self.posterior.median(), *self.posterior.interval(mass)])
-        rows = map(tuple, self.parameters.natural(shares).T.tolist())
-        return dict(zip(self.parameters.names, rows, strict=True))
-
-    def modes(self) -> dict[str, Any]:
-        """Return the optima with their probabilities, in natural units, ready for JSON.
-
-        See :mod:`eea.joint.serialization` for their covariances.
-        """
-        theta = self.parameters.into_bounds(np.array([m.theta for m in self.posterior.modes]))
-        return {
-            "names": list(self.parameters.names),
-            "probabilities": self.posterior.weights.tolist(),
-            "values": self.parameters.natural(theta).tolist(),
-        }
-
 
 @dataclass(frozen=True, eq=False)
 class JointPosterior:
     """A posterior over bodies, nuisances, angles and hypotheses.
 
     Samples and intervals are of all hypotheses, in proportion to their probabilities.
-
-    Attributes
-    ----------
-    branches
-        The most probable first.
-    goodness
-        Whether the best fit leaves nothing but noise; if it does not, no interval can be trusted.
-    sigma
-        Standard deviation of the noise, in the signal's units, as given or as estimated.
-    samples
-        Number of samples that it was estimated from; 0 if it was given.
-    warm_start
-        For the next fit; None of a posterior that was read from a file.
     """
 
-    branches: tuple[HypothesisPosterior, ...]
-    goodness: Goodness
-    sigma: float
-    samples: int
+    branches: tuple[HypothesisPosterior, ...]  #: The most probable first.
+    goodness: Goodness  #: Of the best fit; if it is not good, no interval can be trusted.
+    sigma: float  #: Standard deviation of the noise, in the signal's units, given or estimated.
+    samples: int  #: Number of samples that ``sigma`` was estimated from; 0 if it was given.
+    #: For the next fit; None of a posterior that was read from a file.
     warm_start: WarmStart | None = field(default=None, repr=False)
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
@@ -129,7 +99,10 @@ class JointPosterior:
         Dimensions, nuisances, and hidden angles in rad, those of trial e with ``@e`` after their
         names, as of the most probable hypothesis. An angle's interval may end beyond pi.
         """
-        return self.branches[0].summary(mass)
+        best = self.branches[0]
+        shares = np.array([best.posterior.median(), *best.posterior.interval(mass)])
+        rows = map(tuple, best.parameters.natural(shares).T.tolist())
+        return dict(zip(best.parameters.names, rows, strict=True))
 
     def angles(self, trial: int, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends (h,) of a trial's hidden angles' intervals, rad; trials count from 0."""
@@ -164,8 +137,19 @@ class JointPosterior:
         return said + findings(best.posterior, best.parameters.joint)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything except the modes' covariances, ready for JSON."""
-        best = self.branches[0].parameters
+        """Return everything except the modes' covariances, ready for JSON.
+
+        See :mod:`eea.joint.serialization` for those.
+        """
+        modes = {}
+        for branch in self.branches:
+            parameters, posterior = branch.parameters, branch.posterior
+            theta = parameters.into_bounds(np.array([mode.theta for mode in posterior.modes]))
+            modes[branch.hypothesis.name] = {
+                "names": list(parameters.names),
+                "probabilities": posterior.weights.tolist(),
+                "values": parameters.natural(theta).tolist(),
+            }
         return {
             "sigma": self.sigma,
             "goodness": asdict(self.goodness),
@@ -175,6 +159,6 @@ class JointPosterior:
                 f"{mass:.0%}": {name: list(row) for name, row in self.table(mass).items()}
                 for mass in (0.5, 0.8, 0.9)
             },
-            "dimensions": list(best.joint.problem.models.names),
-            "modes": {b.hypothesis.name: b.modes() for b in self.branches},
+            "dimensions": list(self.branches[0].parameters.joint.problem.models.names),
+            "modes": modes,
         }
