@@ -14,9 +14,7 @@ from numpy.typing import NDArray
 
 from eea import EEA, PaperConfig, Problem, RecordedLog, Simulator, Trials
 from eea.core import action_layout, model_layout
-from eea.core.conditions import OutOfBandConfig
-from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig
+from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig
 
 STEPS, TIMESTEP, GRAVITY = 128, 0.01, 9.81  # 1.28 s a trial; s; m/s^2
 TRUE_BODY = np.array([0.63, 0.37])  # m, 1/s: for the robot itself, and to judge the answer by

@@ -41,8 +41,6 @@ KIND = "a run of the algorithm"
 STOPPED = {
     "rounds": "all rounds are done",
     "narrow": "all intervals are narrow enough",
-    "accurate": "the body is accurate enough",
-    "time": "the time limit is over",
 }
 Method = Literal["joint", "out-of-band", "in-band", "ideal", "none", "recovery"]
 
@@ -67,7 +65,6 @@ class Run:
     steps: int = 256  #: Length of a trial in steps of 0.01 s; a power of two, except for joint.
     #: Trials of the target, one a round; by default 3 for joint, 16 for recovery, 25 otherwise.
     rounds: int | None = None
-    time_limit: float | None = None  #: Begin no round after this many seconds; None for no limit.
     settings: Annotated[AlgorithmOptions, arg(name="")] = field(default_factory=AlgorithmOptions)
     seed: int = 0  #: Seed of everything random.
     damage: AnyDamage = "none"
@@ -88,7 +85,7 @@ class Run:
             name = "out-of-band"
         base = config_for(name)
         rounds = base.rounds if self.rounds is None else self.rounds
-        base = replace(base, steps=self.steps, rounds=rounds, time_limit=self.time_limit)
+        base = replace(base, steps=self.steps, rounds=rounds)
         return self.settings.over({name: base})[name]
 
     def execute(self) -> None:

@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.behavior import summarize
-from eea.core.checks import TargetError, at_most, instance
-from eea.core.conditions import Experiments, Ideal, InBand, Inference, NoInference, OutOfBand
+from eea.core.checks import TargetError, instance
+from eea.core.conditions import (
+    Experiments,
+    first_context,
+    infer_angles,
+    models_range,
+    with_context,
+)
 from eea.core.config import PaperConfig
-from eea.core.estimation import Estimation, Population
-from eea.core.experiment import Experiment, RecordedLog, Simulator, Target, reveals
-from eea.core.exploration import Exploration
-from eea.core.genome import BitLayout, pose_layout
+from eea.core.experiment import (
+    Experiment,
+    RecordedLog,
+    Simulator,
+    Target,
+    Trials,
+    perform_angles,
+    reveals,
+)
+from eea.core.fitness import model_fitness
+from eea.core.genetic import evolve, next_generation
+from eea.core.genome import Genomes
 from eea.core.model_evaluator import ModelEvaluator
 from eea.core.problem import Problem
-from eea.core.result import RoundFit, RoundRecord
+from eea.core.result import RoundFit
 from eea.core.session import Session, Streams, Trial, streams
 
 
@@ -24,7 +40,7 @@ class EEAState:
     """What the algorithm knows after some rounds."""
 
     experiments: Experiments
-    population: Population
+    genomes: Genomes  #: The models' population, shape (N, bits).
 
 
 class EEA(Session[EEAState]):
@@ -65,66 +81,78 @@ class EEA(Session[EEAState]):
     ) -> None:
         instance("config", config, PaperConfig)
         instance("problem", problem, Problem)
-        poses, genetic = pose_layout(problem.hidden), config.genetic
-        searched = [problem.models, problem.actions]
-        if config.condition == "out-of-band":
-            searched.append(poses)
-        bits = min(layout.bits for layout in searched)
-        at_most("genetic.mutations", genetic.mutations, "the shortest genome's bits", bits)
         if config.condition == "ideal" and not reveals(target):
             raise TargetError(
                 "the ideal condition needs a target with start_angles, the hidden angles when "
                 f"its last command began; {type(target).__name__} has none"
             )
-        evaluator = ModelEvaluator(simulator, config.steps, problem.axes)
-        self._evaluator = evaluator
-        self._inference = make_inference(config, poses, evaluator)
-        self._exploration = Exploration(
-            problem.actions, len(problem.hidden), evaluator, config.exploration, genetic
-        )
-        self._estimation = Estimation(problem.models, evaluator, config.estimation, genetic)
+        self._evaluator = ModelEvaluator(simulator, config.steps, problem.axes)
         rngs = streams(seed)
-        state = EEAState((), self._estimation.random(rngs["estimation"]))
-        super().__init__(target, problem, config, seed, truth, state, rngs)
+        models = problem.models.random(config.estimation.population, rngs["estimation"])
+        super().__init__(target, problem, config, seed, truth, EEAState((), models), rngs)
 
     def _choose(self, state: EEAState, rngs: Streams) -> tuple[Floats, float | None]:
-        """Explore: evolve a command about which the models disagree."""
+        """Explore: evolve the command about which the models disagree most."""
         self._simulated = self._evaluator.trials
-        if not state.experiments:
-            return self._exploration.random(rngs["exploration"]), None
-        return self._exploration.disputed(state.population.models, rngs["exploration"])
+        layout, config, rng = self._problem.actions, self.config.exploration, rngs["exploration"]
+        if not state.experiments:  # the models are random bodies, which teach Eq. 1 nothing
+            return layout.decode(layout.random(1, rng))[0], None
+        models = self._problem.models.decode(state.genomes)
+        genome, action_fitness = evolve(
+            layout.random(config.population, rng),
+            config.generations,
+            lambda genomes: self._disagreement(models, layout.decode(genomes)),  # Eq. 1
+            rng,
+        )
+        return layout.decode(genome[None])[0], action_fitness
 
     def _fit(self, state: EEAState, trial: Trial, rngs: Streams) -> tuple[EEAState, RoundFit]:
         """Estimate: evolve models that explain all experiments."""
+        config, layout, inferring = self.config, self._problem.models, rngs["inference"]
+        context = first_context(config.condition, len(self._problem.hidden), trial.true_angles)
         behavior = summarize(RecordedLog(trial.gyro))[0]
-        context = self._inference.first_context(len(self._problem.hidden), trial.true_angles)
-        newest = Experiment(trial.command, behavior, context, trial.true_angles)
-        population, experiments = self._estimation.evolve(
-            state.population,
-            (*state.experiments, newest),
-            self._inference,
-            rngs["estimation"],
-            rngs["inference"],
-        )
-        model, fitness = population.best
-        spread = population.models.std(axis=0) / self._problem.models.span
+        experiments = (*state.experiments, Experiment(trial.command, behavior, context))
+        genomes, fitness = state.genomes, np.empty(0)
+        for generation in range(config.estimation.generations):
+            if generation:
+                genomes = next_generation(genomes, fitness, rngs["estimation"])
+            models = layout.decode(genomes)
+            if config.condition == "out-of-band" and generation % config.out_of_band.period == 0:
+                experiments = infer_angles(  # optAng, Sec. 3.4
+                    experiments, models, self._evaluator, config.out_of_band, inferring
+                )
+            angles = perform_angles(experiments, len(models), inferring)  # PERFORM, Sec. 3.3
+            similarities = self._similarities(models, experiments, angles)  # Eq. 2
+            fitness = model_fitness(similarities)  # Eq. 3
+            if config.condition == "in-band":
+                newest = models_range(angles[:, -1], similarities[:, -1])  # Sec. 3.3
+                experiments = with_context(experiments, -1, newest)
+        locked = replace(experiments[-1].context, confidence=1.0)
+        experiments = with_context(experiments, -1, locked)
+        best = int(np.argmax(fitness))
+        spread = models.std(axis=0) / layout.span
         simulated = self._evaluator.trials - self._simulated
-        fit = RoundFit(model, fitness, experiments[-1].context, spread, simulated)
-        return EEAState(experiments, population), fit
+        fit = RoundFit(models[best], float(fitness[best]), locked, spread, simulated)
+        return EEAState(experiments, genomes), fit
 
-    def _why_stop(self, state: EEAState, rounds: tuple[RoundRecord, ...]) -> str | None:  # noqa: ARG002
-        """Stop once a model is accurate enough."""
-        accurate = self.config.accurate
-        enough = accurate is not None and rounds and rounds[-1].model_fitness >= accurate
-        return "accurate" if enough else None
+    def _disagreement(self, models: Floats, commands: Floats) -> Floats:
+        """Return ACT_FIT (A,) of commands (A, c) over models (M, n), all angles initially zero.
 
+        A command under which a model diverges scores below all others.
+        """
+        trials = Trials(
+            np.tile(models, (len(commands), 1)),
+            np.repeat(commands, len(models), axis=0),
+            np.zeros((len(commands) * len(models), len(self._problem.hidden))),
+        )
+        fitness = self._evaluator.disagreements(trials, len(models))
+        return np.where(np.isfinite(fitness), fitness, -1.0)
 
-def make_inference(config: PaperConfig, poses: BitLayout, evaluator: ModelEvaluator) -> Inference:
-    """Return the strategy for ``config.condition``; ``poses`` is the hidden angles' genome."""
-    if config.condition == "ideal":
-        return Ideal()
-    if config.condition == "none":
-        return NoInference()
-    if config.condition == "in-band":
-        return InBand(config.in_band)
-    return OutOfBand(config.out_of_band, poses, evaluator, config.genetic)
+    def _similarities(self, models: Floats, experiments: Experiments, angles: Floats) -> Floats:
+        """Return sim (N, E) of models (N, n) from angles (N, E, h) in every experiment."""
+        shape = angles.shape[:2]
+        model, experiment = (index.ravel() for index in np.indices(shape))
+        commands = np.stack([each.command for each in experiments])
+        observed = np.stack([each.behavior for each in experiments])
+        trials = Trials(models[model], commands[experiment], angles[model, experiment])
+        return self._evaluator.similarities(trials, observed, experiment).reshape(shape)

@@ -1,4 +1,4 @@
-"""Ranges of angles: the smallest that includes some poses, and samples of one (Sec. 3.3).
+"""Angles, and the smallest range that includes some poses (Sec. 3.3).
 
 A range is a pair ``min_angle <= max_angle`` in rad with ``min_angle`` in [-pi, pi); one that
 crosses pi has ``max_angle`` beyond it. All hidden angles are circular: phases of a cycle too.
@@ -36,10 +36,3 @@ def smallest_inclusive(poses: ArrayLike) -> tuple[Floats, Floats]:
     start = ordered[(before + 1) % len(ordered), each]
     end = ordered[before, each]
     return start, np.where(end < start, end + TURN, end)
-
-
-def sample_range(
-    min_angle: Floats, max_angle: Floats, count: int, rng: np.random.Generator
-) -> Floats:
-    """Return ``count`` poses uniform in a range of shape (H,), shape (count, H)."""
-    return min_angle + (max_angle - min_angle) * rng.random((count, len(min_angle)))

@@ -10,6 +10,8 @@ import math
 import numbers
 import sys
 from collections.abc import Iterable
+from dataclasses import field, fields, is_dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -83,6 +85,30 @@ def real(argument: str, value: Any, low: float, high: float = math.inf) -> None:
     sound = number and abs(value) <= sys.float_info.max and low <= value <= high
     span = f"of at least {low:g}" if math.isinf(high) else f"in [{low:g}, {high:g}]"
     _require(sound, argument, f"a finite number {span}", value)
+
+
+def whole_field(default: int | None, low: int, high: int) -> Any:
+    """Return a field of settings whose value :func:`check_fields` checks by :func:`whole`."""
+    return field(default=default, metadata={"check": partial(whole, low=low, high=high)})
+
+
+def real_field(default: float | None, low: float, high: float = math.inf) -> Any:
+    """Return a field of settings whose value :func:`check_fields` checks by :func:`real`."""
+    return field(default=default, metadata={"check": partial(real, low=low, high=high)})
+
+
+def check_fields(settings: Any, prefix: str = "") -> None:
+    """Check the values of settings, a dataclass, and of the dataclasses in its fields.
+
+    None is accepted where it is the default.
+    """
+    for each in fields(settings):
+        name, value = prefix + each.name, getattr(settings, each.name)
+        if is_dataclass(each.default):
+            instance(name, value, type(each.default))
+            check_fields(value, f"{name}.")
+        elif "check" in each.metadata and not (value is None is each.default):
+            each.metadata["check"](name, value)
 
 
 def finite(argument: str, value: ArrayLike, shape: tuple[int | None, ...]) -> NDArray[np.float64]:

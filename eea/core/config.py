@@ -2,21 +2,58 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Literal, get_args
 
-from eea.core.checks import ConfigurationError, at_most, brief, choice, instance, real, whole
-from eea.core.conditions import InBandConfig, OutOfBandConfig
-from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig
-from eea.core.genetic import GeneticConfig
+from eea.core.checks import (
+    ConfigurationError,
+    at_most,
+    brief,
+    check_fields,
+    choice,
+    instance,
+    real_field,
+    whole_field,
+)
 
 PaperCondition = Literal["ideal", "none", "in-band", "out-of-band"]
 Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
 CONDITIONS: tuple[PaperCondition, ...] = get_args(PaperCondition)
 MAXIMUM_STEPS = 2**20  # the paper's longest trial has 1024
 MAXIMUM_ROUNDS = 10**4
-FEWEST_STEPS = 32  # of joint inference, whose goodness-of-fit test needs more samples than lags
+MAXIMUM_SIZE = 10**6  # of a search; a typing error is refused at once
+
+
+@dataclass(frozen=True)
+class ExplorationConfig:
+    """Settings of the exploration phase."""
+
+    population: int = whole_field(25, 2, MAXIMUM_SIZE)  #: Number of commands that evolve.
+    generations: int = whole_field(25, 1, MAXIMUM_SIZE)  #: Generations a round.
+
+
+@dataclass(frozen=True)
+class EstimationConfig:
+    """Settings of the estimation phase."""
+
+    #: Number of models that evolve; they survive from round to round.
+    population: int = whole_field(25, 2, MAXIMUM_SIZE)
+    generations: int = whole_field(100, 1, MAXIMUM_SIZE)  #: Generations a round.
+
+
+@dataclass(frozen=True)
+class OutOfBandConfig:
+    """Settings of Out-of-Band Inference."""
+
+    #: Generations between inferences: at 0, 35 and 70 of the paper's 100.
+    period: int = whole_field(35, 1, MAXIMUM_SIZE)
+    inner_population: int = whole_field(25, 2, MAXIMUM_SIZE)  #: Number of poses that evolve.
+    inner_generations: int = whole_field(25, 1, MAXIMUM_SIZE)  #: Generations of an inference.
+    #: Number of models, drawn at random for each inference, that judge the poses; None for all.
+    sampled_models: int | None = whole_field(None, 1, MAXIMUM_SIZE)
+    #: Number of earlier experiments, drawn at random, whose angles each inference updates too,
+    #: starting from their present pose. The paper locks them in: 0.
+    revisit: int = whole_field(0, 0, MAXIMUM_SIZE)
 
 
 @dataclass(frozen=True)
@@ -37,52 +74,25 @@ class PaperConfig:
     #: What is known of the hidden angles: "ideal" knows them, "none" assumes zero, "in-band" and
     #: "out-of-band" infer them.
     condition: PaperCondition = "out-of-band"
-    steps: int = 256  #: Length of a trial in samples, a power of two up to 2^20.
-    rounds: int = 25  #: Maximum number of rounds, each with one trial; up to 10,000.
-    accurate: float | None = None  #: Stop once the best MOD_FIT reaches this; None for never.
-    time_limit: float | None = None  #: Begin no round after this many seconds; None for no limit.
-    exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
-    estimation: EstimationConfig = field(default_factory=EstimationConfig)
-    genetic: GeneticConfig = field(default_factory=GeneticConfig)
-    in_band: InBandConfig = field(default_factory=InBandConfig)
-    out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
+    #: Length of a trial in samples, a power of two.
+    steps: int = whole_field(256, 2, MAXIMUM_STEPS)
+    rounds: int = whole_field(25, 1, MAXIMUM_ROUNDS)  #: Number of rounds, each with one trial.
+    exploration: ExplorationConfig = ExplorationConfig()
+    estimation: EstimationConfig = EstimationConfig()
+    out_of_band: OutOfBandConfig = OutOfBandConfig()
 
     def __post_init__(self) -> None:
         choice("condition", self.condition, CONDITIONS)
-        _check_run(self, 2)
+        check_fields(self)
         if self.steps & (self.steps - 1):
             raise ConfigurationError(f"steps must be a power of two; got {self.steps}")
-        if self.accurate is not None:
-            real("accurate", self.accurate, float("-inf"), 1.0)
-        for name, kind in PARTS.items():
-            instance(name, getattr(self, name), kind)
-        models = self.estimation.population
-        populations = {
-            "exploration.population": self.exploration.population,
-            "estimation.population": models,
-        }
-        if self.condition == "in-band":
-            at_most("in_band.k", self.in_band.k, "estimation.population", models)
         if self.condition == "out-of-band":
-            judges = self.out_of_band.sampled_models or 0
+            judges, models = self.out_of_band.sampled_models or 0, self.estimation.population
             at_most("out_of_band.sampled_models", judges, "estimation.population", models)
-            populations["out_of_band.inner_population"] = self.out_of_band.inner_population
-        for name, population in populations.items():
-            # With elites alone no generation would differ from the first.
-            at_most("genetic.elites", self.genetic.elites, f"{name} - 1", population - 1)
 
     def to_dict(self) -> dict[str, Any]:
         """Return every setting, nested, ready for JSON."""
         return asdict(self)
-
-
-PARTS: dict[str, type] = {
-    "exploration": ExplorationConfig,
-    "estimation": EstimationConfig,
-    "genetic": GeneticConfig,
-    "in_band": InBandConfig,
-    "out_of_band": OutOfBandConfig,
-}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,28 +110,27 @@ class FitConfig:
     #: Groups among them that vary from trial to trial; the others are common to all trials.
     per_trial: tuple[str, ...] = ()
     #: Standard deviation of the gyroscope's noise, rad/s; None estimates it.
-    noise: float | None = None
+    noise: float | None = real_field(None, 1e-9)
     #: When to fit the alternative hypotheses, such as a seized servo: in "doubt" (the residuals do
     #: not look like noise, or a part seems to be absent), "always" or "never".
     alternatives: Literal["doubt", "always", "never"] = "doubt"
-    bodies: int = 96  #: Random bodies in the scan for starting points.
-    poses: int = 96  #: Random poses for each body and trial in the scan.
-    descents: int = 24  #: Starting points of descents.
-    polished: int = 4  #: Descents that are completed in double precision.
-    restarts: int = 3  #: Maximum number of new scans where the residuals do not look like noise.
+    bodies: int = whole_field(96, 2, 10**5)  #: Random bodies in the scan for starting points.
+    #: Random poses for each body and trial in the scan.
+    poses: int = whole_field(96, 1, 10**5)
+    descents: int = whole_field(24, 1, 10**5)  #: Starting points of descents; at most ``bodies``.
+    #: Descents that are completed in double precision; at most ``descents``.
+    polished: int = whole_field(4, 1, 10**5)
+    #: Maximum number of new scans where the residuals do not look like noise.
+    restarts: int = whole_field(3, 0, 1000)
 
     def __post_init__(self) -> None:
         if self.nuisances is not None:
             instance("nuisances", self.nuisances, tuple)
         instance("per_trial", self.per_trial, tuple)
-        if self.noise is not None:
-            real("noise", self.noise, 1e-9)
         choice("alternatives", self.alternatives, ("doubt", "always", "never"))
-        whole("bodies", self.bodies, 2, 10**5)
-        whole("poses", self.poses, 1, 10**5)
-        whole("descents", self.descents, 1, self.bodies)
-        whole("polished", self.polished, 1, self.descents)
-        whole("restarts", self.restarts, 0, 1000)
+        check_fields(self)
+        at_most("descents", self.descents, "bodies", self.bodies)
+        at_most("polished", self.polished, "descents", self.descents)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -136,18 +145,11 @@ class JointConfig(FitConfig):
 
     condition: ClassVar[Literal["joint"]] = "joint"
 
-    steps: int = 256  #: Length of a trial in samples, 32 to 2^20.
-    rounds: int = 3  #: Maximum number of rounds, each with one trial; up to 10,000.
-    time_limit: float | None = None  #: Begin no round after this many seconds; None for no limit.
+    steps: int = whole_field(256, 32, MAXIMUM_STEPS)  #: Length of a trial in samples.
+    rounds: int = whole_field(3, 1, MAXIMUM_ROUNDS)  #: Number of rounds, each with one trial.
     #: Stop once the 90% interval of every dimension is at most this share of its range and the fit
     #: is good; None for never.
-    max_interval_width: float | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _check_run(self, FEWEST_STEPS)
-        if self.max_interval_width is not None:
-            real("max_interval_width", self.max_interval_width, 0.0, 1.0)
+    max_interval_width: float | None = real_field(None, 0.0, 1.0)
 
     def to_dict(self) -> dict[str, Any]:
         """Return every setting, ready for JSON."""
@@ -166,14 +168,6 @@ def checked_config(config: Config | None) -> Config:
             f"config must be a PaperConfig or a JointConfig; got {brief(config)}"
         )
     return config
-
-
-def _check_run(config: Config, fewest_steps: int) -> None:
-    """Check the settings that both methods have."""
-    whole("steps", config.steps, fewest_steps, MAXIMUM_STEPS)
-    whole("rounds", config.rounds, 1, MAXIMUM_ROUNDS)
-    if config.time_limit is not None:
-        real("time_limit", config.time_limit, 0.0)
 
 
 def recovery_config(steps: int = 256, rounds: int = 16) -> PaperConfig:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from inspect import getattr_static
 from typing import Any, Protocol, Self, TypeGuard
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.angles import Floats, sample_range
+from eea.core.angles import Floats
 from eea.core.behavior import Coefficients, Log
 
 
@@ -163,9 +163,6 @@ class Experiment:
     command: Floats  #: Shape (c,): what the target executed.
     behavior: Coefficients  #: The target's coefficients, shape (F,).
     context: Context
-    #: The hidden angles at the start, shape (h,), if the target revealed them. Only the Ideal
-    #: condition and the records read them.
-    true_angles: Floats | None = field(default=None, repr=False)
 
 
 def perform_angles(
@@ -184,7 +181,8 @@ def perform_angles(
             angles[:, e] = context.min_angle
             continue
         within = rng.random(count) <= context.confidence  # rand() <= confidence
-        inside = sample_range(context.min_angle, context.max_angle, count, rng)
+        spread = context.max_angle - context.min_angle
+        inside = context.min_angle + spread * rng.random((count, width))
         anywhere = rng.uniform(-np.pi, np.pi, size=(count, width))
         angles[:, e] = np.where(within[:, None], inside, anywhere)
     return angles

@@ -8,33 +8,16 @@ crossover, uniform here, nor an elite.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.checks import real, whole
 from eea.core.genome import Genomes
 
-# Far beyond what any search needs: a typing error is refused at once.
-MAXIMUM_POPULATION = 10**6
-MAXIMUM_GENERATIONS = 10**6
-
-
-@dataclass(frozen=True)
-class GeneticConfig:
-    """How the next generation is made."""
-
-    tournament_size: int = 2  #: Contestants for each parent.
-    crossover_rate: float = 0.75  #: Probability that a pair of parents swaps bits at all.
-    mutations: float = 1.0  #: Mean number of flipped bits a genome.
-    elites: int = 1  #: How many of the best pass on unchanged.
-
-    def __post_init__(self) -> None:
-        whole("genetic.tournament_size", self.tournament_size, 1, MAXIMUM_POPULATION)
-        real("genetic.crossover_rate", self.crossover_rate, 0.0, 1.0)
-        real("genetic.mutations", self.mutations, 0.0)
-        whole("genetic.elites", self.elites, 0, MAXIMUM_POPULATION)
+TOURNAMENT_SIZE = 2  # contestants for each parent
+CROSSOVER_RATE = 0.75  # probability that a pair of parents swaps bits at all
+MUTATIONS = 1.0  # mean number of flipped bits a genome
+ELITES = 1  # how many of the best pass on unchanged
 
 
 def tournament(
@@ -69,17 +52,17 @@ def mutate(genomes: Genomes, mutations: float, rng: np.random.Generator) -> Geno
 
 
 def next_generation(
-    genomes: Genomes, fitness: NDArray[np.floating], config: GeneticConfig, rng: np.random.Generator
+    genomes: Genomes, fitness: NDArray[np.floating], rng: np.random.Generator
 ) -> Genomes:
     """Return the next population, shape (N, bits), the elites first."""
     count = len(genomes)
     pairs = (count + 1) // 2
-    parents = tournament(fitness, 2 * pairs, config.tournament_size, rng)
+    parents = tournament(fitness, 2 * pairs, TOURNAMENT_SIZE, rng)
     mothers, fathers = genomes[parents[:pairs]], genomes[parents[pairs:]]
-    children = crossover(mothers, fathers, config.crossover_rate, rng)
-    children = mutate(children, config.mutations, rng)
+    children = crossover(mothers, fathers, CROSSOVER_RATE, rng)
+    children = mutate(children, MUTATIONS, rng)
     # A stable sort, so that of equally fit genomes the earlier is the elite.
-    elites = genomes[np.argsort(-fitness, kind="stable")[: config.elites]]
+    elites = genomes[np.argsort(-fitness, kind="stable")[:ELITES]]
     return np.concatenate([elites, children])[:count]
 
 
@@ -87,7 +70,6 @@ def evolve(
     genomes: Genomes,
     generations: int,
     evaluate: Callable[[Genomes], NDArray[np.floating]],
-    config: GeneticConfig,
     rng: np.random.Generator,
 ) -> tuple[Genomes, float]:
     """Evolve genomes (N, bits) under a constant fitness; return the final best and its fitness.
@@ -99,7 +81,7 @@ def evolve(
     fitness = np.empty(0)
     for generation in range(generations):
         if generation:
-            genomes = next_generation(genomes, fitness, config, rng)
+            genomes = next_generation(genomes, fitness, rng)
         keys = [genome.tobytes() for genome in genomes]
         fresh = {key: i for i, key in enumerate(keys) if key not in known}
         if fresh:

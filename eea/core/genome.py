@@ -132,11 +132,11 @@ def model_layout(table: Iterable[tuple[str, float, int]]) -> BitLayout:
     return BitLayout([Variable(name, bits, 0.0, high) for name, high, bits in table])
 
 
-def action_layout(table: Iterable[tuple[str, float, float]], bits: int = ACTION_BITS) -> BitLayout:
+def action_layout(table: Iterable[tuple[str, float, float]]) -> BitLayout:
     """Return a layout for actions from rows of (servo, lowest, highest speed): 6 bits each."""
-    return BitLayout([Variable(name, bits, low, high) for name, low, high in table])
+    return BitLayout([Variable(name, ACTION_BITS, low, high) for name, low, high in table])
 
 
-def pose_layout(names: Iterable[str], bits: int = POSE_BITS) -> BitLayout:
+def pose_layout(angles: int) -> BitLayout:
     """Return a layout for hidden angles, each over the whole turn [-pi, pi)."""
-    return BitLayout([Variable(name, bits, -np.pi, np.pi, periodic=True) for name in names])
+    return BitLayout([Variable("angle", POSE_BITS, -np.pi, np.pi, periodic=True)] * angles)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, field
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -99,34 +98,6 @@ class RoundRecord:
         return asdict(self)
 
 
-class Belief(Protocol):
-    """A posterior over bodies."""
-
-    @property
-    def findings(self) -> list[str]:
-        """What a person should know, in sentences, the most important first."""
-
-    @property
-    def good(self) -> bool:
-        """Whether the best model explains the logs, so that the intervals can be trusted."""
-
-    @property
-    def verdict(self) -> str:
-        """The same in a sentence, with the reason."""
-
-    def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
-        """Return the median and the interval's ends of everything inferred, by name."""
-
-    def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (n,) of each dimension's equal-tailed interval."""
-
-    def sample(self, count: int, rng: np.random.Generator) -> Floats:
-        """Return bodies (count, n) drawn from the posterior."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON."""
-
-
 @dataclass
 class Result:
     """A run's settings, rounds and conclusion; readable after every round.
@@ -145,10 +116,10 @@ class Result:
     layout: BitLayout  #: The models' genome, for the ranges of the dimensions.
     truth: Floats | None = None  #: The target's dimensions (n,), if known: an oracle.
     rounds: list[RoundRecord] = field(default_factory=list)
-    #: Why the run ended: ``"rounds"``, ``"accurate"``, ``"narrow"`` or ``"time"``;
-    #: ``"interrupted"`` until then.
+    #: Why the run ended: ``"rounds"`` or ``"narrow"``; ``"interrupted"`` until then.
     stopped: str = "interrupted"
-    belief: Belief | None = None  #: The posterior; joint inference alone has one.
+    #: The posterior of joint inference, an ``eea.joint.joint_posterior.JointPosterior``.
+    belief: Any = None
 
     @property
     def model(self) -> Floats:
@@ -170,7 +141,8 @@ class Result:
         TargetError
             If the condition is not "joint", or no round was completed.
         """
-        return self._posterior().interval(mass)
+        low, high = self._known_belief().interval(mass)
+        return low, high
 
     def width(self, mass: float = 0.9) -> float:
         """Return the intervals' mean width, as a share of the ranges; see :meth:`interval`."""
@@ -179,9 +151,10 @@ class Result:
 
     def sample(self, count: int, seed: int = 0) -> Floats:
         """Return bodies (count, n) drawn from the posterior; raises as :meth:`interval`."""
-        return self._posterior().sample(count, np.random.default_rng(seed))
+        bodies: Floats = self._known_belief().sample(count, np.random.default_rng(seed))
+        return bodies
 
-    def _posterior(self) -> Belief:
+    def _known_belief(self) -> Any:
         if self.belief is None:
             raise TargetError(
                 'only the condition "joint" has a posterior, after the first round; '
@@ -220,7 +193,3 @@ class Result:
             "belief": None if self.belief is None else self.belief.to_dict(),
             "rounds": [record.to_dict() for record in self.rounds],
         }
-
-    def to_json(self) -> str:
-        """Return everything as one line of JSON."""
-        return json.dumps(self.to_dict(), allow_nan=False)

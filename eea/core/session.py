@@ -6,7 +6,7 @@ import copy
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from eea.core.checks import ConfigurationError, TargetError, finite, whole
 from eea.core.config import Config
 from eea.core.experiment import Performed, Target, reveals
 from eea.core.problem import Problem
-from eea.core.result import Belief, Result, RoundFit, RoundRecord
+from eea.core.result import Result, RoundFit, RoundRecord
 
 STREAMS: tuple[str, ...] = ("target", "exploration", "estimation", "inference")
 MAXIMUM_SEED = 2**64 - 1
@@ -105,13 +105,13 @@ class Session(ABC, Generic[State]):
     def _fit(self, state: State, trial: Trial, rngs: Streams) -> tuple[State, RoundFit]:
         """Return the state after another trial, and what was found."""
 
-    def _posterior(self, state: State) -> Belief | None:  # noqa: ARG002
+    def _posterior(self, state: State) -> Any:  # noqa: ARG002
         """Return the posterior, if the method has one."""
         return None
 
-    def _why_stop(self, state: State, rounds: tuple[RoundRecord, ...]) -> str | None:  # noqa: ARG002
-        """Return the name of the method's own stop rule that holds, if any."""
-        return None
+    def _accurate(self, state: State) -> bool:  # noqa: ARG002
+        """Return whether the method has no need of another round."""
+        return False
 
     def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:
         """Run to a stop rule and call ``progress`` after each round; return the result."""
@@ -122,13 +122,15 @@ class Session(ABC, Generic[State]):
 
     def __iter__(self) -> Iterator[RoundRecord]:
         """Yield a record for each round until a stop rule holds."""
-        layout, rounds = self._problem.models, self._kept[2]
+        rounds = self._kept[2]
         began = time.monotonic() - (rounds[-1].seconds if rounds else 0.0)
         while True:
             state, kept_rngs, rounds = self._kept
-            stop = self._why_stop(state, rounds) or self._limit(len(rounds), began)
-            if stop is not None:
-                self._stopped = stop
+            if self._accurate(state):
+                self._stopped = "narrow"
+                return
+            if len(rounds) >= self.config.rounds:
+                self._stopped = "rounds"
                 return
             rngs = copy.deepcopy(kept_rngs)
             command, action_fitness = self._choose(state, rngs)
@@ -136,25 +138,19 @@ class Session(ABC, Generic[State]):
             if not np.array_equal(trial.command, command):
                 action_fitness = None  # it is that of another command
             state, fit = self._fit(state, trial, rngs)
+            seconds = time.monotonic() - began
             record = RoundRecord.of(
                 len(rounds) + 1,
                 trial.command,
                 action_fitness,
                 fit,
-                layout,
+                self._problem.models,
                 self._truth,
                 trial.true_angles,
-                time.monotonic() - began,
+                seconds,
             )
             self._kept = state, rngs, (*rounds, record)
             yield record
-
-    def _limit(self, rounds: int, began: float) -> str | None:
-        """Return the name of the limit that is reached, if any."""
-        limit = self.config.time_limit
-        if rounds >= self.config.rounds:
-            return "rounds"
-        return "time" if limit is not None and time.monotonic() - began >= limit else None
 
     def _perform(self, command: Floats) -> Trial:
         """Perform a command on the target; check its log, and read what it reveals."""

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import os
+from typing import Any
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import DamagedFileError
 from aquafish_gym.utils.validation import instance
 from eea.core.checks import ConfigurationError
-from eea.core.result import Belief
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.serialization import ARRAYS, from_arrays, to_arrays
 
 
-def save_posterior(path: str | os.PathLike[str], belief: Belief | None) -> None:
+def save_posterior(path: str | os.PathLike[str], belief: Any) -> None:
     """Write a ``result.belief`` of joint inference to an ``.npz`` file, whole or not at all.
 
     The file has everything except the simulator. ``InvalidArgumentError`` if it is another belief,

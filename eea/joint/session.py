@@ -12,7 +12,7 @@ from eea.core.checks import instance
 from eea.core.config import JointConfig
 from eea.core.experiment import Context, RecordedLog, Target
 from eea.core.fitness import model_fitness
-from eea.core.result import RoundFit, RoundRecord
+from eea.core.result import RoundFit
 from eea.core.session import Session, Streams, Trial, streams
 from eea.joint.commands import fast_command
 from eea.joint.inference import check_nuisances, fit
@@ -103,14 +103,13 @@ class JointInference(Session[JointState]):
     def _posterior(self, state: JointState) -> JointPosterior | None:
         return state.posterior
 
-    def _why_stop(self, state: JointState, rounds: tuple[RoundRecord, ...]) -> str | None:  # noqa: ARG002
-        """Stop once every interval is narrow and the fit leaves nothing but noise."""
+    def _accurate(self, state: JointState) -> bool:
+        """Return whether every interval is narrow and the fit leaves nothing but noise."""
         posterior, widest = state.posterior, self.config.max_interval_width
         if widest is None or posterior is None or not posterior.good:
-            return None
+            return False
         low, high = posterior.interval(MASS)
-        wide = ((high - low) / self._problem.models.span).max()
-        return "narrow" if wide <= widest else None
+        return bool(((high - low) <= widest * self._problem.models.span).all())
 
 
 def round_fit(posterior: JointPosterior) -> RoundFit:

@@ -6,9 +6,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from eea.core.checks import choice
-from eea.core.conditions import OutOfBandConfig
-from eea.core.config import Config, JointConfig, PaperConfig
-from eea.core.estimation import EstimationConfig
+from eea.core.config import Config, EstimationConfig, JointConfig, OutOfBandConfig, PaperConfig
 
 # The arms of Figs. 5 to 10, in this order.
 ARMS: dict[str, PaperConfig] = {

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from eea.core.config import Config
-from eea.core.result import Belief, Result
+from eea.core.result import Result
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.study.presets import smoke
@@ -123,7 +123,7 @@ def replicate(job: Replicate) -> dict[str, Any]:
     return document
 
 
-def _coverage(result: Result, belief: Belief) -> dict[str, Any]:
+def _coverage(result: Result, belief: Any) -> dict[str, Any]:
     """Return a posterior's coverage, width and verdict, ready for JSON."""
     assert result.truth is not None
     coverage, width = {}, {}

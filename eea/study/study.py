@@ -23,8 +23,8 @@ from eea.core.config import Config
 from eea.study.replicate import Replicate, ReplicateKey, World
 
 STUDY, SCHEMA = "study.json", "eea.study/1"
-# Settings that are the study's, or depend on the clock.
-_NOT_AN_ARMS = ("steps", "rounds", "time_limit")
+# Settings that are the study's.
+_NOT_AN_ARMS = ("steps", "rounds")
 _GROWING = ("replicates", "versions", "source", "arms")  # these may differ when a study is extended
 MOST_REPLICATES = 10_000  # of an arm; the paper has 25
 MOST_JOBS = 100_000
@@ -40,7 +40,7 @@ class Study:
         If a number is out of range.
     """
 
-    arms: Mapping[str, Config]  #: Name to settings, without steps, rounds and time limit.
+    arms: Mapping[str, Config]  #: Name to settings, without steps and rounds.
     steps: tuple[int, ...]  #: Lengths of trials; each arm has each.
     rounds: int
     first_seed: int

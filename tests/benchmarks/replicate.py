@@ -12,13 +12,11 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from typing import Any
 
-import eea.core.estimation
+import eea.core.algorithm
 import eea.core.genetic
 import eea.fish.spectral
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from eea.core.config import PaperConfig
-from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig
+from eea.core.config import EstimationConfig, ExplorationConfig, PaperConfig
 from eea.core.genome import BitLayout
 from eea.fish.estimate import estimate_morphology
 from eea.study.presets import figure_config
@@ -38,7 +36,7 @@ PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "Eq. 2": ((eea.fish.spectral, "pack_spectra"), (eea.fish.spectral, "distances")),
     "Eq. 1": ((eea.fish.spectral, "disagreements"),),
     "GA": (
-        (eea.core.estimation, "next_generation"),
+        (eea.core.algorithm, "next_generation"),
         (eea.core.genetic, "next_generation"),
         (BitLayout, "decode"),
     ),

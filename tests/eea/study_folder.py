@@ -66,7 +66,6 @@ def _settings(arm):
     endings = [name for name in ("ideal", "none", "out-of-band", "in-band") if name in arm]
     return {
         "condition": next(iter(endings), "ideal"),
-        "accurate": None,
         "estimation": {"population": models},
     }
 

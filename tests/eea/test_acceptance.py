@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 
 from eea import CONDITIONS, PaperConfig, estimate_morphology
-from eea.core.conditions import OutOfBandConfig
-from eea.core.config import PaperCondition
-from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig
+from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig, PaperCondition
 
 DAMAGE = "left_pectoral:length=0.5"
 

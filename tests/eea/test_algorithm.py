@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,12 +7,17 @@ import pytest
 
 from eea.core.algorithm import EEA
 from eea.core.checks import ConfigurationError, TargetError
-from eea.core.conditions import InBandConfig, OutOfBandConfig
-from eea.core.config import CONDITIONS, JointConfig, PaperConfig, config_for, recovery_config
-from eea.core.estimation import EstimationConfig
+from eea.core.config import (
+    CONDITIONS,
+    EstimationConfig,
+    ExplorationConfig,
+    JointConfig,
+    OutOfBandConfig,
+    PaperConfig,
+    config_for,
+    recovery_config,
+)
 from eea.core.experiment import RecordedLog, Trials
-from eea.core.exploration import ExplorationConfig
-from eea.core.genetic import GeneticConfig
 from eea.core.session import STREAMS, streams
 from eea.study.presets import FIGURES, figure_config
 from fake_fish import MODELS, PROBLEM, STEPS, TRUTH, FakeRevealingTarget, FakeSimulator, FakeTarget
@@ -93,22 +97,12 @@ def test_truth_affects_only_the_records():
     assert (hidden.chance, hidden.mid_range, hidden.nearest) == (None, None, None)
 
 
-def test_run_stops_when_model_is_accurate_and_stays_stopped():
-    eea = eea_of(replace(QUICK, condition="ideal", rounds=50, accurate=0.6))
-    result = eea.run()
-    assert result.stopped == "accurate"
-    assert result.rounds[-1].model_fitness >= 0.6
-    assert all(r.model_fitness < 0.6 for r in result.rounds[:-1])
-    assert list(eea) == []
-    assert eea.result.stopped == "accurate"
-
-
-def test_run_without_time_has_no_rounds():
-    result = eea_of(replace(QUICK, time_limit=0.0)).run()
-    assert (result.stopped, result.rounds) == ("time", [])
+def test_a_result_without_rounds_has_no_model():
+    result = eea_of(QUICK).result
+    assert (result.stopped, result.rounds) == ("interrupted", [])
     with pytest.raises(TargetError, match="no round was completed"):
         _ = result.model
-    assert json.loads(result.to_json())["morphology"] is None
+    assert result.to_dict()["morphology"] is None
 
 
 class Steady(FakeTarget):
@@ -191,10 +185,6 @@ def test_revealed_angles_must_be_three_numbers(angles):
     [
         ({"config": JointConfig()}, "config must be of type PaperConfig"),
         ({"truth": TRUTH[:8]}, r"truth must have shape \(9,\); got \(8,\)"),
-        (
-            {"config": replace(QUICK, genetic=GeneticConfig(mutations=18.5))},
-            "genetic.mutations must be at most the shortest genome's bits, 18; got 18.5",
-        ),
     ],
 )
 def test_bad_arguments_are_refused_before_anything_is_performed(changed, message):
@@ -209,9 +199,7 @@ def test_defaults_are_the_papers():
     config = PaperConfig()
     assert (config.exploration.population, config.exploration.generations) == (25, 25)
     assert (config.estimation.population, config.estimation.generations) == (25, 100)
-    assert (config.rounds, config.in_band.k, config.out_of_band.period) == (25, 3, 35)
-    assert (config.genetic.tournament_size, config.genetic.crossover_rate) == (2, 0.75)
-    assert config.genetic.mutations == 1.0
+    assert (config.rounds, config.out_of_band.period) == (25, 35)
     assert set(FIGURES) == {f"fig{number}" for number in range(5, 11)}
     tenth = figure_config("fig10", steps=1024)
     assert (tenth.condition, tenth.steps, tenth.rounds) == ("out-of-band", 1024, 25)
@@ -235,18 +223,14 @@ def test_conditions_have_settings_by_name():
     [
         ({"condition": "outofband"}, "did you mean 'out-of-band'"),
         ({"steps": 100}, "steps must be a power of two; got 100"),
-        ({"genetic": None}, "genetic must be of type GeneticConfig; got None"),
+        ({"estimation": None}, "estimation must be of type EstimationConfig; got None"),
         (
-            {"condition": "in-band", "in_band": InBandConfig(k=26)},
-            "in_band.k must be at most estimation.population, 25; got 26",
+            {"out_of_band": OutOfBandConfig(sampled_models=0)},
+            "out_of_band.sampled_models must be a whole number",
         ),
         (
             {"out_of_band": OutOfBandConfig(sampled_models=26)},
             "out_of_band.sampled_models must be at most estimation.population, 25; got 26",
-        ),
-        (
-            {"genetic": GeneticConfig(elites=25)},
-            "genetic.elites must be at most exploration.population - 1, 24; got 25",
         ),
     ],
 )

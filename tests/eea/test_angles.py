@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from eea.core.angles import circular_distance, sample_range, smallest_inclusive, wrap
+from eea.core.angles import circular_distance, smallest_inclusive, wrap
 
 POSES = hnp.arrays(np.float64, st.tuples(st.integers(1, 6), st.just(3)), elements=st.floats(-9, 9))
 
@@ -48,16 +48,6 @@ def test_a_range_may_cross_the_back():
 def test_one_pose_is_a_range_without_width():
     low, high = smallest_inclusive(np.array([[0.3, -2.0, 3.0]]))
     assert np.array_equal(low, high)
-
-
-@given(POSES, st.integers(0, 2**32 - 1))
-def test_samples_fill_the_range_and_stay_in_it(poses, seed):
-    low, high = smallest_inclusive(poses)
-    samples = sample_range(low, high, 200, np.random.default_rng(seed))
-    assert ((samples >= low) & (samples <= high)).all()
-    assert np.allclose(
-        samples.mean(axis=0), (low + high) / 2, atol=0.13 * (high - low).max() + 1e-9
-    )
 
 
 @given(st.floats(-50, 50), st.floats(-50, 50))

@@ -12,8 +12,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import EngineTarget, PaperConfig, RealityGap
 from eea.__main__ import main
 from eea.core.checks import ConfigurationError
-from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig
+from eea.core.config import EstimationConfig, ExplorationConfig
 from eea.study.replicate import World
 from eea.study.study import Study
 

@@ -61,7 +61,7 @@ def test_a_value_is_the_range_times_k_over_two_to_the_n_less_one():
 
 
 def test_a_pose_has_24_bits_and_wraps():
-    layout = pose_layout(["a", "b", "c"])
+    layout = pose_layout(3)
     assert layout.bits == 24
     genomes = layout.encode([[np.pi, -np.pi, 3 * np.pi]])
     assert np.allclose(layout.decode(genomes), -np.pi)

@@ -2,9 +2,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from eea.core.config import PaperConfig
-from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig
+from eea.core.config import EstimationConfig, ExplorationConfig, PaperConfig
 from eea.fish.plots import fitness_figure
 from fake_fish import STEPS, fake_eea
 

@@ -136,7 +136,7 @@ def test_dimensions_are_compared_with_guessing(folder):
     assert not none["caudal.thickness"]["better_than_guessing"]
 
 
-def test_a_replicate_that_stopped_early_keeps_its_last_values(tmp_path):
+def test_a_replicate_without_its_last_rounds_is_damaged(tmp_path):
     folder = write_study(tmp_path / "s", ("ideal",), (128,), seeds=2, rounds=4)
     records = make_records(np.random.default_rng(0), 0.3, 0.1, 4)[:2]
     for record, fitness in zip(records, (0.4, 0.6), strict=True):

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
-import pytest
 
 import eea.cli.run
 from aquafish_gym.bodies import body_array, read_bodies
@@ -91,16 +88,6 @@ def test_joint_inference_writes_its_posterior(tmp_path, capsys):
         assert printed.count(f"\n{sentence}\n") == 1
 
 
-@pytest.mark.parametrize("words", [QUICK, JOINT])
-def test_a_run_without_a_round_leaves_an_empty_result(words, tmp_path, capsys):
-    assert main([*words, "--time-limit", "0", "--out", str(tmp_path)]) == 0
-    assert "no round was completed" in capsys.readouterr().out
-    result = json.loads((tmp_path / "result.json").read_text())
-    assert (result["stopped"], result["rounds"], result["morphology"]) == ("time", [], None)
-    names = {"settings.json", "result.json", "times.json"}
-    assert {path.name for path in tmp_path.iterdir()} == names
-
-
 def test_the_same_run_may_be_repeated_in_place_and_another_not(tmp_path, capsys):
     arguments = [*QUICK, "--out", str(tmp_path)]
     assert main(arguments) == 0
@@ -109,7 +96,7 @@ def test_the_same_run_may_be_repeated_in_place_and_another_not(tmp_path, capsys)
     assert (tmp_path / "result.json").read_bytes() == first
     for other, difference in (
         (["--seed", "1"], "seed 0, not 1"),
-        (["--genetic.elites", "2"], "genetic.elites 1, not 2"),
+        (["--exploration.population", "7"], "exploration.population 6, not 7"),
         (["--damage", "none"], "target_damage 'left_pectoral:length=0.5', not 'none'"),
     ):
         assert main([*arguments, *other]) == 2

@@ -15,7 +15,7 @@ from quick_run import QUICK
         (["--steps", "100"], "steps must be a power of two; got 100"),
         (["--condition", "joint", "--steps", "16"], "at least 32"),
         (["--condition", "joint", "--joint.nuisances", "curent"], "did you mean 'current'"),
-        (["--genetic.elites", "6"], "genetic.elites must be at most exploration.population - 1, 5"),
+        (["--exploration.population", "1"], "exploration.population must be a whole number of at"),
         (["--seed", "1" + 400 * "0"], "seed must be a whole number"),
         (["--out", ""], "--out must not be empty"),
         (["--target-damage", "left_pectoral:lenght=0.5"], "did you mean 'length'"),

@@ -161,8 +161,14 @@ REFUSED = [
     (["--figure", "5", "--steps", "64", "64"], "steps must differ from each other"),
     (["--figure", "5", "--replicates", "1" + 400 * "0"], "replicates must be .* at most 10000"),
     (["--figure", "5", "--workers", "0"], "workers must be a whole number"),
-    (["--figure", "5", "--in-band.k", "4"], "in_band.k is for the condition in-band"),
-    (["--conditions", "in-band", "--in-band.k", "26"], "in_band.k must be at most estimation"),
+    (
+        ["--figure", "5", "--out-of-band.period", "4"],
+        "out_of_band.period is for the condition out-of-band",
+    ),
+    (
+        ["--conditions", "out-of-band", "--out-of-band.sampled-models", "26"],
+        "sampled_models must be at most estimation",
+    ),
     (["--figure", "5", "--current", "0", "0", "nan"], "current must be finite"),
     (["--conditions"], "either --figure or"),
     (["--figure", "5", "--step", "64"], "unknown option --step; did you mean --steps"),
@@ -190,12 +196,11 @@ def test_figures_have_the_papers_settings():
 
 def test_settings_apply_to_every_arm_and_leave_the_rest():
     study = asked(
-        "--figure", "8", "10", "--estimation.generations", "7", "--accurate", "0.9",
+        "--figure", "8", "10", "--estimation.generations", "7",
         "--target-damage", "caudal:missing", "--first-seed", "3",
     )  # fmt: skip
     assert [c.estimation.population for c in study.arms.values()] == [200, 100]
     assert [c.estimation.generations for c in study.arms.values()] == [7, 7]
-    assert [c.accurate for c in study.arms.values()] == [0.9, 0.9]
     assert study.arms["out-of-band-100"].out_of_band.sampled_models == 5
     assert (str(study.world.damage), study.first_seed) == ("caudal:missing", 3)
 

@@ -11,12 +11,13 @@ import pytest
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.core.checks import ConfigurationError
-from eea.core.conditions import OutOfBandConfig
-from eea.core.config import CONDITIONS, PaperConfig
-from eea.core.estimation import EstimationConfig
-from eea.core.exploration import ExplorationConfig
-from eea.core.genetic import GeneticConfig
+from eea.core.config import (
+    CONDITIONS,
+    EstimationConfig,
+    ExplorationConfig,
+    OutOfBandConfig,
+    PaperConfig,
+)
 from eea.study.replicate import Replicate, World, replicate, warm_up
 
 CONFIG = PaperConfig(
@@ -69,16 +70,8 @@ def test_the_seeds_and_the_conditions_differ_and_the_hidden_angles_are_paired(do
     assert all(a == angles[0] for a in angles)
 
 
-def test_a_replicate_may_end_at_an_accurate_model(documents):
-    document = json.loads(run(make(accurate=-1e9)))
-    assert (document["stopped"], len(document["rounds"])) == ("accurate", 1)
-    assert document["rounds"] == json.loads(documents["none"])["rounds"][:1]
-
-
 def test_a_rehearsal_refuses_what_no_replicate_could_run():
     assert warm_up([make(), make(condition="in-band")]) is None
-    with pytest.raises(ConfigurationError, match=r"genetic\.mutations must be at most"):
-        warm_up([make(), make(genetic=GeneticConfig(mutations=19.0))])
     nowhere = replace(make(), world=replace(WORLD, current=(0.0, 0.0, float("nan"))))
     with pytest.raises(InvalidArgumentError, match="current must be finite"):
         warm_up([nowhere])

@@ -10,11 +10,14 @@ import pytest
 
 from eea.core.algorithm import EEA
 from eea.core.checks import ConfigurationError, TargetError
-from eea.core.conditions import OutOfBandConfig
-from eea.core.config import CONDITIONS, PaperConfig
-from eea.core.estimation import EstimationConfig
+from eea.core.config import (
+    CONDITIONS,
+    EstimationConfig,
+    ExplorationConfig,
+    OutOfBandConfig,
+    PaperConfig,
+)
 from eea.core.experiment import Performed, RecordedLog, Simulator, Trials
-from eea.core.exploration import ExplorationConfig
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
 from fake_fish import ACTIONS, MODELS
