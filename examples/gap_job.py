@@ -112,7 +112,7 @@ def run_job(job: GapJob) -> dict[str, Any]:
         and ``gaits``: the distances in units of 5 cm that a gait swims in the target's world from
         random poses, by what it was evolved on, the method's ``body`` or a
         ``sample`` of the posterior. Of a method but the oracle also ``morphology``; by round
-        ``objective_fitness``, ``model_fitness``, simulated ``trials``, and ``cpu_seconds``
+        ``objective_fitness``, ``model_fitness``, simulated ``trials``, and the CPU's ``seconds``
         since the beginning. Of joint inference also
         ``belief``: which dimensions its intervals of each of ``MASSES`` hold, whether the fit is
         ``good``, the ``hypotheses``' probabilities, and those of their names that are ``true``.
@@ -136,7 +136,7 @@ def run_job(job: GapJob) -> dict[str, Any]:
             "objective_fitness": [record.objective_fitness for record in result.rounds],
             "model_fitness": [record.model_fitness for record in result.rounds],
             "trials": [record.trials for record in result.rounds],
-            "cpu_seconds": seconds,
+            "seconds": seconds,
         }
         if isinstance(result.belief, JointPosterior):
             bodies["sample"] = result.sample(job.settings.bodies, job.seed)

@@ -26,7 +26,7 @@ def result_row(outcome: Mapping[str, Any]) -> Row:
     """Return the row of one job in results.csv."""
     row: Row = {name: outcome[name] for name in ("world", "method", "seed", "damage", "gap")}
     if "trials" in outcome:
-        for name, column in (("obj_fit", "objective_fitness"), ("cpu_seconds", "cpu_seconds")):
+        for name, column in (("obj_fit", "objective_fitness"), ("cpu_seconds", "seconds")):
             values = outcome[column]
             row |= {f"{name}_{r}": value for r, value in enumerate(values, 1)}
             row[name] = values[-1]

@@ -4,7 +4,7 @@ A *job* is a small frozen description with a name for people and a file, relativ
 *work* is a pure function of a module that takes the job and returns a dictionary ready for JSON. So
 a job can run in any process of any machine, and more than once, with the same bytes as its result.
 A result is written when it arrives: an interruption costs only the running jobs, and the same
-command resumes.
+command resumes. Times are no results: what a work returns under ``seconds`` goes to a file beside.
 """
 
 from __future__ import annotations
@@ -18,11 +18,17 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
-from aquafish_gym.runs.storage import decode_document, encode_document, read_document, write_bytes
+from aquafish_gym.runs.storage import (
+    decode_document,
+    encode_document,
+    read_document,
+    write_bytes,
+    write_document,
+)
 from aquafish_gym.runs.workers import workers
 from aquafish_gym.utils.validation import InvalidArgumentError
 
-SCHEMA = "aquafish.result/1"
+SCHEMA, TIMES = "aquafish.result/1", "aquafish.times/1"
 TRIES = 3  # how often unfinished jobs are started if worker processes die
 _LONGEST = 300  # characters of a failure's reason
 
@@ -94,8 +100,11 @@ def run_jobs(
                 else:
                     path = folder / job.file
                     path.parent.mkdir(parents=True, exist_ok=True)
-                    write_bytes(path, content)
                     result = decode_document(content, job.name, SCHEMA)
+                    if "seconds" in result:
+                        write_document(_times(path), {"seconds": result.pop("seconds")}, TIMES)
+                        content = encode_document(result, SCHEMA)
+                    write_bytes(path, content)
                     report(f"{job.name}  {describe(result)}".rstrip(), 1)
                 left.remove(job)
 
@@ -143,7 +152,15 @@ def finished(folder: Path, jobs: Iterable[Job]) -> set[Job]:
 def read_result(folder: Path, job: JobLike) -> dict[str, Any] | None:
     """Return a job's result, or ``None`` without a file; DamagedFileError if it is not one."""
     path = folder / job.file
-    return read_document(path, SCHEMA, "result") if path.exists() else None
+    if not path.exists():
+        return None
+    times = read_document(_times(path), TIMES, "times") if _times(path).exists() else {}
+    return read_document(path, SCHEMA, "result") | times
+
+
+def _times(path: Path) -> Path:
+    """Return the file of the times beside a result's."""
+    return path.with_suffix(".times.json")
 
 
 def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes | None, str]:

@@ -43,9 +43,12 @@ def lock(folder: Path) -> Iterator[None]:
     try:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            free = os.fstat(handle).st_nlink > 0  # else its last holder has just removed it
+            found = os.fstat(handle)
+            free = found.st_nlink > 0  # else its last holder has just removed it
         except OSError:
             free = False
+        if free and found.st_size:  # it would be removed in the end
+            raise InvalidArgumentError(f"out: {path} is no lock of ours: it is not empty")
         if not free:
             raise InvalidArgumentError(f"out: {folder} is in use by another command")
         try:

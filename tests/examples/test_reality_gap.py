@@ -50,7 +50,7 @@ def outcome(world: str, method: str, seed: int, gait: list[float]) -> dict[str, 
     if method != ORACLE:
         found |= {
             "objective_fitness": [0.7, 0.6 + 0.01 * seed], "model_fitness": [0.5, 0.6],
-            "trials": [100, 200], "cpu_seconds": [1.0, 4.0],
+            "trials": [100, 200], "seconds": [1.0, 4.0],
         }  # fmt: skip
     return found
 

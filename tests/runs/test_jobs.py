@@ -47,6 +47,21 @@ def test_results_are_what_the_work_returns(tmp_path, undisturbed):
     assert read_result(tmp_path, Task(99)) is None
 
 
+def timed(job):
+    """Return a result with the times that it took."""
+    return {"number": job.number, "seconds": [0.5, float(time.perf_counter())]}
+
+
+def test_times_are_no_part_of_a_result(tmp_path):
+    folders = [tmp_path / name for name in "ab"]
+    for folder in folders:
+        folder.mkdir()
+        assert run_jobs(JOBS[:1], timed, folder, count=1) == []
+        assert read_result(folder, JOBS[0])["seconds"][0] == 0.5
+    one, other = (folder / JOBS[0].file for folder in folders)
+    assert one.read_bytes() == other.read_bytes()
+
+
 def test_only_missing_and_damaged_results_are_computed(tmp_path, undisturbed, capfd):
     run_jobs(JOBS, work, tmp_path, count=2)
     assert contents(tmp_path) == undisturbed
