@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.checks import ConfigurationError, TargetError, brief
+from eea.core.checks import ConfigurationError, TargetError, brief, finite, real, whole
+from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_STEPS
 from eea.core.genome import BitLayout, Variable
 from eea.core.problem import Problem
 from eea.joint.goodness_of_fit import Goodness
@@ -26,6 +27,7 @@ from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Nuisance, 
 
 SCHEMA = "eea.posterior/2"
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
+LEAST_SIGMA, MOST_SLOTS = 1e-300, 10**7  # rad/s; numbers that all trials are simulated with
 
 
 def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
@@ -85,7 +87,7 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
         schema = header["schema"]
         if schema == SCHEMA:
             return _read(header, arrays)
-    except (KeyError, TypeError, ValueError, IndexError) as error:
+    except (LookupError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ConfigurationError(f"it does not describe a posterior: {brief(error)}") from None
     raise ConfigurationError(
         f"its schema must be {SCHEMA}; it is {brief(schema)}: infer again with this version"
@@ -105,6 +107,18 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
         tuple(Hypothesis(**hypothesis) for hypothesis in header["hypotheses"]),
         {name: Part(**part) for name, part in header["parts"].items()},
     )
+    trials = header["trials"]
+    whole("its number of trials", trials, 1, MAXIMUM_ROUNDS)
+    slots = len(joint.problem.models) + len(joint.nuisances) + len(joint.problem.hidden)
+    whole("its numbers in all trials", trials * slots, 1, MOST_SLOTS)
+    real("its sigma", header["sigma"], LEAST_SIGMA)
+    whole("its samples", header["samples"], 0, trials * MAXIMUM_STEPS * joint.problem.axes)
+    for name in ARRAYS[1:]:
+        finite(f"its {name}", arrays[name], (None,))
+    real("its probabilities' sum", sum(row["probability"] for row in header["branches"]), 0.5, 1.5)
+    for row in header["branches"]:
+        real("its probability", row["probability"], 0.0, 1.0)
+        whole("its number of modes", row["modes"], 1, arrays["cost"].size)
     cost = arrays["cost"].tolist()
     theta, gradient = (arrays[name].reshape(len(cost), -1) for name in ("theta", "gradient"))
     information = arrays["information"].reshape(*theta.shape, -1)
@@ -114,7 +128,7 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
         hypothesis, names = hypotheses[row["hypothesis"]], row["parameters"]
         per_trial = {n.group for n in joint.nuisances if f"{n.name}@1" in names}
         inferred = per_trial | {n.group for n in joint.nuisances if n.name in names}
-        parameters = Parameters.of(joint, header["trials"], inferred, hypothesis, per_trial)
+        parameters = Parameters.of(joint, trials, inferred, hypothesis, per_trial)
         if list(parameters.names) != names:
             raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
         own = slice(len(names))

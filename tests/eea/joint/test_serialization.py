@@ -62,6 +62,12 @@ def test_posterior_survives_a_file_to_the_bit(path, motor):
         ({"trials": 1}, "its parameters must be"),
         ({"nuisances": [{"name": "bias"}]}, "does not describe a posterior: TypeError"),
         ({"goodness": {}}, "does not describe a posterior: TypeError"),
+        ({"sigma": float("nan")}, "its sigma"),
+        ({"sigma": -1.0}, "its sigma"),
+        ({"sigma": 10**400}, "its sigma"),
+        ({"samples": 10**12}, "its samples"),
+        ({"trials": 10**9}, "its number of trials"),
+        ({"branches": []}, "its probabilities' sum"),
     ],
 )
 def test_wrong_header_is_refused(result, path, changes, message):
@@ -75,6 +81,7 @@ def test_wrong_header_is_refused(result, path, changes, message):
         ("theta", lambda a: a[:-1], "does not describe a posterior: ValueError"),
         ("header", lambda a: a[: len(a) // 2], "does not describe a posterior: JSONDecodeError"),
         ("cost", lambda a: a[None], "must have cost of shape"),
+        ("information", lambda a: a * np.nan, "its information must be finite"),
     ],
 )
 def test_wrong_arrays_are_refused(result, path, name, change, message):
