@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task, compiled_task
@@ -38,6 +38,7 @@ def rollout(
     dtype: type[np.floating] = np.float64,
     threads: int | None = None,
     substeps: int = 1,
+    start: NDArray[np.float64] | None = None,
 ) -> Trajectories:
     """Swim the B robots of a scenario under a policy, and return what they did.
 
@@ -66,6 +67,9 @@ def rollout(
         neither is drawn. Noise is drawn from copies: robots that share one observe the same noise.
     dtype, threads, substeps
         As of :func:`~aquafish_gym.simulate`; the first two are of programs in the compiled engine.
+    start
+        States (25, B) to begin in, as ``LaneBatch.rows``, of programs in the compiled engine; None
+        begins at rest, or as the scenario says.
 
     Raises
     ------
@@ -103,8 +107,10 @@ def rollout(
         first = scenario.fin_angles if believed is None else believed
         fins, gains = (np.broadcast_to(one, (batch, 3)) for one in (first, believed_gain))
         if engine == "numba" and (task is None or compiled_task(task) is not None):
-            return swim_all(policy, plan, fins, gains, dtype, threads)
+            return swim_all(policy, plan, fins, gains, dtype, threads, start)
         policy = [act_alone(policy, b, fins[b], gains[b]) for b in range(batch)]
+    if start is not None:
+        raise InvalidArgumentError("start must be None, except for programs on the engine numba")
     swum = [swim_one(act, plan, b, engine) for b, act in enumerate(policy)]
     returns, diverged, paths = zip(*swum, strict=True)
     end = np.array([path.position[-1] for path in paths])

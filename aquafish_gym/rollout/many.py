@@ -23,6 +23,7 @@ def swim_all(
     gains: Floats,
     dtype: type[np.floating],
     threads: int | None,
+    start: Floats | None = None,
 ) -> Trajectories:
     """Swim all robots in the compiled loop, which stops where some of them change."""
     # numba comes with its engine: importing this module stays quick.
@@ -35,6 +36,8 @@ def swim_all(
             f"servo_lag must be 0 where many swim at once; got {scenario.servo_lag.max():g} s"
         )
     lanes = LaneBatch(scenario, dtype, plan.substeps, threads)
+    if start is not None:
+        lanes.place(start)
     loop = ClosedLoop(lanes.batch, lanes.width, dtype, program.scratch)
     loop["fins"], loop["gain"] = fins.T / TAU, gains.T
     compiled = compiled_task(plan.task)

@@ -40,6 +40,7 @@ class Strategy:
         build: Build,
         population: int,
         rng: np.random.Generator,
+        sigma: float = SIGMA,
     ) -> None:
         import cma  # slow to import
 
@@ -53,7 +54,7 @@ class Strategy:
             **dict.fromkeys((*unlimited, "tolupsigma"), np.inf),
             **dict.fromkeys(("tolx", "tolfun", "tolfunhist", "tolfunrel"), 0.0),
         }
-        self._strategy = cma.CMAEvolutionStrategy(first, SIGMA, options)
+        self._strategy = cma.CMAEvolutionStrategy(first, sigma, options)
         self._build = build
         self._generation = 0
         self.final = -np.inf

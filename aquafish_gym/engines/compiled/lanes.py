@@ -274,6 +274,10 @@ class LaneBatch:
         """Return a copy of the states (25, B): the numbers of ``State``, then rpy."""
         return self._table(self._states, STATE_ROWS).astype(np.float64)
 
+    def place(self, rows: NDArray[np.float64]) -> None:
+        """Set the states (25, B), as :meth:`rows` returns them."""
+        self._table(self._states, STATE_ROWS)[:] = rows
+
     def state(self) -> dict[str, NDArray[np.float64]]:
         """Return copies of what the robots are now, (B, 3) or (B, 4) each.
 
