@@ -5,35 +5,28 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from functools import cache
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish.online.gaits import imagine, refine
-from aquafish.online.recognition import Recognised, Recognition
-from aquafish.online.self_model import FLOOR, MODEL_ERROR, Robot, SelfModel, observe, predict
-from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.command import scale_action
-from aquafish_gym.morphology import Morphology
+from aquafish.online.gaits import LARGEST, imagine, load_library, refine
+from aquafish.online.watch import Calibration, Moment
 from aquafish_gym.physics.layout import angles_of_rows
-from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.scenario import TIMESTEP, Scenario
+from eea.fish.recognition import Recognised, recognise
+from eea.fish.self_model import SelfModel, observe, predict
 from gait.controller import Controller
 
 Floats = NDArray[np.float64]
 
-WINDOWS = (1, 2, 4, 8, 16)  # actions over which surprise is summed
-CALIBRATION = 50  # actions in which the model's own error is measured
-SETTLED = 10  # of these, after which the filter has forgotten how it began
-ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # of ``MODEL_ERROR``, of which the likeliest is taken
-ALARM = 1e-7  # probability of a false alarm in each window, if the model is right
-MARGIN = 2.0  # by which surprise must exceed the greatest while nothing broke
-DRIFT = 10  # actions over which the model's open-loop error is measured
-ALIKE = 0.05  # of sizes, in units, and gains: robots that need no other gait
-REMEMBERED = 60  # actions
+CHANNELS = 9  # up, north, gyro
 GYRO = slice(6, 9)
+BACK = {True: 5, False: 2}  # actions before an alarm at which it may have broken: gyroscope alone?
+ALIKE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
+TOLERANCE, DRIFTS, NOISES = 0.02, 3.0, 5.0  # of a channel that is not lost: see ``_infer``
+SHORTEST = 2.0  # s: for less no gait is refined
 
 
 @dataclass(frozen=True)
@@ -41,333 +34,273 @@ class AgentConfig:
     """Settings of :class:`SelfModelAgent`."""
 
     seconds: float = 60.0  #: Length of an episode.
-    gyro_noise: float = 0.0  #: Standard deviation that the gyroscope is known to have, rad/s.
-    channels: tuple[int, ...] = tuple(range(9))  #: Observations that the self-model uses.
-    #: Actions after an alarm at which the robot is inferred.
+    gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
+    gyro_only: bool = False  #: Whether the gyroscope is the only sensor.
+    waters: tuple[bool, ...] = (False, True)  #: Whether the water may have added mass.
+    #: Numbers of actions after an alarm at which the robot is inferred, again with each.
     inferences: tuple[int, ...] = (3, 5, 8, 12, 18, 27, 40)
-    generations: int = 150  #: Of the refinement of a gait; 0 only chooses from the library.
-    inference_seconds: float = 0.1  #: Charged for an inference.
-    refinement_seconds: float = 1.2  #: Charged for a refinement.
-    seed: int = 0
+    generations: int = 150  #: Of a gait's refinement; with 0 gaits of the library are only chosen.
+    #: Thinking time, s, after which an inference and a refinement can be used; the robot swims on.
+    inference_seconds: float = 0.2
+    refinement_seconds: float = 1.2
+    seed: int = 0  #: Of the refinement.
 
 
 class Event(NamedTuple):
     """Something that the agent noticed or decided."""
 
-    seconds: float  #: Of the episode.
-    what: str  #: "alarm", "inferred", "dismissed", "gait" or "refined".
-    about: str
-    cpu: float  #: CPU seconds that it took.
+    seconds: float  #: When, in the episode.
+    what: str  #: "alarm", "inferred", "unknown", "chose" or "refined".
+    about: str  #: In words.
+    cpu: float = 0.0  #: CPU seconds that it took.
 
 
-@dataclass
-class _Gait:
-    """A gait in use: a policy, and the action at which it began."""
-
-    controller: Controller
-    policy: Any
-    began: int
-
-
-@dataclass
-class _Thought:
-    """A result that may be used from an action on."""
+class _Thought(NamedTuple):
+    """A result that can be used from an action on."""
 
     due: int
     event: Event
-    gait: Controller | None = None
-    found: Recognised | None = None
+    result: Recognised | Controller
 
 
-@dataclass
-class _Watch:
-    """Sums of surprise, compared with what chance and the model's own error explain."""
+class _Case(NamedTuple):
+    """An alarm: what the robot was, and all since shortly before."""
 
-    used: int
-    squares: list[float] = field(default_factory=list)
-    highest: dict[int, float] = field(default_factory=dict)
-
-    def sums(self) -> dict[int, float]:
-        """Return the sums of the windows that are full."""
-        n = len(self.squares)
-        return {w: sum(self.squares[-w:]) for w in WINDOWS if n >= w}
-
-    def calibrate(self) -> None:
-        """Take what is seen now for the model's own error."""
-        for w, total in self.sums().items():
-            self.highest[w] = max(self.highest.get(w, 0.0), total)
-
-    def alarmed(self) -> bool:
-        """Whether a window exceeds what was ever seen, and chance."""
-        return any(
-            total > max(_limit(w * self.used), MARGIN * self.highest.get(w, 0.0))
-            for w, total in self.sums().items()
-        )
-
-
-@cache
-def _limit(freedom: int) -> float:
-    from scipy.stats import chi2
-
-    return float(chi2.isf(ALARM, freedom))
+    step: int
+    before: list[Scenario]
+    moments: list[Moment]
+    states: int  #: At how many of the first moments something may have broken.
+    due: list[int]  #: Actions after the alarm at which to infer.
 
 
 class SelfModelAgent:
-    """An agent (see ``gait.evaluate``) of one robot that models itself as it swims.
+    """An agent of one robot that models itself as it swims.
+
+    It compares each observation with what its self-model predicts, recognises what broke, takes the
+    gait of a library that swims farthest on the self-model from the present state for the time that
+    is left, and refines it while it swims on. It observes only what the environment returns.
 
     Parameters
     ----------
     library
-        Gaits, of which the first is swum first.
+        Gaits, of which it swims the first until something breaks; None is the packaged library.
     config
         Settings.
-    morphology
-        The whole body.
+    robot
+        A scenario of one: the whole robot.
     hold
         The environment's ``frame_skip``.
+
+    Attributes
+    ----------
+    model
+        Its :class:`~eea.fish.self_model.SelfModel`.
+    events
+        What it noticed and decided in this episode.
+
+    Examples
+    --------
+    >>> import gymnasium as gym
+    >>> env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@20", engine="numba")
+    >>> observation, info = env.reset(seed=0)
+    >>> agent = SelfModelAgent()
+    >>> agent.begin(info["fin_angles"])
+    >>> for _ in range(110):
+    ...     observation, *_ = env.step(agent.act(observation))
+    >>> [event.about for event in agent.events if event.what == "inferred"][0]
+    'caudal:missing'
     """
 
     def __init__(
         self,
-        library: Sequence[Controller],
+        library: Sequence[Controller] | None = None,
         config: AgentConfig | None = None,
-        morphology: Any = None,
+        robot: Scenario | None = None,
         hold: int = 20,
     ) -> None:
-        self.library, self.config, self.hold = list(library), config or AgentConfig(), hold
+        self.library = load_library() if library is None else list(library)
+        self.config, self.hold = config or AgentConfig(), hold
         self.dt = hold * TIMESTEP
-        self.whole = Robot(Morphology.coerce(morphology).to_array(), np.ones(3))
+        self._whole = Scenario.create() if robot is None else robot
 
-    def begin(self, observation: ArrayLike, fin_angles: ArrayLike) -> None:
+    def begin(self, fin_angles: ArrayLike) -> None:
         """Begin an episode at rest, with the fins at known angles (3,), rad."""
         config = self.config
-        sd = np.full(9, np.inf)
-        sd[list(config.channels)] = 0.0
-        sd[GYRO] = np.where(np.isfinite(sd[GYRO]), config.gyro_noise, np.inf)
-        self.noise, self.bias = sd, np.zeros(9)
-        self._models = [
-            SelfModel(robot, fin_angles, sd, MODEL_ERROR * scale, self.hold)
-            for robot in (self.whole, self.whole._replace(reactive=True))
-            for scale in ERROR_SCALES
-        ]
-        self.model = self._models[0]
-        self.drift = np.full(9, FLOOR)
-        self._watch = _Watch(len(config.channels))
-        self._history: list[tuple[Floats, Floats, Floats]] = []  # state before, action, observation
-        self._thoughts: list[_Thought] = []
+        self.noise = np.full(CHANNELS, np.inf if config.gyro_only else 0.0)
+        self.noise[GYRO] = config.gyro_noise
+        self.bias = np.zeros(CHANNELS)
+        angles = np.asarray(fin_angles, float)
+        self._calibration: Calibration | None = Calibration(
+            self._whole, angles, self.noise, self.hold, config.waters
+        )
+        self.model: SelfModel = self._calibration.best
         self.events: list[Event] = []
-        self._steps, self._action = 0, None
-        self._alarm: int | None = None
-        self._plan: list[int] = []
+        self._steps, self._action = 0, np.zeros(3, np.float32)
+        self._recent: list[Moment] = []
+        self._case: _Case | None = None
+        self._thoughts: list[_Thought] = []
         self._rng = np.random.default_rng(config.seed)
-        self._gait = self._start(self.library[0])
-        self._recognition: Recognition | None = None
-        self._rest = np.asarray(observation, float)
+        self._swim(self.library[0])
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
-        self.begin(np.zeros(9), np.asarray(info["fin_angles"])[0])
+        self.begin(np.reshape(info["fin_angles"], -1))
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
-        """Return the action (3,) for an observation (9,) or more; or rows of one robot."""
+        """Return the action (3,), in [-1, 1], for an observation (9,) or longer.
+
+        Rows (1, k) of a vector environment give (1, 3).
+        """
         given = np.asarray(observation, float)
-        seen = given.reshape(-1)[:9]
-        if self._action is not None:
-            self._notice(seen)
-        self._take_up()
-        felt = observe(self.model.state[:, None])[0]
-        action = self._gait.policy(felt, (self._steps - self._gait.began) * self.dt)
-        self._action = np.clip(np.float32(action), -1.0, 1.0)
-        self._steps += 1
-        return self._action.reshape(given.shape[:-1] + (3,))
-
-    # What happened.
-
-    def _notice(self, seen: Floats) -> None:
-        assert self._action is not None
-        action = self._action.astype(float)
-        before = self.model.state
-        observed = seen - self.bias
-        if self._steps <= CALIBRATION:
-            self._calibrate(action, observed)
-        else:
-            self.model.step(action)
-            surprise = self.model.correct(observed)
-            self._watch.squares.append(surprise.square)
-        self._history.append((before, action, observed))
-        del self._history[:-REMEMBERED]
-        if self._steps <= CALIBRATION:
-            return
-        if self._alarm is None:
-            if self._watch.alarmed():
-                self._alarm, self._plan = self._steps, list(self.config.inferences)
-                self._suspect()
-                self._log("alarm", "the gyroscope is not as predicted")
-        else:
-            self._rows.append((before, action, observed))
-            since = self._steps - self._alarm + 1
-            if self._plan and since >= self._plan[0]:
-                self._plan.pop(0)
-                self._infer()
-            if not self._plan:
-                self._alarm = None
-
-    def _calibrate(self, action: Floats, observed: Floats) -> None:
-        """Step filters with several model errors, of which the likeliest will be used."""
-        squares = []
-        for model in self._models:
-            model.step(action)
-            squares.append(model.correct(observed).square)
-            if self._steps == SETTLED:
-                model.log_likelihood = 0.0
-        best = int(np.argmax([model.log_likelihood for model in self._models]))
-        self.model, self.intact = self._models[best], self._models[best].robot
-        self._squares = [*getattr(self, "_squares", []), squares] if self._steps > 1 else [squares]
-        if self._steps == CALIBRATION:
-            for row in self._squares[SETTLED:]:
-                self._watch.squares.append(row[best])
-                self._watch.calibrate()
-            self._measure_drift()
-
-    def _measure_drift(self) -> None:
-        """Measure the error of open-loop predictions, while nothing is broken."""
-        squares = []
-        for first in range(SETTLED, len(self._history) - DRIFT, 5):
-            rows = self._history[first : first + DRIFT]
-            predicted, _ = predict(
-                [self.model.robot], rows[0][0], np.array([r[1] for r in rows]), self.hold
-            )
-            squares.append((predicted[0] - np.array([r[2] for r in rows])) ** 2)
-        rms = np.sqrt(np.mean(squares, axis=(0, 1)))
-        self.drift = np.sqrt(np.maximum(rms**2 - np.where(np.isfinite(self.noise), self.noise, 0.0) ** 2, FLOOR**2))
-
-    def _suspect(self) -> None:
-        """Remember the robot and its state a little before the alarm."""
-        back = 2 if len(self.config.channels) > 3 else 5
-        if not self.config.gyro_noise and self.drift.max() < 0.01:
-            back = 0
-        self._back = min(back, len(self._history) - 1)
-        self._rows = self._history[-self._back - 1 :]
-        self._bases = [self.model.robot]
-        if not _same(self.model.robot, self.intact):
-            self._bases.append(self.intact)
-
-    def _infer(self) -> None:
-        """Infer what broke from all since a little before the alarm."""
-        began = time.process_time()
-        back, rows = self._back, self._rows
-        # The filter has followed the broken robot since: what it was before is simulated on.
-        states = [rows[0][0]]
-        for _, action, _ in rows[: back + 1]:
-            _, ended = predict(self._bases[:1], states[-1], action[None], self.hold)
-            states.append(ended[:, 0])
-        actions, observed = np.array([r[1] for r in rows]), np.array([r[2] for r in rows])
-        tail = observed[back:]
-        silent = (tail == tail[0]).all(axis=0) if len(tail) > 2 else (tail == 0.0).all(axis=0)
-        sd = np.where(np.isfinite(self.noise), np.hypot(self.noise, self.drift), np.inf)
-        tolerance = np.maximum(3.0 * self.drift, 0.02)
-        tolerance[GYRO] = np.maximum(tolerance[GYRO], 5.0 * self.config.gyro_noise)
-        search = Recognition(self._bases, sd, self.hold)
-        found = search.find(states, observed, actions, silent, tolerance)
-        cpu = time.process_time() - began
-        event = Event(self._steps * self.dt, "inferred", str(found.hypothesis), cpu)
-        self._think(_Thought(self._after(self.config.inference_seconds), event, found=found))
-
-    # What to do about it.
-
-    def _after(self, seconds: float) -> int:
-        return self._steps + math.ceil(seconds / self.dt - 1e-9)
-
-    def _think(self, thought: _Thought) -> None:
-        self._thoughts.append(thought)
-
-    def _take_up(self) -> None:
-        """Use the results that are due."""
+        if self._steps:
+            self._observe(given.reshape(-1)[:CHANNELS] - self.bias)
         due = [thought for thought in self._thoughts if thought.due <= self._steps]
         self._thoughts = [thought for thought in self._thoughts if thought.due > self._steps]
         for thought in due:
-            self.events.append(thought.event)
-            if thought.found is not None:
-                self._adopt(thought.found, thought.event)
-            elif thought.gait is not None:
-                self._gait = self._start(thought.gait)
+            self._use(thought)
+        self._action = self._choose(self.model.state)
+        self._steps += 1
+        return self._action.reshape((*given.shape[:-1], 3))
 
-    def _adopt(self, found: Recognised, event: Event) -> None:
-        """Become what was inferred, and choose a gait for it."""
+    def _observe(self, observed: Floats) -> None:
+        """Carry the self-model along, and notice and infer what broke."""
+        action = self._action.astype(float)
+        if self._calibration is not None:
+            if self._calibration.add(action, observed):
+                self._watch, self._drift = self._calibration.finish()
+                self.model = self._calibration.best
+                self._intact = self.model.robot
+                self._calibration = None
+            else:
+                self.model = self._calibration.best
+            return
+        moment = Moment(self.model.state, action, observed)
+        self.model.step(action)
+        alarming = self._watch.add(self.model.correct(observed).square)
+        self._recent = [*self._recent[-max(BACK.values()) :], moment]
+        if self._case is not None:
+            self._case.moments.append(moment)
+        elif alarming:
+            self._case = self._open()
+            self._log("alarm", "this is not what the self-model predicts")
+        if self._case is not None:
+            if self._steps - self._case.step + 1 >= self._case.due[0]:
+                self._case.due.pop(0)
+                self._infer(self._case)
+            if not self._case.due:
+                self._case = None
+
+    def _open(self) -> _Case:
+        """Return the case of an alarm."""
+        exact = not self.config.gyro_noise and self._drift.max() < TOLERANCE
+        back = 0 if exact else BACK[self.config.gyro_only]
+        before = [self.model.robot]
+        if not _alike(self.model.robot, self._intact, 0.0):
+            before.append(self._intact)  # what broke before may have ended
+        moments = self._recent[-back - 1 :]
+        return _Case(self._steps, before, moments, len(moments) + 1, list(self.config.inferences))
+
+    def _infer(self, case: _Case) -> None:
+        """Recognise what broke; the result can be used after the time for thinking."""
+        began = time.process_time()
+        actions = np.array([moment.action for moment in case.moments])
+        observed = np.array([moment.observed for moment in case.moments])
+        # The filter has since followed the broken robot: what it was is simulated from there.
+        states = [case.moments[0].state]
+        for action in actions[: case.states - 1]:
+            states.append(predict(case.before[0], states[-1], action[None], self.hold)[1][:, 0])
+        tolerance = np.maximum(DRIFTS * self._drift, TOLERANCE)
+        tolerance[GYRO] = np.maximum(tolerance[GYRO], NOISES * self.config.gyro_noise)
+        noise = np.hypot(self.noise, self._drift)
+        found = recognise(
+            case.before, states, observed, actions, noise, tolerance, self.hold
+        )
+        about = f"{found.hypothesis}"
+        broken = np.flatnonzero(found.lost & np.isfinite(self.noise))
+        about += f", without channels {broken.tolist()}" if len(broken) else ""
+        self._think(self.config.inference_seconds, "inferred", about, began, found)
+
+    def _use(self, thought: _Thought) -> None:
+        """Use a result that is due: another self, or another gait."""
+        self.events.append(thought.event)
+        if isinstance(thought.result, Controller):
+            self._swim(thought.result)
+            return
+        found = thought.result
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
             return
-        changed = not _same(found.robot, self.model.robot, ALIKE)
         self.bias = self.bias + found.bias
         self.noise = np.where(found.lost, np.inf, self.noise)
         self.model.noise = self.noise
         self._watch.used = int(np.isfinite(self.noise).sum())
-        state = found.state
-        late = self._steps - round(event.seconds / self.dt)
-        for _, action, _ in self._history[len(self._history) - late :] if late else ():
-            _, ended = predict([found.robot], state, action[None], self.hold)
-            state = ended[:, 0]
-        self.model.become(found.robot, state)
         self._watch.squares.clear()
-        if not changed:
-            return
+        state, since = found.state, self._steps - round(thought.event.seconds / self.dt)
+        if since:
+            actions = np.array([moment.action for moment in self._recent[-since:]])
+            state = predict(found.robot, state, actions, self.hold)[1][:, 0]
+        changed = not _alike(found.robot, self.model.robot, ALIKE)
+        self.model.become(found.robot, state)
+        if changed:
+            self._change_gait()
+
+    def _change_gait(self) -> None:
+        """Swim the best gait of the library from now on, and refine it meanwhile."""
         began = time.process_time()
-        seconds = self._left()
-        if seconds < 1.0:
+        left = self.config.seconds - self._steps * self.dt
+        self._thoughts = [t for t in self._thoughts if not isinstance(t.result, Controller)]
+        if left < self.dt:
             return
-        far = imagine(self.library, found.robot, state, seconds)
+        robot, config = self.model.robot, self.config
+        far = imagine(self.library, robot, self.model.state, left)
         best = int(far.argmax())
-        self._gait = self._start(self.library[best])
-        self._log("gait", f"{best} of the library, {far[best]:.1f} units", time.process_time() - began)
-        self._refine()
-
-    def _left(self) -> float:
-        return self.config.seconds - self._steps * self.dt
-
-    def _refine(self) -> None:
-        """Refine the gait for the state in which the robot will be when it is ready."""
-        config = self.config
-        self._thoughts = [thought for thought in self._thoughts if thought.gait is None]
-        if not config.generations:
-            return
-        due = self._after(config.refinement_seconds)
-        state, robot = self._foresee(due), self.model.robot
-        left = config.seconds - due * self.dt
-        if left < 2.0:
+        self._swim(self.library[best])
+        about = f"gait {best}, which should make {far[best]:.1f} units"
+        self._log("chose", about, time.process_time() - began)
+        if not config.generations or left - config.refinement_seconds < SHORTEST:
             return
         began = time.process_time()
+        state = self.model.state  # where this gait will have brought it when the other is ready
+        actions = math.ceil(config.refinement_seconds / self.dt - 1e-9)
+        for k in range(actions):
+            action = self._choose(state, k)
+            state = predict(robot, state, action[None].astype(float), self.hold)[1][:, 0]
+        self._swim(self.library[best])  # its memory is as it was
+        left -= actions * self.dt
         far = imagine(self.library, robot, state, left)
-        start = int(np.argmax([f if len(c.bias) < 30 else -np.inf for f, c in zip(far, self.library, strict=True)]))
-        gait, expected = refine(self.library[start], robot, state, left, config.generations, self._rng)
-        cpu = time.process_time() - began
-        event = Event(self._steps * self.dt, "refined", f"{far[start]:.1f} -> {expected:.1f} units", cpu)
-        if expected > far.max():
-            self._think(_Thought(due, event, gait=gait))
-
-    def _foresee(self, due: int) -> Floats:
-        """Return the state (25,) when action ``due`` is chosen, if the gait goes on until then."""
-        policy = self._gait.controller.policy(
-            angles_of_rows(self.model.state), self.model.robot.servo_gain
+        small = [len(gait.bias) <= LARGEST for gait in self.library]
+        start = int(np.where(small, far, -np.inf).argmax())
+        gait, farthest = refine(
+            self.library[start], robot, state, left, config.generations, self._rng
         )
-        assert self._gait.began == self._steps
-        state = self.model.state
-        for k in range(due - self._steps):
-            action = policy(observe(state[:, None])[0], k * self.dt)
-            _, ended = predict([self.model.robot], state, np.clip(np.float32(action), -1, 1)[None].astype(float), self.hold)
-            state = ended[:, 0]
-        return state
+        if farthest > far[best]:
+            about = f"gait {start}, from {far[start]:.1f} to {farthest:.1f} units"
+            self._think(config.refinement_seconds, "refined", about, began, gait)
 
-    def _start(self, controller: Controller) -> _Gait:
-        model = self.model
-        policy = controller.policy(angles_of_rows(model.state), model.robot.servo_gain)
-        return _Gait(controller, policy, self._steps)
+    def _swim(self, gait: Controller) -> None:
+        """Swim another gait from now on."""
+        angles = angles_of_rows(self.model.state)
+        self._policy = gait.policy(angles, self.model.robot.servo_gain[0])
+        self._began = self._steps
+
+    def _choose(self, state: Floats, ahead: int = 0) -> NDArray[np.float32]:
+        """Return the gait's action (3,) in a state (25,), some actions from now."""
+        seconds = (self._steps + ahead - self._began) * self.dt
+        action = self._policy(observe(state[:, None])[0], seconds)
+        return np.clip(np.asarray(action, np.float32), -1.0, 1.0)
+
+    def _think(
+        self, seconds: float, what: str, about: str, began: float, result: Recognised | Controller
+    ) -> None:
+        due = self._steps + math.ceil(seconds / self.dt - 1e-9)
+        event = Event(self._steps * self.dt, what, about, time.process_time() - began)
+        self._thoughts.append(_Thought(due, event, result))
 
     def _log(self, what: str, about: str, cpu: float = 0.0) -> None:
         self.events.append(Event(self._steps * self.dt, what, about, cpu))
 
 
-def _same(one: Robot, other: Robot, tolerance: float = 1e-3) -> bool:
-    return bool(
-        np.allclose(one.body, other.body, rtol=0.0, atol=tolerance)
-        and np.allclose(one.servo_gain, other.servo_gain, rtol=0.0, atol=tolerance)
-    )
+def _alike(one: Scenario, other: Scenario, tolerance: float) -> bool:
+    """Whether two robots differ by no more in any size or gain."""
+    sizes = np.abs(one.body - other.body).max()
+    return bool(max(sizes, np.abs(one.servo_gain - other.servo_gain).max()) <= tolerance)

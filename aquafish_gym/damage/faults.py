@@ -147,7 +147,9 @@ class Fault:
             )
         number = 0.0 if self.number is None else self.number
         if self.part in FINS:
-            self._edit_fin(robots, FINS.index(self.part), number)
+            break_fin(robots, self.part, self.word, number)
+            if self.word == "seized" and self.number is not None:
+                robots.fin_angles[:, FINS.index(self.part)] = number
         elif self.part == "gyro":
             robots.gyro_noise[:] = np.hypot(robots.gyro_noise, number)
         else:
@@ -160,43 +162,45 @@ class Fault:
                 case "dropped":
                     robots.sensor_dropped[:, channel] = True
 
-    def _edit_fin(self, robots: Scenario, fin: int, number: float) -> None:
-        body, gain = robots.body, robots.servo_gain
-        match self.word:
-            case "missing":
-                body[:, [_COLUMNS[self.part, size] for size in SIZES]] = 0.0
-            case "entangled":
-                column = _COLUMNS[self.part, "width"]
-                body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
-            case "weak":
-                gain[:, fin] *= number
-            case "reversed":
-                gain[:, fin] *= -1.0
-            case "seized":
-                gain[:, fin] = 0.0
-                if self.number is not None:
-                    robots.fin_angles[:, fin] = number
-            case "dead":
-                gain[:, fin] = 0.0
-                robots.fin_angles[:, fin] = np.nan  # random at the start
-            case _:
-                self._scale(body, number)
-
-    def _scale(self, body: NDArray[np.float64], factor: float) -> None:
-        column = _COLUMNS[self.part, self.word]
-        dimension = DIMENSIONS[column]
-        with np.errstate(over="ignore"):
-            body[:, column] *= factor
-        largest = body[:, column].max(initial=0.0)
-        if largest > dimension.maximum:  # to clip it would be another fault than was asked for
-            raise InvalidArgumentError(
-                f"damage {self} would make {dimension.name} {largest:g}; "
-                f"it must lie in [0, {dimension.maximum:g}]"
-            )
-
     def __str__(self) -> str:
         text = f"{self.part}:{self.word}" + ("" if self.number is None else f"={self.number!r}")
         onset, lasts = self.onset, "" if self.duration is None else f"+{self.duration!r}"
         if isinstance(onset, tuple):
             return f"{text}@{onset[0]!r}-{onset[1]!r}{lasts}"
         return text + (f"@{onset!r}{lasts}" if onset or lasts else "")
+
+
+def break_fin(
+    robots: Scenario, part: str, word: str, number: float | NDArray[np.float64] = 0.0
+) -> None:
+    """Break a fin of robots, in place; ``number`` is one for all or (B,).
+
+    InvalidArgumentError if a size would exceed its maximum.
+    """
+    body, gain, fin = robots.body, robots.servo_gain, FINS.index(part)
+    match word:
+        case "missing":
+            body[:, [_COLUMNS[part, size] for size in SIZES]] = 0.0
+        case "entangled":
+            column = _COLUMNS[part, "width"]
+            body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
+        case "weak":
+            gain[:, fin] *= number
+        case "reversed":
+            gain[:, fin] *= -1.0
+        case "seized":
+            gain[:, fin] = 0.0
+        case "dead":
+            gain[:, fin] = 0.0
+            robots.fin_angles[:, fin] = np.nan  # random at the start
+        case _:
+            column = _COLUMNS[part, word]
+            dimension = DIMENSIONS[column]
+            with np.errstate(over="ignore"):
+                body[:, column] *= number
+            largest = body[:, column].max(initial=0.0)
+            if largest > dimension.maximum:  # to clip it would be another fault than was asked for
+                raise InvalidArgumentError(
+                    f"damage {part}:{word}={number!r} would make {dimension.name} {largest:g}; "
+                    f"it must lie in [0, {dimension.maximum:g}]"
+                )
