@@ -162,6 +162,12 @@ class SelfModelAgent:
         self._steps += 1
         return self._action.reshape((*given.shape[:-1], 3))
 
+    def become(self, robot: Scenario) -> None:
+        """Take another robot, a scenario of one, for what it is, and change the gait for it."""
+        self.model.become(robot, self.model.state)
+        self._intact, self._case = robot, None
+        self._change_gait()
+
     def _observe(self, observed: Floats) -> None:
         """Carry the self-model along, and notice and infer what broke."""
         action = self._action.astype(float)
@@ -212,9 +218,7 @@ class SelfModelAgent:
         tolerance = np.maximum(DRIFTS * self._drift, TOLERANCE)
         tolerance[GYRO] = np.maximum(tolerance[GYRO], NOISES * self.config.gyro_noise)
         noise = np.hypot(self.noise, self._drift)
-        found = recognise(
-            case.before, states, observed, actions, noise, tolerance, self.hold
-        )
+        found = recognise(case.before, states, observed, actions, noise, tolerance, self.hold)
         about = f"{found.hypothesis}"
         broken = np.flatnonzero(found.lost & np.isfinite(self.noise))
         about += f", without channels {broken.tolist()}" if len(broken) else ""

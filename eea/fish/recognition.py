@@ -161,7 +161,9 @@ def recognise(
         For how many steps of 0.01 s an action is held.
     """
     used = np.flatnonzero(np.isfinite(noise))
-    silent = (observed == observed[-1]).all(axis=0) if len(observed) >= FEWEST else observed[-1] == 0
+    silent = (
+        (observed == observed[-1]).all(axis=0) if len(observed) >= FEWEST else observed[-1] == 0
+    )
     counted = np.where(silent[used], 0.0, 1.0)
     variance = np.square(noise[used]) + FLOOR**2
 

@@ -1,7 +1,7 @@
-"""A robot's model of itself that it carries along: simulated in mid-swim, corrected by its sensors.
+"""A robot's model of itself that it carries along, corrected by its sensors as it swims.
 
-A cubature Kalman filter (I. Arasaratnam and S. Haykin, "Cubature Kalman filters", 2009) corrects the
-simulated state by what the inertial measurement unit observes. The error of a state has twelve
+A cubature Kalman filter (I. Arasaratnam and S. Haykin, "Cubature Kalman filters", 2009) corrects
+the simulated state by what the inertial measurement unit observes. The error of a state has twelve
 numbers: a small rotation about the body's axes, the velocity in the world, the angular velocity and
 the three fin angles. The position is only predicted: nothing depends on it.
 """
@@ -134,9 +134,10 @@ class SelfModel:
 def predict(
     robots: Scenario, state: Floats, actions: Floats, hold: int = 20
 ) -> tuple[Floats, Floats]:
-    """Return what N robots would observe, (N, K, 9), after each action (K, 3), from one state (25,).
+    """Return what N robots would observe (N, K, 9) after each action (K, 3).
 
-    Also return the states (25, N) in which they end. In single precision, on one thread.
+    All begin in one state (25,). Also return the states (25, N) in which they end. In single
+    precision, on one thread.
     """
     lanes = LaneBatch(robots, threads=1)
     lanes.place(np.repeat(state[:, None], len(robots), axis=1))
