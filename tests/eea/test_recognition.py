@@ -1,0 +1,97 @@
+"""Recognising in mid-swim what broke, from the robot's own observations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from aquafish_gym.damage import Damage
+from aquafish_gym.scenario import Scenario
+from eea.fish.recognition import all_hypotheses, broken, recognise
+from eea.fish.self_model import SelfModel, predict
+
+STROKES = np.random.default_rng(3).uniform(-1.0, 1.0, (12, 3))
+WHOLE = Scenario.create()
+STATE = predict(WHOLE, SelfModel(WHOLE, (0.4, -1.0, 2.0), np.zeros(9)).state, STROKES)[1][:, 0]
+TOLERANCE = np.full(9, 0.05)
+
+
+def observe(damage: str, noise: float = 0.0) -> np.ndarray:
+    """Return what a damaged robot observes (K, 9) from the state on."""
+    robot = Damage.parse(damage).edit(WHOLE)
+    seen = predict(robot, STATE, STROKES)[0][0].copy()
+    seen[:, 6:] += noise * np.random.default_rng(0).standard_normal((len(seen), 3))
+    seen += robot.sensor_bias[0]
+    seen[:, robot.sensor_dropped[0]] = 0.0
+    return seen
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [
+        "none",
+        "caudal:missing",
+        "left_pectoral:length=0.33",
+        "right_pectoral:seized",
+        "left_pectoral:reversed; caudal:width=0.5",
+        "right_pectoral:weak=0.21; caudal:entangled=0.7",
+        "left_pectoral:length=0.6; left_pectoral:width=0.7",
+    ],
+)
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_single_and_double_faults_are_recognised(damage: str, noise: float) -> None:
+    sd = np.array([0.0] * 6 + [noise] * 3)
+    found = recognise([WHOLE], [STATE], observe(damage, noise), STROKES, sd, TOLERANCE)
+    true = Damage.parse(damage).edit(WHOLE)
+    assert found.explained
+    np.testing.assert_allclose(found.robot.body, true.body, atol=0.04)
+    np.testing.assert_allclose(found.robot.servo_gain, true.servo_gain, atol=0.04)
+    assert not found.lost.any()
+
+
+def test_the_gyroscope_alone_tells_what_broke() -> None:
+    sd = np.array([np.inf] * 6 + [0.01] * 3)
+    seen = observe("left_pectoral:missing; caudal:seized", 0.01)
+    found = recognise([WHOLE], [STATE], seen, STROKES, sd, TOLERANCE)
+    assert str(found.hypothesis) == "left_pectoral:missing; caudal:seized"
+
+
+def test_broken_sensors_are_told_from_broken_fins() -> None:
+    damage = "right_pectoral:missing; gyro_x:bias=0.2; up_x:dropped"
+    found = recognise([WHOLE], [STATE], observe(damage), STROKES, np.zeros(9), TOLERANCE)
+    assert str(found.hypothesis) == "right_pectoral:missing"
+    assert found.bias[6] == pytest.approx(0.2, abs=1e-3)
+    assert np.flatnonzero(found.lost).tolist() == [0]
+
+
+def test_the_time_of_the_fault_is_found_among_several() -> None:
+    healthy, ends = predict(WHOLE, STATE, STROKES[:4])
+    later = predict(Damage.parse("caudal:missing").edit(WHOLE), ends[:, 0], STROKES[4:])[0]
+    states = [STATE]
+    for k in range(1, 6):
+        states.append(predict(WHOLE, STATE, STROKES[:k])[1][:, 0])
+    seen = np.concatenate([healthy[0], later[0]])
+    found = recognise([WHOLE], states, seen, STROKES, np.zeros(9), TOLERANCE)
+    assert str(found.hypothesis) == "caudal:missing"
+
+
+def test_a_fault_that_ends_is_recognised_as_the_robot_that_was() -> None:
+    now = Damage.parse("caudal:missing").edit(WHOLE)
+    found = recognise([now, WHOLE], [STATE], observe("none"), STROKES, np.zeros(9), TOLERANCE)
+    assert str(found.hypothesis) == "none"
+    np.testing.assert_array_equal(found.robot.body, WHOLE.body)
+
+
+def test_none_of_the_hypotheses_is_an_answer() -> None:
+    seen = np.random.default_rng(0).uniform(-1.0, 1.0, (len(STROKES), 9))
+    assert not recognise([WHOLE], [STATE], seen, STROKES, np.zeros(9), TOLERANCE).explained
+
+
+def test_hypotheses_are_edits_of_one_robot() -> None:
+    hypotheses = all_hypotheses()
+    robots = broken(WHOLE, hypotheses)
+    assert len(robots) == len(hypotheses) > 2000
+    for i in (0, 1, len(hypotheses) // 2, len(hypotheses) - 1):
+        true = Damage.parse(str(hypotheses[i])).edit(WHOLE)
+        np.testing.assert_allclose(robots.body[i], true.body[0], atol=2e-3)
+        np.testing.assert_array_equal(robots.servo_gain[i].round(2), true.servo_gain[0].round(2))

@@ -1,0 +1,95 @@
+"""The self-model that is carried along: its filter follows a robot that it cannot see whole."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from aquafish_gym.command import scale_action
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.scenario import Scenario
+from eea.fish.self_model import MODEL_ERROR, SIZE, SelfModel, difference, moved, observe, predict
+
+STROKES = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 3))
+FINS = np.array([0.4, -1.0, 2.0])
+
+
+def swim(scenario: Scenario, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Return what the robot observes (K, 9) after each stroke, and its states (K, 25)."""
+    lanes, rng = LaneBatch(scenario, np.float64, threads=1), np.random.default_rng(1)
+    seen, states = [], []
+    for stroke in STROKES:
+        lanes.advance(scale_action(stroke)[None], 20)
+        states.append(lanes.rows()[:, 0])
+        seen.append(observe(lanes.rows())[0])
+        seen[-1][6:] += noise * rng.standard_normal(3)
+    return np.array(seen), np.array(states)
+
+
+def follow(model: SelfModel, observed: np.ndarray) -> np.ndarray:
+    """Return the squared innovations (K,)."""
+    squares = []
+    for stroke, seen in zip(STROKES, observed, strict=True):
+        model.step(stroke)
+        squares.append(model.correct(seen).square)
+    return np.array(squares)
+
+
+@given(st.lists(st.floats(-0.3, 0.3), min_size=SIZE, max_size=SIZE))
+def test_difference_undoes_moved(error: list[float]) -> None:
+    state = LaneBatch(Scenario.create(fin_angles=FINS), np.float64).rows()[:, 0]
+    found = difference(moved(state, np.array([error])), state)[0]
+    # The rotation is of first order: sine for angle.
+    np.testing.assert_allclose(found, error, atol=1e-12)
+
+
+def test_the_model_of_the_same_robot_follows_it_exactly() -> None:
+    scenario = Scenario.create(fin_angles=FINS)
+    observed, states = swim(scenario)
+    model = SelfModel(scenario, FINS, np.zeros(9))
+    squares = follow(model, observed)
+    assert squares.max() < 1.0
+    assert squares[-10:].max() < 1e-3
+    # Where it is cannot be observed.
+    observable = np.r_[0:4, 7:22]
+    np.testing.assert_allclose(model.state[observable], states[-1][observable], atol=1e-5)
+
+
+def test_innovations_are_chi_square_under_noise() -> None:
+    observed, _ = swim(Scenario.create(fin_angles=FINS), noise=0.01)
+    noise = np.array([np.inf] * 6 + [0.01] * 3)
+    squares = follow(SelfModel(Scenario.create(), FINS, noise), observed)
+    assert squares.mean() == pytest.approx(3.0, abs=4 * np.sqrt(6 / len(squares)))
+
+
+def test_the_filter_finds_the_velocity_relative_to_water_that_flows() -> None:
+    observed, states = swim(Scenario.create(fin_angles=FINS, current=(0.15, -0.1, 0.05)))
+    model = SelfModel(Scenario.create(), FINS, np.zeros(9))
+    follow(model, observed)
+    relative = states[-1][FIELDS["velocity"]] - (0.15, -0.1, 0.05)
+    np.testing.assert_allclose(model.state[FIELDS["velocity"]], relative, atol=2e-3)
+
+
+def test_the_likelihood_tells_which_water_it_is_and_how_wrong_the_model() -> None:
+    observed, _ = swim(Scenario.create(fin_angles=FINS, reactive=True))
+
+    def likelihood(reactive: bool, scale: float) -> float:
+        robot = Scenario.create(reactive=reactive)
+        model = SelfModel(robot, FINS, np.zeros(9), MODEL_ERROR * scale)
+        follow(model, observed)
+        return model.log_likelihood
+
+    assert likelihood(True, 1.0) > likelihood(False, 100.0) > likelihood(False, 1.0)
+
+
+def test_predictions_are_of_each_robot_alone() -> None:
+    robots = Scenario.create(servo_gain=[(1, 1, 1), (1, 0, 1), (-1, 1, 0.5)])
+    state = SelfModel(robots.take([0]), FINS, np.zeros(9)).state
+    together, ends = predict(robots, state, STROKES[:5])
+    for b in range(3):
+        alone, end = predict(robots.take([b]), state, STROKES[:5])
+        np.testing.assert_array_equal(alone[0], together[b])
+        np.testing.assert_array_equal(end[:, 0], ends[:, b])
