@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.scenario import Scenario
 from eea.fish.self_model import MODEL_ERROR, SIZE, SelfModel, difference, moved, observe, predict
 
