@@ -51,7 +51,7 @@ TIERS = {
     "none": "",
 }
 Water = Literal["still", "current", "reactive"]
-SHARES = (0.5, 0.8, 0.9)  # of the pace of the agent that is told
+SHARES = (0.5, 0.8, 0.9)  # of the oracle's mean pace after the onset
 SMOOTH = 5.0  # s over which a pace is taken
 
 
@@ -63,7 +63,7 @@ class Entrant(Protocol):
 
 
 class FixedGait:
-    """One controller throughout, told the initial fin angles."""
+    """One controller throughout, which knows the initial fin angles."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
@@ -90,21 +90,21 @@ class Still:
         return (0.0, 0.0, -1.0)
 
 
-class Told(SelfModelAgent):
-    """The agent that is told what its robot has become: the oracle of this league."""
+class Oracle(SelfModelAgent):
+    """The agent that learns the truth about its body and servos at the onset."""
 
-    told: Scenario | None = None
+    truth: Scenario | None = None
 
-    def tell(self, info: dict[str, Any]) -> None:
+    def learn(self, info: dict[str, Any]) -> None:
         """Become the robot that ``info`` describes, from the next action on."""
         fields = {"body": info["morphology"][None], "servo_gain": info["servo_gain"][None]}
-        self.told = Scenario.fill(fields, self.model.robot.reactive)
+        self.truth = Scenario.fill(fields, self.model.robot.reactive)
 
     def _observe(self, observed: Floats) -> None:
         super()._observe(observed)
-        if self.told is not None:
-            self.become(self.told)
-            self.told = None
+        if self.truth is not None:
+            self.become(self.truth)
+            self.truth = None
 
 
 def _agent(kind: type[SelfModelAgent], noise: float, **settings: Any) -> SelfModelAgent:
@@ -124,9 +124,9 @@ ENTRANTS: dict[str, Callable[[float], Entrant]] = {
     "self-model, library only": lambda noise: _agent(SelfModelAgent, noise, generations=0),
     "self-model, gyroscope alone": lambda noise: _agent(SelfModelAgent, noise, gyro_only=True),
     "self-model, thinking free": lambda noise: _agent(SelfModelAgent, noise, **_FREE),
-    "told": lambda noise: _agent(Told, noise, **_FREE),
+    "oracle": lambda noise: _agent(Oracle, noise, **_FREE),
 }
-TOLD = "told"
+ORACLE = "oracle"
 
 
 @dataclass(frozen=True)
@@ -181,8 +181,8 @@ def play(episode: Episode) -> dict[str, Any]:
         if int(info["faults"]) != faults:
             faults = int(info["faults"])
             onset = len(way) - 1 if onset is None and faults > at_first else onset
-            if isinstance(agent, Told):
-                agent.tell(info)
+            if isinstance(agent, Oracle):
+                agent.learn(info)
     env.close()
     return {
         "onset": onset,
@@ -247,7 +247,7 @@ class League:
             played.setdefault((job.entrant, job.tier), []).append(result)
         league = {
             entrant: {
-                tier: summary(played[entrant, tier], played.get((TOLD, tier)))
+                tier: summary(played[entrant, tier], played.get((ORACLE, tier)))
                 for tier in self.tiers
             }
             for entrant in self.entrants
@@ -271,12 +271,12 @@ class League:
 
 
 def summary(
-    results: Sequence[dict[str, Any]], told: Sequence[dict[str, Any]] | None
+    results: Sequence[dict[str, Any]], oracle: Sequence[dict[str, Any]] | None
 ) -> dict[str, Any]:
     """Return what an entrant made in the episodes of a tier.
 
     ``way_after_onset`` is the interquartile mean in units with its 95% interval; where nothing
-    breaks, of the whole way. ``seconds_to`` a share of the told agent's mean pace after the onset
+    breaks, of the whole way. ``seconds_to`` a share of the oracle's mean pace after the onset
     is when the pace, over 5 s, begins to stay above it: the median, and the mean in which an
     episode that does not counts to its end.
     """
@@ -298,11 +298,11 @@ def summary(
         ),
         "seconds_to": {},
     }
-    if told is not None and any(onsets):
+    if oracle is not None and any(onsets):
         for share in SHARES:
             times = [
                 _recovered(r["way"], t["way"], o, share)
-                for r, t, o in zip(results, told, onsets, strict=True)
+                for r, t, o in zip(results, oracle, onsets, strict=True)
                 if o
             ]
             found["seconds_to"][f"{share:.0%}"] = {
@@ -311,9 +311,9 @@ def summary(
     return found
 
 
-def _recovered(way: Sequence[float], told: Sequence[float], onset: int, share: float) -> float:
-    """Return after how many s the pace stays above a share of the told agent's mean."""
-    best, smooth = (told[-1] - told[onset]) / (len(told) - 1 - onset), round(SMOOTH / 0.2)
+def _recovered(way: Sequence[float], oracle: Sequence[float], onset: int, share: float) -> float:
+    """Return after how many s the pace stays above a share of the oracle's mean."""
+    best, smooth = (oracle[-1] - oracle[onset]) / (len(oracle) - 1 - onset), round(SMOOTH / 0.2)
     after = np.array(way[onset:])
     slow = np.flatnonzero((after[smooth:] - after[:-smooth]) / smooth < share * best)
     return 0.2 * (int(slow[-1]) + 1) if len(slow) else 0.0

@@ -55,7 +55,8 @@ class Evolve:
 
     Into --out go controller.json (the best so far), history.csv (a row a generation), history.png,
     checkpoint.json and settings.json. The same command resumes an interrupted run; with more
-    generations (--generations, with NEAT --cma-generations) it goes on.
+    generations (--generations, with NEAT --cma-generations) it goes on,
+    unless several starts of plain NEAT follow each other.
 
     Columns of history.csv, with distances in units of 5 cm:
     - generation: from 0, over all starts.

@@ -197,7 +197,10 @@ class EvolveConfig:
     def settings(self) -> dict[str, Any]:
         """All that a run depends on, ready for JSON, except the length of its last stage."""
         plan = {**self.plan._asdict(), "senses": asdict(self.plan.senses)}
-        last = "cma_generations" if self.plan.cma_generations else "generations"
-        omitted = ("threads", "paper", "rows", last)
+        omitted = {"threads", "paper", "rows"}
+        if self.plan.cma_generations:
+            omitted.add("cma_generations")
+        elif self.search == "cma" or self.plan.restarts == 1:
+            omitted.add("generations")
         settings = {**asdict(self), **plan}
         return {name: value for name, value in settings.items() if name not in omitted}

@@ -35,7 +35,7 @@ def imagine(
 ) -> Floats:
     """Return how far (P,) controllers would swim along +y from a state (25,), in units.
 
-    ``robot`` is a scenario of one. The controllers are told its fin angles and servo gains.
+    ``robot`` is a scenario of one. The controllers know its fin angles and servo gains.
     """
     far = np.empty(len(controllers))
     kinds: dict[object, list[int]] = {}
@@ -64,10 +64,7 @@ def refine(
     generations: int,
     rng: np.random.Generator,
 ) -> tuple[Controller, float]:
-    """Return a gait refined by CMA-ES from a state, and how far it would swim; see :func:`imagine`.
-
-    A thousand robots a generation would learn no more: the state is one, and known.
-    """
+    """Return a gait refined by CMA-ES for a state, and how far it would swim, see `imagine`."""
     template, body = Template.like(first), Morphology.from_array(robot.body[0])
     search = Strategy(
         template.vector(first),

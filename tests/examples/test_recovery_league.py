@@ -30,7 +30,7 @@ def test_an_episode_breaks_at_the_same_time_for_all() -> None:
 
 
 def test_recovery_is_when_the_pace_stays_above() -> None:
-    told = np.arange(201.0).tolist()
+    oracle = np.arange(201.0).tolist()
     slow = np.concatenate([np.zeros(50), np.arange(151.0)]).tolist()
-    assert _recovered(told, told, 0, 0.9) == 0.0
-    assert 0.2 * 20 < _recovered(slow, told, 0, 0.9) <= 0.2 * 51
+    assert _recovered(oracle, oracle, 0, 0.9) == 0.0
+    assert 0.2 * 20 < _recovered(slow, oracle, 0, 0.9) <= 0.2 * 51

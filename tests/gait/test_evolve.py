@@ -106,6 +106,14 @@ def test_last_stage_may_be_prolonged(config: EvolveConfig, last: str, tmp_path: 
         evolve_with(WeightScorer(), None, config, out=tmp_path)
 
 
+def test_several_runs_of_neat_cannot_be_prolonged(tmp_path: Path) -> None:
+    several = replace(CONFIG, restarts=2)
+    evolve_with(WeightScorer(), None, several, out=tmp_path)
+    longer = replace(several, generations=CONFIG.generations + 5)  # type: ignore[operator]
+    with pytest.raises(InvalidArgumentError, match="generations"):
+        evolve_with(WeightScorer(), None, longer, out=tmp_path)
+
+
 def test_random_swims_change_and_final_swims_do_not() -> None:
     several, one = Recorder(), Recorder()
     evolve_with(several, BODIES, CONFIG)
