@@ -15,28 +15,25 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, Literal
 
 import gymnasium as gym
 import numpy as np
 import tyro
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 import aquafish_gym  # noqa: F401  registers the environments
-from aquafish.online.agent import AgentConfig, SelfModelAgent
-from aquafish.online.gaits import load_library
 from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from aquafish_gym.runs.storage import write_document
-from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import integer, one_of
 from eea.study.drawing import grid, legend_below
-from gait.controller import Controller
 from gait.evaluation import FIRST_SEED, interquartile_mean
+from league_entrants import ENTRANTS, Oracle
 from tables import do_table
 
 Floats = NDArray[np.float64]
@@ -53,79 +50,6 @@ TIERS = {
 Water = Literal["still", "current", "reactive"]
 SHARES = (0.5, 0.8, 0.9)  # of the oracle's mean pace after the onset
 SMOOTH = 5.0  # s over which a pace is taken
-
-
-class Entrant(Protocol):
-    """An agent in one episode."""
-
-    def begin(self, fin_angles: ArrayLike) -> None: ...
-    def act(self, observation: ArrayLike) -> ArrayLike: ...
-
-
-class FixedGait:
-    """One controller throughout, which knows the initial fin angles."""
-
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
-
-    def begin(self, fin_angles: ArrayLike) -> None:
-        """Begin an episode."""
-        self._policy, self._steps = self._controller.policy(fin_angles), 0
-
-    def act(self, observation: ArrayLike) -> ArrayLike:
-        """Return the gait's action."""
-        action = self._policy(np.asarray(observation, float), 0.2 * self._steps)
-        self._steps += 1
-        return action
-
-
-class Still:
-    """No servo moves."""
-
-    def begin(self, fin_angles: ArrayLike) -> None:
-        """Begin an episode."""
-
-    def act(self, observation: ArrayLike) -> ArrayLike:  # noqa: ARG002
-        """Hold every servo."""
-        return (0.0, 0.0, -1.0)
-
-
-class Oracle(SelfModelAgent):
-    """The agent that learns the truth about its body and servos at the onset."""
-
-    truth: Scenario | None = None
-
-    def learn(self, info: dict[str, Any]) -> None:
-        """Become the robot that ``info`` describes, from the next action on."""
-        fields = {"body": info["morphology"][None], "servo_gain": info["servo_gain"][None]}
-        self.truth = Scenario.fill(fields, self.model.robot.reactive)
-
-    def _observe(self, observed: Floats) -> None:
-        super()._observe(observed)
-        if self.truth is not None:
-            self.become(self.truth)
-            self.truth = None
-
-
-def _agent(kind: type[SelfModelAgent], noise: float, **settings: Any) -> SelfModelAgent:
-    return kind(config=AgentConfig(gyro_noise=noise, **settings))
-
-
-def _gait(number: int, _noise: float) -> FixedGait:
-    return FixedGait(load_library()[number])
-
-
-_FREE: dict[str, Any] = {"inference_seconds": 0.0, "refinement_seconds": 0.0}
-ENTRANTS: dict[str, Callable[[float], Entrant]] = {
-    "still": lambda _: Still(),
-    "CMA-ES, fins": partial(_gait, 1),
-    "PPO, fins": partial(_gait, 0),
-    "self-model": partial(_agent, SelfModelAgent),
-    "self-model, library only": lambda noise: _agent(SelfModelAgent, noise, generations=0),
-    "self-model, gyroscope alone": lambda noise: _agent(SelfModelAgent, noise, gyro_only=True),
-    "self-model, thinking free": lambda noise: _agent(SelfModelAgent, noise, **_FREE),
-    "oracle": lambda noise: _agent(Oracle, noise, **_FREE),
-}
 ORACLE = "oracle"
 
 
@@ -187,9 +111,8 @@ def play(episode: Episode) -> dict[str, Any]:
     return {
         "onset": onset,
         "way": [round(y, 6) for y in way],
-        "events": [list(event) for event in getattr(agent, "events", [])],
-        "cpu": time.process_time() - began,
-        "slowest": slowest,
+        "events": [list(event[:3]) for event in getattr(agent, "events", [])],
+        "seconds": {"cpu": time.process_time() - began, "slowest": slowest},
     }
 
 
@@ -235,6 +158,7 @@ class League:
         rows = do_table(
             jobs, play, self.out, "a league", settings,
             partial(self._tabulate, jobs), self.workers, ("league.json", "pace.png"),
+            lambda missing: play(missing[0]),  # compiles for all
         )  # fmt: skip
         for row in rows:
             print("  ".join(f"{cell:>28}" if i else f"{cell:28}" for i, cell in enumerate(row)))
@@ -290,8 +214,8 @@ def summary(
         "way_after_onset": interquartile_mean([after]),
         "mean": float(np.mean(after)),
         "ways": after,
-        "cpu": float(np.mean([result["cpu"] for result in results])),
-        "slowest": max(result["slowest"] for result in results),
+        "cpu": float(np.mean([result["seconds"]["cpu"] for result in results])),
+        "slowest": max(result["seconds"]["slowest"] for result in results),
         "false_alarms": sum(
             any(result["onset"] is None or t < 0.2 * result["onset"] - 0.1 for t in times)
             for result, times in zip(results, alarms, strict=True)

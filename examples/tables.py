@@ -22,13 +22,14 @@ def do_table(
     tabulate: Callable[[list[dict[str, Any]]], list[list[str]]],
     workers: int | None,
     pictures: tuple[str, ...] = (),
+    warm_up: Callable[[Sequence[Job]], object] = lambda _jobs: None,
 ) -> list[list[str]]:
     """Run all jobs in a folder; return the table of their results, written to ``table.md``.
 
     ``tabulate`` takes the results in the order of the jobs. The
     first column is aligned to the left, the others to the right. ``tabulate`` may draw
     ``pictures``, of these names, in the folder. For ``kind`` and ``settings`` see
-    ``write_manifest``.
+    ``write_manifest``, for ``warm_up`` ``run_jobs``.
 
     Raises
     ------
@@ -38,7 +39,7 @@ def do_table(
     folder = ensure_writable_directory(out)
     with lock(folder):
         write_manifest(folder, kind, settings, ("table.md", *pictures))
-        failures = run_jobs(jobs, work, folder, count=workers)
+        failures = run_jobs(jobs, work, folder, count=workers, warm_up=warm_up)
         exit_if_failed(failures)
         rows = tabulate([read_result(folder, job) or {} for job in jobs])
         head, *body = (f"| {' | '.join(row)} |" for row in rows)

@@ -15,6 +15,7 @@ from aquafish.online.gaits import LARGEST, imagine, load_library, refine
 from aquafish.online.watch import Calibration, Moment
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.fish.recognition import Recognised, recognise
 from eea.fish.self_model import SelfModel, observe, predict
 from gait.controller import Controller
@@ -44,6 +45,14 @@ class AgentConfig:
     inference_seconds: float = 0.2
     refinement_seconds: float = 1.2
     seed: int = 0  #: Of the refinement.
+
+    def __post_init__(self) -> None:
+        for name in ("seconds", "gyro_noise", "inference_seconds", "refinement_seconds"):
+            finite_array(name, getattr(self, name), (), 0.0)
+        integer("generations", self.generations, 0)
+        integer("seed", self.seed, 0)
+        if not self.inferences or not self.waters:
+            raise InvalidArgumentError("inferences and waters must have one value or more")
 
 
 class Event(NamedTuple):
@@ -122,14 +131,15 @@ class SelfModelAgent:
         self.config, self.hold = config or AgentConfig(), hold
         self.dt = hold * TIMESTEP
         self._whole = Scenario.create() if robot is None else robot
+        if not self.library or len(self._whole) != 1:
+            raise InvalidArgumentError("library must have a gait, and robot must be one robot")
 
     def begin(self, fin_angles: ArrayLike) -> None:
         """Begin an episode at rest, with the fins at known angles (3,), rad."""
-        config = self.config
+        config, angles = self.config, finite_array("fin_angles", fin_angles, (3,), unit="rad")
         self.noise = np.full(CHANNELS, np.inf if config.gyro_only else 0.0)
         self.noise[GYRO] = config.gyro_noise
         self.bias = np.zeros(CHANNELS)
-        angles = np.asarray(fin_angles, float)
         self._calibration: Calibration | None = Calibration(
             self._whole, angles, self.noise, self.hold, config.waters
         )
@@ -152,6 +162,13 @@ class SelfModelAgent:
         Rows (1, k) of a vector environment give (1, 3).
         """
         given = np.asarray(observation, float)
+        if not hasattr(self, "model"):
+            raise InvalidArgumentError("begin(fin_angles) must be called before act(observation)")
+        if given.size < CHANNELS or given.shape[:-1] not in ((), (1,)):
+            raise InvalidArgumentError(
+                f"observation must have shape ({CHANNELS},) or be longer, or (1, k); "
+                f"got {given.shape}"
+            )
         if self._steps:
             self._observe(given.reshape(-1)[:CHANNELS] - self.bias)
         due = [thought for thought in self._thoughts if thought.due <= self._steps]

@@ -26,7 +26,10 @@ LARGEST = 30  # nodes of a network that CMA-ES refines in a second
 
 
 def load_library(path: Path = LIBRARY) -> list[Controller]:
-    """Return the gaits of a library: one for the whole robot, then those for broken ones."""
+    """Return the gaits of a library: two for the whole robot, then those for broken ones.
+
+    ``examples/gait_library.py`` made the packaged one.
+    """
     return [Controller.from_dict(one) for one in read_document(path, SCHEMA, "library")["gaits"]]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -16,7 +18,8 @@ from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, o
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS as MAXIMUM_SUBSTEPS
 
 MAXIMUM_STEPS = 1_000_000  # 10,000 s
-RECORDS = ("rpy", "gyro", "attitude", "pose")
+# How many numbers a sample has.
+RECORDS: dict[str, int] = {"rpy": 3, "gyro": 3, "attitude": 6, "pose": 16}
 
 
 def simulate(
@@ -155,6 +158,7 @@ def simulate_scenario(
     record = one_of("record", record, RECORDS)
     interval = integer("interval", interval, 1, MAXIMUM_STEPS)
     begun = integer("begun", begun, 0, MAXIMUM_STEPS)
+    _check_log_fits(len(scenario), steps, record, kind)
     # The engines are imported here: importing the package stays quick, and works without PyBullet.
     if engine == "numba":
         from aquafish_gym.engines.compiled.simulate import simulate_lanes
@@ -170,3 +174,17 @@ def simulate_scenario(
     from aquafish_gym.engines.bullet.simulate import simulate_bullet
 
     return simulate_bullet(scenario, commands, steps, substeps, record, interval)
+
+
+def _check_log_fits(batch: int, steps: int, record: str, dtype: type[np.floating]) -> None:
+    """Refuse a log that is larger than this machine's memory: the system might kill the process."""
+    wanted = batch * steps * RECORDS[record] * np.dtype(dtype).itemsize
+    try:
+        memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, OSError, ValueError):  # this system does not say
+        return
+    if wanted > memory:
+        raise InvalidArgumentError(
+            f"a log of {steps} steps of {batch} robots would take {wanted / 2**30:,.0f} GiB, and "
+            f"this machine has {memory / 2**30:,.0f} GiB of memory; take fewer steps or robots"
+        )

@@ -33,6 +33,8 @@ class CannotWriteError(OSError):
 
 def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out") -> Path:
     """Return ``path`` as a directory that takes files; created if missing, else refused."""
+    if path == "":  # Path("") is the current directory
+        raise InvalidArgumentError(f"{argument} must be a directory; got ''")
     try:
         directory = Path(path)
         directory.mkdir(parents=True, exist_ok=True)

@@ -34,6 +34,9 @@ from eea.core.problem import Problem
 from eea.core.result import RoundFit
 from eea.core.session import Session, Streams, Trial, streams
 
+# The angles of an experiment, and the sim of models that were simulated from them, by genome.
+Known = tuple[bytes, dict[bytes, float]]
+
 
 @dataclass(frozen=True)
 class EEAState:
@@ -41,6 +44,7 @@ class EEAState:
 
     experiments: Experiments
     genomes: Genomes  #: The models' population, shape (N, bits).
+    known: tuple[Known, ...] = ()  #: Of each experiment; models survive, and meet it again.
 
 
 class EEA(Session[EEAState]):
@@ -113,6 +117,8 @@ class EEA(Session[EEAState]):
         behavior = summarize(RecordedLog(trial.gyro))[0]
         experiments = (*state.experiments, Experiment(trial.command, behavior, context))
         genomes, fitness = state.genomes, np.empty(0)
+        keys = _keys(genomes)
+        known = [(pose, {k: sims[k] for k in keys if k in sims}) for pose, sims in state.known]
         for generation in range(config.estimation.generations):
             if generation:
                 genomes = next_generation(genomes, fitness, rngs["estimation"])
@@ -122,7 +128,7 @@ class EEA(Session[EEAState]):
                     experiments, models, self._evaluator, config.out_of_band, inferring
                 )
             angles = perform_angles(experiments, len(models), inferring)  # PERFORM, Sec. 3.3
-            similarities = self._similarities(models, experiments, angles)  # Eq. 2
+            similarities = self._similarities(genomes, experiments, angles, known)  # Eq. 2
             fitness = model_fitness(similarities)  # Eq. 3
             if config.condition == "in-band":
                 newest = models_range(angles[:, -1], similarities[:, -1])  # Sec. 3.3
@@ -133,7 +139,7 @@ class EEA(Session[EEAState]):
         spread = models.std(axis=0) / layout.span
         simulated = self._evaluator.trials - self._simulated
         fit = RoundFit(models[best], float(fitness[best]), locked, spread, simulated)
-        return EEAState(experiments, genomes), fit
+        return EEAState(experiments, genomes, tuple(known)), fit
 
     def _disagreement(self, models: Floats, commands: Floats) -> Floats:
         """Return ACT_FIT (A,) of commands (A, c) over models (M, n), all angles initially zero.
@@ -148,11 +154,45 @@ class EEA(Session[EEAState]):
         fitness = self._evaluator.disagreements(trials, len(models))
         return np.where(np.isfinite(fitness), fitness, -1.0)
 
-    def _similarities(self, models: Floats, experiments: Experiments, angles: Floats) -> Floats:
-        """Return sim (N, E) of models (N, n) from angles (N, E, h) in every experiment."""
-        shape = angles.shape[:2]
-        model, experiment = (index.ravel() for index in np.indices(shape))
-        commands = np.stack([each.command for each in experiments])
-        observed = np.stack([each.behavior for each in experiments])
-        trials = Trials(models[model], commands[experiment], angles[model, experiment])
-        return self._evaluator.similarities(trials, observed, experiment).reshape(shape)
+    def _similarities(
+        self, genomes: Genomes, experiments: Experiments, angles: Floats, known: list[Known]
+    ) -> Floats:
+        """Return sim (N, E) of models from angles (N, E, h) in every experiment.
+
+        What is not in ``known`` is simulated in one batch and entered there, except from angles
+        that are drawn anew in each generation.
+        """
+        keys, models = _keys(genomes), self._problem.models.decode(genomes)
+        new: list[tuple[int, int]] = []
+        for e, experiment in enumerate(experiments):
+            if not experiment.context.fixed:
+                new += [(n, e) for n in range(len(keys))]
+                pose = b""
+            else:
+                pose = experiment.context.min_angle.tobytes()
+            if e == len(known) or known[e][0] != pose:
+                known[e : e + 1] = [(pose, {})]
+            if pose:
+                first = {key: n for n, key in reversed(list(enumerate(keys)))}
+                new += [(n, e) for key, n in first.items() if key not in known[e][1]]
+        result = np.empty(angles.shape[:2])
+        if new:
+            model, experiment_of = np.array(new).T
+            commands = np.stack([each.command for each in experiments])
+            observed = np.stack([each.behavior for each in experiments])
+            trials = Trials(models[model], commands[experiment_of], angles[model, experiment_of])
+            result[model, experiment_of] = self._evaluator.similarities(
+                trials, observed, experiment_of
+            )
+        for n, e in new:
+            if known[e][0]:
+                known[e][1][keys[n]] = float(result[n, e])
+        for e, (pose, sims) in enumerate(known):
+            if pose:
+                result[:, e] = [sims[key] for key in keys]
+        return result
+
+
+def _keys(genomes: Genomes) -> list[bytes]:
+    """Return genomes (N, bits) as keys of a dictionary."""
+    return [genome.tobytes() for genome in genomes]

@@ -14,7 +14,7 @@ from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.angles import Floats, wrap
 from eea.core.checks import instance
@@ -78,7 +78,11 @@ class EngineTarget:
         self._rng = np.random.default_rng() if rng is None else rng
         self._gap, self._steps = gap, steps
         self._substeps = substeps * gap.substeps
-        self._scenario = self.damage.edit(gap.edit(Scenario.create(whole, current=current)))
+        world = gap.edit(Scenario.create(whole, current=current))
+        check_row("current", world.current[0])
+        self._scenario = self.damage.edit(world)
+        for stage in (self._scenario, *(change.to for change in self._scenario.schedule)):
+            check_row("servo_gain", stage.servo_gain[0])
         self._simulate(np.zeros(3), np.zeros(3))  # refuses wrong settings
         for fault in self.damage.faults:
             if fault.span[0] >= steps * TIMESTEP:

@@ -20,7 +20,7 @@ from aquafish_gym.runs.storage import DamagedFileError, read_document, write_doc
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import Config
-from eea.study.replicate import Replicate, ReplicateKey, World
+from eea.study.replicate import RUNS, Replicate, ReplicateKey, World
 
 STUDY, SCHEMA = "study.json", "eea.study/1"
 # Settings that are the study's.
@@ -142,9 +142,10 @@ def extended(folder: Path, study: Study) -> dict[str, Any]:
     asked: dict[str, Any] = json.loads(json.dumps(study.to_dict()))
     if not (folder / STUDY).exists():
         other = read_manifest(folder)
-        if other is not None:
+        held_by = other["kind"] if other else f"{RUNS} but no {STUDY}"
+        if other is not None or (folder / RUNS).exists():  # replicates of unknown settings
             raise InvalidArgumentError(
-                f"out must be a new directory or hold a study; {folder} holds {other['kind']}"
+                f"out must be a new directory or hold a study; {folder} holds {held_by}"
             )
         return asked
     held = read_description(folder)

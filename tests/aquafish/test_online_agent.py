@@ -13,6 +13,7 @@ from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine, load_library, refine
 from aquafish.online.watch import Watch
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.fish.self_model import SelfModel
 from gait import evaluate
 
@@ -80,6 +81,25 @@ def test_it_plays_in_a_vector_environment() -> None:
         SelfModelAgent(config=QUICK), "AquaFishRecovery-v0", episodes=1, damage="caudal:missing@58"
     )
     assert found.returns[0] > 50.0
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda agent: agent.act(np.zeros(9)), "begin.* must be called before"),
+        (lambda agent: agent.begin("straight"), "fin_angles must be"),
+        (lambda agent: agent.begin((0.0, 0.0)), "fin_angles must have shape"),
+        (lambda agent: agent.reset({"fin_angles": np.zeros((2, 3))}), "fin_angles must have shape"),
+        (lambda agent: (agent.begin(np.zeros(3)), agent.act(np.zeros(6))), "observation must have"),
+        (lambda _: AgentConfig(gyro_noise=-1.0), "gyro_noise must"),
+        (lambda _: AgentConfig(generations=1.5), "generations must"),
+        (lambda _: AgentConfig(inferences=()), "inferences and waters must"),
+        (lambda _: SelfModelAgent(library=[]), "library must have a gait"),
+    ],
+)
+def test_wrong_input_is_refused(call: Any, said: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=said):
+        call(SelfModelAgent(config=QUICK))
 
 
 def test_a_refined_gait_is_no_worse_by_imagination() -> None:

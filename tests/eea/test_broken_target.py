@@ -116,6 +116,7 @@ def test_noise_differs_by_trial_and_repeats_with_the_seed():
         ("random:mild", r"left to chance: sample it first \(Damage\.sample\)"),
         ("caudal:missing@1-2", r"leaves its onset to chance: sample it first \(Damage\.sample\)"),
         ("caudal:seized@4+2", r"within the trial, which lasts 0\.6 s; got caudal:seized@4"),
+        ("caudal:weak=2;caudal:weak=2", r"servo_gain\[2\] must lie in \[-2, 2\]; got 4"),
     ],
 )
 def test_random_late_or_excessive_damage_is_refused(damage, said):

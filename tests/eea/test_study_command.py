@@ -135,6 +135,9 @@ def test_folders_with_other_content_are_refused(tmp_path, capsys):
     assert main([*TINY, "--out", str(tmp_path)]) == 2
     assert "holds a case study" in capsys.readouterr().err
     assert sorted(tmp_path.iterdir()) == before
+    (tmp_path / "orphans" / "runs").mkdir(parents=True)
+    assert main([*TINY, "--out", str(tmp_path / "orphans")]) == 2
+    assert "holds runs but no study.json" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("undrawn")

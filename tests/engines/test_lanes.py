@@ -12,8 +12,10 @@ import pytest
 from numpy.testing import assert_array_equal
 
 import aquafish_gym
+from aquafish_gym import simulate
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics import compiling, hydrodynamics
+from aquafish_gym.utils.validation import InvalidArgumentError
 from tests.verification.trials import lane_batch
 
 Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -111,3 +113,9 @@ def test_a_batch_refuses_commands_for_another_number_of_robots() -> None:
     for call in (lambda c: lanes.advance(c, 8), lambda c: lanes.spectra(c, 8)):
         with pytest.raises(ValueError, match="commands must be those of 5 robots; got 1"):
             call(np.zeros((1, 3)))
+
+
+def test_a_log_larger_than_the_memory_is_refused_before_it_is_made() -> None:
+    commands = np.broadcast_to((0.1, 0.1, 0.5), (100_000, 3))
+    with pytest.raises(InvalidArgumentError, match=r"would take [\d,]+ GiB"):
+        simulate(None, commands, steps=10**6, record="pose")

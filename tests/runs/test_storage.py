@@ -201,6 +201,6 @@ def test_directories_are_created_or_refused(tmp_path):
     made = ensure_writable_directory(tmp_path / "a" / "b")
     assert made.is_dir()
     (tmp_path / "file").touch()
-    for path in (tmp_path / "file", tmp_path / "file" / "below", None, 3, "a\0b"):
+    for path in (tmp_path / "file", tmp_path / "file" / "below", "", None, 3, "a\0b"):
         with pytest.raises(InvalidArgumentError, match=r"^folder must be a"):
             ensure_writable_directory(path, "folder")

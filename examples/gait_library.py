@@ -1,0 +1,87 @@
+"""Make the library of gaits that the agent chooses from.
+
+Two are for the whole robot, each other one for a robot that random damage broke.
+
+    python examples/gait_library.py --out out/library.json
+
+Two minutes on two cores. The packaged file is ``aquafish/online/library.json``.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.progress import track
+
+from aquafish.online.gaits import SCHEMA
+from aquafish_gym.command_line import run_command_line
+from aquafish_gym.damage import Damage
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.world_config import WorldConfig
+from gait import Controller, EvolveConfig, evolve_gait
+
+SCORES = Path(__file__).parents[1] / "docs/results/scores/runs/forward"
+WHOLE = ("PPO--fins", "CMA-ES--fins")  # of the reference scores
+SEARCH = EvolveConfig(
+    search="cma", senses=("imu", "clock", "fins"), interval=20, restarts=3, generations=250
+)
+
+
+@dataclass(frozen=True)
+class Library:
+    """Evolve a gait for each of some robots that random damage broke, and write a library."""
+
+    out: Path = Path("out/library.json")
+    gaits: int = 24
+    """For broken robots: four of five severely, the others moderately."""
+    seed: int = 7
+    """Of the damage."""
+
+    def execute(self) -> None:
+        """Write the library; takes five seconds a gait."""
+        found = [
+            Controller.from_dict(json.loads((SCORES / name / "100.json").read_text())["controller"])
+            for name in WHOLE
+        ]
+        for k, robot in enumerate(track(broken_robots(self.gaits, self.seed), "gaits")):
+            left, right, caudal = robot.servo_gain[0].tolist()
+            world = WorldConfig(servo_gain=(left, right, caudal))
+            found.append(
+                evolve_gait(robot.body[0], replace(SEARCH, seed=k), world=world).controller
+            )
+        document = {"schema": SCHEMA, "gaits": [_short(one.to_dict()) for one in found]}
+        self.out.parent.mkdir(parents=True, exist_ok=True)
+        write_bytes(self.out, json.dumps(document).encode())
+        print(f"{len(found)} gaits: {self.out}")
+
+
+def broken_robots(count: int, seed: int) -> list[Scenario]:
+    """Return robots whose body or servos random damage broke."""
+    rng, whole = np.random.default_rng(seed), Scenario.create(Morphology.nominal())
+    found: list[Scenario] = []
+    while len(found) < count:
+        tier = rng.choice(["severe", "moderate"], p=[0.8, 0.2])
+        robot = Damage.parse(f"random:{tier}").sample(rng).edit(whole)
+        if (robot.body != whole.body).any() or (robot.servo_gain != 1.0).any():
+            found.append(robot)
+    return found
+
+
+def _short(value: Any) -> Any:
+    """Return a JSON value with numbers of four digits."""
+    if isinstance(value, dict):
+        return {name: _short(each) for name, each in value.items()}
+    if isinstance(value, list):
+        return [_short(each) for each in value]
+    return float(f"{value:.4g}") if isinstance(value, float) else value
+
+
+if __name__ == "__main__":
+    sys.exit(run_command_line("gait_library", Library))
