@@ -160,7 +160,7 @@ class EEA(Session[EEAState]):
         """Return sim (N, E) of models from angles (N, E, h) in every experiment.
 
         What is not in ``known`` is simulated in one batch and entered there, except from angles
-        that are drawn anew in each generation.
+        that are drawn in each generation.
         """
         keys, models = _keys(genomes), self._problem.models.decode(genomes)
         new: list[tuple[int, int]] = []

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 
+from eea.core import algorithm
 from eea.core.algorithm import EEA
 from eea.core.behavior import summarize
 from eea.core.checks import TargetError
-from eea.core.config import EstimationConfig, ExplorationConfig, PaperConfig
+from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig, PaperConfig
 from eea.core.experiment import RecordedLog, Trials
 from eea.core.model_evaluator import DIVERGED
 from eea.core.session import streams
@@ -78,10 +82,52 @@ def test_estimation_finds_body_that_explains_experiments():
     assert np.abs(np.array(record.morphology) - TRUTH).mean() < 0.1
 
 
-def test_generation_is_one_batch():
+def test_generation_is_one_batch_without_known_similarities():
     simulator = FakeSimulator()
     evolved(simulator, estimation=EstimationConfig(25, 10))
-    assert simulator.sizes == [25] * 10
+    assert simulator.calls == 10
+    assert simulator.sizes[0] == 25
+    assert max(simulator.sizes[1:]) < 25  # at least the elite is known
+
+
+def test_known_similarities_change_no_bit(monkeypatch):
+    settings = {"rounds": 3, "estimation": EstimationConfig(12, 20)}
+    knowing = evolved(**settings)
+    simulate = EEA._similarities
+    monkeypatch.setattr(EEA, "_similarities", lambda self, *given: simulate(self, *given[:3], []))
+    forgetful = evolved(**settings)
+    assert np.array_equal(knowing._kept[0].genomes, forgetful._kept[0].genomes)
+    for one, other in zip(knowing.result.rounds, forgetful.result.rounds, strict=True):
+        assert one.trials < other.trials
+        assert replace(one, trials=0, seconds=0.0) == replace(other, trials=0, seconds=0.0)
+
+
+def test_out_of_band_infers_at_generations_0_35_and_70(monkeypatch):
+    config = PaperConfig(
+        steps=STEPS, rounds=1, estimation=EstimationConfig(4, 100),
+        out_of_band=OutOfBandConfig(inner_population=4, inner_generations=1),
+    )  # fmt: skip
+    events = []
+    for name in ("infer_angles", "perform_angles"):
+        record = partial(_recorded, events, name, getattr(algorithm, name))
+        monkeypatch.setattr(algorithm, name, record)
+    EEA(FakeRevealingTarget(0), FakeSimulator(), PROBLEM, config, 0, TRUTH).run()
+    pauses = [i for i, name in enumerate(events) if name == "infer_angles"]
+    assert [events[:i].count("perform_angles") for i in pauses] == [0, 35, 70]
+
+
+def _recorded(events, name, function, *arguments):
+    events.append(name)
+    return function(*arguments)
+
+
+def test_in_band_locks_its_range_after_the_round():
+    config = PaperConfig("in-band", STEPS, 1, estimation=EstimationConfig(generations=2))
+    eea = EEA(FakeRevealingTarget(0), FakeSimulator(), PROBLEM, config, 0, TRUTH)
+    eea.run()
+    context = eea._kept[0].experiments[-1].context
+    assert context.confidence == 1.0
+    assert (context.max_angle - context.min_angle < 2 * np.pi).all()
 
 
 def test_population_survives_between_rounds():
