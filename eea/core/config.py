@@ -145,7 +145,7 @@ class JointConfig(FitConfig):
 
     condition: ClassVar[Literal["joint"]] = "joint"
 
-    steps: int = whole_field(256, 32, MAXIMUM_STEPS)  #: Length of a trial in samples.
+    steps: int = whole_field(256, 16, MAXIMUM_STEPS)  #: Length of a trial in samples.
     rounds: int = whole_field(3, 1, MAXIMUM_ROUNDS)  #: Number of rounds, each with one trial.
     #: Stop once the 90% interval of every dimension is at most this share of its range and the fit
     #: is good; None for never.

@@ -19,15 +19,18 @@ if TYPE_CHECKING:
     from eea.fish.gap import RealityGap
     from eea.fish.log_inference import infer_log, watch_swim
     from eea.fish.posterior_file import load_posterior, save_posterior
+    from eea.fish.prior import known_body
     from eea.fish.simulator import EngineSimulator, fish_problem
     from eea.fish.swim_log import SwimLog, read_log, write_log
     from eea.fish.target import EngineTarget
+    from eea.fish.windows import Start
 
 __all__ = [
     "EngineSimulator",
     "EngineTarget",
     "MorphologyEstimate",
     "RealityGap",
+    "Start",
     "SwimLog",
     "estimate_morphology",
     "estimate_morphology_of",
@@ -35,6 +38,7 @@ __all__ = [
     "fish_eea",
     "fish_problem",
     "infer_log",
+    "known_body",
     "load_posterior",
     "read_log",
     "save_posterior",
@@ -45,10 +49,12 @@ _ROOMS = {
     "EngineSimulator": "simulator",
     "EngineTarget": "target",
     "RealityGap": "gap",
+    "Start": "windows",
     "SwimLog": "swim_log",
     "fins_after": "fins",
     "fish_problem": "simulator",
     "infer_log": "log_inference",
+    "known_body": "prior",
     "load_posterior": "posterior_file",
     "read_log": "swim_log",
     "save_posterior": "posterior_file",

@@ -49,8 +49,10 @@ def fins_after(result: Result) -> Fins:
     True
     """
     belief = result.belief
-    if not isinstance(belief, JointPosterior):
-        raise ConfigurationError("result must be of the condition joint, after a trial")
+    if not isinstance(belief, JointPosterior) or not belief.branches[0].parameters.joint.hidden:
+        raise ConfigurationError(
+            "result must be of the condition joint, after a trial from unknown fin angles"
+        )
     best = belief.branches[0]
     theta = best.posterior.sample(SAMPLES, np.random.default_rng(0))
     last = best.parameters.local(theta)[:, -1]

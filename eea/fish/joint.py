@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,13 +11,14 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
-from aquafish_gym.scenario import Scenario
+from aquafish_gym.scenario import Change, Scenario
 from eea.core.angles import Floats
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.fish.windows import LogWindows
-from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
+from eea.joint.problem import MOST_STRIDE, Hypothesis, JointProblem, Nuisance, Part
 
-_SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
+#: The switch of each fin's servo.
+SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
 
 # The columns of ``nuisances`` in ``fish_signal``. The priors' widths are typical of a laboratory's
 # robot; the ranges are beyond what is plausible.
@@ -30,7 +32,7 @@ NUISANCES: tuple[Nuisance, ...] = (
     # The tail's sweep is symmetric: reversal only shifts its phase.
     *(
         Nuisance(name, 0.0 if fin == "caudal" else -1.0, 1.0, 1.0, switch=True)
-        for fin, name in _SERVO.items()
+        for fin, name in SERVO.items()
     ),
     Nuisance("reactive water", 0.0, 1.0, 0.0, switch=True),
 )
@@ -57,20 +59,20 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
         for fin, word in FIN_WORDS.items()
     ),
     *(
-        Hypothesis(f"the servo of the {word} is seized", {_SERVO[fin]: 0.0}, (fin,), part=word)
+        Hypothesis(f"the servo of the {word} is seized", {SERVO[fin]: 0.0}, (fin,), part=word)
         for fin, word in FIN_WORDS.items()
     ),
     *(
-        Hypothesis(f"the servo of the {word} is dead", {_SERVO[fin]: 0.0}, part=word)
+        Hypothesis(f"the servo of the {word} is dead", {SERVO[fin]: 0.0}, part=word)
         for fin, word in FIN_WORDS.items()
     ),
     *(
-        Hypothesis(f"the servo of the {word} is reversed", {_SERVO[fin]: -1.0}, part=word)
+        Hypothesis(f"the servo of the {word} is reversed", {SERVO[fin]: -1.0}, part=word)
         for fin, word in FIN_WORDS.items()
         if fin != "caudal"
     ),
     *(
-        Hypothesis(f"the servo of the {word} is weak", freed=(_SERVO[fin],), part=word)
+        Hypothesis(f"the servo of the {word} is weak", freed=(SERVO[fin],), part=word)
         for fin, word in FIN_WORDS.items()
     ),
     Hypothesis("the water also resists acceleration", {"reactive water": 1.0}),
@@ -91,6 +93,7 @@ def fish_signal(
     ``nuisances`` (B, n) has the columns of ``NUISANCES``, or in mid-swim those of ``fish_joint``.
     With the ``windows`` of a log, ``commands`` (B,) are the windows' numbers.
     """
+    start = None if windows is None else windows.start
     reactive = nuisances[:, REACTIVE] > 0.5
     if reactive.any() and not reactive.all():  # an engine's call has one kind of water
         parts = [
@@ -116,13 +119,19 @@ def fish_signal(
         "servo_gain": nuisances[:, GAIN] * nuisances[:, SERVOS],
         "servo_lag": nuisances[:, LAG],
     }
-    if windows is not None and windows.begun:
+    still = np.zeros((len(bodies), 3))
+    if start is not None:
+        known = {n: still + getattr(start, n) for n in ("fin_angles", "velocity", "spin")}
+        fields |= {"current": still, **known}
+    elif windows is not None and windows.begun:
         spin = windows.spin[commands] - nuisances[:, BIAS] + nuisances[:, SPIN]
-        fields |= {
-            "current": np.zeros((len(bodies), 3)), "velocity": nuisances[:, VELOCITY], "spin": spin
-        }  # fmt: skip
+        fields |= {"current": still, "velocity": nuisances[:, VELOCITY], "spin": spin}
+    scenario = Scenario.fill(fields, bool(reactive.any()))
+    if start is not None:  # until then every servo obeyed its command
+        obeyed = replace(scenario, servo_gain=still + nuisances[:, GAIN])
+        scenario = replace(obeyed, schedule=(Change(0, np.arange(len(bodies)), scenario),))
     gyro = simulate_scenario(
-        Scenario.fill(fields, bool(reactive.any())),
+        scenario,
         commands if windows is None else windows.series[commands],
         simulator.steps,
         simulator.engine,
@@ -139,19 +148,30 @@ def fish_signal(
     return found
 
 
+def _at_known_start(nuisance: Nuisance) -> Nuisance:
+    """Return a nuisance as it is where the initial state is known, in still water."""
+    if nuisance.group == "current":
+        return replace(nuisance, switch=True)
+    # A reversed tail shows where its phase is known.
+    return replace(nuisance, low=-1.0) if nuisance.name == SERVO["caudal"] else nuisance
+
+
 def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) -> JointProblem:
     """Return the fish as a joint problem, for trials from rest or for the windows of a log.
 
     The commands of a log's windows (E,) are their numbers from 0.
     """
-    nuisances = NUISANCES
-    if windows is not None and windows.begun:
+    nuisances, hypotheses, known = NUISANCES, HYPOTHESES, False
+    if windows is not None and windows.start is not None:
+        nuisances, known = tuple(map(_at_known_start, NUISANCES)), True
+        hypotheses = tuple(replace(h, shared_angles=()) for h in HYPOTHESES)
+    elif windows is not None and windows.begun:
         nuisances = (*STARTS[:3], *NUISANCES[3:], *STARTS[3:])
     return JointProblem(
         fish_problem(),
         partial(fish_signal, simulator=simulator, windows=windows),
         nuisances,
-        HYPOTHESES,
+        hypotheses,
         {
             word: Part(
                 {d.name: d.size for d in DIMENSIONS if d.fin == fin},
@@ -160,4 +180,6 @@ def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) ->
             )
             for fin, word in FIN_WORDS.items()
         },
+        hidden=() if known else None,
+        stride=MOST_STRIDE if windows is None else min(MOST_STRIDE, windows.stride),
     )

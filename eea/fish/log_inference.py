@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.angles import Floats
 from eea.core.config import FitConfig, JointConfig
 from eea.core.result import RoundRecord
 from eea.core.session import streams
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import fish_joint
+from eea.fish.prior import since
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
-from eea.fish.windows import log_windows
+from eea.fish.windows import Start, log_windows
 from eea.joint.change_detection import ALARM, ChangeDetector, WindowTest
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
@@ -35,6 +38,8 @@ def infer_log(
     truth: Morphology | ArrayLike | None = None,
     *,
     moving: bool = False,
+    prior: JointPosterior | Morphology | None = None,
+    start: Start | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Infer the body, nuisances and initial states of a recorded swim, with intervals.
@@ -50,7 +55,14 @@ def infer_log(
     truth
         The body, if known: only for OBJ_FIT.
     moving
-        Whether each trial's record begins in mid-swim; otherwise it begins at rest.
+        Whether each trial's record begins in mid-swim, in an unknown state; otherwise it begins at
+        rest, with unknown fin angles.
+    prior
+        What the body was: a posterior, or a body that is known. Each fin may have changed since,
+        with a chance of 0.1; see ``eea.fish.prior``. None says nothing. The noise is then that of
+        ``joint``, or the posterior's.
+    start
+        The state at the first row of each trial, if it is known; the water is still.
     **simulator
         See ``EngineSimulator``.
 
@@ -63,7 +75,8 @@ def infer_log(
     Raises
     ------
     ConfigurationError, InvalidArgumentError
-        If a setting is wrong, or a trial too short; see ``log_windows``.
+        If a setting is wrong, the noise of a body's gyroscope is not given, or a trial is too
+        short; see ``log_windows``.
 
     Examples
     --------
@@ -75,17 +88,29 @@ def infer_log(
     True
     """
     began = time.monotonic()
-    windows = log_windows(log, moving)
+    windows = log_windows(log, moving, start=start)
     settings = vars(FitConfig() if joint is None else joint)
     config = JointConfig(**settings | {"steps": windows.gyro.shape[1], "rounds": 1})
     body = None if truth is None else Morphology.coerce(truth).to_array()
     fish = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
+    if prior is not None:
+        config, fish = replace(config, noise=_known_noise(config, prior)), since(fish, prior)
     observed = Observed(np.arange(len(windows.gyro)), windows.gyro)
     posterior = fit(observed, fish, config, streams(seed)["estimation"])
     command = windows.series[-1, windows.begun // windows.interval :].mean(axis=0)
     seconds, layout = time.monotonic() - began, fish.problem.models
     record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
     return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior)
+
+
+def _known_noise(config: FitConfig, prior: JointPosterior | Morphology) -> float:
+    """Return the noise, rad/s, of a robot with a prior."""
+    if config.noise is None and not isinstance(prior, JointPosterior):
+        raise InvalidArgumentError(
+            "joint must have the gyroscope's noise where prior is a body, since an unknown noise "
+            "would explain any change; got noise=None"
+        )
+    return config.noise or prior.sigma  # type: ignore[union-attr]
 
 
 class Watched(NamedTuple):
@@ -122,7 +147,7 @@ def watch_swim(
     progress: Callable[[int, int], None] | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> Watched:
-    """Compare a swim, second by second, with the posterior of a body.
+    """Compare a swim with the posterior of a body, one window of a second, or 16 rows, at a time.
 
     ``eea.joint.change_detection`` describes the test.
 
@@ -132,7 +157,8 @@ def watch_swim(
         A swim that begins at any moment; all its trials count. The first 0.2 s of each only show
         how the servos moved.
     belief
-        A ``result.belief`` of joint inference, or the result of ``load_posterior``.
+        A ``result.belief`` of joint inference, or the result of ``load_posterior`` or
+        ``known_body``.
     alarm
         The probability of a false alarm in each window.
     seed

@@ -21,8 +21,9 @@ from numpy.typing import NDArray
 
 from aquafish_gym.damage.faults import break_fin
 from aquafish_gym.morphology import FINS
-from aquafish_gym.scenario import Scenario
-from eea.fish.self_model import FLOOR, predict
+from aquafish_gym.physics.layout import start_rows
+from aquafish_gym.scenario import CHANNELS, Scenario
+from eea.fish.self_model import FLOOR, noise_of, predict
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -49,7 +50,11 @@ NARROWED, LATER = 16, 4  # how many are narrowed, and after two rounds
 ROUNDS, SPACING, SHRINK = 6, 0.12, 2.6
 STENCIL = np.array([-1.0, -1 / 3, 0.0, 1 / 3, 1.0])
 STEADY = 0.3  # of a bias: a smaller deviation about it is a bias
-FEWEST = 3  # observations that show a bias, or a channel that is stuck
+WHITE = 0.4  # correlation of an error with the one before: less is noise
+FEWEST, FEWEST_WHITE = 3, 8  # observations that show a bias or a stuck channel; and noise
+GYRO = slice(6, 9)
+POSES = 16  # of each fin, from which its initial angle is narrowed
+SENSORS = ("gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
 
 
 class Hypothesis(NamedTuple):
@@ -57,6 +62,10 @@ class Hypothesis(NamedTuple):
 
     words: tuple[tuple[str, str], ...]  #: (fin, word) each.
     numbers: tuple[float, ...]  #: As many; 0 of a word that has none.
+
+    def then(self, other: Hypothesis) -> Hypothesis:
+        """Return both: what broke before, and what broke then."""
+        return Hypothesis(self.words + other.words, self.numbers + other.numbers)
 
     def __str__(self) -> str:
         parts = [
@@ -72,23 +81,23 @@ class Recognised:
 
     Attributes
     ----------
-    hypothesis, robot
-        What broke, and the robot that it made: a scenario of one.
+    hypothesis, before
+        What broke, and the number of the robot that it happened to.
+    sensors
+        What is broken of its sensors, in words.
+    robot
+        What it became, its sensors included: a scenario of one.
     state
         (25,) of that robot after the last action.
-    bias
-        (9,) of each channel; 0 of those that have none.
-    lost
-        (9,) the channels that do not observe what the robot does.
     explained
-        Whether the hypothesis explains most channels; False is "none of my hypotheses".
+        Whether this explains most channels; False is "none of my hypotheses".
     """
 
     hypothesis: Hypothesis
+    before: int
+    sensors: tuple[str, ...]
     robot: Scenario
     state: Floats
-    bias: Floats
-    lost: Flags
     explained: bool
 
 
@@ -137,7 +146,7 @@ def recognise(
     states: Sequence[Floats],
     observed: Floats,
     actions: Floats,
-    noise: Floats,
+    drift: Floats,
     tolerance: Floats,
     hold: int = 20,
 ) -> Recognised:
@@ -146,87 +155,146 @@ def recognise(
     Parameters
     ----------
     before
-        What the robot may have been until then, scenarios of one; the present belief first.
+        What the robot may have been until then, scenarios of one; the present belief first, the
+        last with its sensors whole.
     states
         (25,) the states before the first action, the second, and so on, at any of which something
         may have broken.
     observed, actions
         (K, 9) observations, each after its action (K, 3).
-    noise
-        (9,) standard deviations of the observations, with the model's own error; infinite of a
-        channel that is not used.
+    drift
+        (9,) rms error of the model's own predictions.
     tolerance
-        (9,) the rms error from which on a channel is taken to be lost.
+        (9,) the rms error from which on a channel is taken to be broken.
     hold
         For how many steps of 0.01 s an action is held.
     """
-    used = np.flatnonzero(np.isfinite(noise))
-    silent = (
-        (observed == observed[-1]).all(axis=0) if len(observed) >= FEWEST else observed[-1] == 0
-    )
-    counted = np.where(silent[used], 0.0, 1.0)
-    variance = np.square(noise[used]) + FLOOR**2
-
-    def costs(robots: Scenario, state: Floats, since: int, until: int | None = None) -> Floats:
-        """Return minus the log likelihoods (N,) from an action on."""
-        seen = observed[since:until][:, used]
-        predicted, _ = predict(robots, state, actions[since:until], hold)
-        errors = predicted[:, :, used] - seen
-        count = len(seen)
-        squares = np.square(errors).sum(axis=1)
-        found = 0.5 * count * np.log(variance + squares / count)
-        if count >= FEWEST:
-            around = squares - count * np.square(errors.mean(axis=1))
-            biased = 0.5 * count * np.log(variance + around / count)
-            found = np.minimum(found, biased + BIAS_COST + 0.5 * np.log(count))
-        total: Floats = (found * counted).sum(axis=1)
-        return np.where(np.isfinite(total), total, np.inf)
-
-    best: tuple[float, int, int, Hypothesis] | None = None
+    noise = np.hypot(noise_of(before[-1]), drift)
+    last = observed[-FEWEST:]  # no whole channel repeats itself
+    silent = (last == last[-1]).all(axis=0) if len(last) == FEWEST else last[-1] == 0.0
+    counted = np.where(silent, np.inf, noise)
     everything = all_hypotheses()
-    priors = np.array([_prior_cost(one) for one in everything])
-    for b, robot in enumerate(before):
-        bank = broken(robot, everything)
-        for onset, state in enumerate(states):
-            # Until a later onset the robot was what it had been.
-            earlier = float(costs(before[0], states[0], 0, onset)[0]) if onset else 0.0
-            first = costs(bank, state, onset, onset + COMPARED) + priors
-            order = np.argsort(first, kind="stable")[:NARROWED]
-            chosen = [everything[i] for i in order]
-            spacing = SPACING
-            for turn in range(ROUNDS):
-                tried = [list(_around(one, spacing)) for one in chosen]
-                flat = [one for several in tried for one in several]
-                values = costs(broken(robot, flat), state, onset)
-                parts = np.split(values, np.cumsum([len(several) for several in tried])[:-1])
-                ends = [
-                    (float(part.min()) + _prior_cost(several[0]), several[int(part.argmin())])
-                    for part, several in zip(parts, tried, strict=True)
-                ]
-                ends.sort(key=lambda end: end[0])
-                chosen = [one for _, one in ends[: NARROWED if turn < 1 else LATER]]
-                spacing /= SHRINK
-            total = ends[0][0] + earlier
-            if best is None or total < best[0] - 1e-9:
-                best = total, b, onset, ends[0][1]
-    assert best is not None
-    _, b, onset, hypothesis = best
+
+    def costs(robots: Scenario, b: int, since: int, until: int | None = None) -> Floats:
+        """Return minus the log likelihoods (N,) of robots, with the sensors of the b-th before."""
+        predicted, _ = predict(robots, states[since], actions[since:until], hold)
+        seen = observed[since:until] - before[b].sensor_bias[0]
+        return mismatch(predicted, seen, counted)
+
+    # Compare all, then narrow the numbers of the best. Until a later onset the robot was as before.
+    cases = [(b, onset) for b in range(len(before)) for onset in range(len(states))]
+    until, prior = COMPARED + len(states), np.array([_prior_cost(one) for one in everything])
+    earlier = [float(costs(before[0], 0, 0, k)[0]) if k else 0.0 for k in range(len(states))]
+    banks = [broken(robot, everything) for robot in before]
+    first = np.array([costs(banks[b], b, k, until) + prior + earlier[k] for b, k in cases])
+    order = np.argsort(first, axis=None, kind="stable")[:NARROWED]
+    chosen = [(i // len(everything), everything[i % len(everything)]) for i in order.tolist()]
+    spacing = SPACING
+    for turn in range(ROUNDS):
+        ends = []
+        for case in sorted({case for case, _ in chosen}):
+            (b, onset), ones = cases[case], [one for which, one in chosen if which == case]
+            tried = [_around(one, spacing) for one in ones]
+            flat = [one for several in tried for one in several]
+            values = costs(broken(before[b], flat), b, onset) + earlier[onset]
+            parts = np.split(values, np.cumsum([len(several) for several in tried])[:-1])
+            for one, part, several in zip(ones, parts, tried, strict=True):
+                total = float(part.min()) + _prior_cost(one)
+                ends.append((total, case, several[int(part.argmin())]))
+        ends.sort(key=lambda end: end[:2])
+        chosen = [end[1:] for end in ends[: NARROWED if turn < 1 else LATER]]
+        spacing /= SHRINK
+    case, hypothesis = chosen[0]
+    b, onset = cases[case]
     robot = broken(before[b], [hypothesis])
+    robot = replace(robot, **{name: getattr(before[-1], name) for name in SENSORS})
     predicted, ended = predict(robot, states[onset], actions[onset:], hold)
-    errors = observed[onset:] - predicted[0]
-    mean, rms = errors.mean(axis=0), np.sqrt(np.square(errors).mean(axis=0))
-    off = silent | (rms > tolerance)
-    biased = off & ~silent & (errors.std(axis=0) < STEADY * np.abs(mean)) & (len(errors) >= FEWEST)
-    lost = off & ~biased
-    unexplained = int((lost & ~silent)[used].sum())
-    return Recognised(
-        hypothesis,
-        replace(robot, faults=np.array([len(hypothesis.words)])),
-        ended[:, 0],
-        np.where(biased, mean, 0.0),
-        lost,
-        unexplained <= max(1, len(used) // 3),
-    )
+    used = np.isfinite(noise)
+    errors = np.where(used, observed[onset:] - predicted[0], 0.0)
+    robot, words, odd = _with_sensors(robot, errors, silent & used, observed[-1] == 0.0, tolerance)
+    explained = odd <= max(1, int(used.sum()) // 3)
+    return Recognised(hypothesis, b, words, robot, ended[:, 0], explained)
+
+
+def mismatch(predicted: Floats, observed: Floats, noise: Floats) -> Floats:
+    """Return minus the log likelihoods (N,) of predictions (N, K, 9).
+
+    Each channel's own error is profiled out. Channels of infinite ``noise`` (9,) do not count.
+    """
+    used, count = np.isfinite(noise), len(observed)
+    variance = np.square(noise[used]) + FLOOR**2
+    errors = predicted[:, :, used] - observed[:, used]
+    squares = np.square(errors).sum(axis=1)
+    found = 0.5 * count * np.log(variance + squares / count)
+    if count >= FEWEST:
+        around = squares - count * np.square(errors.mean(axis=1))
+        biased = 0.5 * count * np.log(variance + around / count)
+        found = np.minimum(found, biased + BIAS_COST + 0.5 * np.log(count))
+    total: Floats = found.sum(axis=1)
+    return np.where(np.isfinite(total), total, np.inf)
+
+
+def find_fins(
+    waters: Sequence[Scenario], observed: Floats, actions: Floats, hold: int = 20
+) -> Floats:
+    """Return the fin angles (3,), rad, at which a robot began at rest.
+
+    ``waters`` are scenarios of one robot, in the waters that it may be in. It observed (K, 9) after
+    each of its actions (K, 3).
+    """
+    turn = 2 * np.pi * np.arange(POSES) / POSES
+    spacing, grid, stencil = turn[1], np.stack(np.meshgrid(turn, turn, turn), -1), np.arange(-1, 2)
+    around = np.stack(np.meshgrid(stencil, stencil, stencil), -1).reshape(-1, 3)
+    poses: Floats = grid.reshape(-1, 3)
+    for _ in range(ROUNDS):
+        costs = np.min(
+            [
+                mismatch(
+                    predict(
+                        robot.take(np.zeros(len(poses), np.intp)), start_rows(poses), actions, hold
+                    )[0],
+                    observed,
+                    noise_of(robot),
+                )
+                for robot in waters
+            ],
+            axis=0,
+        )
+        best = poses[np.argsort(costs, kind="stable")[:NARROWED]]
+        spacing /= 2
+        poses = (best[:, None] + spacing * around).reshape(-1, 3)
+    found: Floats = best[0]
+    return found
+
+
+def _with_sensors(
+    robot: Scenario, errors: Floats, silent: Flags, zero: Flags, tolerance: Floats
+) -> tuple[Scenario, tuple[str, ...], int]:
+    """Return a robot with the sensors that errors (K, 9) show, in words, and how many are odd.
+
+    An odd channel observes something else than its robot should, for no reason known here. It is
+    not used, as if it were stuck.
+    """
+    count, mean, noise = len(errors), errors.mean(axis=0), robot.gyro_noise
+    off = ~silent & (np.sqrt(np.square(errors).mean(axis=0)) > tolerance)
+    biased = off & (errors.std(axis=0) < STEADY * np.abs(mean)) & (count >= FEWEST)
+    odd, words = off & ~biased, list[str]()
+    gyro = errors[:, GYRO][:, odd[GYRO]]
+    white = (gyro[1:] * gyro[:-1]).sum() < WHITE * np.square(gyro).sum()
+    if white and gyro.shape[1] >= 2 and count >= FEWEST_WHITE:
+        noise, odd[GYRO] = np.sqrt(np.square(gyro).mean()).reshape(1), False
+        words = [f"gyro:noise={noise[0]:.3g}"]
+    kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased, "odd": odd}
+    for name, flags in kinds.items():
+        for i in np.flatnonzero(flags):
+            words.append(f"{CHANNELS[i]}:{name}" + (f"={mean[i]:.3g}" if name == "bias" else ""))
+    sensors = {
+        "gyro_noise": noise,
+        "sensor_bias": robot.sensor_bias + np.where(biased, mean, 0.0),
+        "sensor_dropped": robot.sensor_dropped | kinds["dropped"],
+        "sensor_stuck": robot.sensor_stuck | kinds["stuck"] | odd,
+    }
+    return replace(robot, **sensors), tuple(words), int(odd.sum())
 
 
 def _around(hypothesis: Hypothesis, spacing: float) -> list[Hypothesis]:

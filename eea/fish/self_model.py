@@ -8,10 +8,9 @@ the three fin angles. The position is only predicted: nothing depends on it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
@@ -24,23 +23,13 @@ SIZE = 12  # of the error of a state
 ATTITUDE, VELOCITY, SPIN, FINS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)
 #: Standard deviations (12,) that the model's own error adds in an action: rad, units/s, rad/s, rad.
 MODEL_ERROR: Floats = np.repeat([1e-5, 1e-4, 1e-4, 1e-5], 3)
+#: The same of a robot that was recognised, whose numbers are not exact.
+RECOGNISED_ERROR: Floats = np.repeat([1e-4, 1e-3, 1e-3, 5e-4], 3)
 #: Of the state at the start: a robot at rest moves against water that may flow.
 START_ERROR: Floats = np.repeat([1e-4, 0.2, 1e-4, 1e-4], 3)
 #: Standard deviation of an observation without noise, for rounding and single precision.
 FLOOR = 2e-4
 _POINTS: Floats = np.sqrt(SIZE) * np.concatenate([np.eye(SIZE), -np.eye(SIZE)])  # (24, 12)
-
-
-class Innovation(NamedTuple):
-    """An observation compared with its prediction."""
-
-    error: Floats  #: (9,) observed minus predicted; 0 of channels that are not used.
-    covariance: Floats  #: (9, 9) of the error, as predicted.
-
-    @property
-    def square(self) -> float:
-        """The squared error in standard deviations: chi-square, if the model is right."""
-        return float(self.error @ np.linalg.solve(self.covariance, self.error))
 
 
 class SelfModel:
@@ -49,14 +38,11 @@ class SelfModel:
     Parameters
     ----------
     robot
-        A scenario of one robot: its body, servos and water.
+        A scenario of one robot: its body, servos, water and sensors.
     fin_angles
         (3,) at the start, rad. It begins at rest.
-    noise
-        (9,) standard deviations of the observations (up, north, gyro); infinite for a channel that
-        is not used.
-    model_error
-        (12,) see ``MODEL_ERROR``.
+    model_error, start_error
+        (12,) see ``MODEL_ERROR`` and ``START_ERROR``.
     hold
         For how many steps of 0.01 s an action is held.
 
@@ -66,14 +52,16 @@ class SelfModel:
         (25,) the estimate, in the order of ``aquafish_gym.physics.layout``.
     covariance
         (12, 12) of its error.
+    noise
+        (9,) see :func:`noise_of`.
     log_likelihood
         Of all observations so far, up to a constant.
 
     Examples
     --------
-    >>> model = SelfModel(Scenario.create(), (0.0, 0.5, 1.0), np.full(9, 0.01))
+    >>> model = SelfModel(Scenario.create(gyro_noise=[0.01]), (0.0, 0.5, 1.0))
     >>> model.step((0.2, -0.2, 1.0))
-    >>> model.correct(observe(model.state[:, None])[0]).square < 0.1
+    >>> model.correct(observe(model.state[:, None])[0]) < 0.1
     True
     """
 
@@ -81,18 +69,18 @@ class SelfModel:
         self,
         robot: Scenario,
         fin_angles: ArrayLike,
-        noise: Floats,
         model_error: Floats = MODEL_ERROR,
+        start_error: Floats = START_ERROR,
         hold: int = 20,
     ) -> None:
-        self.noise, self.model_error, self.hold = noise, model_error, hold
-        self.covariance: Floats = np.diag(START_ERROR**2)
+        self.model_error, self.hold = model_error, hold
+        self.covariance: Floats = np.diag(start_error**2)
         self.log_likelihood = 0.0
         self.become(robot, start_rows(np.array([fin_angles], np.float64))[:, 0])
 
     def become(self, robot: Scenario, state: Floats) -> None:
-        """Take another robot, in a state (25,), for what it is; its error stays."""
-        self.robot, self.state = robot, state
+        """Replace the robot and its state (25,); keep the covariance."""
+        self.robot, self.state, self.noise = robot, state, noise_of(robot)
         points = np.zeros(2 * SIZE + 1, np.intp)
         self._lanes = LaneBatch(robot.take(points), np.float64, threads=1)
 
@@ -109,43 +97,55 @@ class SelfModel:
         errors -= mean
         self.covariance = errors.T @ errors / len(errors) + np.diag(self.model_error**2)
 
-    def correct(self, observed: Floats) -> Innovation:
-        """Correct the state by an observation (9,), and return how it differed."""
+    def correct(self, observed: Floats) -> float:
+        """Correct the state by an observation (9,).
+
+        Return the squared error of its prediction in standard deviations: chi-square with a degree
+        of freedom for each channel that is used, if the model is right.
+        """
         used = np.isfinite(self.noise)
         errors = _POINTS @ np.linalg.cholesky(self.covariance).T
         seen = observe(moved(self.state, errors))
         mean = seen.mean(axis=0)
         seen = np.where(used, seen - mean, 0.0)
-        cross = errors.T @ seen / len(errors)
         noise = np.where(used, np.hypot(self.noise, FLOOR), 1.0)
-        innovation = Innovation(
-            np.where(used, observed - mean, 0.0), seen.T @ seen / len(errors) + np.diag(noise**2)
-        )
-        gain = np.linalg.solve(innovation.covariance, cross.T).T
-        self.state = moved(self.state, (gain @ innovation.error)[None])[:, 0]
+        covariance = seen.T @ seen / len(errors) + np.diag(noise**2)
+        innovation = np.where(used, observed - self.robot.sensor_bias[0] - mean, 0.0)
+        cross = errors.T @ seen / len(errors)
+        gain = np.linalg.solve(covariance, cross.T).T
+        correction = np.asarray(gain @ innovation, np.float64)
+        self.state = moved(self.state, correction[None])[:, 0]
         left = self.covariance - gain @ cross.T
         self.covariance = 0.5 * (left + left.T) + 1e-14 * np.eye(SIZE)
-        self.log_likelihood -= 0.5 * (
-            innovation.square + float(np.linalg.slogdet(innovation.covariance)[1])
-        )
-        return innovation
+        square = float(innovation @ np.linalg.solve(covariance, innovation))
+        self.log_likelihood -= 0.5 * (square + float(np.linalg.slogdet(covariance)[1]))
+        return square
 
 
 def predict(
-    robots: Scenario, state: Floats, actions: Floats, hold: int = 20
+    robots: Scenario, states: Floats, actions: Floats, hold: int = 20
 ) -> tuple[Floats, Floats]:
-    """Return what N robots would observe (N, K, 9) after each action (K, 3).
+    """Return what the sensors of N robots would observe (N, K, 9) after each action (K, 3).
 
-    All begin in one state (25,). Also return the states (25, N) in which they end. In single
-    precision, on one thread.
+    They begin in ``states`` (25, N), or all in one (25,). Also return the states (25, N) in which
+    they end. Sensors are whole. In single precision, on one thread.
     """
     lanes = LaneBatch(robots, threads=1)
-    lanes.place(np.repeat(state[:, None], len(robots), axis=1))
+    lanes.place(np.broadcast_to(states.reshape(len(states), -1), (len(states), len(robots))))
     observed = np.empty((len(robots), len(actions), 9))
     for k, command in enumerate(scale_action(actions)):
         lanes.advance(np.tile(command, (len(robots), 1)), hold)
         observed[:, k] = observe(lanes.rows())
     return observed, lanes.rows()
+
+
+def noise_of(robot: Scenario) -> Floats:
+    """Return the standard deviations (9,) of one robot's observations.
+
+    Infinite of channels that are dropped or stuck: they are not used.
+    """
+    lost = robot.sensor_dropped[0] | robot.sensor_stuck[0]
+    return np.where(lost, np.inf, np.repeat([0.0, 0.0, robot.gyro_noise[0]], 3))
 
 
 def observe(states: Floats) -> Floats:
@@ -159,9 +159,9 @@ def observe(states: Floats) -> Floats:
 def moved(state: Floats, errors: Floats) -> Floats:
     """Return states (25, N) that differ from one (25,) by errors (N, 12)."""
     states = np.repeat(state[:, None], len(errors), axis=1)
-    half = 0.5 * errors[:, ATTITUDE].T
-    turn = np.array([*half, np.sqrt(np.maximum(1.0 - (half**2).sum(axis=0), 0.0))])
-    states[FIELDS["orientation"]] = _product(states[FIELDS["orientation"]], turn)
+    turned = Rotation.from_quat(state[FIELDS["orientation"]])
+    turned *= Rotation.from_rotvec(errors[:, ATTITUDE])
+    states[FIELDS["orientation"]] = turned.as_quat().T
     states[FIELDS["velocity"]] += errors[:, VELOCITY].T
     states[FIELDS["spin"]] += errors[:, SPIN].T
     angles = angles_of_rows(state)[:, None] + errors[:, FINS].T
@@ -171,29 +171,15 @@ def moved(state: Floats, errors: Floats) -> Floats:
 
 def difference(states: Floats, state: Floats) -> Floats:
     """Return the errors (N, 12) by which states (25, N) differ from one (25,)."""
-    inverse = state[FIELDS["orientation"]] * np.array([-1.0, -1.0, -1.0, 1.0])
-    turn = _product(inverse[:, None], states[FIELDS["orientation"]])
+    before = Rotation.from_quat(state[FIELDS["orientation"]])
+    turn = before.inv() * Rotation.from_quat(states[FIELDS["orientation"]].T)
     angles = angles_of_rows(states) - angles_of_rows(state)[:, None]
     errors: Floats = np.concatenate(
         [
-            2.0 * turn[:3] * np.where(turn[3] < 0.0, -1.0, 1.0),
+            turn.as_rotvec().T,
             states[FIELDS["velocity"]] - state[FIELDS["velocity"], None],
             states[FIELDS["spin"]] - state[FIELDS["spin"], None],
             np.arctan2(np.sin(angles), np.cos(angles)),
         ]
     ).T
     return errors
-
-
-def _product(p: Floats, q: Floats) -> Floats:
-    """Return the product (4, N) of quaternions (x, y, z, w)."""
-    px, py, pz, pw = p
-    qx, qy, qz, qw = q
-    return np.array(
-        [
-            pw * qx + px * qw + py * qz - pz * qy,
-            pw * qy - px * qz + py * qw + pz * qx,
-            pw * qz + px * qy - py * qx + pz * qw,
-            pw * qw - px * qx - py * qy - pz * qz,
-        ]
-    )

@@ -12,10 +12,13 @@ from math import gcd
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
+from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, check_commands
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.physics.kinematics import rotation
+from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.scenario import check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, flag, instance
 from eea.core.angles import Floats
 from eea.fish.swim_log import FEWEST, SwimLog
@@ -26,6 +29,41 @@ LONGEST = {False: 1024, True: 512}  # samples of a trial from rest, and of a win
 MOST_WINDOWS = 8  # of swims: more tell little, slowly
 NEAR = 1e-4  # s between a sample and the end of a step that counts as its time
 POINTS = 4  # of a cubic
+SLOWEST = 0.2  # s between the readings that the early stages of a search compare
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """The state of a robot at the first row of its record; still water has no other that matters.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a field has the wrong shape or range.
+
+    Examples
+    --------
+    >>> Start(fin_angles=(0.3, 1.0, -2.0)).velocity  # at rest
+    array([0., 0., 0.])
+    """
+
+    fin_angles: ArrayLike  #: (3,) left and right pectoral angle and caudal phase, rad.
+    velocity: ArrayLike = (0.0, 0.0, 0.0)  #: (3,) relative to the water, body axes, units/s.
+    spin: ArrayLike = (0.0, 0.0, 0.0)  #: (3,) body axes, rad/s.
+    #: (3,) what the servos executed until then, rev/s, rev/s and Hz.
+    command: ArrayLike = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("fin_angles", "velocity", "spin"):
+            object.__setattr__(self, name, check_row(name, getattr(self, name)))
+        object.__setattr__(self, "command", check_commands(self.command, "command")[0])
+
+    @classmethod
+    def of_state(cls, state: Floats, command: ArrayLike) -> Start:
+        """Return the start of a state (25,) of ``aquafish_gym.physics.layout``, in still water."""
+        turned: Floats = np.array(rotation(tuple(state[FIELDS["orientation"]].tolist())))
+        velocity = state[FIELDS["velocity"]] @ turned
+        return cls(angles_of_rows(state), velocity, state[FIELDS["spin"]], command)
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +77,10 @@ class LogWindows:
     interval: int  #: Samples that each command is held.
     begun: int  #: Samples of a series before its window; if any, the robot is in mid-swim.
     time: Floats  #: (E, T) of the readings, s after each window's beginning.
+    stride: int  #: Every how many readings show the swim, at 5 Hz.
     ends: Floats  #: (E,) when each ends, s of swimming since the record began, over all trials.
     remarks: tuple[str, ...]  #: The parts that are not used, in sentences.
+    start: Start | None = None  #: The state of each trial at its first row, if it is known.
 
     @cached_property
     def regular(self) -> bool:
@@ -64,21 +104,29 @@ class LogWindows:
         return seen
 
 
-def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None) -> LogWindows:
+def log_windows(
+    log: SwimLog,
+    moving: bool = False,
+    seconds: float | None = None,
+    start: Start | None = None,
+) -> LogWindows:
     """Cut a log into windows of equally many samples, which joint inference compares.
 
-    Each trial from rest is a window of at most 1024 samples. A record in mid-swim is cut into at
-    most eight windows of at most 512; the first 0.2 s only show how the servos move. More than 100
-    rows a second are averaged.
+    Each trial from rest, or from a known start, is a window of at most 1024 samples. A record in
+    mid-swim is cut into at most eight windows of at most 512; the first 0.2 s only show how the
+    servos move. More than 100 rows a second are averaged.
 
     Parameters
     ----------
     log
         A recorded swim.
     moving
-        Whether each trial's record begins in mid-swim.
+        Whether each trial's record begins in mid-swim, in an unknown state.
     seconds
-        Approximate length of a window, of which there are then as many as fit; None for the above.
+        Approximate length of a window, of which there are then as many as fit; one has at least 16
+        readings. None for the above.
+    start
+        The state in which each trial begins, if it is known.
 
     Raises
     ------
@@ -86,11 +134,14 @@ def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None
         If an argument has the wrong type, a trial is too short, or no servo or reading ever moves.
     """
     instance("log", log, SwimLog)
-    flag("moving", moving)
+    if flag("moving", moving) and start is not None:
+        raise InvalidArgumentError("moving must be False where start gives the state; got True")
+    if start is not None:
+        instance("start", start, Start)
     lead = BEFORE if moving else 0
     typical = float(np.median([np.median(np.diff(log.time[rows])) for rows in log.blocks]))
     averaged = max(1, int(TIMESTEP / typical + 1e-6))
-    wanted = None if seconds is None else round(seconds / (typical * averaged))
+    wanted = None if seconds is None else max(FEWEST, round(seconds / (typical * averaged)))
     trial, first, count = _cuts(log, lead, averaged, wanted)
     rows = first[:, None] + 1 + np.arange(count * averaged)
     time = (log.time[rows] - log.time[first, None]).reshape(-1, count, averaged).mean(axis=2)
@@ -103,6 +154,10 @@ def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None
     series = np.array([
         _commands(log, *each, lead + steps) for each in zip(trial, begin, strict=True)
     ])  # fmt: skip
+    if start is not None:
+        lead = BEFORE
+        before = np.broadcast_to(start.command, (len(series), lead, 3))
+        series = np.concatenate([before, series], axis=1)
     if not moving and not series.any():
         raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
     if (gyro == gyro[:, :1]).all():
@@ -110,7 +165,7 @@ def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None
     changes = np.flatnonzero((np.diff(series, axis=1) != 0.0).any(axis=(0, 2))) + 1
     interval = gcd(*changes.tolist()) or series.shape[1]
     used = log.time[rows[:, -1]] - log.time[[log.blocks[i].start for i in trial]]
-    before = np.cumsum([0.0, *log.seconds])  # s of swimming before each trial
+    earlier = np.cumsum([0.0, *log.seconds])  # s of swimming before each trial
     remarks = []
     for i, whole in enumerate(log.seconds):
         most = used[trial == i].max(initial=0.0)
@@ -126,8 +181,10 @@ def log_windows(log: SwimLog, moving: bool = False, seconds: float | None = None
         interval=interval,
         begun=lead,
         time=time,
-        ends=before[trial] + used,
+        stride=max(1, int(SLOWEST / (typical * averaged) + 1e-6)),
+        ends=earlier[trial] + used,
         remarks=tuple(remarks),
+        start=start,
     )
 
 
@@ -149,8 +206,8 @@ def _cuts(
     count = min(wanted or LONGEST[moving], *lengths)
     if count < FEWEST:
         raise InvalidArgumentError(
-            f"{log.name(int(np.argmin(lengths)))} must have at least {FEWEST} samples of 0.01 s "
-            f"after the first {seconds:g} s; it has {max(min(lengths), 0)}"
+            f"{log.name(int(np.argmin(lengths)))} must have at least {FEWEST} readings, 0.01 s or "
+            f"more apart, after the first {seconds:g} s; it has {max(min(lengths), 0)}"
         )
     windows = [length // count if moving else 1 for length in lengths]
     trial = np.repeat(np.arange(len(windows)), windows)

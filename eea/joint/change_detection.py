@@ -30,8 +30,7 @@ from eea.joint.problem import JointProblem
 ALARM = 1e-6  # probability of a false alarm in each window
 EFFORTS = (64, 512, 4096)  # numbers of random starts, until one explains the window
 UNSUSPICIOUS = 1e-2  # p-value above which a window is not examined further
-STARTS, DRAWS = 6, 4000
-LEAST_SD = 1e-6  # of a range
+STARTS = 6
 
 
 class WindowTest(NamedTuple):
@@ -68,24 +67,14 @@ class ChangeDetector:
         self._sigma, self._samples = belief.sigma, belief.samples
         best = belief.branches[0]
         groups = {n.group for n in joint.nuisances if n.name in best.parameters.names}
-        plain = Parameters.of(joint, 1, groups, best.hypothesis)
-        shared = [name for name in plain.names if "@" not in name]
-        known = [best.parameters.names.index(name) for name in shared]
-        theta = best.posterior.sample(DRAWS, np.random.default_rng(0))[:, known]
-        mean, count = plain.prior_mean.copy(), len(shared)
-        mean[:count] = theta.mean(axis=0)
-        information = plain.prior_information.copy()
-        covariance = np.cov(theta, rowvar=False) + LEAST_SD**2 * np.eye(count)
-        information[:count, :count] = np.linalg.inv(covariance)
-        turning = plain.circular[:count]  # a seized servo's angle may have changed since
-        information[:count][turning] = information[:, :count][:, turning] = 0.0
-        self._one = replace(plain, prior_mean=mean, prior_information=information)
+        known = replace(joint, prior=best.prior())
+        self._one = Parameters.of(known, 1, groups, best.hypothesis)
 
     def look(self, commands: NDArray[Any], signal: Floats) -> WindowTest:
         """Test one window with commands (1, ...) and a finite signal (T, axes)."""
         signal = finite("signal", signal, (None, self._one.joint.problem.axes))
         observed = Observed(commands, signal[None])
-        angles = len(self._one.joint.problem.hidden)
+        angles = len(self._one.angle_entries(0))
         freedom = signal.size - angles
         cost = np.inf
         for effort in EFFORTS:

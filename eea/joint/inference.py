@@ -18,7 +18,7 @@ from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmS
 from eea.joint.least_squares import FINE, Observed, Regression
 from eea.joint.parameters import SURE, Parameters
 from eea.joint.posterior import Mode, Posterior
-from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Simulate
+from eea.joint.problem import Hypothesis, JointProblem, Simulate
 from eea.joint.search import Optima, halved, improved, search
 
 ABSENT = 0.02  # of a range: a smaller part is hard to tell from one that does not move
@@ -73,26 +73,33 @@ def fit(
         parameters = Parameters.of(joint, len(observed), groups, hypothesis, config.per_trial)
         regression = Regression(parameters, observed, config.noise)
         before = start.optima.get(hypothesis.name)
-        return _optimize(regression, config, rng, before, plain, once=not start.explained)
+        once = not start.explained or joint.prior is not None  # a misfit means a change
+        return _optimize(regression, config, rng, before, plain, once)
 
-    # Fit the robot as commanded, then the other hypotheses that are plausible.
-    plain = optimize(AS_COMMANDED)
+    # Fit the robot as it should be, then the other hypotheses that are plausible.
+    plain = optimize(joint.nominal)
     explained = plain.goodness.good
     alone = mixture(plain, plain)
-    others = [(h, optimize(h, plain)) for h in _plausible(joint, config, plain, alone, earlier)]
+    others: list[tuple[Hypothesis, Optima]] = []
+    plausible = _plausible(joint, config, plain, alone, earlier)
+    for changes in sorted({h.changes for h in plausible}):
+        others += [(h, optimize(h, plain)) for h in plausible if h.changes == changes]
+        if any(optima.goodness.good for _, optima in others):
+            break
     lowest = min((o for _, o in others), key=_least, default=plain)
     if _least(lowest) < _least(plain):  # was it the hypothesis, or a better search?
         plain = improved(plain, carried_over(lowest, plain.regression.parameters)[:1])
         alone = mixture(plain, plain)
 
     # Weigh them by their evidence.
-    fitted = [(AS_COMMANDED, plain), *others]
+    fitted = [(joint.nominal, plain), *others]
     best = min((optima for _, optima in fitted), key=lambda optima: optima.sigma)
     mixtures = [alone if o is best is plain else mixture(o, best) for _, o in fitted]
     constants = [log_prior_constant(o.regression.parameters) for _, o in fitted]
     evidence = np.array([m.log_evidence + c for m, c in zip(mixtures, constants, strict=True)])
+    evidence += np.log([h.odds for h, _ in fitted])
     shares = np.exp(evidence - evidence.max())
-    shares /= shares.sum()  # all hypotheses are equally probable a priori
+    shares /= shares.sum()
     branches = tuple(
         HypothesisPosterior(
             fitted[i][0], float(shares[i]), fitted[i][1].regression.parameters, mixtures[i]
@@ -104,7 +111,7 @@ def fit(
     # Leave what the fit of more trials starts from.
     optima = {**start.optima, **{h.name: o for h, o in fitted}}
     hopeless = {fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS)}
-    dropped = (start.dropped | hopeless) - {AS_COMMANDED.name}
+    dropped = (start.dropped | hopeless) - {joint.nominal.name}
     return JointPosterior(
         branches,
         optima[branches[0].hypothesis.name].goodness,
@@ -217,10 +224,12 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
 def log_prior_constant(parameters: Parameters) -> float:
     """Return the constant of the log prior, which differs between sets of parameters."""
     informed = parameters.prior_precision > 0.0
-    sd, mean = parameters.prior_precision[informed] ** -0.5, parameters.prior_mean[informed]
+    information = parameters.prior_information[np.ix_(informed, informed)]
+    mean = parameters.prior_mean[informed]
+    sd = np.sqrt(np.diag(np.linalg.inv(information)))
     high, low = log_ndtr((1.0 - mean) / sd), log_ndtr(-mean / sd)
-    mass = high + np.log1p(-np.exp(low - high))
-    normal = -(0.5 * np.log(2.0 * np.pi) + np.log(sd) + mass).sum()
+    mass = high + np.log1p(-np.exp(low - high))  # inside the bounds, of each alone
+    normal = 0.5 * np.linalg.slogdet(information / (2.0 * np.pi))[1] - mass.sum()
     return float(normal - np.count_nonzero(parameters.circular) * np.log(2.0 * np.pi))
 
 

@@ -37,7 +37,7 @@ def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) ->
         kept = pose(regression, kept, effort.poses, rng, rest)[0]
     if not _lined(parameters):
         return kept[: effort.descents]
-    seen = observed.signal[some, :: SCANNED.stride].size
+    seen = observed.signal[some, :: regression.stride(SCANNED)].size
     sigma = regression.noise or float(np.sqrt(squares.min() / seen))
     kept, cost = aligned(regression, kept, sigma)
     return kept[np.argsort(cost, kind="stable")[: effort.descents]]
@@ -82,12 +82,14 @@ def pose(
     angles = parameters.angle_entries(0)
     common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
     groups = SHARED_VALUES if common.any() else 1
-    each = -(-2 * count // groups) if groups > 1 else count
-    shared = rng.uniform(-np.pi, np.pi, (groups, 1, len(angles)))
-    total = np.zeros((len(theta), groups))
     local, width = parameters.local(theta), parameters.slots.shape[1]
     starts = parameters.start_slots()
     slots = np.concatenate([starts, np.arange(width - len(angles), width)])
+    if not len(slots):  # the initial state is known
+        return theta, misfit.squares(theta)
+    each = -(-2 * count // groups) if groups > 1 else count
+    shared = rng.uniform(-np.pi, np.pi, (groups, 1, len(angles)))
+    total = np.zeros((len(theta), groups))
     chosen = np.empty((len(theta), groups, len(trials), len(slots)))
     for column, e in enumerate(trials):
         tried = rng.uniform(-np.pi, np.pi, (groups, each, len(angles)))
@@ -129,9 +131,9 @@ def _drawn(
 def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Generator) -> Floats:
     """Return vectors (H, P) like one (P,), but with one trial's angles in another valley."""
     parameters, observed = regression.parameters, regression.observed
-    hidden = len(parameters.joint.problem.hidden)
+    hidden = len(parameters.angle_entries(0))
     others: list[tuple[float, Floats]] = []
-    for e in range(len(observed)):
+    for e in range(len(observed) if hidden else 0):
         entries = parameters.angle_entries(e)
         movable = np.isin(entries, parameters.angle_entries(e - 1), invert=len(observed) > 1)
         here = theta[entries]
@@ -149,7 +151,8 @@ def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Gene
         order = np.argsort(fits.squares, kind="stable")
         valleys: list[Floats] = [theta[entries]]
         for i in order:
-            excess = 0.5 * (fits.squares[i] - fits.squares[order[0]]) / sigma**2 * COARSE.stride
+            excess = 0.5 * (fits.squares[i] - fits.squares[order[0]]) / sigma**2
+            excess *= regression.stride(COARSE)
             if excess > HOP_CLOSE or len(valleys) > HOP_MODES:
                 break
             angles = fits.theta[i, entries]

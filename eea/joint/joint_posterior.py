@@ -15,11 +15,12 @@ from eea.joint.diagnostics import findings
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, intervals
-from eea.joint.problem import AS_COMMANDED, Hypothesis
+from eea.joint.problem import Hypothesis, Prior
 from eea.joint.search import Optima
 
 SAMPLES = 4000  # for medians and intervals
 MAXIMUM_SAMPLES = 10**7
+LEAST_SD = 1e-6  # of a range, in a prior
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,19 @@ class HypothesisPosterior:
     probability: float
     parameters: Parameters
     posterior: Posterior
+
+    def prior(self) -> Prior:
+        """Return what is known of the body and the nuisances common to all trials.
+
+        Angles may have changed since, even that of a seized servo.
+        """
+        names = self.parameters.names
+        entries = [
+            i for i, n in enumerate(names) if "@" not in n and not self.parameters.circular[i]
+        ]
+        theta = self.posterior.sample(SAMPLES, np.random.default_rng(0))[:, entries]
+        covariance = np.cov(theta, rowvar=False) + LEAST_SD**2 * np.eye(len(entries))
+        return Prior(tuple(names[i] for i in entries), theta.mean(axis=0), covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,14 +139,15 @@ class JointPosterior:
     def findings(self) -> list[str]:
         """What a person should know, in sentences: most important first."""
         best = self.branches[0]
+        nominal = best.parameters.joint.nominal.name
         if self.goodness.good:
-            odd = [b for b in self.branches if b.hypothesis.name != AS_COMMANDED.name]
+            odd = [b for b in self.branches if b.hypothesis.name != nominal]
             said = [
                 f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01
             ]
         else:  # where no hypothesis fits, their probabilities mean little
             said = [self.goodness.verdict]
-            if best.hypothesis.name != AS_COMMANDED.name:
+            if best.hypothesis.name != nominal:
                 said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
         return said + findings(best.posterior, best.parameters.joint)
 

@@ -205,11 +205,16 @@ class Regression:
 
     def misfit(self, precision: Precision, only_of: int | None = None) -> Misfit:
         """Return the misfit at a precision."""
+        precision = precision._replace(stride=self.stride(precision))
         return Misfit(self.parameters, self.observed, precision, only_of)
+
+    def stride(self, precision: Precision) -> int:
+        """Return every how many samples are compared: all, where they are far apart."""
+        return min(precision.stride, self.parameters.joint.stride)
 
     def sigma(self, squares: float, count: int) -> float:
         """Return the noise's standard deviation for the squares of ``count`` residuals."""
-        freedom = max(count - len(self.parameters), 1)
+        freedom = max(count - self.parameters.unknowns, 1)
         return self.noise or max(float(np.sqrt(squares / freedom)), LEAST_SIGMA)
 
     def sigma_near(self, misfit: Misfit, theta: Floats) -> float:

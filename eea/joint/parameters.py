@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats, wrap
-from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem
+from eea.joint.problem import Hypothesis, JointProblem, Prior
 
 FIXED = -1  # in ``slots``: a constant instead of a parameter
 SURE = 1e12  # the prior's precision of a dimension that a hypothesis fixes, which stays an entry
@@ -43,14 +43,16 @@ class Parameters:
         joint: JointProblem,
         trials: int,
         groups: Collection[str],
-        hypothesis: Hypothesis = AS_COMMANDED,
+        hypothesis: Hypothesis | None = None,
         per_trial: Collection[str] = (),
     ) -> Parameters:
         """Return the unknowns of a number of trials.
 
         Nuisances outside ``groups`` are nominal; those in ``per_trial`` groups vary by trial.
         """
-        models, nuisances, hidden = joint.problem.models, joint.nuisances, joint.problem.hidden
+        hypothesis = joint.nominal if hypothesis is None else hypothesis
+        models, nuisances, hidden = joint.problem.models, joint.nuisances, joint.hidden
+        assert hidden is not None
         angles = np.zeros(len(hidden))
         low = np.concatenate([models.low, [n.low for n in nuisances], angles])
         span = np.concatenate([models.span, [n.high - n.low for n in nuisances], angles + 1.0])
@@ -88,14 +90,15 @@ class Parameters:
         rows = shared + [(f"{name}@{e + 1}", *row) for e in range(trials) for name, *row in own]
         names, places, means, precisions = zip(*rows, strict=True)
         turning = np.array(places) >= len(models) + len(nuisances)
+        mean, information = _informed(joint.prior, hypothesis, names, means, precisions)
         return cls(
             joint,
             names,
             low=np.where(turning, -np.inf, 0.0),
             high=np.where(turning, np.inf, 1.0),
             circular=turning,
-            prior_mean=np.array(means),
-            prior_information=np.diag(precisions),
+            prior_mean=mean,
+            prior_information=information,
             slots=slots,
             _places=np.array(places),
             _constants=constants,
@@ -110,6 +113,11 @@ class Parameters:
     def body(self) -> int:
         """Number of the body's entries, which come first."""
         return len(self.joint.problem.models)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of entries that are not constant."""
+        return len(np.unique(self.slots[self.slots != FIXED]))
 
     @property
     def prior_precision(self) -> Floats:
@@ -137,15 +145,19 @@ class Parameters:
         return np.clip(layout.low + layout.span * theta[..., : self.body], layout.low, layout.high)
 
     def typical(self, bodies: Floats) -> Floats:
-        """Return vectors (S, P) of bodies (S, n), shares: nominal nuisances, angles zero."""
+        """Return vectors (S, P) of bodies (S, n), shares: nominal nuisances, angles zero.
+
+        Sizes of which there is a prior are as it expects.
+        """
         theta: Floats = np.tile(self.prior_mean, (len(bodies), 1))
-        sought = self.prior_precision[: self.body] < SURE
+        sought = self.prior_precision[: self.body] == 0.0
         theta[:, : self.body] = np.where(sought, bodies, theta[:, : self.body])
         return theta
 
     def angle_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries (h,) are a trial's hidden angles."""
-        return self.slots[trial, self.slots.shape[1] - len(self.joint.problem.hidden) :]
+        assert self.joint.hidden is not None
+        return self.slots[trial, self.slots.shape[1] - len(self.joint.hidden) :]
 
     def own_entries(self, trial: int) -> NDArray[np.intp]:
         """Return which entries are a trial's alone."""
@@ -171,3 +183,24 @@ class Parameters:
         away = theta - self.prior_mean
         cost: Floats = 0.5 * ((away @ self.prior_information) * away).sum(axis=-1)
         return cost
+
+
+def _informed(
+    prior: Prior | None,
+    hypothesis: Hypothesis,
+    names: tuple[str, ...],
+    means: tuple[float, ...],
+    precisions: tuple[float, ...],
+) -> tuple[Floats, Floats]:
+    """Return the mean (P,) and information (P, P) of the prior, where there is one, of entries."""
+    mean, information = np.array(means), np.diag(precisions)
+    if prior is not None:
+        silent = {*hypothesis.changed, *hypothesis.fixed}
+        said = [n for n in prior.names if n in names and n not in silent]
+        entries = [names.index(n) for n in said]
+        which = [prior.names.index(n) for n in said]
+        mean[entries] = prior.mean[which]
+        covariance = prior.covariance[np.ix_(which, which)]
+        information[entries] = 0.0
+        information[np.ix_(entries, entries)] = np.linalg.inv(covariance)
+    return mean, information

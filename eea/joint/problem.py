@@ -13,6 +13,8 @@ from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, choice, flag, instance, real, whole
 from eea.core.problem import Problem
 
+MOST_STRIDE = 4
+
 
 class Simulate(Protocol):
     """A simulator of batches of trials."""
@@ -90,6 +92,10 @@ class Hypothesis:
     shared_angles: tuple[str, ...] = ()  #: Hidden angles that are then the same in all trials.
     freed: tuple[str, ...] = ()  #: Switches that are then inferred.
     part: str = ""  #: The name of the part that it concerns, if any.
+    changed: tuple[str, ...] = ()  #: What a ``Prior`` then says nothing of.
+    #: Those of more changes are only fitted where none of fewer explains the trials.
+    changes: int = 1
+    odds: float = 1.0  #: Its prior probability, relative to that of the others.
 
 
 @dataclass(frozen=True)
@@ -109,6 +115,15 @@ class Part:
 
 
 AS_COMMANDED = Hypothesis("every servo does as it is told")
+
+
+@dataclass(frozen=True, eq=False)
+class Prior:
+    """A normal prior of some dimensions and nuisances, as shares of their ranges."""
+
+    names: tuple[str, ...]
+    mean: Floats  #: (n,)
+    covariance: Floats  #: (n, n)
 
 
 @dataclass(frozen=True)
@@ -143,11 +158,18 @@ class JointProblem:
     problem: Problem
     simulate: Simulate
     nuisances: tuple[Nuisance, ...] = ()
-    hypotheses: tuple[Hypothesis, ...] = ()  #: Alternatives to ``AS_COMMANDED``.
+    hypotheses: tuple[Hypothesis, ...] = ()  #: Alternatives to ``nominal``.
     parts: Mapping[str, Part] = field(default_factory=dict)  #: By name, for the findings.
+    nominal: Hypothesis = AS_COMMANDED  #: That holds unless something is odd.
+    prior: Prior | None = None  #: Instead of uniform sizes and the nuisances' own priors.
+    #: The hidden angles that are unknown, which alone ``simulate`` takes; None for all.
+    hidden: tuple[str, ...] | None = None
+    stride: int = MOST_STRIDE  #: Early stages of a search compare every n-th sample, at most.
 
     def __post_init__(self) -> None:
         instance("problem", self.problem, Problem)
+        if self.hidden is None:
+            object.__setattr__(self, "hidden", self.problem.hidden)
         models, hidden = self.problem.models.names, self.problem.hidden
         nuisances = tuple(nuisance.name for nuisance in self.nuisances)
         switches = [nuisance.name for nuisance in self.nuisances if nuisance.switch]
@@ -158,10 +180,13 @@ class JointProblem:
                 "dimensions, nuisances and hidden angles must have names of their own; "
                 f"{twice!r} is given twice"
             )
-        for hypothesis in self.hypotheses:
+        for name in self.hidden or ():
+            choice("hidden", name, hidden)
+        for hypothesis in (self.nominal, *self.hypotheses):
             for field_name, given, known in (
                 ("fixed", hypothesis.fixed, (*models, *nuisances)),
                 ("freed", hypothesis.freed, switches),
+                ("changed", hypothesis.changed, (*models, *nuisances)),
                 ("shared_angles", hypothesis.shared_angles, hidden),
                 ("part", [hypothesis.part] if hypothesis.part else [], self.parts),
             ):

@@ -48,7 +48,7 @@ class Optima:
     def goodness(self) -> Goodness:
         """Whether the best leaves nothing but noise."""
         regression = self.regression
-        return goodness_of_fit(self.residuals, len(regression.parameters), regression.noise)
+        return goodness_of_fit(self.residuals, regression.parameters.unknowns, regression.noise)
 
 
 def search(
@@ -63,9 +63,14 @@ def search(
     Unless it is done ``once``, the search is repeated up to ``effort.restarts`` times, until a fit
     leaves nothing but noise.
     """
+    parameters = regression.parameters
+    if not parameters.unknowns:
+        still = parameters.prior_mean[None]
+        squares = regression.misfit(FINE).squares(still)
+        return _optima(regression, Fitted(still, squares, squares))
     best: Optima | None = None
     for attempt in range(effort.restarts + 1):
-        starts, scanned = np.empty((0, len(regression.parameters))), effort
+        starts, scanned = np.empty((0, len(parameters))), effort
         if known is not None:
             known = starts = _downhill(regression, known).theta
             exact = _exact(regression, starts)

@@ -23,9 +23,9 @@ from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
-from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Nuisance, Part
+from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
-SCHEMA = "eea.posterior/2"
+SCHEMA = "eea.posterior/3"
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
 LEAST_SIGMA, MOST_SLOTS = 1e-300, 10**7  # rad/s; numbers that all trials are simulated with
 
@@ -43,6 +43,8 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
         "axes": problem.axes,
         "nuisances": [asdict(nuisance) for nuisance in joint.nuisances],
         "hypotheses": [asdict(hypothesis) for hypothesis in joint.hypotheses],
+        "nominal": asdict(joint.nominal),
+        "unknown": joint.hidden,
         "parts": {name: asdict(part) for name, part in joint.parts.items()},
         "sigma": posterior.sigma,
         "samples": posterior.samples,
@@ -106,10 +108,12 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
         tuple(Nuisance(**nuisance) for nuisance in header["nuisances"]),
         tuple(Hypothesis(**hypothesis) for hypothesis in header["hypotheses"]),
         {name: Part(**part) for name, part in header["parts"].items()},
+        Hypothesis(**header["nominal"]),
+        hidden=tuple(header["unknown"]),
     )
     trials = header["trials"]
     whole("its number of trials", trials, 1, MAXIMUM_ROUNDS)
-    slots = len(joint.problem.models) + len(joint.nuisances) + len(joint.problem.hidden)
+    slots = len(joint.problem.models) + len(joint.nuisances) + len(header["unknown"])
     whole("its numbers in all trials", trials * slots, 1, MOST_SLOTS)
     real("its sigma", header["sigma"], LEAST_SIGMA)
     whole("its samples", header["samples"], 0, trials * MAXIMUM_STEPS * joint.problem.axes)
@@ -122,7 +126,7 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     cost = arrays["cost"].tolist()
     theta, gradient = (arrays[name].reshape(len(cost), -1) for name in ("theta", "gradient"))
     information = arrays["information"].reshape(*theta.shape, -1)
-    hypotheses = {h.name: h for h in (AS_COMMANDED, *joint.hypotheses)}
+    hypotheses = {h.name: h for h in (joint.nominal, *joint.hypotheses)}
     branches, first = [], 0
     for row in header["branches"]:
         hypothesis, names = hypotheses[row["hypothesis"]], row["parameters"]

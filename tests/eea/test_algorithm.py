@@ -241,7 +241,7 @@ def test_bad_paper_settings_are_refused(settings, message):
 
 @pytest.mark.parametrize(
     "settings",
-    [{"steps": 31}, {"noise": 0.0}, {"alternatives": "maybe"}, {"nuisances": "lag"}],
+    [{"steps": 15}, {"noise": 0.0}, {"alternatives": "maybe"}, {"nuisances": "lag"}],
 )
 def test_bad_joint_settings_are_refused(settings):
     with pytest.raises(ConfigurationError, match=next(iter(settings))):

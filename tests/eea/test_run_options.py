@@ -13,7 +13,7 @@ from quick_run import QUICK
     ("arguments", "message"),
     [
         (["--steps", "100"], "steps must be a power of two; got 100"),
-        (["--condition", "joint", "--steps", "16"], "at least 32"),
+        (["--condition", "joint", "--steps", "8"], "at least 16"),
         (["--condition", "joint", "--joint.nuisances", "curent"], "did you mean 'current'"),
         (["--exploration.population", "1"], "exploration.population must be a whole number of at"),
         (["--seed", "1" + 400 * "0"], "seed must be a whole number"),

@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aquafish_gym.command import scale_action
+from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS
-from aquafish_gym.scenario import Scenario
+from aquafish_gym.scenario import CHANNELS, Scenario
 from eea.fish.self_model import MODEL_ERROR, SIZE, SelfModel, difference, moved, observe, predict
 
 STROKES = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 3))
@@ -34,7 +35,7 @@ def follow(model: SelfModel, observed: np.ndarray) -> np.ndarray:
     squares = []
     for stroke, seen in zip(STROKES, observed, strict=True):
         model.step(stroke)
-        squares.append(model.correct(seen).square)
+        squares.append(model.correct(seen))
     return np.array(squares)
 
 
@@ -42,14 +43,14 @@ def follow(model: SelfModel, observed: np.ndarray) -> np.ndarray:
 def test_difference_undoes_moved(error: list[float]) -> None:
     state = LaneBatch(Scenario.create(fin_angles=FINS), np.float64).rows()[:, 0]
     found = difference(moved(state, np.array([error])), state)[0]
-    # The rotation is of first order: sine for angle.
+
     np.testing.assert_allclose(found, error, atol=1e-12)
 
 
 def test_the_model_of_the_same_robot_follows_it_exactly() -> None:
     scenario = Scenario.create(fin_angles=FINS)
     observed, states = swim(scenario)
-    model = SelfModel(scenario, FINS, np.zeros(9))
+    model = SelfModel(scenario, FINS)
     squares = follow(model, observed)
     assert squares.max() < 1.0
     assert squares[-10:].max() < 1e-3
@@ -60,14 +61,16 @@ def test_the_model_of_the_same_robot_follows_it_exactly() -> None:
 
 def test_innovations_are_chi_square_under_noise() -> None:
     observed, _ = swim(Scenario.create(fin_angles=FINS), noise=0.01)
-    noise = np.array([np.inf] * 6 + [0.01] * 3)
-    squares = follow(SelfModel(Scenario.create(), FINS, noise), observed)
+    robot = Damage.parse("; ".join(f"{c}:dropped" for c in CHANNELS[:6])).edit(
+        Scenario.create(gyro_noise=[0.01])
+    )
+    squares = follow(SelfModel(robot, FINS), observed)
     assert squares.mean() == pytest.approx(3.0, abs=4 * np.sqrt(6 / len(squares)))
 
 
 def test_the_filter_finds_the_velocity_relative_to_water_that_flows() -> None:
     observed, states = swim(Scenario.create(fin_angles=FINS, current=(0.15, -0.1, 0.05)))
-    model = SelfModel(Scenario.create(), FINS, np.zeros(9))
+    model = SelfModel(Scenario.create(), FINS)
     follow(model, observed)
     relative = states[-1][FIELDS["velocity"]] - (0.15, -0.1, 0.05)
     np.testing.assert_allclose(model.state[FIELDS["velocity"]], relative, atol=2e-3)
@@ -78,7 +81,7 @@ def test_the_likelihood_tells_which_water_it_is_and_how_wrong_the_model() -> Non
 
     def likelihood(reactive: bool, scale: float) -> float:
         robot = Scenario.create(reactive=reactive)
-        model = SelfModel(robot, FINS, np.zeros(9), MODEL_ERROR * scale)
+        model = SelfModel(robot, FINS, MODEL_ERROR * scale)
         follow(model, observed)
         return model.log_likelihood
 
@@ -87,9 +90,25 @@ def test_the_likelihood_tells_which_water_it_is_and_how_wrong_the_model() -> Non
 
 def test_predictions_are_of_each_robot_alone() -> None:
     robots = Scenario.create(servo_gain=[(1, 1, 1), (1, 0, 1), (-1, 1, 0.5)])
-    state = SelfModel(robots.take([0]), FINS, np.zeros(9)).state
+    state = SelfModel(robots.take([0]), FINS).state
     together, ends = predict(robots, state, STROKES[:5])
     for b in range(3):
         alone, end = predict(robots.take([b]), state, STROKES[:5])
         np.testing.assert_array_equal(alone[0], together[b])
         np.testing.assert_array_equal(end[:, 0], ends[:, b])
+
+
+def test_a_biased_sensor_is_predicted_with_its_bias() -> None:
+    observed, _ = swim(Scenario.create(fin_angles=FINS))
+    bias = np.array([[0.0] * 6 + [0.2, 0.0, -0.1]])
+    model = SelfModel(Scenario.create(sensor_bias=bias), FINS)
+    assert follow(model, observed + bias[0]).max() < 1.0
+
+
+def test_predictions_begin_in_a_state_each() -> None:
+    robots = Scenario.create(servo_gain=[(1, 1, 1), (1, 0, 1)])
+    states = np.array([SelfModel(robots.take([0]), pose).state for pose in (FINS, -FINS)]).T
+    together, _ = predict(robots, states, STROKES[:3])
+    for b in range(2):
+        alone, _ = predict(robots.take([b]), states[:, b], STROKES[:3])
+        np.testing.assert_array_equal(alone[0], together[b])

@@ -46,7 +46,7 @@ class Inference:
     """Seed of all that is random."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SETTING ...")] = ()
     """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco; and of the
-    swims: window, unchanged, struck."""
+    swims: window, unchanged, struck, recovery."""
     workers: int | None = None
     """Processes, of one thread each; a core each by default."""
 

@@ -22,10 +22,11 @@ from eea.joint.joint_posterior import JointPosterior
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.policy import new_policy
+from tests.inference.recovery import measure_recovery, summarise_recovery
 from tests.inference.robots import SPANS, Floats
 
 #: Swims -> how many, at full size.
-SWIMS = {"window": 25, "unchanged": 100, "struck": 100}
+SWIMS = {"window": 25, "unchanged": 100, "struck": 100, "recovery": 60}
 TITLES = {
     "window": "five seconds of a gait, begun in mid-swim",
     "unchanged": "a minute of the undamaged fish's gait, watched",
@@ -43,6 +44,8 @@ def measure_swim(name: str, number: int, rng: np.random.Generator) -> dict[str, 
     """Return what is found of one swim of ``SWIMS``."""
     if name == "window":
         return _window(number, rng)
+    if name == "recovery":
+        return measure_recovery(number, rng)
     gait, belief = _known(number % GAITS)
     whole = Morphology.nominal()
     if name == "unchanged":
@@ -142,6 +145,8 @@ def _swim(
 
 def summarise_swims(name: str, documents: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Return a swim's part of the report."""
+    if name == "recovery":
+        return summarise_recovery(documents)
     if name == "window":
         fitness = np.array([d["fitness"] for d in documents])
         tail = np.array([d["moved"][2] for d in documents])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tests.inference.recovery import recovery_table
 from tests.inference.settings import SETTINGS
 from tests.inference.swims import TITLES
 from tests.verification.tables import Table
@@ -44,8 +45,12 @@ def make_tables(report: Report) -> dict[str, Table]:
     tables = {"calibration": settings_table(parts), "asked": asked_table(parts)} if parts else {}
     if "exact" in parts:
         tables["exact"] = exact_table(parts["exact"])
-    if report.get("swims"):
-        tables["swims"] = swims_table(report["swims"])
+    swims = dict(report.get("swims", {}))
+    recovery = swims.pop("recovery", None)
+    if swims:
+        tables["swims"] = swims_table(swims)
+    if recovery:
+        tables["recovery"] = recovery_table(recovery)
     return tables
 
 

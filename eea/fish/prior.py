@@ -1,0 +1,112 @@
+"""What was known of a robot's body before a swim, and how each fin may have changed since."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import combinations, product
+
+import numpy as np
+
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
+from eea.core.checks import choice, real
+from eea.fish.joint import SERVO, fish_joint
+from eea.fish.simulator import EngineSimulator
+from eea.joint.goodness_of_fit import Goodness
+from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
+from eea.joint.parameters import Parameters
+from eea.joint.posterior import Mode, Posterior
+from eea.joint.problem import Hypothesis, JointProblem
+
+CHANCE = 0.1  # that a fin has changed, each by itself
+MOST_CHANGES = 2  # fins at once
+UNCHANGED = "nothing has changed"
+
+
+def known_body(
+    body: Morphology, noise: float, nuisances: Sequence[str] | None = None
+) -> JointPosterior:
+    """Return the posterior of a body that is known without trials, such as the undamaged one.
+
+    Parameters
+    ----------
+    body
+        The body.
+    noise
+        Standard deviation of the gyroscope's noise, rad/s.
+    nuisances
+        Groups of nuisances that are unknown, with their own priors; None for all. The others are
+        nominal.
+
+    Raises
+    ------
+    ConfigurationError
+        If the noise is no finite number of at least 1e-9, or there is no such nuisance.
+
+    Examples
+    --------
+    >>> belief = known_body(Morphology.nominal(), noise=0.01)
+    >>> np.allclose(belief.model, Morphology.nominal().to_array())
+    True
+    """
+    real("noise", noise, 1e-9)
+    joint = fish_joint(EngineSimulator(1))
+    for name in nuisances or ():
+        choice("nuisances", name, joint.groups)
+    names = [d.name for d in DIMENSIONS]
+    known = Hypothesis("the body is known", dict(zip(names, body.to_array().tolist(), strict=True)))
+    joint = replace(joint, nominal=known, hypotheses=())
+    parameters = Parameters.of(joint, 1, joint.groups if nuisances is None else nuisances)
+    mean = parameters.prior_mean
+    mode = Mode(mean, parameters.prior_information, 0.0, np.zeros(len(mean)))
+    posterior = Posterior(
+        parameters.names, parameters.low, parameters.high, parameters.circular, [mode]
+    )
+    goodness = Goodness(noise, 1.0, 1.0, 1.0, 1.0, good=True, verdict="the body is known")
+    branch = HypothesisPosterior(known, 1.0, parameters, posterior)
+    return JointPosterior((branch,), goodness, noise, 0)
+
+
+def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProblem:
+    """Return a problem whose robot had a body until some of its fins changed, or none.
+
+    Of a posterior the most probable hypothesis is used. Each fin has a chance of 0.1 of having
+    changed: its sizes, its servo's speed, or it is missing. At most two fins change. Two are only
+    tried where no change of one explains the trials.
+    """
+    if not isinstance(prior, JointPosterior):
+        prior = known_body(Morphology.coerce(prior), 1.0, ())
+    best = prior.branches[0]
+    was = Hypothesis(UNCHANGED, best.hypothesis.fixed, freed=best.hypothesis.freed)
+    odds = CHANCE / (1.0 - CHANCE) / len(_changes(FINS[0]))
+    hypotheses = [
+        replace(_joined(was, ways), changes=count, odds=odds**count)
+        for count in range(1, MOST_CHANGES + 1)
+        for fins in combinations(FINS, count)
+        for ways in product(*map(_changes, fins))
+    ]
+    return replace(joint, nominal=was, hypotheses=tuple(hypotheses), prior=best.prior())
+
+
+def _changes(fin: str) -> list[Hypothesis]:
+    """Return the ways in which a fin may change, all equally probable."""
+    word = FIN_WORDS[fin]
+    sizes = tuple(d.name for d in DIMENSIONS if d.fin == fin)
+    servo = (SERVO[fin],)
+    return [
+        Hypothesis(f"the {word} has other sizes", changed=sizes),
+        Hypothesis(f"the servo of the {word} has another speed", freed=servo, changed=servo),
+        Hypothesis(f"the {word} is missing", dict.fromkeys(sizes, 0.0)),
+    ]
+
+
+def _joined(was: Hypothesis, ways: tuple[Hypothesis, ...]) -> Hypothesis:
+    """Return several changes of a robot as one hypothesis."""
+    changed = tuple(name for way in ways for name in way.changed)
+    fixed = {name: value for name, value in was.fixed.items() if name not in changed}
+    freed = dict.fromkeys([*was.freed, *(name for way in ways for name in way.freed)])
+    for way in ways:
+        fixed |= way.fixed
+    return Hypothesis(
+        " and ".join(way.name for way in ways), fixed, freed=tuple(freed), changed=changed
+    )
