@@ -186,12 +186,12 @@ class Controller:
         padded = self._padded(nodes)
         remembers = self.memory if memory is None else memory
         inputs = len(self.senses.names)
+        table = np.empty((padded.nodes, 2 + padded.weights.shape[1]))
+        table[:, 0], table[:, 1], table[:, 2:] = padded.bias, padded.response, padded.weights
         rows = [np.array([self.clock])]
         for begin, end in pairwise((0, *padded._ends)):
             sources = inputs + (padded.nodes if remembers else begin)
-            for n in range(begin, end):
-                rows += [padded.bias[n : n + 1], padded.response[n : n + 1]]
-                rows.append(padded.weights[n, :sources])
+            rows.append(table[begin:end, : 2 + sources].ravel())
         return np.concatenate(rows, dtype=np.float64)
 
     def _padded(self, nodes: int | None) -> Controller:

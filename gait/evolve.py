@@ -5,16 +5,19 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array, median_body, sample_stamp
 from aquafish_gym.damage import Damage
+from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.utils.validation import InvalidArgumentError, instance
+from aquafish_gym.physics.layout import angles_of_rows
+from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance
 from aquafish_gym.world_config import WorldConfig
 from gait.config import CMA_POPULATION
 from gait.config import EvolveConfig as EvolveConfig
@@ -23,7 +26,7 @@ from gait.files import run_folder
 from gait.fitness import Swims, draw_swims, every_pair, swim_scores
 from gait.history import FILES, History, Scores, finalists_of, read_checkpoint
 from gait.history import Generation as Generation
-from gait.rollout import ZERO_POSE, lane_world, random_poses, stream
+from gait.rollout import ZERO_POSE, check_state, lane_world, random_poses, stream
 from gait.search import cma, neat
 from gait.search.ask_tell import Proposal, Relay, Search
 from gait.search.templates import Template
@@ -31,6 +34,11 @@ from gait.search.templates import Template
 FINAL_POSES = 32  # random ones of the fixed swims from which a run's best controller is chosen
 MAXIMUM_BODIES = 1000
 SAVE_SECONDS = 1.0  # between two checkpoints
+# Settings of a search from random networks: a first controller has its own, and is the only start.
+OF_A_NETWORK = (
+    "search", "controller", "senses", "interval", "hidden", "harmonics", "clock", "restarts",
+    "random_candidates",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -44,11 +52,12 @@ class Evolved:
     fitness
         Its mean distance over the run's fixed swims, in units of 5 cm: from the
         zero pose and 32 random ones, and for a sample as many more as give each body equally many.
+        With ``start`` the swims are those of each body from that state.
     history
         One row a generation.
     distances
         (M,) mean distance on each body over the zero pose and the same 32 random poses, in units;
-        from the zero pose alone without ``poses``.
+        from the zero pose alone without ``poses``, and from the state alone with ``start``.
 
     Examples
     --------
@@ -83,8 +92,11 @@ def evolve_gait(
     morphologies: MorphologiesLike = None,
     config: EvolveConfig | None = None,
     *,
+    first: Controller | None = None,
+    start: ArrayLike | None = None,
     out: Path | str | None = None,
     world: WorldConfig | None = None,
+    cpu_seconds: float | None = None,
     on_generation: Callable[[Generation], None] | None = None,
 ) -> Evolved:
     """Evolve a controller that swims a body forward, or does another task, or a sample of bodies.
@@ -100,38 +112,62 @@ def evolve_gait(
         1000 equally likely bodies: a list, or sizes (M, 9).
     config
         None is ``EvolveConfig()``.
+    first
+        A controller that CMA-ES refines, over its own connections and with small steps, for
+        ``config.generations``. None searches from random networks. The result is no worse than
+        ``first`` in the swims of ``Evolved.fitness``.
+    start
+        A state (25,) in mid-swim, as the vector environment's ``states`` or a self-model's
+        ``state``. The gait is then for swimming on from it for ``config.seconds``: each controller
+        swims once on each body, with its clock at 0, and ``config.poses`` has no effect. None
+        begins at rest, in poses that change with every generation.
     out
         A folder for ``controller.json`` (the best so far), ``history.csv``, ``checkpoint.json``
         and a sample's ``bodies.json``, saved every second. An unfinished run of the same bodies
         and settings resumes, and ends in the same files as without the interruption.
     world
-        The water and the servos, without a lag; None is ``WorldConfig()``.
+        The water and the servos, without a lag; None is ``WorldConfig()``. The robot knows its
+        servos: controllers that sense their fins integrate their commands with the world's gains.
+    cpu_seconds
+        CPU time of this process after which the search ends with the generation that it is in; it
+        includes compilation. The result depends on the computer then. A search in ``out`` that
+        ended so is unfinished: the same call resumes it, for as much time again.
     on_generation
         Called with every generation, including those that ``out`` already holds.
 
     Raises
     ------
     InvalidArgumentError
-        If an argument does not fit, a sample has no ``poses``, ``world`` is given with another
-        task, or ``out`` cannot be written, is in use, or holds another run or a damaged checkpoint.
+        If an argument does not fit, a sample has no ``poses``, ``world`` or ``start`` is given with
+        another task, ``config`` sets what ``first`` has of its own, or ``out`` cannot be written,
+        is in use, or holds another run or a damaged checkpoint.
     """
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
     world = lane_world(world)
     bodies = body_array(morphologies)
-    _check(bodies, config, world)
+    state = None if start is None else check_state(start)
+    began = time.process_time()
+    budget = np.inf if cpu_seconds is None else finite_array("cpu_seconds", cpu_seconds, (), 0.0)
+    _check(bodies, config, world, state is not None)
+    plan = config.plan
+    if first is not None:
+        _check_first(first, config)
+        plan = plan._replace(rows=plan.generations)
     body, sample = median_body(bodies), sample_stamp(bodies) if len(bodies) > 1 else None
     settings = {"morphology": body.to_dict(), **config.settings}
     settings |= {} if sample is None else {"sample": sample}
     settings |= {} if world == WorldConfig() else {"world": asdict(world)}
-    trials = _Trials(bodies, config, world)
-    search, run = make_search(config, body), History(sample)
+    settings |= {} if first is None else {"first": first.to_dict()}
+    settings |= {} if state is None else {"start": state.tolist()}
+    trials = _Trials(bodies, config, world, state)
+    search, run = make_search(config, body, first), History(sample)
     with run_folder(out, "a gait", settings, FILES, bodies) as folder:
-        recorded = read_checkpoint(folder, config.plan) if folder else []
+        recorded = read_checkpoint(folder, plan) if folder else []
         saved = -np.inf
         try:
-            while len(run.rows) < config.plan.rows:
+            while len(run.rows) < plan.rows:
                 generation = len(run.rows)
-                proposal = search.ask()
+                proposal = trials.nominate(search.ask())
                 replayed = generation < len(recorded)
                 scores = recorded[generation] if replayed else trials.score(proposal, generation)
                 row = run.record(proposal, scores)
@@ -141,15 +177,21 @@ def evolve_gait(
                 if folder and not replayed and time.monotonic() > saved + SAVE_SECONDS:
                     run.save(folder)
                     saved = time.monotonic()
+                if not replayed and time.process_time() - began >= budget:
+                    break
         finally:
             if folder and run.rows and len(run.rows) >= len(recorded):
                 run.save(folder)
     return Evolved(run.best, run.fitness, tuple(run.rows), trials.distances(run.best))
 
 
-def make_search(config: EvolveConfig, body: Morphology) -> Search:
+def make_search(config: EvolveConfig, body: Morphology, first: Controller | None = None) -> Search:
     """Return the search of a configuration, whose random streams follow from its seed."""
     c, plan = config, config.plan
+    if first is not None:
+        mine = replace(first, morphology=body, seed=c.seed, sample=None)
+        rng = np.random.default_rng(stream(c.seed, 6))
+        return cma.tuner(mine, plan.population, rng, cma.REFINING)
     if c.search == "cma":
         template = Template.of_class(c.controller, plan.senses, c.hidden, c.interval)
         rng = np.random.default_rng(stream(c.seed, 6))
@@ -181,20 +223,41 @@ def make_search(config: EvolveConfig, body: Morphology) -> Search:
 
 
 class _Trials:
-    """The swims of a run: random ones in each generation, and fixed ones for the finalists."""
+    """The swims of a run: random ones in each generation, and fixed ones for the finalists.
+
+    From a state (25,) all swim the fixed ones.
+    """
 
     def __init__(
-        self, bodies: NDArray[np.float64], config: EvolveConfig, world: WorldConfig
+        self,
+        bodies: NDArray[np.float64],
+        config: EvolveConfig,
+        world: WorldConfig,
+        start: NDArray[np.float64] | None,
     ) -> None:
-        self._bodies, self._config, self._world = bodies, config, world
+        self._bodies, self._config, self._world, self._start = bodies, config, world, start
+        if start is not None:
+            self._final_poses = angles_of_rows(start)[None]
+            self._finals = every_pair(bodies, self._final_poses)
+            return
         count = 1 + (FINAL_POSES if config.poses else 0)
         rounds = -(-count // len(bodies))
         poses = self._poses(max(count, rounds * len(bodies)) - 1, 1)
         self._final_poses = poses[:count]
         self._finals = np.resize(bodies, (len(poses), 9)), poses
 
+    def nominate(self, proposal: Proposal) -> Proposal:
+        """Return a proposal in which all are finalists, if all swim the fixed swims."""
+        if self._start is None:
+            return proposal
+        return proposal._replace(finalists=[*proposal.controllers, *(proposal.finalists or ())])
+
     def score(self, proposal: Proposal, generation: int) -> Scores:
         """Let a generation swim, and then its finalists."""
+        if self._start is not None:
+            assert proposal.finalists
+            scores = self._finish(proposal.finalists)
+            return scores._replace(fitness=scores.fitness[: len(proposal.controllers)])
         seed, count = self._config.seed, self._config.poses
         poses = self._poses(count, 2, generation)
         if proposal.poses is not None:
@@ -204,10 +267,14 @@ class _Trials:
         finalists = finalists_of(proposal, fitness)
         if not finalists:
             return Scores(fitness.tolist())
+        return self._finish(finalists)._replace(fitness=fitness.tolist())
+
+    def _finish(self, finalists: Sequence[Controller]) -> Scores:
+        """Let finalists swim the fixed swims; return the scores of these."""
         distances = self._swim(finalists, self._finals)
         finals = distances.mean(axis=1)
-        first = int(finals.argmax())
-        return Scores(fitness.tolist(), first, float(finals[first]), float(distances[first, 0]))
+        best = int(finals.argmax())
+        return Scores(finals.tolist(), best, float(finals[best]), float(distances[best, 0]))
 
     def distances(self, controller: Controller) -> NDArray[np.float64]:
         """Return the mean distance on each body (M,) over the final poses."""
@@ -219,23 +286,45 @@ class _Trials:
         seed = zlib.crc32(swims[1].tobytes())  # new random tasks with new poses
         return swim_scores(
             controllers, *swims, c.task, seconds=c.seconds, world=self._world, seed=seed,
-            threads=c.threads,
+            threads=c.threads, start=self._start,
         )  # fmt: skip
 
     def _poses(self, count: int, *key: int) -> NDArray[np.float64]:
         return np.vstack([ZERO_POSE, random_poses(count, stream(self._config.seed, *key))])
 
 
-def _check(bodies: NDArray[np.float64], config: EvolveConfig, world: WorldConfig) -> None:
+def _check(
+    bodies: NDArray[np.float64], config: EvolveConfig, world: WorldConfig, moving: bool
+) -> None:
     """Refuse arguments that do not fit together."""
     if not 1 <= len(bodies) <= MAXIMUM_BODIES:
         raise InvalidArgumentError(
             f"morphologies must be 1 to {MAXIMUM_BODIES} bodies; got {len(bodies)}"
         )
-    if len(bodies) > 1 and not config.poses:
+    if len(bodies) > 1 and not config.poses and not moving:
         raise InvalidArgumentError(
             f"poses must be at least 1 for a sample of {len(bodies)} bodies, since each swim is on "
             "another body; got 0"
         )
-    if world != WorldConfig() and config.task != "forward":
-        raise InvalidArgumentError(f'world has no effect with the task "{config.task}"')
+    for name, given in (("world", world != WorldConfig()), ("start", moving)):
+        if given and config.task != "forward":
+            raise InvalidArgumentError(f'{name} has no effect with the task "{config.task}"')
+
+
+def _check_first(first: object, config: EvolveConfig) -> None:
+    """Refuse a first controller that does not fit a configuration."""
+    checked, task, default = instance("first", first, Controller), config.task, EvolveConfig()
+    for name in OF_A_NETWORK:
+        if getattr(config, name) != getattr(default, name):
+            raise InvalidArgumentError(
+                f"{name} has no effect with first, a search by CMA-ES whose network, senses and "
+                f"clock are that controller's; got {getattr(config, name)!r}"
+            )
+    if checked.senses.goal and not TASKS[task].has_goal:
+        raise InvalidArgumentError(f'first must not observe a goal in the task "{task}"')
+    steps = round(config.episode_seconds / TIMESTEP)
+    if task != "forward" and steps % checked.interval:
+        raise InvalidArgumentError(
+            f"first must hold its actions for a number of steps that divides the {steps} of the "
+            f'task "{task}"; got an interval of {checked.interval}'
+        )

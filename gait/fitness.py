@@ -100,6 +100,7 @@ def swim_scores(
     world: WorldConfig | None = None,
     seed: int = 0,
     threads: int | None = None,
+    start: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
     """Return the score of each controller in each swim; finite if a robot diverges.
 
@@ -111,8 +112,9 @@ def swim_scores(
     ----------
     controllers
         P of them; of one ``Controller.kind`` for an episode.
-    morphologies, fin_angles, seconds, world, threads
-        As of :func:`gait.swim_all`: Q swims, of the i-th body from the i-th pose.
+    morphologies, fin_angles, seconds, world, threads, start
+        As of :func:`gait.swim_all`: Q swims, of the i-th body from the i-th pose. Episodes have
+        ``seconds``, ``world`` and ``start`` of their own.
     task, damage
         As of the environment.
     seed
@@ -130,7 +132,10 @@ def swim_scores(
         If an argument does not fit.
     """
     if task == "forward" and not damage:
-        far = swim_all(controllers, morphologies, fin_angles, seconds, threads=threads, world=world)
+        far = swim_all(
+            controllers, morphologies, fin_angles, seconds,
+            threads=threads, world=world, start=start,
+        )  # fmt: skip
         return penalize_diverged(far, seconds)
     bodies, poses = pair_swims(morphologies, fin_angles)
     swims, judged = len(poses), check_task(task)

@@ -67,7 +67,8 @@ class History:
         if finalists:
             self.winner = finalists[scores.winner]
             if scores.final > self.fitness:
-                self.best = replace(self.winner, sample=self._sample)
+                best = self.winner
+                self.best = replace(best, sample=self._sample) if self._sample else best
                 self.fitness = scores.final
         else:
             scores = scores._replace(final=self.rows[-1].final, distance=self.rows[-1].distance)

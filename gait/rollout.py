@@ -13,6 +13,7 @@ from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.engines.worlds import Triple
 from aquafish_gym.morphology import Morphology, MorphologyLike
+from aquafish_gym.physics.layout import FIELDS, STATE_ROWS, angles_of_rows
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import (
@@ -94,7 +95,8 @@ def swim_all(
     threads: int | None = None,
     world: WorldConfig | None = None,
     believed: ArrayLike | None = None,
-    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
+    believed_gain: ArrayLike | None = None,
+    start: ArrayLike | None = None,
 ) -> NDArray[np.float64]:
     """Return how far each controller swims in each swim, in one batch of the compiled engine.
 
@@ -116,8 +118,11 @@ def swim_all(
     world
         The water and the servos, without a lag; None is ``WorldConfig()``.
     believed, believed_gain
-        What controllers that sense their fins assume: initial angles (Q, 3) or (1, 3) in rad, None
-        for the true ones, and servo gains (3,) or (Q, 3).
+        What controllers that sense their fins assume: initial angles (Q, 3) or (1, 3) in rad, and
+        servo gains (3,) or (Q, 3). None for the true ones.
+    start
+        A state (25,) in which all swims begin, as the vector environment's ``states`` has it; its
+        fin angles replace ``fin_angles``. None begins at rest.
 
     Returns
     -------
@@ -137,11 +142,15 @@ def swim_all(
     world = lane_world(world)
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
-    bodies, poses = pair_swims(morphologies, fin_angles)
+    state = None if start is None else check_state(start)
+    bodies, poses = pair_swims(
+        morphologies, fin_angles if state is None else angles_of_rows(state)[None]
+    )
     swims, time = len(poses), step_count(seconds) * TIMESTEP
     kind = np.dtype(one_of("dtype", dtype, ("float32", "float64"))).type
     angles = _for_each_swim("believed", poses if believed is None else believed, swims)
-    gains = _for_each_swim("believed_gain", believed_gain, swims)
+    known = world.servo_gain if believed_gain is None else believed_gain
+    gains = _for_each_swim("believed_gain", known, swims)
     distances = np.empty((len(controllers), swims))
     if not distances.size:
         return distances
@@ -160,10 +169,17 @@ def swim_all(
             dtype=kind,
             threads=threads,
             substeps=world.substeps,
+            start=None if state is None else np.repeat(state[:, None], len(rows), axis=1),
         )
-        far = found.end[:, 1] - world.current[1] * time
+        began = 0.0 if state is None else state[FIELDS["position"]][1]
+        far = found.end[:, 1] - began - world.current[1] * time
         distances[those] = far.reshape(len(those), swims)
     return distances
+
+
+def check_state(start: ArrayLike) -> Floats:
+    """Return a state (25,), in the order of ``aquafish_gym.physics.layout``."""
+    return finite_array("start", start, (STATE_ROWS,))
 
 
 def pair_swims(morphologies: MorphologiesLike, fin_angles: ArrayLike) -> tuple[Floats, Floats]:
@@ -195,7 +211,7 @@ def swim(
     seconds: float = SECONDS,
     world: WorldConfig | None = None,
     believed: ArrayLike | None = None,
-    believed_gain: ArrayLike = (1.0, 1.0, 1.0),
+    believed_gain: ArrayLike | None = None,
 ) -> Swim:
     """Return the path of one robot.
 
@@ -218,12 +234,12 @@ def swim(
     """
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
-    time = step_count(seconds) * TIMESTEP
+    time, config = step_count(seconds) * TIMESTEP, check_world(world)
     if isinstance(controller, Controller):
-        policy = controller.policy(angles if believed is None else believed, believed_gain)
+        gain = config.servo_gain if believed_gain is None else believed_gain
+        policy = controller.policy(angles if believed is None else believed, gain)
     else:
         policy = new_policy(controller)
-    config = check_world(world)
     (path,) = rollout(
         [policy],
         config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]})),

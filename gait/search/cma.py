@@ -15,11 +15,13 @@ from numpy.typing import NDArray
 
 from gait.controller import Controller
 from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
+from gait.search.templates import Template
 
 # CMA-ES starts from the best of many random controllers, each tried from a few poses. From a random
 # one, it sticks one time in three where no step improves anything.
 CANDIDATE_POSES = 2
 SIGMA = 0.15  # initial step size
+REFINING = 0.05  # that of a gait which already swims
 # The controller at the mean swims the run's fixed swims once in this many generations: they take
 # as long as a generation, and the mean moves little in between.
 FINALS_EVERY = 4
@@ -73,6 +75,20 @@ class Strategy:
         if self._generation % FINALS_EVERY == 0:
             self.final = max(self.final, final)
         self._generation += 1
+
+
+def tuner(
+    first: Controller, population: int, rng: np.random.Generator, sigma: float = SIGMA
+) -> Strategy:
+    """Return CMA-ES over the weights, the biases and the clock of a controller."""
+    template = Template.like(first)
+    return Strategy(
+        template.vector(first),
+        lambda x: template.controller(x, first.clock, first.morphology, first.seed),
+        population,
+        rng,
+        sigma,
+    )
 
 
 class RandomCandidates:

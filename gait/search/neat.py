@@ -21,7 +21,6 @@ from gait.controller import INTERVAL, Controller
 from gait.network import OUTPUTS, Senses
 from gait.search import cma
 from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
-from gait.search.templates import Template
 
 DEFAULT_INPUTS = len(Senses().names)
 STAGES: Stages = ((6, 50), (2, 60))  # of CMA-ES on the networks that the starts have found
@@ -73,18 +72,6 @@ class Evolution:
         with self._global_random():
             self._run.run(assign, 1)
 
-    def tuner(self, population: int, rng: np.random.Generator) -> cma.Strategy:
-        """Return CMA-ES over the weights, the biases and the clock of the best network."""
-        best = self.best
-        assert best is not None
-        template = Template.like(best)
-        return cma.Strategy(
-            template.vector(best),
-            lambda x: template.controller(x, best.clock, best.morphology, best.seed),
-            population,
-            rng,
-        )
-
     @contextmanager
     def _global_random(self) -> Iterator[None]:
         others = random.getstate()
@@ -112,8 +99,9 @@ def multistart(
         return
     yield from halve(starts, [first])
     population, rng = tuning
-    children = zip(starts, rng.spawn(len(starts)), strict=True)
-    tuners = [start.tuner(population, child) for start, child in children]
+    best = [start.best for start in starts if start.best]
+    children = zip(best, rng.spawn(len(best)), strict=True)
+    tuners = [cma.tuner(each, population, child) for each, child in children]
     yield from halve(tuners, halving_stages(len(tuners), sys.maxsize, STAGES))
 
 

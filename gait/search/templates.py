@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,7 @@ class Template:
     free: NDArray[np.bool_]  #: (N, I + N).
     response: NDArray[np.float64]  #: (N,).
     interval: int = INTERVAL  #: Steps of 0.01 s.
+    output: Literal["tanh", "clip"] = "tanh"
 
     @classmethod
     def of_class(cls, name: str, senses: Senses, hidden: int, interval: int = INTERVAL) -> Self:
@@ -59,9 +60,8 @@ class Template:
         """Return the template of a controller's connections, and of any from input to output."""
         free = controller.weights != 0.0
         free[-len(OUTPUTS) :, : len(controller.senses.names)] = True
-        return cls(
-            controller.senses, controller.layers, free, controller.response, controller.interval
-        )
+        c = controller
+        return cls(c.senses, c.layers, free, c.response, c.interval, c.output)
 
     @property
     def size(self) -> int:
@@ -92,10 +92,11 @@ class Template:
             weights=weights,
             bias=vector[1 : 1 + nodes],
             response=self.response,
-            clock=clock * float(2.0 ** np.clip(vector[0], -CLOCK_OCTAVES, CLOCK_OCTAVES)),
+            clock=clock * 2.0 ** min(max(float(vector[0]), -CLOCK_OCTAVES), CLOCK_OCTAVES),
             morphology=morphology,
             seed=seed,
             senses=self.senses,
             layers=self.layers,
+            output=self.output,
             interval=self.interval,
         )
