@@ -173,7 +173,8 @@ class Scenario:
 class Change(NamedTuple):
     """Robots of a scenario that are otherwise from a step on."""
 
-    step: int  #: The first step of 0.01 s that it affects; at least 1.
+    #: The first step of 0.01 s that it affects; at 0 the fins only begin with the speed of before.
+    step: int
     rows: NDArray[np.intp]  #: (n,) which robots, in ascending order.
     to: Scenario  #: n robots, in the same order: what they are from then on. They swim on as they
     #: do: of its fields those that describe a start (fin_angles, velocity, spin) do not matter.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any, Self
 
 from aquafish_gym.scenario import Scenario, check_row
 from aquafish_gym.utils.validation import flag, integer
@@ -47,6 +48,19 @@ class WorldConfig:
         object.__setattr__(self, "lag", float(check_row("servo_lag", self.lag, "lag")))
         flag("reactive", self.reactive)
         integer("substeps", self.substeps, 1, MAXIMUM_SUBSTEPS)
+
+    @classmethod
+    def of(cls, robot: Scenario) -> Self:
+        """Return the water and the servos of a scenario of one robot.
+
+        Examples
+        --------
+        >>> WorldConfig.of(Scenario.create(servo_gain=(1.0, 0.4, 1.0))).servo_gain
+        (1.0, 0.4, 1.0)
+        """
+        names = ("current", "drag", "servo_gain")
+        rows: dict[str, Any] = {name: getattr(robot, name)[0] for name in names}
+        return cls(**rows, lag=float(robot.servo_lag[0]), reactive=robot.reactive)
 
     def edit(self, scenario: Scenario) -> Scenario:
         """Return a scenario in this world: currents and lags add up, drags and gains multiply."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections import deque
 from pkgutil import resolve_name
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,8 +90,8 @@ WORLDS: dict[str, str] = {
 }
 
 
-def make_world(engine: str, scenario: Scenario, substeps: int = 1) -> World:
-    """Return a world with a scenario's one robot at its start, for a checked engine.
+def make_world(engine: str | type[World], scenario: Scenario, substeps: int = 1) -> World:
+    """Return a world with a scenario's one robot at its start, for a checked engine or a class.
 
     The scenario's schedule and its sensors' faults are for the caller.
 
@@ -102,6 +103,7 @@ def make_world(engine: str, scenario: Scenario, substeps: int = 1) -> World:
     >>> [round(angle, 3) for angle in world.fin_angles]
     [1.571, 0.0, 0.0]
     """
-    world: World = resolve_name(WORLDS[engine])(substeps)
+    kind: Any = resolve_name(WORLDS[engine]) if isinstance(engine, str) else engine
+    world: World = kind(substeps)
     world.reset(scenario)
     return world

@@ -118,7 +118,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     |-----------|------|---------|-------------|
     | `morphology` | Morphology, dict, nine numbers | `None` | before damage; None: the prototype |
     | `damage` | Damage, text | `None` | e.g. `"caudal:missing@4"`, `"random:moderate@2-8"` |
-    | `engine` | str | `"auto"` | `"pybullet"` or `"numba"`: the same robot to 1e-9 |
+    | `engine` | str or class | `"auto"` | `"pybullet"`, `"numba"`: alike to 1e-9; or a `World` |
     | `current` | three numbers | `(0, 0, 0)` | the water's own velocity in the world, units/s |
     | `fin_angles` | str or three numbers | `"random"` | see Starting State |
     | `observe_fins` | bool, str | `False` | the fins' angles: hidden, seen, or `"reckoned"` |
@@ -150,7 +150,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self,
         morphology: object = None,
         damage: object = None,
-        engine: str = "auto",
+        engine: str | type[World] = "auto",
         current: ArrayLike = (0.0, 0.0, 0.0),
         fin_angles: object = "random",
         observe_fins: bool | str = False,
@@ -161,7 +161,8 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     ) -> None:
         super().__init__(task, frame_skip, observe_fins)
         self._config = episode.check_episode(self.task, morphology, damage, current, fin_angles)
-        self._engine = check_engine(engine)
+        own = isinstance(engine, type) and issubclass(engine, World)
+        self._engine: str | type[World] = engine if own else check_engine(engine)
         self._reactive = flag("reactive", reactive)
         self.render_mode = check_render_mode(render_mode)
         # The class states which modes there are, the environment which of them work here.

@@ -218,6 +218,14 @@ class AquaFishVectorEnv(
             info = batching.put_final(info, self._first_info(), last, ended)
         return self._seen.copy(), reward, diverged, ended & ~diverged, info
 
+    @property
+    def states(self) -> Floats:
+        """The true states (25, num_envs), in the order of ``aquafish_gym.physics.layout``.
+
+        ``gait.evolve_gait`` can begin in one.
+        """
+        return self._now.copy()
+
     def _simulate(self, action: Vector) -> Mask:
         """Swim one step; return which robots diverged, which keep their last states."""
         water = self.task.current(tuple(self._memory), self._steps * self.dt)

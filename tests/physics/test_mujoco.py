@@ -5,17 +5,20 @@ from __future__ import annotations
 import math
 from itertools import pairwise
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
+from aquafish_gym.command import servo_speeds
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.physics.layout import start_rows
-from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
 from tests.verification.convergence import attitude_gap
 from tests.verification.harness import POSITION, QUATERNION, march
 from tests.verification.mechanics import extrapolate
-from tests.verification.mujoco_world import MujocoWorld
+from tests.verification.mujoco_world import BoxWorld, MujocoWorld
 from tests.verification.trials import random_trials
 
 pytest.importorskip("mujoco")
@@ -26,7 +29,8 @@ STILL = (0.0, 0.0, 0.0)
 
 def started(trial: int, current: tuple[float, float, float] = STILL, finer: int = 1) -> MujocoWorld:
     world = MujocoWorld(substeps=finer)
-    world.reset(TRIALS.morphologies[trial], tuple(TRIALS.fin_angles[trial]), current)
+    angles = TRIALS.fin_angles[trial]
+    world.reset(Scenario.create(TRIALS.morphologies[trial], fin_angles=angles, current=current))
     return world
 
 
@@ -43,7 +47,7 @@ def test_joints_follow_their_commands() -> None:
     command, angles = np.array((0.5, -0.5, 1.0)), np.array((3.0, -2.0, 1.0))
     for body in (Morphology.nominal().to_array(), MAXIMA, np.zeros(9)):
         world = MujocoWorld()
-        world.reset(body, tuple(angles), (0.0, -20.0, 0.0))
+        world.reset(Scenario.create(body, fin_angles=angles, current=(0.0, -20.0, 0.0)))
         for step in range(1, 101):
             world.advance(tuple(command))
             left, right, phase = angles + 2 * math.pi * command * step * TIMESTEP
@@ -80,3 +84,56 @@ def test_current_is_a_change_of_frame() -> None:
         one.advance(tuple(TRIALS.commands[0]), 200)
     drifted = np.array(world.state().position) - 2.0 * current
     np.testing.assert_allclose(drifted, still.state().position, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", [MujocoWorld, BoxWorld])
+def test_an_environment_swims_in_mujocos_water(kind: type[MujocoWorld]) -> None:
+    action = np.array([0.5, -0.25, 1.0], np.float32)
+    env = gym.make("AquaFish-v0", engine=kind, current=(0.1, 0.0, 0.0), fin_angles=(0.5, 1.0, 2.0))
+    env.reset(seed=0)
+    world = kind()
+    world.reset(Scenario.create(fin_angles=(0.5, 1.0, 2.0), current=(0.1, 0.0, 0.0)))
+    for _ in range(20):
+        info = env.step(action)[-1]
+        world.advance(servo_speeds(tuple(action.tolist())), 20)
+    x, y, z = world.state().position
+    assert (info["x_position"], info["y_position"], info["z_position"]) == (x, y, z)
+    assert abs(y) > 0.1
+
+
+@pytest.mark.parametrize("kind", [MujocoWorld, BoxWorld])
+def test_damage_strikes_in_mid_swim(kind: type[MujocoWorld]) -> None:
+    whole = Scenario.create(fin_angles=(0.5, 1.0, 2.0))
+    sizes, gains = 0.5 * whole.body, (0.0, -1.0, 0.5)
+    broken = Scenario.create(sizes, servo_gain=gains, current=(0.0, 0.3, 0.0))
+    world, command = kind(), (0.5, 0.4, 1.0)
+    world.reset(whole)
+    world.advance(command, 300)
+    before, angles, masses = world.state(), world.fin_angles, world.model.body_mass[2:]
+    world.update(broken)
+    assert world.state() == before
+    np.testing.assert_allclose(world.model.body_mass[2:], 0.125 * masses)
+    world.advance(command, 10)
+    turned = np.subtract(world.fin_angles, angles) / (0.2 * math.pi)
+    np.testing.assert_allclose(turned, np.multiply(gains, command), atol=1e-9)
+    for one, other in zip(before[:4], world.state()[:4], strict=True):
+        assert 1e-6 < np.abs(np.subtract(one, other)).max() < 0.3
+
+
+def test_an_environment_breaks_in_mujocos_water() -> None:
+    damage = "left_pectoral:length=0.5@0.4; caudal:weak=0.5@0.4; gyro:noise=0.1@0.4"
+    env = gym.make("AquaFish-v0", engine=BoxWorld, damage=damage)
+    env.reset(seed=0)
+    for faults in (0, 3):
+        observation, *_, info = env.step(env.action_space.sample())
+        assert info["faults"] == faults
+    world = env.unwrapped._world
+    assert world.model.body_mass[2] == pytest.approx(0.5 * world.model.body_mass[3])
+    assert info["servo_gain"].tolist() == [1.0, 1.0, 0.5]
+    assert np.abs(observation[6:] - world.state().spin).max() > 1e-3
+
+
+def test_mujocos_water_has_no_options_of_ours() -> None:
+    for other in ({"reactive": True}, {"drag": (1.0, 0.5)}):
+        with pytest.raises(InvalidArgumentError, match=r"reactive must be False and drag 1; got"):
+            BoxWorld().reset(Scenario.create(**other))

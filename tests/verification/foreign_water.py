@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.scenario import Scenario
 from tests.verification.convergence import attitude_gap
 from tests.verification.mujoco_world import STEPS, MujocoWorld
 from tests.verification.tables import Report, Table
@@ -49,8 +50,7 @@ def swim_there(
 ) -> tuple[Array, Array, Array]:  # fmt: skip
     """Return gyro (T, 3), quaternion (T, 4) and last position (3,) of one robot in MuJoCo."""
     world = MujocoWorld(substeps=substeps)
-    left, right, phase = angles.tolist()
-    world.reset(body, (left, right, phase), (0.0, 0.0, 0.0))
+    world.reset(Scenario.create(body, fin_angles=angles))
     world.model.geom_fluid[:, without] = 0.0
     one, other, tail = command.tolist()
     states = []

@@ -1,14 +1,15 @@
 """The robot as a MuJoCo model: sizes and masses are ours, mechanics and water MuJoCo's.
 
-The water is MuJoCo's ellipsoid model with the coefficients that MuJoCo gives it: for it, a box is
-the ellipsoid whose semi-axes are half the box's sides, and a capsule likewise.
+The water is one of MuJoCo's two, with the coefficients that MuJoCo gives it. In the ellipsoid model
+a box is the ellipsoid whose semi-axes are half the box's sides, and a capsule likewise. The
+inertia-box model has drag only, of each link as the box that has its mass and inertia.
 """
 
 from __future__ import annotations
 
 import math
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +47,7 @@ _SERVO = 1e6
 _ARMATURE = 1.0
 
 Triple = tuple[float, float, float]
+Water = Literal["ellipsoid", "box"]
 
 _HINGES: tuple[tuple[str, Triple, Triple], ...] = (
     ("left_pectoral", (-PECTORAL_X, PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
@@ -72,7 +74,7 @@ def hinge_angles(fin_angles: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def mujoco_model(
-    morphology: MorphologyLike = None, timestep: float = 0.01, *, wet: bool = False
+    morphology: MorphologyLike = None, timestep: float = 0.01, water: Water | None = None
 ) -> Any:
     """Return the robot as an ``MjModel``: a free body and three hinges, no gravity.
 
@@ -88,8 +90,8 @@ def mujoco_model(
         Whatever ``Morphology.coerce`` takes; None is the nominal body.
     timestep
         Of MuJoCo's own integrator, s.
-    wet
-        Whether there is water, MuJoCo's ellipsoid model, and so shapes for it to push.
+    water
+        Which of MuJoCo's models, if any.
 
     Raises
     ------
@@ -100,7 +102,7 @@ def mujoco_model(
 
     References
     ----------
-    MuJoCo's documentation, "Fluid forces", the ellipsoid model.
+    MuJoCo's documentation, "Fluid forces".
 
     Examples
     --------
@@ -121,8 +123,9 @@ def mujoco_model(
     base = spec.worldbody.add_body(name="capsule")
     base.add_freejoint()
     _set_inertia(base, BODY_MASS, (0.0, 0.0, 0.0), BODY_INERTIA)
-    if wet:
+    if water is not None:
         option.density, option.viscosity = DENSITY, VISCOSITY
+    if water == "ellipsoid":
         _add_capsule(mujoco, base)
         for x in (-MOUNT_X, MOUNT_X):
             _add_box(mujoco, base, (x, PECTORAL_Y, 0.0), (MOUNT_WIDTH, MOUNT_LENGTH, 0.0))
@@ -135,7 +138,7 @@ def mujoco_model(
         servo.set_to_position(kp=_SERVO / timestep, kv=_SERVO)
         centre, across = (0.0, -0.5 * fin.length, 0.0), axis.index(1.0)
         _set_inertia(link, fin.mass, centre, _in_link(fin.inertia, across))
-        if wet:
+        if water == "ellipsoid":
             _add_box(mujoco, link, centre, _in_link((fin.width, fin.length, fin.thickness), across))
     return spec.compile()
 

@@ -8,21 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.worlds import RUNAWAY, Triple
+from aquafish_gym.engines.worlds import RUNAWAY, Triple, World
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.attitude import attitude, continue_attitude
 from aquafish_gym.physics.kinematics import State, at_rest, rotation
-from aquafish_gym.scenario import TIMESTEP
-from tests.verification.mujoco_model import BASE, hinge_angles, load_mujoco, mujoco_model
+from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
+from tests.verification.mujoco_model import BASE, Water, hinge_angles, load_mujoco, mujoco_model
 
 # MuJoCo's steps in one of 0.01 s. Its scheme is of first order, as ours is, and with these its gyro
 # is nearer to its limit than ours with one step: docs/physics.md has both.
 STEPS = 5
 
 
-class MujocoWorld:
-    """One robot in MuJoCo, in water whose law is MuJoCo's own.
+class MujocoWorld(World):
+    """One robot in MuJoCo, in water whose law is MuJoCo's own: its ellipsoid model.
 
     It has the engines' robot, whose joints turn as theirs do, and agrees with them in nothing else:
     ``docs/physics.md`` gives the differences.
@@ -35,47 +36,68 @@ class MujocoWorld:
     Attributes
     ----------
     model, data
-        MuJoCo's ``MjModel`` and ``MjData``, from the first reset on.
+        MuJoCo's ``MjModel`` and ``MjData``, from the first reset on; others for another body.
 
     Raises
     ------
     EngineUnavailableError
         If mujoco is not installed.
+    InvalidArgumentError
+        If a scenario asks for other water: added mass, or drag with a factor.
 
     Examples
     --------
     >>> world = MujocoWorld()
-    >>> world.reset(np.full(9, 0.3), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    >>> world.advance((0.5, 0.25, 0.0), steps=50)
+    >>> world.reset(Scenario.create([0.3] * 9, servo_gain=(1.0, 0.5, 1.0)))
+    >>> world.advance((0.5, 0.5, 0.0), steps=50)
     >>> [round(angle, 3) for angle in world.fin_angles]
     [1.571, 0.785, 0.0]
     """
 
+    water: Water = "ellipsoid"
+
     def __init__(self, substeps: int = 1) -> None:
         load_mujoco()
         self._count = STEPS * substeps
-        self.diverged = False
         self.model: Any = None
         self.data: Any = None
-        self._turned: NDArray[np.float64] = np.zeros(3)
 
-    def reset(self, morphology: NDArray[np.float64], fin_angles: Triple, current: Triple) -> None:
-        """Put a robot of nine sizes at the origin, upright and at rest; angles in rad."""
-        self.model = mujoco_model(morphology, TIMESTEP / self._count, wet=True)
-        self.model.opt.wind[:] = current
-        self.data = load_mujoco().MjData(self.model)
-        self._turned = np.array(fin_angles, dtype=np.float64)
-        self.data.qpos[BASE + 1 :] = hinge_angles(self._turned)
+    def _start(self, scenario: Scenario) -> None:
+        self._turned: NDArray[np.float64] = scenario.fin_angles[0].copy()
         self.diverged = False
+        self._build(scenario)
+        self.data.qpos[BASE + 1 :] = hinge_angles(self._turned)
 
-    def advance(self, command: Vector, steps: int = 1) -> None:
-        """Hold a command (rev/s, rev/s, Hz) for some steps of 0.01 s.
+    def update(self, scenario: Scenario) -> None:
+        if np.array_equal(scenario.body[0], self._body):
+            self._set(scenario)
+            return
+        before = self.data
+        self._build(scenario)
+        self.data.qpos[:], self.data.qvel[:] = before.qpos, before.qvel
 
-        A robot that leaves the finite numbers is ``diverged`` and stays so until it is reset.
-        """
-        if self.data is None:
-            raise RuntimeError("reset the MuJoCo world before advancing it")
-        turn = 2 * math.pi * self.model.opt.timestep * np.array(command)
+    def _build(self, scenario: Scenario) -> None:
+        """Make the model of the scenario's body, at rest."""
+        if scenario.reactive or (scenario.drag != 1.0).any():
+            raise InvalidArgumentError(
+                "MuJoCo's water has a law of its own: reactive must be False and drag 1; "
+                f"got {scenario.reactive} and {scenario.drag[0].tolist()}"
+            )
+        self._body = scenario.body[0].copy()
+        self.model = mujoco_model(self._body, TIMESTEP / self._count, self.water)
+        self.data = load_mujoco().MjData(self.model)
+        self._set(scenario)
+
+    def _set(self, scenario: Scenario) -> None:
+        self.model.opt.wind[:] = scenario.current[0]
+        self._gains = scenario.servo_gain[0].copy()
+
+    def set_current(self, current: Triple) -> None:
+        self.model.opt.wind[:] = current
+
+    def _swim(self, command: Vector, steps: int) -> None:
+        """Advance; a robot that leaves the finite numbers stays ``diverged`` until it is reset."""
+        turn = 2 * math.pi * self.model.opt.timestep * self._gains * command
         ahead = np.arange(1, steps * self._count + 1)[:, None]
         path = self._turned + turn * ahead
         step, model, data = load_mujoco().mj_step, self.model, self.data
@@ -111,18 +133,24 @@ class MujocoWorld:
         """Do nothing: there is nothing to free."""
 
 
+class BoxWorld(MujocoWorld):
+    """The same robot in MuJoCo's inertia-box model of water, which has drag and nothing else."""
+
+    water = "box"
+
+
 def simulate_mujoco(
     body: NDArray[np.float64],
     command: NDArray[np.float64],
     angles: NDArray[np.float64],
     steps: int,
-    current: Triple = (0.0, 0.0, 0.0),
 ) -> ImuLog:
     """Return the log (1, T, 3) of one robot that holds a command (3,) in MuJoCo's water."""
     world, found = MujocoWorld(), np.empty((1, steps, 13))
-    world.reset(body, _triple(angles), current)
+    world.reset(Scenario.create(body, fin_angles=angles))
+    left, right, caudal = command.tolist()
     for t in range(steps):
-        world.advance(_triple(command))
+        world.advance((left, right, caudal))
         found[0, t] = sample(world)
     return log_of_samples(found)
 
@@ -151,8 +179,3 @@ def log_of_samples(samples: NDArray[np.float64]) -> ImuLog:
         fin_angles=samples[:, :, 10:],
         diverged=lasts < samples.shape[1],
     )
-
-
-def _triple(row: NDArray[np.float64]) -> Triple:
-    x, y, z = row.tolist()
-    return (x, y, z)

@@ -33,9 +33,10 @@ def simulate_lanes(
     for change, begin, end in zip([None, *changes], [0, *ends], ends, strict=False):
         if change is not None:
             lanes.update(change.rows, change.to)
-        logs.append(
-            lanes.advance(commands, end - begin, record, scenario.servo_lag, interval, begun)
-        )
+        if end > begin:
+            logs.append(
+                lanes.advance(commands, end - begin, record, scenario.servo_lag, interval, begun)
+            )
     return join_logs(logs)
 
 
