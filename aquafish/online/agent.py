@@ -5,28 +5,42 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish.online.gaits import LARGEST, imagine, load_library, refine
-from aquafish.online.watch import Calibration, Moment
+from aquafish.online.gaits import LARGEST, Swimming, imagine, load_library
+from aquafish.online.watch import ERROR_SCALES, Calibration, Moment
 from aquafish_gym.physics.layout import angles_of_rows
-from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from eea.fish.recognition import Recognised, recognise
-from eea.fish.self_model import SelfModel, observe, predict
+from aquafish_gym.world_config import WorldConfig
+from eea.fish.recognition import Hypothesis, Recognised, recognise
+from eea.fish.self_model import (
+    MODEL_ERROR,
+    RECOGNISED_ERROR,
+    SelfModel,
+    noise_of,
+    predict,
+)
 from gait.controller import Controller
+from gait.evolve import EvolveConfig, evolve_gait
 
 Floats = NDArray[np.float64]
 
-CHANNELS = 9  # up, north, gyro
-GYRO = slice(6, 9)
-BACK = {True: 5, False: 2}  # actions before an alarm at which it may have broken: gyroscope alone?
+GYRO, WHOLE = slice(6, 9), Hypothesis((), ())
+BACK = {True: 5, False: 2}  # actions before an alarm in which it may have broken; ``gyro_only``
 ALIKE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
-TOLERANCE, DRIFTS, NOISES = 0.02, 3.0, 5.0  # of a channel that is not lost: see ``_infer``
+TOLERANCE, DRIFTS, NOISES = 0.02, 3.0, 3.0  # of a channel that is not broken: see ``_infer``
+# In foreign water predictions are good for a few seconds. So the last inference after an alarm uses
+# 12 observations, and for 50 actions there is no other alarm.
+FOREIGN_LATEST, QUIET = 12, 50
+AGAIN = (
+    3.0  # by which the model's error grows with each alarm after the first: it is less well known
+)
+SETTLED = 10  # actions after an alarm from which on what was inferred is trusted
 SHORTEST = 2.0  # s: for less no gait is refined
 
 
@@ -37,29 +51,35 @@ class AgentConfig:
     seconds: float = 60.0  #: Length of an episode.
     gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
     gyro_only: bool = False  #: Whether the gyroscope is the only sensor.
-    waters: tuple[bool, ...] = (False, True)  #: Whether the water may have added mass.
-    #: Numbers of actions after an alarm at which the robot is inferred, again with each.
-    inferences: tuple[int, ...] = (3, 5, 8, 12, 18, 27, 40)
-    generations: int = 150  #: Of a gait's refinement; with 0 gaits of the library are only chosen.
-    #: Thinking time, s, after which an inference and a refinement can be used; the robot swims on.
-    inference_seconds: float = 0.2
+    #: Numbers of observations from an alarm on with which the robot is inferred, again each time.
+    inferences: tuple[int, ...] = (3, 5, 8, 12, 18)
+    refinements: int = 4  #: Of a gait, one after the other; 0 only chooses it from the library.
+    generations: int = 125  #: Of each refinement.
+    #: Thinking time, s, after which an inference and a refinement can be used, with the next action
+    #: at the earliest; the robot swims on.
+    inference_seconds: float = 0.4
     refinement_seconds: float = 1.2
     seed: int = 0  #: Of the refinement.
 
     def __post_init__(self) -> None:
         for name in ("seconds", "gyro_noise", "inference_seconds", "refinement_seconds"):
             finite_array(name, getattr(self, name), (), 0.0)
-        integer("generations", self.generations, 0)
+        integer("refinements", self.refinements, 0)
+        integer("generations", self.generations, 1)
         integer("seed", self.seed, 0)
-        if not self.inferences or not self.waters:
-            raise InvalidArgumentError("inferences and waters must have one value or more")
+        if not self.inferences or list(self.inferences) != sorted(set(self.inferences)):
+            raise InvalidArgumentError(
+                f"inferences must be one number or more, increasing; got {self.inferences}"
+            )
+        for number in self.inferences:
+            integer("inferences", number, 1)
 
 
 class Event(NamedTuple):
     """Something that the agent noticed or decided."""
 
     seconds: float  #: When, in the episode.
-    what: str  #: "alarm", "inferred", "unknown", "chose" or "refined".
+    what: str  #: "fins", "alarm", "inferred", "unknown", "chose" or "refined".
     about: str  #: In words.
     cpu: float = 0.0  #: CPU seconds that it took.
 
@@ -73,13 +93,17 @@ class _Thought(NamedTuple):
 
 
 class _Case(NamedTuple):
-    """An alarm: what the robot was, and all since shortly before."""
+    """An alarm: what the robot may have been, and when it may have broken."""
 
     step: int
     before: list[Scenario]
-    moments: list[Moment]
-    states: int  #: At how many of the first moments something may have broken.
+    broken: list[Hypothesis]  #: What is broken of each in ``before``.
+    first: int  #: The first moment at which it may have broken.
     due: list[int]  #: Actions after the alarm at which to infer.
+
+    def settled(self, step: int) -> bool:
+        """Whether an alarm at a step means another fault rather than a wrong belief."""
+        return step - self.step >= SETTLED
 
 
 class SelfModelAgent:
@@ -131,26 +155,40 @@ class SelfModelAgent:
         self.config, self.hold = config or AgentConfig(), hold
         self.dt = hold * TIMESTEP
         self._whole = Scenario.create() if robot is None else robot
-        if not self.library or len(self._whole) != 1:
-            raise InvalidArgumentError("library must have a gait, and robot must be one robot")
+        if not self.library or len(self._whole) != 1 or self._whole.servo_lag.any():
+            raise InvalidArgumentError(
+                "library must have a gait, and robot must be one robot, without a servo lag"
+            )
+        for gait in self.library:
+            if gait.interval != integer("hold", hold, 1) or gait.senses.goal:
+                raise InvalidArgumentError(
+                    f"library must have gaits without a goal whose interval is hold, {hold} steps; "
+                    f"got {gait!r}"
+                )
 
-    def begin(self, fin_angles: ArrayLike) -> None:
-        """Begin an episode at rest, with the fins at known angles (3,), rad."""
-        config, angles = self.config, finite_array("fin_angles", fin_angles, (3,), unit="rad")
-        self.noise = np.full(CHANNELS, np.inf if config.gyro_only else 0.0)
-        self.noise[GYRO] = config.gyro_noise
-        self.bias = np.zeros(CHANNELS)
-        self._calibration: Calibration | None = Calibration(
-            self._whole, angles, self.noise, self.hold, config.waters
-        )
-        self.model: SelfModel = self._calibration.best
+    def begin(self, fin_angles: ArrayLike | None = None) -> None:
+        """Begin an episode at rest, with the fins at angles (3,), rad; None infers them."""
+        config = self.config
+        if fin_angles is not None:
+            fin_angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
+        deaf = np.array([[config.gyro_only] * GYRO.start + [False] * 3])
+        noise = np.array([config.gyro_noise])
+        whole = replace(self._whole, gyro_noise=noise, sensor_dropped=deaf)
+        self._calibration: Calibration | None = Calibration(whole, fin_angles, self.hold)
+        self.model: SelfModel = self._calibration.model
         self.events: list[Event] = []
-        self._steps, self._action = 0, np.zeros(3, np.float32)
-        self._recent: list[Moment] = []
+        self._moments: list[Moment] = []
+        self._steps, self._action, self._broken = 0, np.zeros(3, np.float32), WHOLE
         self._case: _Case | None = None
+        self._quiet = 0
         self._thoughts: list[_Thought] = []
         self._rng = np.random.default_rng(config.seed)
-        self._swim(self.library[0])
+        self._swimming = Swimming(self.library[0], self.hold)
+
+    @property
+    def gait(self) -> Controller:
+        """The controller that it swims."""
+        return self._swimming.gait
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
@@ -164,46 +202,39 @@ class SelfModelAgent:
         given = np.asarray(observation, float)
         if not hasattr(self, "model"):
             raise InvalidArgumentError("begin(fin_angles) must be called before act(observation)")
-        if given.size < CHANNELS or given.shape[:-1] not in ((), (1,)):
+        if given.size < len(CHANNELS) or given.shape[:-1] not in ((), (1,)):
             raise InvalidArgumentError(
-                f"observation must have shape ({CHANNELS},) or be longer, or (1, k); "
+                f"observation must have shape ({len(CHANNELS)},) or be longer, or (1, k); "
                 f"got {given.shape}"
             )
         if self._steps:
-            self._observe(given.reshape(-1)[:CHANNELS] - self.bias)
-        due = [thought for thought in self._thoughts if thought.due <= self._steps]
-        self._thoughts = [thought for thought in self._thoughts if thought.due > self._steps]
-        for thought in due:
+            self._observe(given.reshape(-1)[: len(CHANNELS)])
+        # Inferences first: another robot makes a refinement obsolete.
+        while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
+            thought = min(due, key=lambda one: isinstance(one.result, Controller))
+            self._thoughts.remove(thought)
             self._use(thought)
-        self._action = self._choose(self.model.state)
+        self._action = self._swimming.act(self.model.state)
         self._steps += 1
         return self._action.reshape((*given.shape[:-1], 3))
 
-    def become(self, robot: Scenario) -> None:
-        """Take another robot, a scenario of one, for what it is, and change the gait for it."""
-        self.model.become(robot, self.model.state)
-        self._intact, self._case = robot, None
-        self._change_gait()
-
     def _observe(self, observed: Floats) -> None:
         """Carry the self-model along, and notice and infer what broke."""
-        action = self._action.astype(float)
+        moment = Moment(self.model.state, self._action.astype(float), observed)
+        self._moments.append(moment)
         if self._calibration is not None:
-            if self._calibration.add(action, observed):
-                self._watch, self._drift = self._calibration.finish()
-                self.model = self._calibration.best
-                self._intact = self.model.robot
-                self._calibration = None
-            else:
-                self.model = self._calibration.best
+            self._calibrate(self._calibration, moment)
             return
-        moment = Moment(self.model.state, action, observed)
-        self.model.step(action)
-        alarming = self._watch.add(self.model.correct(observed).square)
-        self._recent = [*self._recent[-max(BACK.values()) :], moment]
-        if self._case is not None:
-            self._case.moments.append(moment)
-        elif alarming:
+        lost = np.isinf(self.model.noise) & np.isfinite(noise_of(self._intact))
+        self.model.step(moment.action)
+        square = self.model.correct(observed)
+        # In foreign water, how surprising another gait is must be learned after each alarm.
+        calm = self._foreign and self._steps < self._quiet
+        alarming = self._watch.add(square, int(np.isfinite(self.model.noise).sum()), calm)
+        older, old = self._moments[-3].observed, self._moments[-2].observed
+        silence_ends = lost & (older == old) & (old != observed)  # of a sensor that works again
+        alarming |= bool(silence_ends.any())
+        if alarming and (self._case is None or self._case.settled(self._steps)):
             self._case = self._open()
             self._log("alarm", "this is not what the self-model predicts")
         if self._case is not None:
@@ -213,55 +244,76 @@ class SelfModelAgent:
             if not self._case.due:
                 self._case = None
 
+    def _calibrate(self, calibration: Calibration, moment: Moment) -> None:
+        """Measure the model's error, and find where the fins are."""
+        unknown = calibration.unknown
+        enough = calibration.add(moment.action, moment.observed)
+        self.model = calibration.model
+        if unknown and not calibration.unknown:
+            self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
+            self._swimming = Swimming(self.library[0], self.hold)
+        if enough:
+            self._watch, self._drift = calibration.finish()
+            self._foreign = calibration.foreign
+            self._intact, self._calibration = self.model.robot, None
+
     def _open(self) -> _Case:
         """Return the case of an alarm."""
-        exact = not self.config.gyro_noise and self._drift.max() < TOLERANCE
+        used = np.isfinite(noise_of(self._intact))
+        exact = not self.config.gyro_noise and self._drift[used].max() < TOLERANCE
         back = 0 if exact else BACK[self.config.gyro_only]
-        before = [self.model.robot]
-        if not _alike(self.model.robot, self._intact, 0.0):
-            before.append(self._intact)  # what broke before may have ended
-        moments = self._recent[-back - 1 :]
-        return _Case(self._steps, before, moments, len(moments) + 1, list(self.config.inferences))
+        before, broken = [self.model.robot], [self._broken]
+        if self.model.robot is not self._intact:  # what broke may have ended
+            before, broken = [*before, self._intact], [*broken, WHOLE]
+        first = max(len(self._moments) - 1 - back, 0)
+        self._quiet = self._steps + QUIET
+        if any(event.what == "alarm" for event in self.events):
+            most = ERROR_SCALES[-1] * MODEL_ERROR
+            self.model.model_error = np.minimum(AGAIN * self.model.model_error, most)
+        due = [k for k in self.config.inferences if not self._foreign or k <= FOREIGN_LATEST]
+        return _Case(self._steps, before, broken, first, due or [1])
 
     def _infer(self, case: _Case) -> None:
         """Recognise what broke; the result can be used after the time for thinking."""
         began = time.process_time()
-        actions = np.array([moment.action for moment in case.moments])
-        observed = np.array([moment.observed for moment in case.moments])
+        moments = self._moments[case.first :]
+        actions = np.array([moment.action for moment in moments])
+        observed = np.array([moment.observed for moment in moments])
         # The filter has since followed the broken robot: what it was is simulated from there.
-        states = [case.moments[0].state]
-        for action in actions[: case.states - 1]:
+        states = [moments[0].state]
+        for action in actions[: case.step - case.first]:
             states.append(predict(case.before[0], states[-1], action[None], self.hold)[1][:, 0])
         tolerance = np.maximum(DRIFTS * self._drift, TOLERANCE)
         tolerance[GYRO] = np.maximum(tolerance[GYRO], NOISES * self.config.gyro_noise)
-        noise = np.hypot(self.noise, self._drift)
-        found = recognise(case.before, states, observed, actions, noise, tolerance, self.hold)
-        about = f"{found.hypothesis}"
-        broken = np.flatnonzero(found.lost & np.isfinite(self.noise))
-        about += f", without channels {broken.tolist()}" if len(broken) else ""
-        self._think(self.config.inference_seconds, "inferred", about, began, found)
+        found = recognise(case.before, states, observed, actions, self._drift, tolerance, self.hold)
+        found = replace(found, hypothesis=case.broken[found.before].then(found.hypothesis))
+        fins = str(found.hypothesis) if found.hypothesis.words else ""
+        about = "; ".join(text for text in (fins, *found.sensors) if text)
+        self._think(self.config.inference_seconds, "inferred", about or "none", began, found)
 
     def _use(self, thought: _Thought) -> None:
         """Use a result that is due: another self, or another gait."""
         self.events.append(thought.event)
         if isinstance(thought.result, Controller):
-            self._swim(thought.result)
+            if thought.result is not self.gait:
+                self._swimming = Swimming(thought.result, self.hold)
+            self._refine()
             return
         found = thought.result
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
             return
-        self.bias = self.bias + found.bias
-        self.noise = np.where(found.lost, np.inf, self.noise)
-        self.model.noise = self.noise
-        self._watch.used = int(np.isfinite(self.noise).sum())
-        self._watch.squares.clear()
         state, since = found.state, self._steps - round(thought.event.seconds / self.dt)
         if since:
-            actions = np.array([moment.action for moment in self._recent[-since:]])
+            actions = np.array([moment.action for moment in self._moments[-since:]])
             state = predict(found.robot, state, actions, self.hold)[1][:, 0]
-        changed = not _alike(found.robot, self.model.robot, ALIKE)
-        self.model.become(found.robot, state)
+        whole = not found.hypothesis.words and not found.sensors
+        robot = self._intact if whole else found.robot
+        changed = not _alike(robot, self.model.robot)
+        self._watch.squares.clear()
+        self._broken = found.hypothesis
+        self.model.become(robot, state)
+        self.model.model_error = np.maximum(self.model.model_error, RECOGNISED_ERROR)
         if changed:
             self._change_gait()
 
@@ -269,59 +321,68 @@ class SelfModelAgent:
         """Swim the best gait of the library from now on, and refine it meanwhile."""
         began = time.process_time()
         left = self.config.seconds - self._steps * self.dt
-        self._thoughts = [t for t in self._thoughts if not isinstance(t.result, Controller)]
         if left < self.dt:
             return
-        robot, config = self.model.robot, self.config
-        far = imagine(self.library, robot, self.model.state, left)
-        best = int(far.argmax())
-        self._swim(self.library[best])
-        about = f"gait {best}, which should make {far[best]:.1f} units"
+        far = imagine(self.library, self.model.robot, self.model.state, left)
+        _, going_on = self._swimming.ahead(self.model, 0, round(left / self.dt))
+        about = f"to go on, which should make {going_on:.1f} units"
+        if far.max() > going_on:
+            self._swimming = Swimming(self.library[int(far.argmax())], self.hold)
+            about = f"gait {far.argmax()}, which should make {far.max():.1f} units"
         self._log("chose", about, time.process_time() - began)
-        if not config.generations or left - config.refinement_seconds < SHORTEST:
+        self._rounds = self.config.refinements
+        self._refine()
+
+    def _refine(self) -> None:
+        """Begin to refine the gait, from the state that the robot will be in when that is done."""
+        began, config, robot = time.process_time(), self.config, self.model.robot
+        self._thoughts = [t for t in self._thoughts if not isinstance(t.result, Controller)]
+        actions = self._actions(config.refinement_seconds)
+        left = config.seconds - (self._steps + actions) * self.dt
+        if not self._rounds or left < SHORTEST:
             return
-        began = time.process_time()
-        state = self.model.state  # where this gait will have brought it when the other is ready
-        actions = math.ceil(config.refinement_seconds / self.dt - 1e-9)
-        for k in range(actions):
-            action = self._choose(state, k)
-            state = predict(robot, state, action[None].astype(float), self.hold)[1][:, 0]
-        self._swim(self.library[best])  # its memory is as it was
-        left -= actions * self.dt
-        far = imagine(self.library, robot, state, left)
-        small = [len(gait.bias) <= LARGEST for gait in self.library]
-        start = int(np.where(small, far, -np.inf).argmax())
-        gait, farthest = refine(
-            self.library[start], robot, state, left, config.generations, self._rng
+        self._rounds -= 1
+        until = round(config.seconds / self.dt) - self._steps
+        state, expected = self._swimming.ahead(self.model, actions, until)
+        first = self.gait
+        if len(first.bias) > LARGEST:
+            small = [gait for gait in self.library if len(gait.bias) <= LARGEST]
+            if not small:
+                return
+            first = small[int(imagine(small, robot, state, left).argmax())]
+        found = evolve_gait(
+            robot.body[0],
+            EvolveConfig(
+                generations=config.generations,
+                seconds=left,
+                seed=int(self._rng.integers(2**32)),
+                threads=1,
+            ),
+            first=first,
+            start=state,
+            world=WorldConfig.of(robot),
         )
-        if farthest > far[best]:
-            about = f"gait {start}, from {far[start]:.1f} to {farthest:.1f} units"
-            self._think(config.refinement_seconds, "refined", about, began, gait)
-
-    def _swim(self, gait: Controller) -> None:
-        """Swim another gait from now on."""
-        angles = angles_of_rows(self.model.state)
-        self._policy = gait.policy(angles, self.model.robot.servo_gain[0])
-        self._began = self._steps
-
-    def _choose(self, state: Floats, ahead: int = 0) -> NDArray[np.float32]:
-        """Return the gait's action (3,) in a state (25,), some actions from now."""
-        seconds = (self._steps + ahead - self._began) * self.dt
-        action = self._policy(observe(state[:, None])[0], seconds)
-        return np.clip(np.asarray(action, np.float32), -1.0, 1.0)
+        about = f"from {expected:.1f} to {found.fitness:.1f} units"
+        better = found.controller if found.fitness > expected else self.gait
+        self._think(config.refinement_seconds, "refined", about, began, better)
 
     def _think(
         self, seconds: float, what: str, about: str, began: float, result: Recognised | Controller
     ) -> None:
-        due = self._steps + math.ceil(seconds / self.dt - 1e-9)
+        due = self._steps + self._actions(seconds)
         event = Event(self._steps * self.dt, what, about, time.process_time() - began)
         self._thoughts.append(_Thought(due, event, result))
+
+    def _actions(self, seconds: float) -> int:
+        """Return how many actions thinking takes: at least one, for the present one is due now."""
+        return max(1, math.ceil(seconds / self.dt - 1e-9))
 
     def _log(self, what: str, about: str, cpu: float = 0.0) -> None:
         self.events.append(Event(self._steps * self.dt, what, about, cpu))
 
 
-def _alike(one: Scenario, other: Scenario, tolerance: float) -> bool:
-    """Whether two robots differ by no more in any size or gain."""
+def _alike(one: Scenario, other: Scenario) -> bool:
+    """Whether two robots need no different gaits: their sizes and gains are alike."""
     sizes = np.abs(one.body - other.body).max()
-    return bool(max(sizes, np.abs(one.servo_gain - other.servo_gain).max()) <= tolerance)
+    gains = np.abs(one.servo_gain - other.servo_gain).max()
+    return bool(max(sizes, gains) <= ALIKE)

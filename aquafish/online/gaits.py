@@ -1,4 +1,4 @@
-"""Gaits chosen and refined by imagination: on the self-model, from the very state that it is in."""
+"""Gaits on the self-model: which swims farthest from its very state, and the one being swum."""
 
 from __future__ import annotations
 
@@ -8,20 +8,18 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
-from aquafish_gym.rollout import rollout
 from aquafish_gym.runs.storage import read_document
-from aquafish_gym.scenario import Scenario
+from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.world_config import WorldConfig
+from eea.fish.self_model import SelfModel, observe, predict
 from gait.controller import Controller, program_of
-from gait.fitness import penalize_diverged
-from gait.search.cma import Strategy
-from gait.search.templates import Template
+from gait.fitness import swim_scores
 
 Floats = NDArray[np.float64]
 
 LIBRARY, SCHEMA = Path(__file__).with_name("library.json"), "aquafish.library/1"
-POPULATION, SIGMA = 24, 0.05
 LARGEST = 30  # nodes of a network that CMA-ES refines in a second
 
 
@@ -40,49 +38,44 @@ def imagine(
 
     ``robot`` is a scenario of one. The controllers know its fin angles and servo gains.
     """
-    far = np.empty(len(controllers))
-    kinds: dict[object, list[int]] = {}
-    for i, controller in enumerate(controllers):
-        kinds.setdefault(controller.kind, []).append(i)
-    for those in kinds.values():
-        found = rollout(
-            program_of([controllers[i] for i in those]),
-            robot.take(np.zeros(len(those), np.intp)),
-            seconds=seconds,
-            believed=angles_of_rows(state),
-            believed_gain=robot.servo_gain[0],
-            dtype=np.float32,
-            threads=1,
-            start=np.repeat(state[:, None], len(those), axis=1),
-        )
-        far[those] = found.end[:, 1] - state[FIELDS["position"]][1]
-    return penalize_diverged(far, seconds)
-
-
-def refine(
-    first: Controller,
-    robot: Scenario,
-    state: Floats,
-    seconds: float,
-    generations: int,
-    rng: np.random.Generator,
-) -> tuple[Controller, float]:
-    """Return a gait refined by CMA-ES for a state, and how far it would swim, see `imagine`."""
-    template, body = Template.like(first), Morphology.from_array(robot.body[0])
-    search = Strategy(
-        template.vector(first),
-        lambda x: template.controller(x, first.clock, body, first.seed),
-        POPULATION,
-        rng,
-        SIGMA,
+    world = WorldConfig.of(robot)
+    far = swim_scores(
+        controllers, robot.body[0], seconds=seconds, world=world, threads=1, start=state
     )
-    best, farthest = first, float(imagine([first], robot, state, seconds)[0])
-    for _ in range(generations):
-        proposal = search.ask()
-        tried = [*proposal.controllers, *(proposal.finalists or [])]
-        far = imagine(tried, robot, state, seconds)
-        top = int(far.argmax())
-        if far[top] > farthest:
-            best, farthest = tried[top], float(far[top])
-        search.tell(far[: len(proposal.controllers)].tolist(), best, farthest)
-    return best, farthest
+    return far[:, 0]
+
+
+class Swimming:
+    """A gait that a robot swims, beginning now, with the fin angles that its self-model has."""
+
+    def __init__(self, gait: Controller, hold: int) -> None:
+        program = program_of([gait])
+        self.gait, self._function, self._dt = gait, program.function, hold * TIMESTEP
+        self._network = program.weights[:, 0].tolist(), program.layout.tolist()
+        self._memory, self._actions = [0.0] * program.scratch, 0
+
+    def act(self, state: Floats) -> NDArray[np.float32]:
+        """Return the next action (3,), in [-1, 1], in a state (25,)."""
+        self._actions += 1
+        return self._act(state, self._memory, self._actions - 1)
+
+    def ahead(self, model: SelfModel, actions: int, until: int) -> tuple[Floats, float]:
+        """Return the state (25,) after some actions, and the way from there until another, units.
+
+        Both are counted from now.
+        """
+        memory, y, then = list(self._memory), FIELDS["position"].start + 1, model.state
+        state = then
+        for k in range(until):
+            then = state if k <= actions else then
+            action = self._act(state, memory, self._actions + k).astype(float)
+            state = predict(model.robot, state, action[None], model.hold)[1][:, 0]
+        return then, float(state[y] - then[y])
+
+    def _act(self, state: Floats, memory: list[float], number: int) -> NDArray[np.float32]:
+        seen, seconds = observe(state[:, None])[0].tolist(), number * self._dt
+        fins = (angles_of_rows(state) / TAU).tolist()
+        action = self._function(
+            *self._network, memory, 0, 1, seconds, seen[:3], seen[3:6], seen[6:], fins, [0.0] * 3
+        )
+        return np.clip(np.asarray(action, np.float32), -1.0, 1.0)

@@ -39,7 +39,7 @@ REPORT = "report.json"
 class Recover:
     """The case study: damage a fish, infer its body, evolve a gait for it, and score the gait.
 
-    Ten treatments differ in the body that the gait is evolved for and in the search. DIR holds
+    Eleven treatments differ in the body that the gait is evolved for and in the search. DIR holds
     report.md, report.json, figures, a film, and for each treatment of each replicate its
     outcome.json, morphology.json and controller.json (bodies.json with joint inference). The same
     command resumes.

@@ -29,6 +29,7 @@ COLOURS = {
     "out-of-band": "#0072b2",
     "joint": "#882255",
     "joint-fins": "#cc79a7",
+    "swims-on": "#332288",
     "oracle-neat": "#66c2a5",
     "oracle": "#009e73",
     "oracle-fins": "#00523c",

@@ -14,7 +14,7 @@ UNIT_IN_M = 0.05
 HELD_OUT = "held-out"  # instead of a damage, if each replicate has another one
 # Recovered gaits against the old one and one for any damage, joint inference against the paper's
 # method, with against without known fins, and each oracle against its self-model.
-RECOVERED = ("joint-fins", "joint", "out-of-band")
+RECOVERED = ("swims-on", "joint-fins", "joint", "out-of-band")
 COMPARISONS = (
     *((ours, other) for ours in RECOVERED for other in ("undamaged", "randomised")),
     ("joint", "out-of-band"),

@@ -9,6 +9,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish.recovery.swimming_on import ONSET, swim_on
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
@@ -19,9 +20,12 @@ from eea.core.fitness import objective_fitness
 from eea.fish import EngineTarget, RealityGap, fish_eea, fish_problem
 from eea.fish.fins import fins_after
 from eea.study.presets import smoke
+from gait.controller import Controller
 from gait.evolve import EvolveConfig, damaged_at_random, evolve_gait
 from gait.rollout import Swim
 from gait.transfer import TransferConfig, transfer
+
+Floats = NDArray[np.float64]
 
 BODIES = 50  # of a posterior's sample, or randomly damaged, that one gait is evolved for
 MASS = 0.9  # of the posterior intervals in an outcome
@@ -38,6 +42,7 @@ class TreatmentSpec(NamedTuple):
     model: Condition | None = None  #: The method that infers the body.
     body: Literal["healthy", "any", "true"] = "true"  #: The body, if it is not inferred.
     oracle: str = "oracle"  #: The treatment with the true body and the same search and senses.
+    online: bool = False  #: Whether the robot breaks, infers and changes its gait as it swims.
 
 
 # The oracles know the damage, which no robot does: upper bounds for self-models.
@@ -84,6 +89,17 @@ TREATMENTS: dict[str, TreatmentSpec] = {
         "fins",
         "joint",
         oracle="oracle-fins",
+    ),
+    "swims-on": TreatmentSpec(
+        "swims on",
+        f"the robot breaks after {ONSET:g} s of swimming, recognises from its gyroscope and its "
+        "actions what broke, and changes its gait without stopping, from one of a library to its "
+        "refinement for the time that is left; the distance counts from the damage on, in the "
+        "same seconds, time for thinking included, with the speed that it has; OBJ_FIT from the "
+        "zero pose, *own model* its last gait from its last state",
+        "fins",
+        oracle="oracle-fins",
+        online=True,
     ),
     "oracle-neat": TreatmentSpec(
         "the true body, NEAT", "the true body, and NEAT", "neat", oracle="oracle-neat"
@@ -162,8 +178,13 @@ def treat(job: Treatment) -> dict[str, Any]:
         ``findings``, ``verdict``, the ``bodies`` that the gait is for, and ``fins``, the estimated
         angles after the last trial with their errors, rad; the gait's ``generations``; the
         ``controller``; distances in units of 5 cm by body, from the zero pose and from each random
-        pose; ``diverged``; ``swims``, body -> ``PATH`` of the swim from the zero pose.
+        pose; ``diverged``; ``swims``, body -> ``PATH`` of the swim from the zero pose. A robot that
+        swims on has neither generations nor these.
     """
+    if job.spec.online:
+        body, gait, *far = swim_on(job.morphology, job.damage, job.transfer, job.gyro_noise)
+        outcome = _outcome(job, Model(body, []), gait, *far)
+        return {**outcome, "generations": [], "swims": {}}
     model = _model(job)
     # A sample needs random poses; without any, the gait is for the one body.
     evolved = evolve_gait(model.bodies if job.gait.poses else [model.body], job.gait)
@@ -172,6 +193,20 @@ def treat(job: Treatment) -> dict[str, Any]:
     native, target = (
         np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)
     )
+    return {
+        **_outcome(job, model, evolved.controller, native, target),
+        "generations": [asdict(row) for row in evolved.history],
+        "swims": {
+            "native": _path_to_dict(scored.native.swim),
+            "target": _path_to_dict(scored.target.swim),
+        },
+    }
+
+
+def _outcome(
+    job: Treatment, model: Model, controller: Controller, native: Floats, target: Floats
+) -> dict[str, Any]:
+    """Return an outcome's common part; distances (1 + poses,) from the zero pose and others."""
     fitness = objective_fitness(model.body.to_array(), job.target.to_array(), fish_problem().models)
     return {
         "treatment": job.treatment,
@@ -187,12 +222,7 @@ def treat(job: Treatment) -> dict[str, Any]:
         "target_random_distances": _finite(target)[1:],
         "diverged": int(np.count_nonzero(~np.isfinite(target))),
         "rounds": model.rounds,
-        "generations": [asdict(row) for row in evolved.history],
-        "controller": evolved.controller.to_dict(),
-        "swims": {
-            "native": _path_to_dict(scored.native.swim),
-            "target": _path_to_dict(scored.target.swim),
-        },
+        "controller": controller.to_dict(),
     }
 
 
@@ -225,7 +255,7 @@ def _model(job: Treatment) -> Model:
 
 
 def _posterior(
-    result: Result, start_angles: NDArray[np.float64], steps: int
+    result: Result, start_angles: Floats, steps: int
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what an outcome holds of joint inference, and the fin state for the transfer.
 
@@ -265,7 +295,7 @@ def warm_up(jobs: Sequence[Treatment]) -> None:
         treat(replace(small, treatment=name, gait=gait, eea=replace(smoke(model), rounds=2)))
 
 
-def _finite(distances: NDArray[np.float64]) -> list[float]:
+def _finite(distances: Floats) -> list[float]:
     """Return distances (n,) as a list, with 0 where the robot diverged."""
     return [float(value) for value in np.where(np.isfinite(distances), distances, 0.0)]
 

@@ -10,25 +10,30 @@ import pytest
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
-from aquafish.online.gaits import imagine, load_library, refine
-from aquafish.online.watch import Watch
+from aquafish.online.gaits import Swimming, imagine, load_library
+from aquafish.online.watch import Calibration, Watch
+from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.fish.self_model import SelfModel
-from gait import evaluate
+from aquafish_gym.world_config import WorldConfig
+from eea.fish.self_model import SelfModel, observe, predict
+from gait import EvolveConfig, evaluate, evolve_gait
 
-QUICK = AgentConfig(seconds=60.0, generations=2)
+QUICK = AgentConfig(seconds=60.0, generations=2, refinements=1)
 
 
-def swim(damage: str, steps: int = 150, config: AgentConfig = QUICK, **options: Any) -> Any:
+def swim(
+    damage: str, steps: int = 150, config: AgentConfig = QUICK, known: bool = True, **options: Any
+) -> Any:
     """Return an agent after some steps of an episode, its robot's truth, and its actions."""
     env = gym.make("AquaFishRecovery-v0", damage=damage, engine="numba", **options)
     observation, info = env.reset(seed=1)
     agent, actions = SelfModelAgent(config=config), []
-    agent.begin(info["fin_angles"])
+    agent.begin(info["fin_angles"] if known else None)
     for _ in range(steps):
         actions.append(agent.act(observation))
         observation, _, _, _, info = env.step(actions[-1])
+    agent.act(observation)
     env.close()
     return agent, info, np.array(actions)
 
@@ -57,7 +62,7 @@ def test_the_same_seed_gives_the_same_actions() -> None:
     ids=["still", "current", "reactive"],
 )
 def test_nothing_alarms_it_while_nothing_breaks(options: dict[str, Any]) -> None:
-    noisy = AgentConfig(gyro_noise=0.01, generations=0)
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
     agent, _, _ = swim("gyro:noise=0.01", 300, noisy, **options)
     assert agent.events == []
 
@@ -72,8 +77,31 @@ def test_it_becomes_whole_again_when_a_fault_ends() -> None:
 
 def test_a_broken_sensor_is_left_out() -> None:
     agent, _, _ = swim("gyro_y:dropped@15", 130)
-    assert np.isinf(agent.noise[7])
-    assert np.isfinite(np.delete(agent.noise, 7)).all()
+    assert np.flatnonzero(np.isinf(agent.model.noise)).tolist() == [7]
+
+
+def test_a_sensor_that_works_again_is_used_again() -> None:
+    agent, _, _ = swim("gyro_y:dropped@15+8; gyro_x:bias=0.2@15+10", 150)
+    about = [event.about for event in agent.events if event.what == "inferred"]
+    assert about[0] in ("gyro_y:dropped; gyro_x:bias=0.2", "gyro_y:dropped; gyro_x:bias=0.199")
+    assert about[-1] == "none"
+    assert np.isfinite(agent.model.noise).all()
+    np.testing.assert_array_equal(agent.model.robot.sensor_bias, 0.0)
+
+
+def test_a_second_fault_is_recognised_beside_the_first() -> None:
+    agent, info, _ = swim("right_pectoral:missing@15; caudal:weak=0.4@19", 150)
+    np.testing.assert_allclose(agent.model.robot.body[0], info["morphology"], atol=0.02)
+    np.testing.assert_allclose(agent.model.robot.servo_gain[0], info["servo_gain"], atol=0.03)
+
+
+@pytest.mark.parametrize("gyro_only", [False, True], ids=["imu", "gyroscope"])
+def test_it_finds_where_its_fins_are(gyro_only: bool) -> None:
+    config = AgentConfig(gyro_noise=0.01, gyro_only=gyro_only, refinements=0)
+    agent, info, _ = swim("gyro:noise=0.01", 60, config, known=False)
+    error = angles_of_rows(agent.model.state) - info["fin_angles"]
+    np.testing.assert_allclose(np.arctan2(np.sin(error), np.cos(error)), 0.0, atol=0.05)
+    assert whats(agent) == ["fins"]
 
 
 def test_it_plays_in_a_vector_environment() -> None:
@@ -93,8 +121,10 @@ def test_it_plays_in_a_vector_environment() -> None:
         (lambda agent: (agent.begin(np.zeros(3)), agent.act(np.zeros(6))), "observation must have"),
         (lambda _: AgentConfig(gyro_noise=-1.0), "gyro_noise must"),
         (lambda _: AgentConfig(generations=1.5), "generations must"),
-        (lambda _: AgentConfig(inferences=()), "inferences and waters must"),
+        (lambda _: AgentConfig(inferences=()), "inferences must be one"),
         (lambda _: SelfModelAgent(library=[]), "library must have a gait"),
+        (lambda _: SelfModelAgent(hold=10), "library must have gaits .* hold, 10 steps"),
+        (lambda _: AgentConfig(inferences=(5, 3)), "inferences must be one"),
     ],
 )
 def test_wrong_input_is_refused(call: Any, said: str) -> None:
@@ -103,17 +133,78 @@ def test_wrong_input_is_refused(call: Any, said: str) -> None:
 
 
 def test_a_refined_gait_is_no_worse_by_imagination() -> None:
-    gaits, robot = load_library(), Scenario.create(servo_gain=[(1.0, -1.0, 1.0)])
-    state = SelfModel(robot, (0.3, 1.0, 2.0), np.zeros(9)).state
-    first = imagine(gaits[1:2], robot, state, 10.0)[0]
-    gait, far = refine(gaits[1], robot, state, 10.0, 5, np.random.default_rng(0))
-    assert far >= first
-    assert imagine([gait], robot, state, 10.0)[0] == pytest.approx(far, abs=1e-5)
+    gaits, robot = load_library(), Scenario.create(servo_gain=[(1.0, -1.0, 1.0)], reactive=True)
+    model = SelfModel(robot, (0.3, 1.0, 2.0))
+    model.step((0.5, -1.0, 1.0))
+    first, *_ = imagine(gaits[1:], robot, model.state, 10.0)
+    found = evolve_gait(
+        robot.body[0],
+        EvolveConfig(generations=5, seconds=10.0, threads=1),
+        first=gaits[1],
+        start=model.state,
+        world=WorldConfig.of(robot),
+    )
+    assert found.fitness > first
+    assert imagine([found.controller], robot, model.state, 10.0)[0] == found.fitness
 
 
 def test_a_watch_needs_more_than_it_saw_while_nothing_broke() -> None:
-    watch = Watch(used=3)
+    watch = Watch()
     for _ in range(20):
-        assert not watch.add(500.0, calm=True)
-    assert not watch.add(500.0)
-    assert watch.add(5000.0)
+        assert not watch.add(500.0, 3, calm=True)
+    assert not watch.add(500.0, 3)
+    assert watch.add(5000.0, 3)
+
+
+def test_looking_ahead_is_imagining_the_gait_that_is_swum() -> None:
+    robot = Scenario.create(servo_gain=[(1.0, 0.5, 1.0)])
+    model, gait = SelfModel(robot, (0.3, 1.0, 2.0)), load_library()[2]
+    swimming, begun = Swimming(gait, model.hold), model.state
+    far = imagine([gait], robot, begun, 10.0)[0]
+    for _ in range(10):  # without the filter, whose state is a mean
+        action = swimming.act(model.state)[None].astype(float)
+        model.become(robot, predict(robot, model.state, action)[1][:, 0])
+    then, way = swimming.ahead(model, 5, 40)
+    assert then[5] - begun[5] + way == pytest.approx(far, abs=1e-3)
+    assert swimming.ahead(model, 5, 40)[1] == way  # it forgets what it imagined
+
+
+@pytest.mark.parametrize("number", [0, 2])
+def test_a_gait_is_the_controller_with_true_fin_angles(number: int) -> None:
+    robot, gait = Scenario.create(servo_gain=[(1.0, 0.5, 1.0)]), load_library()[number]
+    state, swimming = SelfModel(robot, (0.3, 1.0, 2.0)).state, Swimming(gait, 20)
+    policy = gait.policy((0.3, 1.0, 2.0), (1.0, 0.5, 1.0))
+    for k in range(20):
+        action = swimming.act(state)
+        true = np.clip(policy(observe(state[:, None])[0], 0.2 * k), -1.0, 1.0)
+        np.testing.assert_allclose(action, true, atol=1e-4)
+        state = predict(robot, state, action[None].astype(float))[1][:, 0]
+
+
+@pytest.mark.parametrize("drag", [0.5, 1.0])
+def test_the_drag_of_foreign_water_is_measured(drag: float) -> None:
+    water, fins = Scenario.create(drag=(drag, 1.0)), np.array([0.4, -1.0, 2.0])
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
+    observed = predict(water, SelfModel(water, fins).state, actions)[0][0]
+    calibration = Calibration(Scenario.create(), fins, 20)
+    for action, seen in zip(actions[:-1], observed, strict=False):
+        assert not calibration.add(action, seen)
+    assert calibration.foreign == (drag != 1.0)
+    assert calibration.add(actions[-1], observed[-1])
+    assert calibration.model.robot.drag.tolist() == [[drag, 1.0]]
+    assert not calibration.foreign
+
+
+@pytest.mark.slow
+def test_nothing_alarms_it_in_water_that_it_does_not_know() -> None:
+    pytest.importorskip("mujoco")
+    from tests.verification.mujoco_world import BoxWorld
+
+    env = gym.make("AquaFishRecovery-v0", damage=None, engine=BoxWorld)
+    observation, info = env.reset(seed=3)
+    agent = SelfModelAgent(config=AgentConfig(refinements=0))
+    agent.begin(info["fin_angles"])
+    for _ in range(300):
+        observation, *_ = env.step(agent.act(observation))
+    assert agent.events == []
+    assert agent.model.robot.drag[0, 0] < 1.0

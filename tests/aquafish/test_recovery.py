@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 
 from aquafish.cli import main
+from aquafish.online.gaits import load_library
 from aquafish.recovery.treatment import BODIES, TREATMENTS
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.command_line import read_morphology
@@ -86,6 +87,7 @@ def test_the_report_holds_every_treatment(study: Path) -> None:
     assert fitness["oracle"] == fitness["oracle-fins"] == fitness["direct"] == 1.0
     assert fitness["joint"] == fitness["joint-fins"]  # one self-model, two gaits
     assert fitness["undamaged"] == pytest.approx(1 - 0.4 / 9)
+    assert fitness["swims-on"] > 0.99
     trials = {name: row["trials"] for name, row in report["treatments"].items()}
     swims = 2 * (24 + 2 * 24)  # of the random candidates, and of two generations
     modelled = {"none": 2, "out-of-band": 2, "joint": 1, "joint-fins": 1, "direct": swims}
@@ -114,6 +116,10 @@ def test_bodies_and_controllers_serve_the_next_command(study: Path) -> None:
         elif treatment == "randomised":
             assert body == Morphology.nominal()
             assert controller.sample is not None
+        elif spec.online:
+            assert body.left_pectoral[1] == pytest.approx(0.8, abs=0.02)
+            gaits = [gait.to_dict() for gait in load_library()]
+            assert controller.to_dict() in gaits  # two seconds are too few for a refinement
         else:
             assert body == controller.morphology
 

@@ -1,0 +1,66 @@
+"""Recovery without stopping: the damage strikes a robot that models itself as it swims."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish.online.agent import AgentConfig, SelfModelAgent
+from aquafish.online.gaits import imagine
+from aquafish_gym import Damage, Morphology
+from aquafish_gym.damage import Fault
+from aquafish_gym.envs.env import AquaFishEnv
+from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.scenario import Scenario
+from gait.controller import Controller
+from gait.rollout import random_poses
+from gait.transfer import TransferConfig
+
+Floats = NDArray[np.float64]
+ONSET = 12.0  # s; in the first ten the agent measures its model's error
+
+
+def swim_on(
+    morphology: Morphology, damage: Damage, config: TransferConfig, noise: float
+) -> tuple[Morphology, Controller, Floats, Floats]:
+    """Return the self-model and the gait of a robot that breaks in mid-swim, and how far it swims.
+
+    It swims the library's first gait until ``damage`` strikes, and for ``config.seconds`` after it.
+    The agent knows its initial fin angles and observes its gyroscope alone, with ``noise`` (rad/s).
+
+    Returns
+    -------
+    body, gait
+        The recognised body and the last gait of the swim from the zero pose.
+    native, target
+        (1 + poses,) from the zero pose and from each random one, in units: how far the last gait
+        would swim on the self-model from the last state in ``config.seconds``, and how far the
+        robot swam after the damage; NaN if it diverged.
+    """
+    faults = [replace(fault, onset=ONSET) for fault in damage]
+    faults += [Fault("gyro", "noise", noise)] if noise else []
+    end = ONSET + config.seconds
+    task = SwimForward(seconds=0.2 * math.ceil(end / 0.2 - 1e-9))
+    env = AquaFishEnv(morphology, Damage(tuple(faults)), config.target_engine, task=task)
+    settings = AgentConfig(end, gyro_noise=noise, gyro_only=True, refinements=1, seed=config.seed)
+    env.reset(seed=config.seed)
+    agents, native, target = [], [], []
+    for pose in (np.zeros(3), *random_poses(config.poses, config.seed)):
+        agent = SelfModelAgent(config=settings, robot=Scenario.create(morphology))
+        observation, _ = env.reset(options={"fin_angles": pose})
+        agent.begin(pose)
+        way, diverged, over = [0.0], False, False
+        while not (over or diverged):
+            observation, _, diverged, over, info = env.step(agent.act(observation))
+            way.append(info["y_position"])
+        first, last = np.interp((ONSET, end), env.dt * np.arange(len(way)), way)
+        target.append(math.nan if diverged else last - first)
+        model = agent.model
+        native.append(imagine([agent.gait], model.robot, model.state, config.seconds)[0])
+        agents.append(agent)
+    env.close()
+    body = Morphology.from_array(agents[0].model.robot.body[0])
+    return body, agents[0].gait, np.array(native), np.array(target)
