@@ -3,35 +3,51 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish.online.agent import AgentConfig, SelfModelAgent
-from aquafish.online.gaits import load_library
-from aquafish_gym.scenario import Scenario
+from aquafish.online.gaits import LIBRARY, load_library
+from aquafish.online.gaits import SCHEMA as LIBRARY_SCHEMA
+from aquafish_gym.runs.storage import read_document
+from aquafish_gym.scenario import CHANNELS
 from eea.core.angles import Floats
 from gait.controller import Controller
+from league_policy import Offline, Policy, PolicyAgent
+from league_trials import DirectSearch, TrialAndError, load_archive
+
+#: What breaks, by its name in ``info``, and the field of a scenario that it is.
+TRUTH = ("morphology", "servo_gain", "sensor_noise", "sensor_bias", "sensor_lost")
+FIELDS = ("body", "servo_gain", "gyro_noise", "sensor_bias", "sensor_dropped")
+MADE = Path(__file__).parents[1] / "docs/results/league"
 
 
 class Entrant(Protocol):
-    """An agent in one episode."""
+    """An agent in one episode.
 
-    def begin(self, fin_angles: ArrayLike) -> None: ...
+    The initial fin angles (3,), rad, are None where it cannot know them. It may also have
+    ``measure(y_position)``. The league then calls it after each step with the true distance along
+    +y, which no observation contains.
+    """
+
+    def begin(self, fin_angles: ArrayLike | None) -> None: ...
     def act(self, observation: ArrayLike) -> ArrayLike: ...
 
 
 class FixedGait:
-    """One controller throughout, which knows the initial fin angles."""
+    """One controller throughout, which takes unknown fin angles for 0."""
 
     def __init__(self, controller: Controller) -> None:
         self._controller = controller
 
-    def begin(self, fin_angles: ArrayLike) -> None:
+    def begin(self, fin_angles: ArrayLike | None) -> None:
         """Begin an episode."""
-        self._policy, self._steps = self._controller.policy(fin_angles), 0
+        angles = np.zeros(3) if fin_angles is None else fin_angles
+        self._policy, self._steps = self._controller.policy(angles), 0
 
     def act(self, observation: ArrayLike) -> ArrayLike:
         """Return the gait's action."""
@@ -43,7 +59,7 @@ class FixedGait:
 class Still:
     """No servo moves."""
 
-    def begin(self, fin_angles: ArrayLike) -> None:
+    def begin(self, fin_angles: ArrayLike | None) -> None:
         """Begin an episode."""
 
     def act(self, observation: ArrayLike) -> ArrayLike:  # noqa: ARG002
@@ -52,38 +68,93 @@ class Still:
 
 
 class Oracle(SelfModelAgent):
-    """The agent that learns the truth about its body and servos at the onset."""
+    """The agent that learns the truth about its body, servos and sensors when they change."""
 
-    truth: Scenario | None = None
+    truth: dict[str, Any] | None = None
 
     def learn(self, info: dict[str, Any]) -> None:
         """Become the robot that ``info`` describes, from the next action on."""
-        fields = {"body": info["morphology"][None], "servo_gain": info["servo_gain"][None]}
-        self.truth = Scenario.fill(fields, self.model.robot.reactive)
+        names = dict(zip(TRUTH, FIELDS, strict=True))
+        self.truth = {field: np.asarray(info[name])[None] for name, field in names.items()}
 
     def _observe(self, observed: Floats) -> None:
+        if self.truth is None:
+            super()._observe(observed)
+            return
+        stuck = np.zeros((1, len(CHANNELS)), np.bool_)
+        robot = replace(self.model.robot, **self.truth, sensor_stuck=stuck)
+        # Its sensors have changed already; the rest of it does so now.
+        sensors: dict[str, Any] = {
+            name: getattr(robot, name) for name in (*FIELDS[2:], "sensor_stuck")
+        }
+        self.model.become(replace(self.model.robot, **sensors), self.model.state)
         super()._observe(observed)
-        if self.truth is not None:
-            self.become(self.truth)
-            self.truth = None
+        self.truth = None
+        self.model.become(robot, self.model.state)
+        self._change_gait()
+
+    def _infer(self, case: object) -> None:
+        """Infer nothing."""
 
 
-def _agent(kind: type[SelfModelAgent], noise: float, **settings: Any) -> SelfModelAgent:
-    return kind(config=AgentConfig(gyro_noise=noise, **settings))
+def _policy(name: str) -> Policy:
+    return Policy.load(MADE / f"policies/{name}.json")
 
 
-def _gait(number: int, _noise: float) -> FixedGait:
-    return FixedGait(load_library()[number])
+def _library(*gaits: int) -> Offline:
+    """Return what some gaits of the library took; without numbers, all."""
+    spent = read_document(LIBRARY, LIBRARY_SCHEMA, "library")["offline"]
+    chosen = gaits or range(len(spent["steps"]))
+    return Offline(*(sum(spent[name][i] for i in chosen) for name in Offline._fields))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """How an entrant is made, and what was spent on it before its first episode.
+
+    ``make`` takes settings of ``AgentConfig``, which tell what an agent may know of its sensors;
+    ``spent`` reads the entrant's file.
+    """
+
+    make: Callable[..., Entrant]
+    spent: Callable[[], Offline] = Offline
+
+    @property
+    def offline(self) -> Offline:
+        """Simulated robot steps of 0.01 s, and CPU time in s."""
+        return self.spent()
+
+
+def _self_model(kind: type[SelfModelAgent] = SelfModelAgent, **more: Any) -> Entry:
+    return Entry(lambda **known: kind(config=AgentConfig(**known, **more)), _library)
+
+
+def _gait(number: int) -> Entry:
+    return Entry(lambda **_: FixedGait(load_library()[number]), lambda: _library(number))
+
+
+def _learned(name: str) -> Entry:
+    return Entry(lambda **_: PolicyAgent(_policy(name)), lambda: _policy(name).offline)
+
+
+def _archive() -> tuple[tuple[Controller, ...], Floats, Floats, Offline]:
+    return load_archive(MADE / "archive.json")
 
 
 _FREE: dict[str, Any] = {"inference_seconds": 0.0, "refinement_seconds": 0.0}
-ENTRANTS: dict[str, Callable[[float], Entrant]] = {
-    "still": lambda _: Still(),
-    "CMA-ES, fins": partial(_gait, 1),
-    "PPO, fins": partial(_gait, 0),
-    "self-model": partial(_agent, SelfModelAgent),
-    "self-model, library only": lambda noise: _agent(SelfModelAgent, noise, generations=0),
-    "self-model, gyroscope alone": lambda noise: _agent(SelfModelAgent, noise, gyro_only=True),
-    "self-model, thinking free": lambda noise: _agent(SelfModelAgent, noise, **_FREE),
-    "oracle": lambda noise: _agent(Oracle, noise, **_FREE),
+ENTRANTS: dict[str, Entry] = {
+    "still": Entry(lambda **_: Still()),
+    "CMA-ES, fins": _gait(1),
+    "PPO, fins": _gait(0),
+    "PPO, damaged": _learned("plain"),
+    "PPO, damaged, 8 frames": _learned("frames"),
+    "PPO, damaged, LSTM": _learned("lstm"),
+    "trial and error": Entry(lambda **_: TrialAndError(*_archive()[:3]), lambda: _archive()[3]),
+    "direct search": Entry(
+        lambda seed, **_: DirectSearch(load_library()[0], seed), lambda: _library(0)
+    ),
+    "self-model": _self_model(),
+    "self-model, library only": _self_model(refinements=0),
+    "self-model, thinking free": _self_model(**_FREE),
+    "oracle": _self_model(Oracle, **_FREE),
 }

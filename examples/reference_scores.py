@@ -8,7 +8,7 @@ with 95% bootstrap intervals over seeds and episodes. Controllers for AquaFishRe
 made for AquaFish-v0; for it the table also shows the distance after the onset, in units, and that
 distance as a share of the same controller's in an undamaged episode, and of the oracle's in the
 first 20 episodes (a dash where the reference is under one unit). The oracle is a gait evolved for
-the broken robot itself.
+the broken robot itself, its servo gains included, and refined from its state at the onset.
 
 DIR holds table.md, scores.png, curves.png, and a file for each controller with its weights,
 learning curve and returns. The same command resumes; one for fewer rows shows these.

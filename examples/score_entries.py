@@ -18,7 +18,7 @@ from gait.controller import Controller
 from gait.evaluation import Agent
 from gait.evolve import Evolved, evolve_gait
 from gait.learning import LearningConfig, train
-from score_episodes import play_one, robot_after_onset
+from score_episodes import swim_to_onset
 from tables import shortened
 
 # A learning curve: (actions of all robots, their mean reward times the time step), or
@@ -110,6 +110,7 @@ def evolve(
 _FINS: Any = ("imu", "clock", "fins")
 _FEW: Any = {"interval": INTERVAL, "restarts": 3, "generations": 400}
 ORACLE_CONFIG = EvolveConfig(search="cma", senses=_FINS, **_FEW)
+REFINEMENT = 400  # generations of the oracle's gait from the state at the onset
 ENTRIES: dict[str, Entry] = {
     "zero": Entry("nothing"),
     "still": Entry("nothing", fixed=partial(Script, (0.0, 0.0, -1.0))),
@@ -131,22 +132,36 @@ ENTRIES: dict[str, Entry] = {
 def oracle(tier: str, episode: int, divisor: int) -> float:
     """Return how far the best gait for the broken robot swims after the onset, in units.
 
-    Gaits are evolved for the body and the servos after the onset; where a sensor is broken, also
-    one that observes the clock and the fins alone. Until the onset the robot swims with a gait for
-    the whole robot. Then the gait that swims farthest, that one included, takes over.
+    Until the onset the robot swims with a gait for the whole robot. Gaits are evolved for the body
+    and the servos after the onset; where a sensor is broken, also one that observes the clock and
+    the fins alone. The one that swims farthest from the onset on, the gait so far included, is
+    refined from the state at the onset for the time that is left. The best of all takes over.
     """
-    left = robot_after_onset(RECOVERY, tier, episode)
+    whole = _whole(divisor)
+    onset = swim_to_onset(RECOVERY, tier, whole, episode)
+    left = onset.info
     senses: list[tuple[Sense, ...]] = [("imu", "clock", "fins")]
     if any(left[f"sensor_{what}"].any() for what in ("noise", "bias", "lost")):
         senses.append(("clock", "fins"))
-    left_gain, right_gain, caudal_gain = left["servo_gain"].tolist()
-    world = WorldConfig(servo_gain=(left_gain, right_gain, caudal_gain))
-    whole, body = _whole(divisor), left["morphology"]
+    world, body = WorldConfig(servo_gain=left["servo_gain"]), left["morphology"]
     gaits = [whole]
     for sense in senses:
         config = replace(ORACLE_CONFIG, seed=episode, senses=sense)
         gaits.append(evolve(config, divisor, body, world).controller)
-    return max(play_one(RECOVERY, tier, whole, gait, episode) for gait in gaits)
+    far = [onset.swim_on(gait) for gait in gaits]
+    refined = evolve_gait(
+        body,
+        EvolveConfig(
+            generations=max(1, REFINEMENT // divisor),
+            seconds=onset.seconds,
+            seed=episode,
+            threads=1,
+        ),
+        first=gaits[int(np.argmax(far))],
+        start=onset.state,
+        world=world,
+    )
+    return max(*far, onset.swim_on(refined.controller))
 
 
 @cache

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -9,7 +11,6 @@ from numpy.typing import NDArray
 
 from aquafish_gym import IDS
 from aquafish_gym.damage.tiers import TIERS
-from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from gait import Controller, evaluate
 from gait.agent import ControllerAgent
@@ -48,33 +49,50 @@ def play(name: str, agent: AgentLike, episodes: int = EPISODES) -> dict[str, Any
     return found
 
 
-def play_one(name: str, tier: str, before: Controller, after: Controller, episode: int) -> float:
-    """Return the distance along +y after the onset in one episode, with ``after`` from then on."""
-    envs = _one_robot(name, tier)
-    seen, info = envs.reset(seed=FIRST_SEED + episode)
-    acting, struck, onset, y = ControllerAgent(before), False, 0.0, 0.0
-    acting.reset(info)
-    for _ in range(round(TASKS[IDS[name].get("task", "forward")].seconds / envs.dt)):
-        seen, _, terminated, _, info = envs.step(acting.act(seen))
-        if not struck and info["faults"][0]:
-            struck, onset, acting = True, y, ControllerAgent(after)
-            acting.reset(info)
-        if terminated[0]:
-            break
-        y = float(info["y_position"][0])
-    return y - onset
+@dataclass(frozen=True)
+class Onset:
+    """An episode of one robot at the end of the step in which something broke.
+
+    Attributes
+    ----------
+    info
+        What the environment says of the robot then, its new body and servo gains included.
+    state
+        (25,) as of ``AquaFishVectorEnv.states``.
+    seconds
+        What is left of the episode.
+    """
+
+    info: dict[str, Any]
+    state: NDArray[np.float64]
+    seconds: float
+    _envs: AquaFishVectorEnv
+    _seen: NDArray[np.float32]
+    _y: float
+
+    def swim_on(self, gait: Controller) -> float:
+        """Return the distance along +y from the onset on with a gait that knows the servo gains."""
+        envs, seen, y = copy.deepcopy(self._envs), self._seen, self._y
+        agent = ControllerAgent(gait, self.info["servo_gain"])
+        agent.reset({"fin_angles": self.info["fin_angles"][None]})
+        for _ in range(round(self.seconds / envs.dt)):
+            seen, _, terminated, _, info = envs.step(agent.act(seen))
+            if terminated[0]:
+                break
+            y = float(info["y_position"][0])
+        return y - self._y
 
 
-def robot_after_onset(name: str, tier: str, episode: int) -> dict[str, NDArray[np.float64]]:
-    """Return the true state of a robot after the onset, as ``info`` has it."""
-    envs = _one_robot(name, tier)
-    _, info = envs.reset(seed=FIRST_SEED + episode)
-    while not info["faults"][0]:
-        *_, info = envs.step(np.zeros((1, 3), np.float32))
-    kept = ("morphology", "servo_gain", "sensor_noise", "sensor_bias", "sensor_lost")
-    return {key: info[key][0] for key in kept}
-
-
-def _one_robot(name: str, tier: str) -> AquaFishVectorEnv:
+def swim_to_onset(name: str, tier: str, gait: Controller, episode: int) -> Onset:
+    """Return one episode at the onset, up to which the robot swims a gait."""
     kwargs: dict[str, Any] = {**IDS[name], "damage": damage_of(name, tier)}
-    return AquaFishVectorEnv(1, threads=1, **kwargs)
+    envs = AquaFishVectorEnv(1, threads=1, **kwargs)
+    seen, info = envs.reset(seed=FIRST_SEED + episode)
+    agent, seconds, y = ControllerAgent(gait), envs.task.seconds, 0.0
+    agent.reset(info)
+    while not info["faults"][0]:
+        y = float(info["y_position"][0])
+        seen, _, _, _, info = envs.step(agent.act(seen))
+        seconds -= envs.dt
+    robot = {key: value[0] for key, value in info.items()}
+    return Onset(robot, envs.states[:, 0], seconds, envs, seen, y)

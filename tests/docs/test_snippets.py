@@ -10,6 +10,7 @@ import gymnasium as gym
 import pytest
 
 import aquafish_gym  # noqa: F401  # registered before the registry is copied
+from aquafish_gym.damage import TIERS
 
 ROOT = pathlib.Path(__file__).parents[2]
 BLOCK = re.compile(
@@ -52,12 +53,16 @@ def outputs(
 
 
 @pytest.fixture(autouse=True)
-def _as_a_reader(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run in an empty folder where the committed files under docs/ are found."""
+def _as_a_reader(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Run in an empty folder where the committed files under docs/ are found; forget new tiers."""
+    tiers = dict(TIERS)
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(ROOT / "examples")
     monkeypatch.setattr("gymnasium.envs.registration.registry", dict(gym.registry))
+    yield
+    TIERS.clear()
+    TIERS.update(tiers)
 
 
 @pytest.mark.parametrize("page", WITH_PYTHON)

@@ -3,12 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from aquafish_gym.damage import Damage
 from aquafish_gym.runs.storage import read_document
-from recovery_league import SCHEMA, Episode, League, _recovered, play
+from league_episodes import HELD_OUT, TIERS, UNKNOWN, Episode, play
+from league_statistics import HORIZON, after_onset, interval, recovered, summary
+from recovery_league import SCHEMA, League
+
+
+def result(paces: list[float], onset: int = 50, **more: Any) -> dict[str, Any]:
+    """Return an episode of 300 actions; its paces, units/s, share the time after the onset."""
+    steps = np.repeat(paces, -(-(300 - onset) // len(paces)))[: 300 - onset]
+    way = np.concatenate([np.zeros(onset + 1), 0.2 * np.cumsum(steps)])
+    seconds = {"cpu": 1.0, "slowest": 0.1}
+    return {
+        "onsets": [onset], "way": way.tolist(), "events": [], "terminated": False,
+        "seconds": seconds, **more,
+    }  # fmt: skip
 
 
 def test_a_league_of_one_episode(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -24,13 +39,50 @@ def test_a_league_of_one_episode(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 
 def test_an_episode_breaks_at_the_same_time_for_all() -> None:
-    one, other = (play(Episode(name, "mild", 3, 0.0, "still")) for name in ("still", "PPO, fins"))
-    assert one["onset"] == other["onset"] > 70
+    one, other = (play(Episode(name, "mild", 3, 0.0)) for name in ("still", "PPO, fins"))
+    assert one["onsets"] == other["onsets"]
+    assert one["onsets"][0] > 70
     assert len(one["way"]) == 301
 
 
+def test_a_gyroscope_alone_observes_nothing_else() -> None:
+    damage = Episode("still", "held-out", 3, sensing="gyroscope").damage
+    assert "north_z:dropped; right_pectoral:length=0.27@18.0" in damage
+    assert damage.count("dropped") == 6
+
+
+def test_held_out_damages_are_frozen_and_can_be_simulated() -> None:
+    assert len(set(HELD_OUT)) == len(HELD_OUT) == 26
+    assert set(UNKNOWN) < set(TIERS["held-out"])
+    for text in HELD_OUT:
+        assert not any(fault.is_random for fault in Damage.parse(text))
+        assert min(fault.span[0] for fault in Damage.parse(text)) >= 15.0
+
+
 def test_recovery_is_when_the_pace_stays_above() -> None:
-    oracle = np.arange(201.0).tolist()
-    slow = np.concatenate([np.zeros(50), np.arange(151.0)]).tolist()
-    assert _recovered(oracle, oracle, 0, 0.9) == 0.0
-    assert 0.2 * 20 < _recovered(slow, oracle, 0, 0.9) <= 0.2 * 51
+    steady, slump = result([1.0]), result([1.0, 1.0, 0.0, 0.0, 0.0])
+    assert recovered(steady["way"], 50, 0.9) == 0.0
+    late = result([0.0, 1.0, 1.0, 1.0, 1.0])
+    assert 9.0 < recovered(late["way"], 50, 0.9) <= 10.0
+    assert recovered(slump["way"], 50, 0.9) == HORIZON
+
+
+def test_the_summary_compares_with_the_oracle_episode_by_episode() -> None:
+    oracle = [result([1.0]), result([0.8])]
+    mine = [result([0.5]), result([0.1], events=[(3.0, "alarm", "")])]
+    found = summary(mine, 1, oracle, None)
+    lost = [after_onset(o) - after_onset(m) for o, m in zip(oracle, mine, strict=True)]
+    assert found["lost"][0] == pytest.approx(np.mean(lost))
+    assert found["failures"] == 1
+    assert found["false_alarms"] == 1
+    assert found["seconds_to"]["50%"]["mean"] == HORIZON / 2
+    assert "hero_gain" not in found
+
+
+def test_the_bootstrap_draws_within_each_damage() -> None:
+    # Two damages that differ, without any spread within: the interval has no width.
+    values = [1.0, 5.0] * 10
+    middle, low, high = interval(values, 2)
+    assert low == middle == high
+    _, low, high = interval(values, 1)
+    assert low < high

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquafish_gym import IDS
+from aquafish_gym import IDS, WorldConfig
 from aquafish_gym.runs.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
-from gait import Controller
+from gait import Controller, swim_all
 from reference_scores import FIRST_SEED, Scores, share
 from score_entries import ENTRIES
-from score_episodes import COLUMNS, damage_of, play, play_one, robot_after_onset
+from score_episodes import COLUMNS, damage_of, play, swim_to_onset
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "results" / "scores" / "runs"
 
@@ -78,12 +78,17 @@ def test_a_learned_controller_can_be_made() -> None:
 
 def test_the_oracle_plays_the_same_episodes(tmp_path: Path) -> None:
     name, tier = "AquaFishRecovery-v0", "severe"
-    left = robot_after_onset(name, tier, 0)
-    assert any(np.any(left[key] != robot_after_onset(name, tier, 1)[key]) for key in left)
     gait, _ = ENTRIES["CPG"].make("forward", 0, 10_000)
     assert gait is not None
+    one, other = (swim_to_onset(name, tier, gait, episode) for episode in (0, 1))
+    assert (one.info["morphology"] != other.info["morphology"]).any()
+    assert one.swim_on(gait) == one.swim_on(gait)
     after = play(name, gait, 1)[tier]["after"]
-    assert np.isfinite([play_one(name, tier, gait, gait, 0), *after]).all()
+    assert np.isfinite([one.swim_on(gait), *after]).all()
+    world = WorldConfig(servo_gain=one.info["servo_gain"])
+    options = {"seconds": one.seconds, "world": world, "start": one.state}
+    far = swim_all([gait], one.info["morphology"], **options)[0, 0]
+    assert one.swim_on(gait) == pytest.approx(far, abs=0.1)  # and 0.2 s before the onset
     small(tmp_path, "tail only", "oracle", episodes=1).execute()
     *_, last = (tmp_path / "table.md").read_text().splitlines()
     assert last.startswith("| AquaFishRecovery-v0, after the onset | oracle |")
