@@ -89,6 +89,14 @@ def test_a_broken_sensor_is_left_out() -> None:
     assert np.flatnonzero(np.isinf(agent.model.noise)).tolist() == [7]
 
 
+def test_a_little_more_noise_is_one_alarm_and_no_fault_of_a_fin() -> None:
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
+    agent, _, _ = swim("gyro:noise=0.01; gyro:noise=0.021@20", 300, noisy)
+    assert whats(agent).count("alarm") == 1
+    assert agent.events[-1].about.startswith("gyro:noise=0.02")
+    np.testing.assert_array_equal(agent.model.robot.body, Scenario.create().body)
+
+
 def test_a_sensor_that_works_again_is_used_again() -> None:
     agent, _, _ = swim("gyro_y:dropped@15+8; gyro_x:bias=0.2@15+10", 150)
     about = [event.about for event in agent.events if event.what == "inferred"]
