@@ -42,6 +42,8 @@ class Film:
     damage: Annotated[tuple[str, ...], FILMED_DAMAGE] = ("none",)
     label: tuple[str, ...] = ()
     """A name of each fish; by default its damage."""
+    title: str = ""
+    """Words at the top of the film."""
     seconds: float = SECONDS
     """Length of a swim."""
     engine: TargetEngine = "auto"
@@ -79,7 +81,7 @@ class Film:
             )
         ]
         ensure_writable_directory(self.out.parent)
-        film(swims, self.out, self.width, self.height, self.fps, self.speed)
+        film(swims, self.out, self.width, self.height, self.fps, self.speed, self.title)
         for swim in swims:
             far = swim.motion.position[-1, 1]
             print(f"{swim.label}: {far:.2f} units in {self.seconds:g} s")

@@ -191,7 +191,7 @@ class Recover:
         report = build_report(settings, [versions], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
         shown = next(form for form in ("png", "svg", "pdf") if form in self.format)
-        text = to_markdown(report, [name for name in pictures if name.endswith((shown, "gif"))])
+        text = to_markdown(report, [name for name in pictures if name.endswith((shown, "webp"))])
         write_bytes(folder / "report.md", text.encode())
         for job in jobs:
             outcome = outcomes[job.treatment][job.seed - jobs[0].seed]

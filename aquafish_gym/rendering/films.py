@@ -53,7 +53,13 @@ class Motion(Protocol):
 
 
 class Stage(NamedTuple):
-    """The body from a time on, in s, and which of its fins are broken."""
+    """The body from a time on, in s, and which of its fins are broken.
+
+    Examples
+    --------
+    >>> Stage(4.0, Morphology.coerce({"caudal": (0.0, 0.0, 0.0)}), ("caudal",)).begin
+    4.0
+    """
 
     begin: float
     morphology: Morphology
@@ -72,6 +78,14 @@ class FilmedSwim:
         Where the robot was; the film ends with the last sample before it diverged.
     stages
         Its body, in the order of time; the first begins at 0.
+
+    Examples
+    --------
+    >>> from aquafish_gym.rollout import rollout
+    >>> from aquafish_gym.scenario import Scenario
+    >>> rest = rollout([lambda observation, time: (0, 0, 0)], Scenario.create(), seconds=0.1)
+    >>> FilmedSwim("at rest", rest.paths[0], (Stage(0.0, Morphology.nominal()),)).label
+    'at rest'
     """
 
     label: str
@@ -86,11 +100,12 @@ def film(
     height: int = 540,
     fps: float = 20.0,
     speed: float = 1.0,
+    title: str = "",
 ) -> Path:
     """Write a film of swims side by side as .mp4, .webp or .gif; return its path.
 
-    ``speed`` is that of the film relative to the swim. An .mp4 needs the extra ``film``, without
-    which MissingExtraError is raised.
+    ``speed`` is that of the film relative to the swim; the ``title`` is at the top. An .mp4 needs
+    the extra ``film``, without which MissingExtraError is raised.
     """
     integer("width", width, 64, 4096)
     integer("height", height, 64, 4096)
@@ -98,7 +113,7 @@ def film(
     finite_array("fps", fps, (), 0.1, 240.0)
     if not swims:
         raise InvalidArgumentError("swims must be at least one; got none")
-    return write_film(film_frames(swims, width, height, fps, speed), path, fps)
+    return write_film(film_frames(swims, width, height, fps, speed, title), path, fps)
 
 
 class _Lane(NamedTuple):
@@ -141,7 +156,7 @@ def _lanes(swims: Sequence[FilmedSwim]) -> list[_Lane]:
 
 
 def film_frames(
-    swims: Sequence[FilmedSwim], width: int, height: int, fps: float, speed: float
+    swims: Sequence[FilmedSwim], width: int, height: int, fps: float, speed: float, title: str
 ) -> Iterator[Frame]:
     """Yield the frames of :func:`film`; the last, at the end of the longest swim, is held."""
     from aquafish_gym.rendering import caster
@@ -170,12 +185,12 @@ def film_frames(
             for lane, i, row in zip(lanes, samples, at, strict=True)
         ]
         feet = view.project(ends[:, 1], width, height)
-        yield _write(picture, words, f"{moment:.1f} s{pace}", feet)
+        yield _write(picture, words, (title, f"{moment:.1f} s{pace}"), feet)
 
 
 def fitting_view(points: Floats, aspect: float) -> View:
     """Return a view from the right and above in which fish at all points (n, 3) are seen."""
-    camera = Camera(azimuth=90.0, elevation=42.0, field_of_view=24.0)
+    camera = Camera(azimuth=90.0, elevation=54.0, field_of_view=24.0)
     view = camera.look(np.zeros(3))
     around = np.array(list(itertools.product((-_FISH, _FISH), repeat=3)))
     x, y, z = ((points[:, None] + around).reshape(-1, 3) @ np.array(view[1:4]).T).T
@@ -202,20 +217,24 @@ def _draw_lines(picture: Frame, view: View, lines: Sequence[tuple[Floats, Colour
 
 
 def _write(
-    picture: Frame, captions: Sequence[tuple[str, Colour, float]], time: str, feet: Floats
+    picture: Frame,
+    captions: Sequence[tuple[str, Colour, float]],
+    head: tuple[str, str],
+    feet: Floats,
 ) -> Frame:
-    """Return a picture with captions at the left, the time, and distances below the rulers."""
+    """Return a picture with captions at the left, title and time at the top, and distances."""
     height, width = picture.shape[:2]
     image = Image.fromarray(picture)
     draw, size = ImageDraw.Draw(image), max(10, height // 24)
     font, edge = ImageFont.load_default(size), size // 2
     for text, colour, row in captions:
-        at = (edge, min(max(row, 2 * size), height - size))
+        at = (edge, min(max(row, 3 * size), height - size))
         draw.text(at, text, colour, font, "ls", stroke_width=2, stroke_fill=scene.WATER_ABOVE)
     for i, (x, y, _) in enumerate(feet):
         text = f"{i * scene.MAIN_GRID_SPACING * CM_PER_UNIT:.0f} cm" if i else "start"
         draw.text((x, min(y + 2, height - size - 2)), text, scene.INK, font, "ma")
-    draw.text((width - edge, edge), time, scene.INK, font, "ra")
+    draw.text((edge, edge), head[0], scene.INK, font)
+    draw.text((width - edge, edge), head[1], scene.INK, font, "ra")
     return np.array(image)
 
 
