@@ -14,11 +14,11 @@ from aquafish.recovery.report import Outcomes, distances
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.morphology import FIN_WORDS
-from aquafish_gym.rendering import Camera, FilmedSwim, Stage, film, render_pose
+from aquafish_gym.rendering import Camera, film, render_pose
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
-from gait.film import stages
+from gait.film import filmed, stages
 from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 
@@ -167,9 +167,9 @@ def write_film(folder: Path, healthy: Morphology, outcomes: Outcomes) -> list[st
     old, new = outcomes["undamaged"][shown], outcomes[RECOVERED][shown]
     damaged = stages(healthy, Damage.parse(old["damage"]))
     swims = [
-        FilmedSwim("healthy", path_from_dict(old["swims"]["native"]), (Stage(0.0, healthy),)),
-        FilmedSwim("damaged, old gait", path_from_dict(old["swims"]["target"]), damaged),
-        FilmedSwim("damaged, recovered", path_from_dict(new["swims"]["target"]), damaged),
+        filmed("healthy", stages(healthy, Damage()), path_from_dict(old["swims"]["native"])),
+        filmed("damaged, old gait", damaged, path_from_dict(old["swims"]["target"])),
+        filmed("damaged, recovered", damaged, path_from_dict(new["swims"]["target"])),
     ]
     title = f"broken: {_in_words(Damage.parse(old['damage']))}"
     film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title)
