@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from PIL import Image, ImageDraw, ImageFont
 
 from aquafish.recovery.report import Outcomes, distances
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
-from aquafish_gym import Morphology
-from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
+from aquafish_gym import Damage, Morphology
+from aquafish_gym.morphology import FIN_WORDS
+from aquafish_gym.rendering import Camera, film, render_pose
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
+from gait.film import filmed, stages
 from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 
@@ -39,36 +41,28 @@ LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
-CM_PER_UNIT = 5
-FILM_FPS = 10
-FILM_SPEED = 2  # times real time
-FILM_PIXELS = (224, 224)
+FILM_FPS = 10.0
+FILM_SPEED = 2.0  # times real time
+FILM_PIXELS = (800, 450)
 
 
 def draw_all(
-    folder: Path,
-    job: Treatment,
-    outcomes: Outcomes,
-    formats: Sequence[str],
-    drawable: bool,
-    film: bool,
+    folder: Path, job: Treatment, outcomes: Outcomes, formats: Sequence[str], filmed: bool
 ) -> list[str]:
-    """Write all figures of a study in each format and return the names of their files.
-
-    The bodies and the film need PyBullet, without which the robot is not ``drawable``.
-    """
-    figures = {"bodies": bodies_figure(job.target, outcomes)} if drawable else {}
-    figures["paths"] = paths_figure(outcomes)
-    figures["fitness"] = fitness_figure(job.target, outcomes)
-    figures["distances"] = distances_figure(outcomes)
+    """Write all figures of a study in each format and return the names of their files."""
+    figures = {
+        "bodies": bodies_figure(job.target, outcomes),
+        "paths": paths_figure(outcomes),
+        "fitness": fitness_figure(job.target, outcomes),
+        "distances": distances_figure(outcomes),
+    }
     names = []
     for name, figure in figures.items():
         for kind in formats:
             names.append(f"{name}.{kind}")
             save_figure(figure, folder / names[-1])
-    if drawable and film:
-        names.append("film.gif")
-        write_film(folder / names[-1], job.morphology, job.target, outcomes)
+    if filmed:
+        names += write_film(folder, job.morphology, outcomes)
     return names
 
 
@@ -163,30 +157,46 @@ def distances_figure(outcomes: Outcomes) -> Figure:
     return figure
 
 
-def write_film(path: Path, healthy: Morphology, target: Morphology, outcomes: Outcomes) -> None:
-    """Write a GIF: healthy, damaged with the old gait, damaged with the recovered gait."""
-    scenes = [
-        ("healthy", healthy, _first_swim(outcomes, "undamaged", "native")),
-        ("damaged, old gait", target, _first_swim(outcomes, "undamaged", "target")),
-        ("damaged, recovered", target, _first_swim(outcomes, RECOVERED, "target")),
+def write_film(folder: Path, healthy: Morphology, outcomes: Outcomes) -> list[str]:
+    """Write the film of :func:`shown_replicate` and return the names of its files.
+
+    The healthy robot, the damaged one with its old gait and the damaged one with its recovered
+    gait swim from the zero pose: film.webp and, where imageio-ffmpeg is installed, film.mp4.
+    """
+    shown = shown_replicate(outcomes)
+    old, new = outcomes["undamaged"][shown], outcomes[RECOVERED][shown]
+    damaged = stages(healthy, Damage.parse(old["damage"]))
+    swims = [
+        filmed("healthy", stages(healthy, Damage()), path_from_dict(old["swims"]["native"])),
+        filmed("damaged, old gait", damaged, path_from_dict(old["swims"]["target"])),
+        filmed("damaged, recovered", damaged, path_from_dict(new["swims"]["target"])),
     ]
-    columns = []
-    for title, body, swim in scenes:
-        stride = max(1, round(FILM_SPEED / FILM_FPS / (swim.time[1] - swim.time[0])))
-        motion = (swim.position, swim.quaternion, swim.fin_angles)
-        place, turn, fins = (samples[::stride] for samples in motion)
-        frames = render_motion(body, place, turn, fins, *FILM_PIXELS, Camera(distance=13.0))
-        columns.append(
-            [
-                caption(frame, f"{title}: {y * CM_PER_UNIT:+.0f} cm")
-                for frame, y in zip(frames, place[:, 1], strict=True)
-            ]
-        )
-    write_gif([np.concatenate(row, axis=1) for row in zip(*columns, strict=True)], path, FILM_FPS)
+    title = f"broken: {_in_words(Damage.parse(old['damage']))}"
+    film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title)
+    if find_spec("imageio_ffmpeg") is None:
+        return ["film.webp"]
+    film(swims, folder / "film.mp4", 1920, 1080, title=title)
+    return ["film.webp", "film.mp4"]
 
 
-def caption(frame: np.ndarray, text: str) -> np.ndarray:
-    """Write a line of text into a frame."""
-    image, font = Image.fromarray(frame), ImageFont.load_default(size=16)
-    ImageDraw.Draw(image).text((8, 6), text, fill=(20, 20, 20), font=font)
-    return np.asarray(image)
+def _in_words(damage: Damage) -> str:
+    """Return damage of fin sizes as text, such as ``tail length x 0.5``."""
+    return ", ".join(
+        f"{FIN_WORDS[fault.part]} {fault.word}"
+        + (f" x {fault.number:g}" if fault.number is not None else "")
+        for fault in damage
+    )
+
+
+def shown_replicate(outcomes: Outcomes) -> int:
+    """Return the replicate of the film, the one with the median gain.
+
+    A gain is the mean distance over random poses with the recovered gait minus that with the old
+    gait. Of an even number of replicates the lower of the two in the middle is taken.
+    """
+    recovered, old = (
+        [distances(outcome)["target_distance_random_poses"] for outcome in outcomes[name]]
+        for name in (RECOVERED, "undamaged")
+    )
+    gains = np.subtract(recovered, old)
+    return int(np.argsort(gains, kind="stable")[(len(gains) - 1) // 2])

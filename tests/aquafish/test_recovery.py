@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import importlib.util
 import io
 import json
 import os
@@ -18,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from aquafish.cli import main
 from aquafish.online.gaits import load_library
@@ -27,9 +27,7 @@ from aquafish_gym.command_line import read_morphology
 from aquafish_gym.morphology import Morphology
 from gait.controller import Controller
 
-PICTURES = ["paths", "fitness", "distances"]
-if importlib.util.find_spec("pybullet"):
-    PICTURES.append("bodies")
+PICTURES = ["bodies", "paths", "fitness", "distances"]
 SCRIPT = Path(__file__).parents[2] / "examples" / "damage_recovery.py"
 SMALL = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6", "--angle-sets",
          "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
@@ -74,8 +72,7 @@ def again(study: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw no figures, which take longer than all else."""
-    names = [f"{name}.png" for name in ("bodies", "paths", "fitness", "distances")]
-    drawn = [name for name in names if name.removesuffix(".png") in PICTURES]
+    drawn = [f"{name}.png" for name in PICTURES]
     monkeypatch.setattr("aquafish.recovery.figures.draw_all", lambda *_: drawn)
 
 
@@ -136,9 +133,7 @@ def test_missing_treatments_are_run_again_to_the_byte(study: Path, again: Path) 
     assert results(again) == results(study)
 
 
-def test_without_pybullet_only_the_pictures_of_the_robot_are_missing(
-    study: Path, again: Path
-) -> None:
+def test_without_pybullet_nothing_is_missing(study: Path, again: Path) -> None:
     outcome = "seed-000/out-of-band/outcome.json"
     (again / outcome).unlink()
     for picture in again.glob("*.png"):
@@ -158,9 +153,7 @@ def test_without_pybullet_only_the_pictures_of_the_robot_are_missing(
         check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert "need PyBullet" in done.stderr
-    assert (again / "paths.png").exists()
-    assert not (again / "bodies.png").exists()
+    assert {p.name for p in again.glob("*.png")} == {p.name for p in study.glob("*.png")}
     assert (again / outcome).read_bytes() == (study / outcome).read_bytes()
 
 
@@ -219,6 +212,15 @@ def test_the_example_is_the_command(
         runpy.run_path(str(SCRIPT), run_name="__main__")
     assert left.value.code == 0
     assert results(again) == results(study)
+
+
+def test_redraw_adds_the_film(again: Path) -> None:
+    words = [word for word in SMALL if word != "--no-film"]
+    done = recover(again, *words, "--replicates", "2", "--redraw")
+    assert done.returncode == 0, done.stderr
+    with Image.open(again / "film.webp") as film:
+        assert film.n_frames > 10
+    assert "(film.webp)" in (again / "report.md").read_text()
 
 
 @pytest.mark.slow
