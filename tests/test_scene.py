@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.rendering import scene
@@ -30,20 +31,28 @@ def test_fins_hang_from_their_hinges() -> None:
     np.testing.assert_allclose(tail, (1 + 2 + 0.7 * c, 2 + 0.7 * s, 3.0), atol=1e-12)
 
 
-def test_parts_agree_with_pybullet_transforms() -> None:
-    """Bullet multiplies transforms in single precision."""
-    fin_poses = pytest.importorskip("aquafish_gym.rendering.robot_mesh").fin_poses
+def test_fins_agree_with_rotations_of_scipy() -> None:
     rng = np.random.default_rng(0)
     positions, angles = rng.normal(size=(20, 3)), rng.uniform(-4, 4, (20, 3))
-    quaternions = rng.normal(size=(20, 4))
-    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-    body = Morphology.from_array(rng.uniform(0.1, 0.5, 9))
-    ours = scene.part_poses(body, positions, quaternions, angles)[:, -3:]
-    for row, place, turn, fins in zip(ours, positions, quaternions, angles, strict=True):
-        theirs = np.array([np.concatenate(p) for p in fin_poses(body, place, turn, fins)])
-        np.testing.assert_allclose(row[:, :3], theirs[:, :3], atol=1e-6)
-        same = np.abs(np.sum(row[:, 3:] * theirs[:, 3:], axis=1))  # q and -q are one attitude
-        np.testing.assert_allclose(same, 1.0, atol=1e-6)
+    body = Rotation.random(20, rng=rng)
+    sizes = Morphology.from_array(rng.uniform(0.1, 0.5, 9))
+    poses = scene.part_poses(sizes, positions, body.as_quat(), angles)
+    joints = (
+        ((-0.75, 1.0, 0.0), np.outer(angles[:, 0], (1, 0, 0)), sizes.left_pectoral[1]),
+        ((0.75, 1.0, 0.0), np.outer(angles[:, 1], (1, 0, 0)), sizes.right_pectoral[1]),
+        (
+            (0.0, -2.0, 0.0),
+            np.outer(np.sin(angles[:, 2]) * math.pi / 6, (0, 0, 1)),
+            sizes.caudal[1],
+        ),
+    )
+    for pose, (hinge, angle, length) in zip(np.moveaxis(poses, 1, 0)[-3:], joints, strict=True):
+        fin = body * Rotation.from_rotvec(angle)
+        centre = positions + body.apply(hinge) + fin.apply((0.0, -length / 2, 0.0))
+        np.testing.assert_allclose(pose[:, :3], centre, atol=1e-12)
+        np.testing.assert_allclose(
+            (Rotation.from_quat(pose[:, 3:]).inv() * fin).magnitude(), 0, atol=1e-7
+        )
 
 
 def test_parts_and_poses_match_for_any_body_and_damage() -> None:

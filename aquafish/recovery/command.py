@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -188,8 +186,7 @@ class Recover:
         from aquafish.recovery.figures import draw_all
 
         outcomes = read_outcomes(folder, jobs)
-        drawable = importlib.util.find_spec("pybullet") is not None  # which draws the robot
-        pictures = draw_all(folder, jobs[0], outcomes, self.format, drawable, self.film)
+        pictures = draw_all(folder, jobs[0], outcomes, self.format, self.film)
         versions = (read_manifest(folder) or {}).get("versions", {})
         report = build_report(settings, [versions], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
@@ -206,8 +203,6 @@ class Recover:
         console = Console()
         console.print(Markdown(to_markdown(report, short=True)))
         console.print(f"Report and figures: {folder}", soft_wrap=True)
-        if not drawable:
-            print("the bodies and the film need PyBullet, which draws the robot", file=sys.stderr)
 
 
 def read_outcomes(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:

@@ -46,27 +46,21 @@ FILM_PIXELS = (224, 224)
 
 
 def draw_all(
-    folder: Path,
-    job: Treatment,
-    outcomes: Outcomes,
-    formats: Sequence[str],
-    drawable: bool,
-    film: bool,
+    folder: Path, job: Treatment, outcomes: Outcomes, formats: Sequence[str], film: bool
 ) -> list[str]:
-    """Write all figures of a study in each format and return the names of their files.
-
-    The bodies and the film need PyBullet, without which the robot is not ``drawable``.
-    """
-    figures = {"bodies": bodies_figure(job.target, outcomes)} if drawable else {}
-    figures["paths"] = paths_figure(outcomes)
-    figures["fitness"] = fitness_figure(job.target, outcomes)
-    figures["distances"] = distances_figure(outcomes)
+    """Write all figures of a study in each format and return the names of their files."""
+    figures = {
+        "bodies": bodies_figure(job.target, outcomes),
+        "paths": paths_figure(outcomes),
+        "fitness": fitness_figure(job.target, outcomes),
+        "distances": distances_figure(outcomes),
+    }
     names = []
     for name, figure in figures.items():
         for kind in formats:
             names.append(f"{name}.{kind}")
             save_figure(figure, folder / names[-1])
-    if drawable and film:
+    if film:
         names.append("film.gif")
         write_film(folder / names[-1], job.morphology, job.target, outcomes)
     return names

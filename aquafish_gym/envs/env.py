@@ -303,7 +303,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         pose = (self._state.position, self._state.orientation)
         if self.render_mode == "human":
             if self._window is None:
-                self._window = Window()
+                self._window = Window(self.metadata["render_fps"])
             self._window.show(body, pose, self._fin_angles)
             return None
         return render_pose(body, pose, self._fin_angles)

@@ -37,7 +37,7 @@ GRID_SPACING = 2.0  # 10 cm
 MAIN_GRID_SPACING = 10.0  # 50 cm
 
 _THINNEST = 0.02  # thickness at which a fin of no thickness is drawn
-_RIM = 0.08  # a break stands out of its fin by this much, and is this long
+_RIM = 0.12  # a break stands out of its fin by this much, and is this long
 _JOINTS = {  # fin -> hinge and axis, in body axes
     "left_pectoral": ((-robot.PECTORAL_X, robot.PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
     "right_pectoral": ((robot.PECTORAL_X, robot.PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),

@@ -61,9 +61,11 @@ def main() -> None:
         "--poses", "1", "--seconds", "0.2", "--target-damage", "caudal:missing")  # fmt: skip
     result = json.loads(Path("model/result.json").read_text(encoding="utf-8"))
     assert len(result["rounds"]) == 1
-    env = gym.make("AquaFish-v0")
+    env = gym.make("AquaFish-v0", render_mode="rgb_array")
     env.reset(seed=0)
+    before = env.render()
     env.step(env.action_space.sample())
+    assert (env.render() != before).any()
     env.close()
     print(f"the wheel works on Python {sys.version.split()[0]} ({time.monotonic() - began:.0f} s)")
 

@@ -1,4 +1,4 @@
-"""The camera, and the background of its pictures: water over a chequered floor."""
+"""The camera: from where a picture is taken, and where points of the world are in it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish_gym.rendering.scene import Floats
 from aquafish_gym.utils.validation import finite_array
 
-Floats = NDArray[np.float64]
-Pixels = NDArray[np.float32]
 Frame = NDArray[np.uint8]
-
-_WATER, _LIGHT, _DARK = np.array([(200, 232, 243), (152, 205, 222), (112, 172, 197)], np.float64)
-_FLOOR = -3.0  # z; lower under a robot that dives
-_TILE = 2.0
-_CLEARANCE = 2.0
-_VISIBILITY = 2.5  # of the camera's distance, where the floor has faded to 1/e
+NEAREST = 0.1  # depth, in units, from which on something is drawn
 
 
 @dataclass(frozen=True)
@@ -79,25 +73,8 @@ class View(NamedTuple):
     slope: float  #: The tangent of half the vertical field of view.
     distance: float  #: From the eye to what it looks at.
 
-
-def water_and_floor(width: int, height: int, view: View, position: Floats) -> Pixels:
-    """Return the water and its floor behind a robot, (height, width, 3) up to 255.
-
-    The floor fades with the distance: a plain background shows no motion.
-    """
-    eye, right, up, forward, slope, distance = view
-    rows = slope * (1 - (2 * np.arange(height) + 1) / height)[:, None]
-    columns = slope * (width / height) * ((2 * np.arange(width) + 1) / width - 1)[None, :]
-    # The rays through the pixels, one unit forward, and where they meet the floor, which a robot
-    # that dives takes along.
-    ray = [forward[i] + columns * right[i] + rows * up[i] for i in range(3)]
-    depth = min(_FLOOR, position[2] - _CLEARANCE) - eye[2]
-    seen = (ray[2] < -1e-6) & (depth < 0)
-    along = np.minimum(np.where(seen, depth / np.where(seen, ray[2], 1.0), 1e3), 1e3)
-    x, y = eye[0] + along * ray[0], eye[1] + along * ray[1]
-    # Smooth tiles neither flicker nor have jagged edges.
-    tiles = 0.5 + 0.5 * np.sin(np.pi / _TILE * x) * np.sin(np.pi / _TILE * y)
-    floor = _LIGHT + tiles[..., None] * (_DARK - _LIGHT)
-    fade = np.where(seen, np.exp(-along / (_VISIBILITY * distance)), 0.0)[..., None]
-    picture: Pixels = (_WATER + fade * (floor - _WATER)).astype(np.float32)
-    return picture
+    def project(self, points: Floats, width: int, height: int) -> Floats:
+        """Return the pixels (..., 2), column and row, and the depth (..., 1) of points (..., 3)."""
+        x, y, depth = np.moveaxis((points - self.eye) @ np.array(self[1:4]).T, -1, 0)
+        scale = height / (2 * self.slope) / np.maximum(depth, NEAREST)
+        return np.stack([width / 2 + scale * x, height / 2 - scale * y, depth], axis=-1)
