@@ -23,6 +23,7 @@ COMPARISONS = (
 )
 SHARES = ("share_of_oracle", "share_of_oracle_random_poses")
 MEASURES = {"target_distance": "zero pose", "target_distance_random_poses": "random poses"}
+FIN_NAMES = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
 LONG_FIELDS = ("rounds", "generations", "controller", "swims", "bodies")  # not in the report
 
 Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome for each replicate
@@ -79,6 +80,18 @@ def distances(outcome: Mapping[str, Any]) -> dict[str, float]:
         "native_distance_random_poses": float(np.mean(outcome["native_random_distances"])),
         "target_distance_random_poses": float(np.mean(outcome["target_random_distances"])),
     }
+
+
+def shown_replicate(outcomes: Outcomes) -> int:
+    """Return the index of the replicate that pictures show: the one with the median gain.
+
+    The gain is the distance from the zero pose on the damaged robot, of the gait of ``joint-fins``
+    less that of the old gait. Of an even number it is the lower of the two in the middle; equal
+    gains are in the order of the seeds.
+    """
+    pairs = zip(outcomes["joint-fins"], outcomes["undamaged"], strict=True)
+    gains = [ours["target_distance"] - old["target_distance"] for ours, old in pairs]
+    return int(np.argsort(gains, kind="stable")[(len(gains) - 1) // 2])
 
 
 def _summary(config: Mapping[str, Any], outcomes: Outcomes, name: str) -> dict[str, Any]:

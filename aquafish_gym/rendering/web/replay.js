@@ -205,9 +205,10 @@ function play(host, data, three) {
   // Puts the camera as near as it sees every path whole.
   function aim() {
     const from = [[1, -0.4, 0.6], [0, -0.01, 1], [0, -1, 0.8]][view.selectedIndex];
+    const beside = 1 - 110 / stage.clientWidth; // room for the distances
     const fits = (point) => {
       const { x, y } = point.clone().project(camera);
-      return Math.max(Math.abs(x), Math.abs(y)) < 0.95;
+      return Math.abs(x) < beside && Math.abs(y) < 0.95;
     };
     camera.up.set(0, 0, 1);
     box.getCenter(orbit.target);
