@@ -27,7 +27,6 @@ from aquafish_gym.command_line import (
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.rendering.replay import COLOURS, Swimmer, changed_fins, write_replay
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import Controller
@@ -123,8 +122,6 @@ class TransferCommand:
     target_world: WorldConfig = field(default_factory=WorldConfig)
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder for transfer.json and trajectories.png; none are written without it."""
-    html: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """HTML file for a replay of the two swims from the zero pose; none is written without it."""
     config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
         default_factory=TransferConfig
     )
@@ -139,13 +136,6 @@ class TransferCommand:
         with Console(stderr=True).status(f"{swims} swims of {config.seconds:g} s"):
             result = transfer(controller, target, config, world=self.target_world)
         print(result)
-        if self.html:
-            own, broken = controller.morphology, changed_fins(body, target)
-            fish = [
-                Swimmer("own body", COLOURS[0], own, result.native.swim),
-                Swimmer("target", COLOURS[1], target, result.target.swim, broken),
-            ]
-            write_replay(fish, self.html, f"{self.controller.name} on two bodies")
         if out:
             from gait.plots import plot_trajectories
 

@@ -8,7 +8,6 @@ import json
 import re
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +19,10 @@ from aquafish.online.gaits import load_library
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering import scene
-from aquafish_gym.rendering.replay import COLOURS, Swimmer, changed_fins, write_replay
+from aquafish_gym.rendering.films import FilmedSwim, Stage
+from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.rollout import Swim, swim
+from gait.rollout import swim
 from tests.browser import Page, browser
 
 HEALTHY = Morphology.nominal()
@@ -42,14 +42,15 @@ VISIBLE = """
 """
 
 
-def fish(seconds: float = SECONDS) -> list[Swimmer]:
+def fish(seconds: float = SECONDS) -> list[FilmedSwim]:
     gait = load_library()[0]
+    stages = (
+        ("healthy", (Stage(0.0, HEALTHY),)),
+        ("breaks", (Stage(0.0, HEALTHY), Stage(2.0, DAMAGED, ("left_pectoral",)))),
+    )
     return [
-        Swimmer(label, colour, body, swim(gait, body, engine="numba", seconds=seconds), broken)
-        for label, colour, body, broken in (
-            ("healthy", COLOURS[0], HEALTHY, ()),
-            ("damaged", COLOURS[1], DAMAGED, changed_fins(HEALTHY, DAMAGED)),
-        )
+        FilmedSwim(label, swim(gait, body[0].morphology, engine="numba", seconds=seconds), body)
+        for label, body in stages
     ]
 
 
@@ -94,18 +95,21 @@ def test_the_page_composes_the_poses_of_the_scene(replay: Path) -> None:
     for one, sent in zip(fish(), read_data(replay)["swimmers"], strict=True):
         content = gzip.decompress(base64.b64decode(sent["columns"]))
         table = np.frombuffer(content, "<f4").reshape(-1, sent["samples"]).T.astype(float)
-        body, parts = table[:, :7], table[:, 7:].reshape(len(table), -1, 7)[:, :-1]
-        path = one.swim
-        wanted = scene.part_poses(
-            one.morphology, path.position, path.quaternion, path.fin_angles, one.broken
-        )
-        turn = body[:, None, 3:]
-        places = body[:, None, :3] + scene._rotate(turn, parts[..., :3])
-        np.testing.assert_allclose(places, wanted[..., :3], atol=1e-5)
-        turns = scene._multiply(np.broadcast_to(turn, parts[..., 3:].shape), parts[..., 3:])
-        np.testing.assert_allclose(turns, wanted[..., 3:], atol=1e-5)
-        drawn = scene.robot_parts(one.morphology, one.broken)
-        assert [tuple(part["size"]) for part in sent["parts"][:-1]] == [p.size for p in drawn]
+        body, local = table[:, None, :7], table[:, 14:].reshape(len(table), -1, 7)
+        places = body[..., :3] + scene._rotate(body[..., 3:], local[..., :3])
+        turn = np.broadcast_to(body[..., 3:], local[..., 3:].shape)
+        found = np.concatenate([places, scene._multiply(turn, local[..., 3:])], axis=-1)
+        pose = (table[:, :3], one.motion.quaternion, one.motion.fin_angles)
+        wanted = [scene.part_poses(s.morphology, *pose, s.broken) for s in one.stages]
+        np.testing.assert_allclose(found, np.concatenate(wanted, axis=1), atol=1e-5)
+        np.testing.assert_allclose(table[:, 1:3], one.motion.position[:, 1:], atol=1e-5)
+        drawn = [part for s in one.stages for part in scene.robot_parts(s.morphology, s.broken)]
+        assert [tuple(part["size"]) for part in sent["parts"][1:]] == [p.size for p in drawn]
+
+
+def test_a_part_shows_as_long_as_its_stage(replay: Path) -> None:
+    times = [(part["begin"], part["end"]) for part in read_data(replay)["swimmers"][1]["parts"]]
+    assert times == [(0.0, None), *[(0.0, 2.0)] * 6, *[(2.0, None)] * 7]
 
 
 def test_a_replay_is_one_small_file_of_the_same_bytes(replay: Path, tmp_path: Path) -> None:
@@ -120,30 +124,26 @@ def test_a_replay_is_one_small_file_of_the_same_bytes(replay: Path, tmp_path: Pa
 
 def test_a_swim_that_diverged_ends_there(tmp_path: Path) -> None:
     one = fish(seconds=1.0)[0]
-    assert isinstance(one.swim, Swim)
-    position = one.swim.position.copy()
-    position[10:] = np.nan
-    path = write_replay(
-        [one._replace(swim=replace(one.swim, position=position))], tmp_path / "a.html"
-    )
+    one.motion.position[10:] = np.nan
+    path = write_replay([one], tmp_path / "a.html")
     assert read_data(path)["swimmers"][0]["samples"] == 10
 
 
 def test_swims_that_do_not_fit_are_refused(tmp_path: Path) -> None:
-    one = fish(seconds=1.0)[0]
-    assert isinstance(one.swim, Swim)
-    faster = one._replace(swim=replace(one.swim, time=one.swim.time / 2))
-    for swimmers, message in (([], "at least one"), ([one, faster], "the same times")):
+    one, faster = fish(seconds=1.0)
+    faster.motion.time[:] /= 2
+    for swims, message in (([], "at least one"), ([one, faster], "the same times")):
         with pytest.raises(InvalidArgumentError, match=message):
-            write_replay(swimmers, tmp_path / "a.html")
+            write_replay(swims, tmp_path / "a.html")
 
 
-def test_transfer_writes_a_replay(tmp_path: Path) -> None:
+def test_film_writes_a_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     controller, path = tmp_path / "controller.json", tmp_path / "swim.html"
     load_library()[0].save(controller)
-    words = ["--controller", str(controller), "--damage", "caudal:missing", "--html", str(path)]
-    assert main(["transfer", *words, "--seconds", "1", "--poses", "1"]) == 0
-    assert [one["label"] for one in read_data(path)["swimmers"]] == ["own body", "target"]
+    words = [str(controller), "--damage", "none", "caudal:missing", "--html", str(path)]
+    assert main(["film", *words, "--seconds", "1"]) == 0
+    assert [one["label"] for one in read_data(path)["swimmers"]] == ["undamaged", "caudal:missing"]
+    assert capsys.readouterr().out.endswith(f"Replay: {path}\n")
 
 
 def test_a_replay_asks_for_nothing_and_plays(page: Page, replay: Path) -> None:
@@ -182,7 +182,7 @@ def test_distances_follow_the_slider(page: Page) -> None:
                      ".getBoundingClientRect())")  # fmt: skip
     page.drag(page.middle(SLIDER), tuple(box))
     page.wait(f"{TIME} === {SECONDS}")
-    ends = [f"{one.label} {5 * one.swim.position[-1, 1]:.0f} cm" for one in fish()]
+    ends = [f"{one.label} {5 * one.motion.position[-1, 1]:.0f} cm" for one in fish()]
     assert page.value(LABELS) == ends
 
 

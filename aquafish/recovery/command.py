@@ -202,7 +202,7 @@ class Recover:
         report = build_report(settings, [versions], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
         shown = next(form for form in ("png", "svg", "pdf") if form in self.format)
-        text = to_markdown(report, [name for name in pictures if name.endswith((shown, "gif"))])
+        text = to_markdown(report, [name for name in pictures if name.endswith((shown, "webp"))])
         write_bytes(folder / "report.md", text.encode())
         page = report_page(job_shown, outcomes, report, svgs, self._commands(job_shown))
         write_bytes(folder / PAGE, page.encode())
@@ -229,11 +229,12 @@ class Recover:
                 words.append(f"--{'' if value else 'no-'}{option}")
             else:
                 words += [f"--{option}", *([*value] if isinstance(value, tuple) else [str(value)])]
-        folder = f"seed-{shown.seed:03d}"
+        folder, damage = f"seed-{shown.seed:03d}", str(shown.damage)
+        old = f"{folder}/undamaged/controller.json"
         replay = [
-            *("aquafish", "transfer", "--controller", f"{folder}/joint-fins/controller.json"),
-            *("--target-morphology", f"{folder}/undamaged/morphology.json"),
-            *("--damage", str(shown.damage), "--html", "swim.html"),
+            *("aquafish", "film", old, old, f"{folder}/joint-fins/controller.json"),
+            *("--morphology", f"{folder}/undamaged/morphology.json"),
+            *("--damage", "none", damage, damage, "--html", "swim.html"),
         ]
         return [shlex.join(words), shlex.join(replay)]
 

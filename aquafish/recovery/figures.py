@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
-from PIL import Image, ImageDraw, ImageFont
 
-from aquafish.recovery.report import FIN_NAMES, Outcomes, shown_replicate
+from aquafish.recovery.page import broken_fins, damage_in_words, shown_swims
+from aquafish.recovery.report import Outcomes, shown_replicate
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import DIMENSIONS, Morphology
-from aquafish_gym.rendering import Camera, render_motion, render_pose, write_gif
+from aquafish_gym.morphology import FIN_WORDS
+from aquafish_gym.rendering import Camera, film, render_pose
+from aquafish_gym.rendering.films import CM_PER_UNIT
 from aquafish_gym.rendering.pictures import encode_figure, new_figure, save_figure
-from aquafish_gym.rendering.replay import CM_PER_UNIT, changed_fins
 from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
 from eea.study.statistics import interval
@@ -37,19 +39,18 @@ COLOURS = {
     "oracle": "#009e73",
     "oracle-fins": "#00523c",
 }
-RECOVERED = "joint-fins"  # its gait is in the last scene of the film
 LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
 ON_THE_PAGE = ("sizes", "fitness", "distances")
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
-FILM_FPS = 10
-FILM_SPEED = 2  # times real time
-FILM_PIXELS = (224, 224)
+FILM_FPS = 10.0
+FILM_SPEED = 2.0  # times real time
+FILM_PIXELS = (800, 450)
 
 
 def draw_all(
-    folder: Path, job: Treatment, outcomes: Outcomes, formats: Sequence[str], film: bool
+    folder: Path, job: Treatment, outcomes: Outcomes, formats: Sequence[str], filmed: bool
 ) -> tuple[list[str], dict[str, bytes]]:
     """Write all figures of a study in each format.
 
@@ -68,9 +69,8 @@ def draw_all(
         for kind in formats:
             names.append(f"{name}.{kind}")
             save_figure(figure, folder / names[-1])
-    if film:
-        names.append("film.gif")
-        write_film(folder / names[-1], job.morphology, job.target, outcomes)
+    if filmed:
+        names += write_film(folder, job, outcomes)
     return names, {name: encode_figure(figures[name], "svg") for name in ON_THE_PAGE}
 
 
@@ -81,7 +81,7 @@ def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
         t: Morphology.coerce(outcomes[t][shown]["morphology"])
         for t in ("undamaged", "none", "out-of-band", "joint")
     }
-    broken = changed_fins(job.morphology, job.target)
+    broken = broken_fins(job)
     figure = new_figure(2.63 * len(bodies), 3.1, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken
@@ -116,7 +116,7 @@ def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     blue = COLOURS["out-of-band"]
     axes.plot(100 * paper, rows, "s", ms=5, mfc="none", color=blue, label=LABELS["out-of-band"])
     axes.plot(100 * true / whole, rows, "|", ms=14, mew=1.8, color="black", label="truth")
-    axes.set_yticks(rows, [f"{FIN_NAMES[d.fin]} {d.size}" for d in DIMENSIONS])
+    axes.set_yticks(rows, [f"{FIN_WORDS[d.fin]} {d.size}" for d in DIMENSIONS])
     for row, values in zip(rows, 100 * np.column_stack([middle, low, high]), strict=True):
         text = "{:.0f}% [{:.0f}, {:.0f}]".format(*values)
         axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center")
@@ -215,30 +215,14 @@ def _legend_above(axes: Axes) -> None:
     )
 
 
-def write_film(path: Path, healthy: Morphology, target: Morphology, outcomes: Outcomes) -> None:
-    """Write a GIF: healthy, damaged with the old gait, damaged with the recovered gait."""
-    scenes = [
-        ("healthy", healthy, shown_swim(outcomes, "undamaged", "native")),
-        ("damaged, old gait", target, shown_swim(outcomes, "undamaged", "target")),
-        ("damaged, recovered", target, shown_swim(outcomes, RECOVERED, "target")),
-    ]
-    columns = []
-    for title, body, swim in scenes:
-        stride = max(1, round(FILM_SPEED / FILM_FPS / (swim.time[1] - swim.time[0])))
-        motion = (swim.position, swim.quaternion, swim.fin_angles)
-        place, turn, fins = (samples[::stride] for samples in motion)
-        frames = render_motion(body, place, turn, fins, *FILM_PIXELS, Camera(distance=13.0))
-        columns.append(
-            [
-                caption(frame, f"{title}: {y * CM_PER_UNIT:+.0f} cm")
-                for frame, y in zip(frames, place[:, 1], strict=True)
-            ]
-        )
-    write_gif([np.concatenate(row, axis=1) for row in zip(*columns, strict=True)], path, FILM_FPS)
+def write_film(folder: Path, job: Treatment, outcomes: Outcomes) -> list[str]:
+    """Write the film of the shown replicate and return the names of its files.
 
-
-def caption(frame: np.ndarray, text: str) -> np.ndarray:
-    """Write a line of text into a frame."""
-    image, font = Image.fromarray(frame), ImageFont.load_default(size=16)
-    ImageDraw.Draw(image).text((8, 6), text, fill=(20, 20, 20), font=font)
-    return np.asarray(image)
+    They are film.webp and, where imageio-ffmpeg is installed, film.mp4.
+    """
+    swims, title = shown_swims(job, outcomes), damage_in_words(job.morphology, job.target)
+    film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title)
+    if find_spec("imageio_ffmpeg") is None:
+        return ["film.webp"]
+    film(swims, folder / "film.mp4", 1920, 1080, title=title)
+    return ["film.webp", "film.mp4"]

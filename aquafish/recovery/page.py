@@ -9,17 +9,12 @@ from collections.abc import Mapping, Sequence
 from string import Template
 from typing import Any
 
-from aquafish.recovery.report import FIN_NAMES, Outcomes, headline, shown_replicate
+from aquafish.recovery.report import Outcomes, headline, shown_replicate
 from aquafish.recovery.treatment import Treatment, path_from_dict
 from aquafish_gym import DIMENSIONS, Morphology
-from aquafish_gym.rendering.replay import (
-    CM_PER_UNIT,
-    COLOURS,
-    Swimmer,
-    changed_fins,
-    replay_fragment,
-    whole_page,
-)
+from aquafish_gym.morphology import FIN_WORDS, FINS
+from aquafish_gym.rendering.films import CM_PER_UNIT, TRAILS, FilmedSwim, Stage
+from aquafish_gym.rendering.replay import css, replay_fragment, whole_page
 
 _STYLE = """
 main { max-width: 1060px; margin: auto; padding: 0 16px 32px; }
@@ -97,9 +92,9 @@ def report_page(
         f"{new:.0f}\u00a0cm in {seconds:g}\u00a0s instead of {old:.0f}\u00a0cm."
     )
     numbers = (
-        (COLOURS[0], f"{healthy:.0f} cm", f"healthy, in {seconds:g} s"),
-        (COLOURS[1], f"{old:.0f} cm", "damaged, with its old gait"),
-        (COLOURS[2], f"{new:.0f} cm", "damaged, with the gait for its self-model"),
+        (css(TRAILS[0]), f"{healthy:.0f} cm", f"healthy, in {seconds:g} s"),
+        (css(TRAILS[1]), f"{old:.0f} cm", "damaged, with its old gait"),
+        (css(TRAILS[2]), f"{new:.0f} cm", "damaged, with the gait for its self-model"),
         ("#882255", f"{trials * duration:.1f} s", f"of movement in {trials} trials"),
     )
     text = {
@@ -111,7 +106,7 @@ def report_page(
             f'<div style="border-color: {colour}"><b>{value}</b>{label}</div>'
             for colour, value, label in numbers
         ),
-        "replay": replay_fragment(swimmers(job, shown)),
+        "replay": replay_fragment(shown_swims(job, outcomes)),
         "shown": _rule(job.seed, len(report["seeds"])),
         "knowledge": _knowledge(job, shown["joint-fins"]),
         "sentences": "".join(
@@ -129,27 +124,37 @@ def report_page(
     return whole_page(title, _BODY.substitute(text | pictures), _STYLE)
 
 
-def swimmers(job: Treatment, shown: Mapping[str, Mapping[str, Any]]) -> list[Swimmer]:
-    """Return the healthy, the damaged and the recovered robot of one replicate's outcomes."""
-    broken = changed_fins(job.morphology, job.target)
-    old, new = shown["undamaged"]["swims"], shown["joint-fins"]["swims"]["target"]
+def shown_swims(job: Treatment, outcomes: Outcomes) -> list[FilmedSwim]:
+    """Return the swims of the healthy, the damaged and the recovered robot of one replicate."""
+    i = shown_replicate(outcomes)
+    old, new = outcomes["undamaged"][i]["swims"], outcomes["joint-fins"][i]["swims"]
+    healthy = (Stage(0.0, job.morphology),)
+    damaged = (Stage(0.0, job.target, broken_fins(job)),)
     return [
-        Swimmer("healthy", COLOURS[0], job.morphology, path_from_dict(old["native"])),
-        Swimmer("damaged, old gait", COLOURS[1], job.target, path_from_dict(old["target"]), broken),
-        Swimmer("damaged, new gait", COLOURS[2], job.target, path_from_dict(new), broken),
+        FilmedSwim("healthy", path_from_dict(old["native"]), healthy),
+        FilmedSwim("damaged, old gait", path_from_dict(old["target"]), damaged),
+        FilmedSwim("damaged, new gait", path_from_dict(new["target"]), damaged),
     ]
+
+
+def broken_fins(job: Treatment) -> tuple[str, ...]:
+    """Return the names of the fins that the damage changes."""
+    before, after = job.morphology, job.target
+    return tuple(fin for fin in FINS if getattr(before, fin) != getattr(after, fin))
 
 
 def damage_in_words(before: Morphology, after: Morphology) -> str:
     """Return what is left of each fin that broke, such as "The tail has 60% of its length"."""
     clauses = []
-    for fin in changed_fins(before, after):
+    for fin in FINS:
+        left = _broken_sizes(before, after, fin)
+        if not left:
+            continue
         if sum(size > 0 for size in getattr(after, fin)) < 2:
-            clauses.append(f"the {FIN_NAMES[fin]} is missing")
+            clauses.append(f"the {FIN_WORDS[fin]} is missing")
         else:
-            left = _broken_sizes(before, after, fin)
             parts = " and ".join(f"{share:.0%} of its {size}" for size, share in left.items())
-            clauses.append(f"the {FIN_NAMES[fin]} has {parts}")
+            clauses.append(f"the {FIN_WORDS[fin]} has {parts}")
     text = " and ".join(clauses) or "nothing is broken"
     return text[0].upper() + text[1:]
 
@@ -174,7 +179,7 @@ def _estimates(job: Treatment, outcome: Mapping[str, Any]) -> str:
         if getattr(job.target, d.fin)[d.axis] != was:
             middle, low, high = (body[d.fin][d.axis] / was for body in bodies)
             found.append(
-                f"the {d.size} of the {FIN_NAMES[d.fin]} at {middle:.0%} of what it was "
+                f"the {d.size} of the {FIN_WORDS[d.fin]} at {middle:.0%} of what it was "
                 f"({mass} {low:.0%} to {high:.0%})"
             )
     return ", ".join(found)

@@ -23,7 +23,6 @@ COMPARISONS = (
 )
 SHARES = ("share_of_oracle", "share_of_oracle_random_poses")
 MEASURES = {"target_distance": "zero pose", "target_distance_random_poses": "random poses"}
-FIN_NAMES = {"left_pectoral": "left flipper", "right_pectoral": "right flipper", "caudal": "tail"}
 LONG_FIELDS = ("rounds", "generations", "controller", "swims", "bodies")  # not in the report
 
 Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome for each replicate

@@ -116,7 +116,7 @@ def _placed_parts(
             part = Part("box", (width, length, thickness), colour, fin)
             parts.append((part, fin, (0, -size[1] / 2, 0)))
         if fin in broken:
-            end = (width + _RIM, _RIM, thickness + _RIM) if shows else (0.2, 0.2, 0.2)
+            end = (width + _RIM, _RIM, thickness + _RIM) if shows else (0.3, 0.3, 0.3)
             part = Part("box", end, BREAK, f"{fin}_break")
             parts.append((part, fin, (0, -size[1] if shows else 0, 0)))
     return parts

@@ -45,10 +45,10 @@ def test_the_shown_replicate_has_the_median_gain(gains: list[float], shown: int)
 
 def test_the_commands_on_the_page_name_what_differs_from_the_defaults() -> None:
     study = Recover(held_out=True, format=("svg", "pdf"), film=False, seed=3, out=Path("x"))
-    recover, transfer = study._commands(study.treatments()[0])
+    recover, film = study._commands(study.treatments()[0])
     assert recover == "aquafish recover --held-out --seed 3 --format svg pdf --no-film"
-    assert transfer == (
-        "aquafish transfer --controller seed-003/joint-fins/controller.json "
-        "--target-morphology seed-003/undamaged/morphology.json "
-        "--damage right_pectoral:width=0.4 --html swim.html"
+    assert film == (
+        "aquafish film seed-003/undamaged/controller.json seed-003/undamaged/controller.json "
+        "seed-003/joint-fins/controller.json --morphology seed-003/undamaged/morphology.json "
+        "--damage none right_pectoral:width=0.4 right_pectoral:width=0.4 --html swim.html"
     )

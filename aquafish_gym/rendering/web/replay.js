@@ -31,8 +31,7 @@ function play(host, data, three) {
   const stage = host.querySelector(".stage");
   const [button, slider, clock, speed, view] = host.querySelector(".controls").children;
   const end = step * (Math.max(...swimmers.map((one) => one.samples)) - 1);
-  const edge = (data.lane * (swimmers.length - 1)) / 2;
-  const shown = [-edge - 1.5, edge + 1.5].map((x) => new three.Vector3(x, 0, floor));
+  const shown = [];
   let time = 0;
   let playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
   let changed = true;
@@ -49,9 +48,7 @@ function play(host, data, three) {
   resize();
   requestAnimationFrame(frame);
 
-  function addSwimmer(one, index) {
-    const first = pose(one, 0, 0).position;
-    one.start = new three.Vector3(index * data.lane - edge - first.x, -first.y, 0);
+  function addSwimmer(one) {
     one.body = new three.Group();
     one.solids = one.parts.map(({ kind, size: [x, y, z], colour }) => {
       const capsule = kind === "capsule" && new three.CapsuleGeometry(x / 2, y - x, 16, 40);
@@ -64,9 +61,10 @@ function play(host, data, three) {
     one.trail = new three.InstancedMesh(new three.CircleGeometry(0.1, 16), flat, one.samples);
     one.trail.frustumCulled = false;
     for (let row = 0; row < one.samples; row += 1) {
-      const { x, y, z } = pose(one, 0, row).position.add(one.start);
+      const { x, y, z } = pose(one, 0, row).position;
       one.trail.setMatrixAt(row, new three.Matrix4().makeTranslation(x, y, floor + 0.04));
       shown.push(new three.Vector3(x, y + 2, z + 1), new three.Vector3(x + 1.5, y - 1.5, floor));
+      shown.push(new three.Vector3(x - 1.5, y, floor));
     }
     scene.add(one.body, one.trail);
     one.text = addText("label");
@@ -117,12 +115,12 @@ function play(host, data, three) {
       new three.MeshStandardMaterial({ map: gridTexture(400) }),
     );
     const line = new three.Mesh(
-      new three.BoxGeometry(2 * edge + 3, 0.15, 0.06),
+      new three.BoxGeometry(box.max.x - box.min.x, 0.15, 0.06),
       material(colours.ink),
     );
     sand.receiveShadow = true;
     sand.position.z = floor;
-    line.position.z = floor;
+    line.position.set((box.min.x + box.max.x) / 2, 0, floor);
     scene.add(sand, line);
     const furthest = data.cmPerUnit * (box.max.y - 2);
     const spacing = [2, 5, 10, 20, 50].find((each) => furthest < 6.5 * each) || 100;
@@ -232,7 +230,9 @@ function play(host, data, three) {
       object.position.lerpVectors(before.position, after.position, share);
       object.quaternion.slerpQuaternions(before.quaternion, after.quaternion, share);
     });
-    one.body.position.add(one.start);
+    one.parts.forEach(({ begin, end: until }, index) => {
+      one.solids[index].visible = begin <= time && (until === null || time < until);
+    });
     one.trail.count = row + 1;
     const distance = (data.cmPerUnit * one.body.position.y).toFixed(0);
     one.text.textContent = `${one.label} ${distance} cm`;
