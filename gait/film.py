@@ -16,12 +16,13 @@ from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.rendering.films import SUFFIXES, FilmedSwim, Stage, film
 from aquafish_gym.rendering.replay import write_replay
+from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from gait.controller import INTERVAL, Controller
-from gait.rollout import SECONDS, ZERO_POSE, step_count
+from gait.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
 Value = TypeVar("Value")
 
@@ -90,7 +91,7 @@ class Film:
         else:
             film(swims, out, self.width, self.height, self.fps, self.speed, self.title)
         for swim in swims:
-            far = swim.motion.position[-1, 1]
+            far = swim.position[-1, 1]
             print(f"{swim.label}: {far:.2f} units in {self.seconds:g} s")
         print(f"{'Replay' if self.html else 'Film'}: {out}")
 
@@ -125,7 +126,12 @@ def film_swim(
         rngs=[rng],
     ).paths
     words = label or ("undamaged" if not damage else str(damage))
-    return FilmedSwim(words, path, stages(body, damage))
+    return filmed(words, stages(body, damage), path)
+
+
+def filmed(label: str, body: tuple[Stage, ...], swim: Swim | RolloutPath) -> FilmedSwim:
+    """Return a swim to film from a recorded one."""
+    return FilmedSwim(label, body, swim.time, swim.position, swim.quaternion, swim.fin_angles)
 
 
 def stages(body: Morphology, damage: Damage) -> tuple[Stage, ...]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -22,14 +21,12 @@ WHOLE = (Stage(0.0, NOMINAL),)
 SIZE = (160, 96)
 
 
-def straight(speed: float, seconds: float = 1.0, label: str = "fish", **changes: Any) -> FilmedSwim:
+def straight(speed: float, seconds: float = 1.0) -> FilmedSwim:
     """Return a swim along y."""
     time = np.linspace(0.0, seconds, round(seconds / 0.05) + 1)
     position = np.outer(time * speed, (0.0, 1.0, 0.0))
     turn = np.tile((0.0, 0.0, 0.0, 1.0), (len(time), 1))
-    rows = {"time": time, "position": position, "quaternion": turn}
-    motion = SimpleNamespace(**{**rows, "fin_angles": np.zeros((len(time), 3)), **changes})
-    return FilmedSwim(label, motion, WHOLE)
+    return FilmedSwim("fish", WHOLE, time, position, turn, np.zeros((len(time), 3)))
 
 
 def frames(*swims: FilmedSwim, fps: float = 10.0, speed: float = 1.0) -> NDArray[np.int64]:
@@ -62,16 +59,15 @@ def test_the_film_ends_at_the_last_instant_and_holds_it() -> None:
 def test_a_fin_is_marked_from_the_moment_it_breaks() -> None:
     swim = straight(0.0)
     broken = (*WHOLE, Stage(0.5, NOMINAL, ("caudal",)))
-    whole, breaks = frames(swim), frames(FilmedSwim("fish", swim.motion, broken))
+    whole, breaks = frames(swim), frames(swim._replace(stages=broken))
     assert (whole[:5] == breaks[:5]).all()
     assert (whole[5:] != breaks[5:]).any(axis=(1, 2, 3)).all()
 
 
 def test_a_robot_that_diverges_stays_where_it_was_last() -> None:
     swim = straight(4.0)
-    position = swim.motion.position.copy()
-    position[11:] = np.nan
-    shot = frames(straight(4.0, position=position), straight(1.0))
+    swim.position[11:] = np.nan
+    shot = frames(swim, straight(1.0))
     assert len(shot) == 10 + 1 + 15
     assert np.isfinite(shot).all()
 

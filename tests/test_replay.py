@@ -22,6 +22,7 @@ from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.films import FilmedSwim, Stage
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.film import filmed
 from gait.rollout import swim
 from tests.browser import Page, browser
 
@@ -49,7 +50,7 @@ def fish(seconds: float = SECONDS) -> list[FilmedSwim]:
         ("breaks", (Stage(0.0, HEALTHY), Stage(2.0, DAMAGED, ("left_pectoral",)))),
     )
     return [
-        FilmedSwim(label, swim(gait, body[0].morphology, engine="numba", seconds=seconds), body)
+        filmed(label, body, swim(gait, body[0].morphology, engine="numba", seconds=seconds))
         for label, body in stages
     ]
 
@@ -99,10 +100,10 @@ def test_the_page_composes_the_poses_of_the_scene(replay: Path) -> None:
         places = body[..., :3] + scene._rotate(body[..., 3:], local[..., :3])
         turn = np.broadcast_to(body[..., 3:], local[..., 3:].shape)
         found = np.concatenate([places, scene._multiply(turn, local[..., 3:])], axis=-1)
-        pose = (table[:, :3], one.motion.quaternion, one.motion.fin_angles)
+        pose = (table[:, :3], one.quaternion, one.fin_angles)
         wanted = [scene.part_poses(s.morphology, *pose, s.broken) for s in one.stages]
         np.testing.assert_allclose(found, np.concatenate(wanted, axis=1), atol=1e-5)
-        np.testing.assert_allclose(table[:, 1:3], one.motion.position[:, 1:], atol=1e-5)
+        np.testing.assert_allclose(table[:, 1:3], one.position[:, 1:], atol=1e-5)
         drawn = [part for s in one.stages for part in scene.robot_parts(s.morphology, s.broken)]
         assert [tuple(part["size"]) for part in sent["parts"][1:]] == [p.size for p in drawn]
 
@@ -124,14 +125,14 @@ def test_a_replay_is_one_small_file_of_the_same_bytes(replay: Path, tmp_path: Pa
 
 def test_a_swim_that_diverged_ends_there(tmp_path: Path) -> None:
     one = fish(seconds=1.0)[0]
-    one.motion.position[10:] = np.nan
+    one.position[10:] = np.nan
     path = write_replay([one], tmp_path / "a.html")
     assert read_data(path)["swimmers"][0]["samples"] == 10
 
 
 def test_swims_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     one, faster = fish(seconds=1.0)
-    faster.motion.time[:] /= 2
+    faster.time[:] /= 2
     for swims, message in (([], "at least one"), ([one, faster], "the same times")):
         with pytest.raises(InvalidArgumentError, match=message):
             write_replay(swims, tmp_path / "a.html")
@@ -182,7 +183,7 @@ def test_distances_follow_the_slider(page: Page) -> None:
                      ".getBoundingClientRect())")  # fmt: skip
     page.drag(page.middle(SLIDER), tuple(box))
     page.wait(f"{TIME} === {SECONDS}")
-    ends = [f"{one.label} {5 * one.motion.position[-1, 1]:.0f} cm" for one in fish()]
+    ends = [f"{one.label} {5 * one.position[-1, 1]:.0f} cm" for one in fish()]
     assert page.value(LABELS) == ends
 
 

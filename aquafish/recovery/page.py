@@ -15,6 +15,7 @@ from aquafish_gym import DIMENSIONS, Morphology
 from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.rendering.films import CM_PER_UNIT, TRAILS, FilmedSwim, Stage
 from aquafish_gym.rendering.replay import css, replay_fragment, whole_page
+from gait.film import filmed
 
 _STYLE = """
 main { max-width: 1060px; margin: auto; padding: 0 16px 32px; }
@@ -128,12 +129,11 @@ def shown_swims(job: Treatment, outcomes: Outcomes) -> list[FilmedSwim]:
     """Return the swims of the healthy, the damaged and the recovered robot of one replicate."""
     i = shown_replicate(outcomes)
     old, new = outcomes["undamaged"][i]["swims"], outcomes["joint-fins"][i]["swims"]
-    healthy = (Stage(0.0, job.morphology),)
     damaged = (Stage(0.0, job.target, broken_fins(job)),)
     return [
-        FilmedSwim("healthy", path_from_dict(old["native"]), healthy),
-        FilmedSwim("damaged, old gait", path_from_dict(old["target"]), damaged),
-        FilmedSwim("damaged, new gait", path_from_dict(new["target"]), damaged),
+        filmed("healthy", (Stage(0.0, job.morphology),), path_from_dict(old["native"])),
+        filmed("damaged, old gait", damaged, path_from_dict(old["target"])),
+        filmed("damaged, new gait", damaged, path_from_dict(new["target"])),
     ]
 
 

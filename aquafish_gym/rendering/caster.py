@@ -113,9 +113,10 @@ def _paint_water(
     picture: Any, view: Any, pixel: float, fog: float, floor: float,
     ruling: Any, colours: Any, shades: Any, places: Any,
 ) -> None:  # fmt: skip
+    """Write water and floor into a picture, row by row."""
     height, width = picture.shape[:2]
     eye, right, up, forward = view[0], view[1], view[2], view[3]
-    line, light = np.empty(width), np.empty(width)
+    line, light = np.zeros(width), np.empty(width)
     for j in range(height):
         # The camera does not roll, so a row meets the floor at one depth.
         rise = (height / 2 - 0.5 - j) * pixel
@@ -124,10 +125,8 @@ def _paint_water(
         clear = _fog(along / fog) if along > 0 else 0.0
         light[:] = 1.0
         if clear > 0.004:
-            x0, y0 = (
-                eye[0] + along * (forward[0] + rise * up[0]),
-                eye[1] + along * (forward[1] + rise * up[1]),
-            )
+            x0 = eye[0] + along * (forward[0] + rise * up[0])
+            y0 = eye[1] + along * (forward[1] + rise * up[1])
             dx, dy = along * pixel * right[0], along * pixel * right[1]
             # The extent of a pixel on the floor is that to the next column and to the next row.
             deep = abs(up[2] * pixel / fall)

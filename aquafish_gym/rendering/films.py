@@ -9,10 +9,9 @@ import itertools
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -39,19 +38,6 @@ _HOLD = 1.5  # s, of the last frame
 TRAILS = ((0, 114, 178), (213, 94, 0), (0, 130, 95), (150, 60, 120), (180, 120, 0))
 
 
-class Motion(Protocol):
-    """A recorded swim, as ``rollout`` and ``gait.swim`` return it."""
-
-    @property
-    def time(self) -> Floats: ...
-    @property
-    def position(self) -> Floats: ...
-    @property
-    def quaternion(self) -> Floats: ...
-    @property
-    def fin_angles(self) -> Floats: ...
-
-
 class Stage(NamedTuple):
     """The body from a time on, in s, and which of its fins are broken.
 
@@ -66,31 +52,24 @@ class Stage(NamedTuple):
     broken: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
-class FilmedSwim:
-    """A swim in a film.
+class FilmedSwim(NamedTuple):
+    """A swim in a film: a few words, the body in the order of time, and T samples.
 
-    Attributes
-    ----------
-    label
-        A few words.
-    motion
-        Where the robot was; the film ends with the last sample before it diverged.
-    stages
-        Its body, in the order of time; the first begins at 0.
+    The film shows it until it diverges.
 
     Examples
     --------
-    >>> from aquafish_gym.rollout import rollout
-    >>> from aquafish_gym.scenario import Scenario
-    >>> rest = rollout([lambda observation, time: (0, 0, 0)], Scenario.create(), seconds=0.1)
-    >>> FilmedSwim("at rest", rest.paths[0], (Stage(0.0, Morphology.nominal()),)).label
+    >>> still = np.zeros((2, 3)), np.tile((0, 0, 0, 1), (2, 1)), np.zeros((2, 3))
+    >>> FilmedSwim("at rest", (Stage(0.0, Morphology.nominal()),), np.array([0, 1]), *still).label
     'at rest'
     """
 
     label: str
-    motion: Motion
-    stages: tuple[Stage, ...]
+    stages: tuple[Stage, ...]  #: The first begins at 0.
+    time: Floats  #: (T,) s
+    position: Floats  #: (T, 3)
+    quaternion: Floats  #: (T, 4)
+    fin_angles: Floats  #: (T, 3)
 
 
 def film(
@@ -116,43 +95,26 @@ def film(
     return write_film(film_frames(swims, width, height, fps, speed, title), path, fps)
 
 
-class Lane(NamedTuple):
-    """A swim in a lane of its own, until it diverged."""
-
-    swim: FilmedSwim
-    colour: Colour
-    time: Floats
-    path: Floats
-    quaternion: Floats
-    fin_angles: Floats
-
-    def sample_at(self, moment: float) -> int:
-        """Return which sample is the last until a moment."""
-        return max(0, int(np.searchsorted(self.time, moment + 1e-9)) - 1)
-
-    def solid_at(self, i: int) -> Floats:
-        """Return the robot of sample i."""
-        from aquafish_gym.rendering.caster import solid_parts
-
-        stages = self.swim.stages
-        now = next(one for one in reversed(stages) if one.begin <= self.time[i] + 1e-9)
-        pose = (self.path[[i]], self.quaternion[[i]], self.fin_angles[[i]])
-        poses = scene.part_poses(now.morphology, *pose, now.broken)[0]
-        return solid_parts(scene.robot_parts(now.morphology, now.broken), poses)
-
-
-def side_by_side(swims: Sequence[FilmedSwim]) -> list[Lane]:
-    """Return swims side by side, the first the farthest from the camera."""
+def side_by_side(swims: Sequence[FilmedSwim]) -> list[FilmedSwim]:
+    """Return swims until they diverge in lanes, the first the farthest from the camera."""
     lanes, x = [], 0.0
-    for swim, colour in zip(swims, itertools.cycle(TRAILS), strict=False):
-        motion = swim.motion
-        good = np.logical_and.accumulate(np.isfinite(motion.position).all(axis=1))
-        rows = (motion.time, motion.position, motion.quaternion, motion.fin_angles)
-        time, position, quaternion, angles = (row[good] for row in rows)
-        path = position + np.array([x - position[:, 0].min(), 0, 0])
-        lanes.append(Lane(swim, colour, time, path, quaternion, angles))
-        x = path[:, 0].max() + _LANE
+    for swim in swims:
+        good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))
+        time, position, quaternion, angles = (row[good] for row in swim[2:])
+        position = position + np.array([x - position[:, 0].min(), 0.0, 0.0])
+        lanes.append(FilmedSwim(*swim[:2], time, position, quaternion, angles))
+        x = position[:, 0].max() + _LANE
     return lanes
+
+
+def _robot_at(swim: FilmedSwim, i: int) -> Floats:
+    """Return the robot of sample i, for the caster."""
+    from aquafish_gym.rendering.caster import solid_parts
+
+    now = next(one for one in reversed(swim.stages) if one.begin <= swim.time[i] + 1e-9)
+    pose = (swim.position[[i]], swim.quaternion[[i]], swim.fin_angles[[i]])
+    poses = scene.part_poses(now.morphology, *pose, now.broken)[0]
+    return solid_parts(scene.robot_parts(now.morphology, now.broken), poses)
 
 
 def film_frames(
@@ -162,29 +124,29 @@ def film_frames(
     from aquafish_gym.rendering import caster
 
     lanes = side_by_side(swims)
-    everywhere = np.concatenate([lane.path for lane in lanes])
+    everywhere = np.concatenate([lane.position for lane in lanes])
     low, high = everywhere.min(axis=0), everywhere.max(axis=0)
     view = fitting_view(everywhere, width / height)
     floor = min(scene.FLOOR, low[2] - scene.CLEARANCE)
     marks = np.arange(0.0, high[1] + _FISH, scene.MAIN_GRID_SPACING)
     ends = np.array([[(x, y, 0.0) for x in (low[0] - _FISH, high[0] + _FISH)] for y in marks])
     rulers = [(line, scene.INK if line[0, 1] == 0 else scene.GRID) for line in ends]
-    at = [view.project(lane.path[0] - (1.7, 0.0, 0.0), width, height)[1] for lane in lanes]
+    feet = view.project(ends[:, 1], width, height)
     end = max(float(lane.time[-1]) for lane in lanes)
     moments = [*np.arange(0.0, end - 1e-9, speed / fps), *[end] * (1 + round(_HOLD * fps))]
     pace = "" if speed == 1 else f"  (x {speed:g})"
     for moment in moments:
-        samples = [lane.sample_at(moment) for lane in lanes]
-        robots = [lane.solid_at(i) for lane, i in zip(lanes, samples, strict=True)]
-        trails = [(lane.path[: i + 1], lane.colour) for lane, i in zip(lanes, samples, strict=True)]
+        robots, trails, words = [], [], []
+        for lane, colour in zip(lanes, itertools.cycle(TRAILS), strict=False):
+            i = max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1)
+            robots.append(_robot_at(lane, i))
+            trails.append((lane.position[: i + 1], colour))
+            row = view.project(lane.position[0] - (1.7, 0.0, 0.0), width, height)[1]
+            text = f"{lane.label}  {lane.position[i, 1] * CM_PER_UNIT:+.0f} cm"
+            words.append((text, colour, row))
         picture = caster.draw_water(view, floor, robots, width, height)
         picture = _draw_lines(picture, view, rulers + trails)
         caster.draw_robots(picture, view, robots)
-        words = [
-            (f"{lane.swim.label}  {lane.path[i, 1] * CM_PER_UNIT:+.0f} cm", lane.colour, row)
-            for lane, i, row in zip(lanes, samples, at, strict=True)
-        ]
-        feet = view.project(ends[:, 1], width, height)
         yield _write(picture, words, (title, f"{moment:.1f} s{pace}"), feet)
 
 
@@ -242,7 +204,7 @@ def write_film(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float
     """Write frames (H, W, 3) of one size as .mp4, .webp or .gif; return the path.
 
     Films as .webp and .gif repeat forever. GIF counts hundredths of a second, so only frame rates
-    of 100 / n are exact. An .mp4 needs the extra ``film`` and an even width and height.
+    of 100 / n are exact. An .mp4 needs the extra ``film``.
     """
     suffix = one_of("the film's suffix", Path(path).suffix, SUFFIXES)
     finite_array("fps", fps, (), 0.1, 240.0)

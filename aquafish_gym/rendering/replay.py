@@ -13,7 +13,7 @@ import json
 import os
 from collections.abc import Sequence
 from importlib.resources import files
-from itertools import pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
 from string import Template
 from typing import Any
@@ -22,7 +22,7 @@ import numpy as np
 
 from aquafish_gym.physics.robot import RADIUS
 from aquafish_gym.rendering import scene
-from aquafish_gym.rendering.films import CM_PER_UNIT, FilmedSwim, Lane, side_by_side
+from aquafish_gym.rendering.films import CM_PER_UNIT, TRAILS, FilmedSwim, side_by_side
 from aquafish_gym.rendering.scene import Colour, Floats, Part
 from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -44,11 +44,10 @@ def write_replay(
 
     Examples
     --------
-    >>> from aquafish_gym import Morphology, Scenario
+    >>> from aquafish_gym import Morphology
     >>> from aquafish_gym.rendering import Stage
-    >>> from aquafish_gym.rollout import rollout
-    >>> rest = rollout([lambda observation, time: (0, 0, 0)], Scenario.create(), seconds=0.1)
-    >>> swim = FilmedSwim("at rest", rest.paths[0], (Stage(0.0, Morphology.nominal()),))
+    >>> still = np.zeros((2, 3)), np.tile((0, 0, 0, 1), (2, 1)), np.zeros((2, 3))
+    >>> swim = FilmedSwim("rest", (Stage(0.0, Morphology.nominal()),), np.array([0, 1]), *still)
     >>> write_replay([swim], "rest.html").stat().st_size < 500_000
     True
     """
@@ -66,7 +65,7 @@ def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
     step = lanes[0].time[1]
     if any(np.abs(np.diff(lane.time, prepend=-step) - step).max() > 1e-4 for lane in lanes):
         raise InvalidArgumentError("swims must be sampled at the same times, from 0 on")
-    deepest = min(float(lane.path[:, 2].min()) for lane in lanes)
+    deepest = min(float(lane.position[:, 2].min()) for lane in lanes)
     data = {
         "step": step,
         "cmPerUnit": CM_PER_UNIT,
@@ -78,10 +77,10 @@ def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
             "grid": css(scene.GRID),
             "ink": css(scene.INK),
         },
-        "swimmers": [_encode(lane) for lane in lanes],
+        "swimmers": [_encode(*each) for each in zip(lanes, cycle(TRAILS), strict=False)],
     }
     reached = (
-        f"{html.escape(lane.swim.label)} {CM_PER_UNIT * lane.path[-1, 1]:.0f} cm" for lane in lanes
+        f"{html.escape(lane.label)} {CM_PER_UNIT * lane.position[-1, 1]:.0f} cm" for lane in lanes
     )
     broken = any(stage.broken for swim in swims for stage in swim.stages)
     return Template(_web_file("replay.html")).substitute(
@@ -105,23 +104,23 @@ def css(colour: Colour) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
-def _encode(lane: Lane) -> dict[str, Any]:
+def _encode(lane: FilmedSwim, colour: Colour) -> dict[str, Any]:
     """Return what the page draws of a swim: the parts of each stage, and a band of its colour."""
     count = len(lane.time)
     in_the_body = (np.zeros((count, 3)), np.tile((0.0, 0.0, 0.0, 1.0), (count, 1)), lane.fin_angles)
-    solids = [_solid(Part("capsule", _BAND, lane.colour, "band"), 0.0, None)]
+    solids = [_solid(Part("capsule", _BAND, colour, "band"), 0.0, None)]
     poses = [np.concatenate(in_the_body[:2], axis=1)]
-    for stage, after in pairwise([*lane.swim.stages, None]):
+    for stage, after in pairwise([*lane.stages, None]):
         assert stage is not None
         end = None if after is None else after.begin
         parts = scene.robot_parts(stage.morphology, stage.broken)
         solids += [_solid(part, stage.begin, end) for part in parts]
         local = scene.part_poses(stage.morphology, *in_the_body, stage.broken)
         poses.append(local.reshape(count, -1))
-    columns: Floats = np.concatenate([lane.path, lane.quaternion, *poses], axis=1)
+    columns: Floats = np.concatenate([lane.position, lane.quaternion, *poses], axis=1)
     return {
-        "label": lane.swim.label,
-        "colour": css(lane.colour),
+        "label": lane.label,
+        "colour": css(colour),
         "parts": solids,
         "samples": count,
         # Column by column: a part that does not move takes no room.

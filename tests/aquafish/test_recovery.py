@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from aquafish.cli import main
 from aquafish.online.gaits import load_library
@@ -241,6 +242,15 @@ def test_the_example_is_the_command(
         runpy.run_path(str(SCRIPT), run_name="__main__")
     assert left.value.code == 0
     assert results(again) == results(study)
+
+
+def test_redraw_adds_the_film(again: Path) -> None:
+    words = [word for word in SMALL if word != "--no-film"]
+    done = recover(again, *words, "--replicates", "2", "--redraw")
+    assert done.returncode == 0, done.stderr
+    with Image.open(again / "film.webp") as film:
+        assert film.n_frames > 10
+    assert "(film.webp)" in (again / "report.md").read_text()
 
 
 @pytest.mark.slow
