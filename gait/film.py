@@ -15,6 +15,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.rendering.films import SUFFIXES, FilmedSwim, Stage, film
+from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
 from aquafish_gym.runs.storage import ensure_writable_directory
@@ -38,6 +39,8 @@ class Film:
     """One controller.json or more, as evolve writes it."""
     out: Annotated[Path, arg(metavar="FILE")] = Path("film.webp")
     """The film: .webp, .gif, or .mp4, which needs the extra film."""
+    html: Annotated[Path | None, arg(metavar="FILE")] = None
+    """Write a replay instead of a film: one HTML file that opens in a browser."""
     morphology: Annotated[tuple[Path, ...], arg(metavar="FILE")] = ()
     """JSON files of bodies before their damage; by default each controller's own."""
     damage: Annotated[tuple[str, ...], FILMED_DAMAGE] = ("none",)
@@ -81,12 +84,16 @@ class Film:
                 )
             )
         ]
-        ensure_writable_directory(self.out.parent)
-        film(swims, self.out, self.width, self.height, self.fps, self.speed, self.title)
+        out = self.html or self.out
+        ensure_writable_directory(out.parent)
+        if self.html:
+            write_replay(swims, out, self.title or "AquaFish")
+        else:
+            film(swims, out, self.width, self.height, self.fps, self.speed, self.title)
         for swim in swims:
             far = swim.position[-1, 1]
             print(f"{swim.label}: {far:.2f} units in {self.seconds:g} s")
-        print(f"Film: {self.out}")
+        print(f"{'Replay' if self.html else 'Film'}: {out}")
 
 
 def _each(name: str, values: Sequence[Value], count: int) -> Sequence[Value]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,7 +13,13 @@ from rich.markdown import Markdown
 from tyro.conf import arg
 
 from aquafish.recovery.held_out import damage_of
-from aquafish.recovery.report import HELD_OUT, Outcomes, build_report, to_markdown
+from aquafish.recovery.report import (
+    HELD_OUT,
+    Outcomes,
+    build_report,
+    shown_replicate,
+    to_markdown,
+)
 from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
@@ -30,7 +37,8 @@ from gait.evolve import EvolveConfig
 from gait.transfer import TransferConfig
 
 SCHEMA = "aquafish.recovery/1"
-REPORT = "report.json"
+REPORT, PAGE = "report.json", "report.html"
+ELSEWHERE = ("out", "workers", "scheduler", "redraw")  # options that the results do not depend on
 
 
 @dataclass(frozen=True)
@@ -38,9 +46,9 @@ class Recover:
     """The case study: damage a fish, infer its body, evolve a gait for it, and score the gait.
 
     Eleven treatments differ in the body that the gait is evolved for and in the search. DIR holds
-    report.md, report.json, figures, a film, and for each treatment of each replicate its
-    outcome.json, morphology.json and controller.json (bodies.json with joint inference). The same
-    command resumes.
+    report.html, report.md, report.json, figures, a film, and for each treatment of each replicate
+    its outcome.json, morphology.json and controller.json (bodies.json with joint inference). The
+    same command resumes.
     """
 
     out: Out = Path("out/recovery")
@@ -184,15 +192,20 @@ class Recover:
     def _publish(self, jobs: list[Treatment], folder: Path, settings: dict[str, Any]) -> None:
         """Write the report, the figures and each treatment's files, and print the report."""
         from aquafish.recovery.figures import draw_all
+        from aquafish.recovery.page import report_page
 
         outcomes = read_outcomes(folder, jobs)
-        pictures = draw_all(folder, jobs[0], outcomes, self.format, self.film)
+        seed = jobs[0].seed + shown_replicate(outcomes)
+        job_shown = next(job for job in jobs if job.seed == seed)
+        pictures, svgs = draw_all(folder, job_shown, outcomes, self.format, self.film)
         versions = (read_manifest(folder) or {}).get("versions", {})
         report = build_report(settings, [versions], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
         shown = next(form for form in ("png", "svg", "pdf") if form in self.format)
         text = to_markdown(report, [name for name in pictures if name.endswith((shown, "webp"))])
         write_bytes(folder / "report.md", text.encode())
+        page = report_page(job_shown, outcomes, report, svgs, self._commands(job_shown))
+        write_bytes(folder / PAGE, page.encode())
         for job in jobs:
             outcome = outcomes[job.treatment][job.seed - jobs[0].seed]
             write_document(folder / job.folder / "morphology.json", outcome["morphology"])
@@ -202,7 +215,28 @@ class Recover:
             controller.save(folder / job.folder / "controller.json")
         console = Console()
         console.print(Markdown(to_markdown(report, short=True)))
-        console.print(f"Report and figures: {folder}", soft_wrap=True)
+        console.print(f"Report and figures: {folder}\n{folder / PAGE}", soft_wrap=True)
+
+    def _commands(self, shown: Treatment) -> list[str]:
+        """Return the command lines that repeat the study and replay the shown robot."""
+        words = ["aquafish", "recover"]
+        for field in fields(self):
+            value = getattr(self, field.name)
+            option = field.name.replace("_", "-")
+            if value == field.default or field.name in ELSEWHERE:
+                continue
+            if isinstance(value, bool):
+                words.append(f"--{'' if value else 'no-'}{option}")
+            else:
+                words += [f"--{option}", *([*value] if isinstance(value, tuple) else [str(value)])]
+        folder, damage = f"seed-{shown.seed:03d}", str(shown.damage)
+        old = f"{folder}/undamaged/controller.json"
+        replay = [
+            *("aquafish", "film", old, old, f"{folder}/joint-fins/controller.json"),
+            *("--morphology", f"{folder}/undamaged/morphology.json"),
+            *("--damage", "none", damage, damage, "--html", "swim.html"),
+        ]
+        return [shlex.join(words), shlex.join(replay)]
 
 
 def read_outcomes(folder: Path, jobs: Sequence[Treatment]) -> Outcomes:

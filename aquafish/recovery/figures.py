@@ -7,18 +7,21 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aquafish.recovery.report import Outcomes, distances
+from aquafish.recovery.page import broken_fins, damage_in_words, shown_swims
+from aquafish.recovery.report import Outcomes, shown_replicate
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
-from aquafish_gym import Damage, Morphology
+from aquafish_gym import DIMENSIONS, Morphology
 from aquafish_gym.morphology import FIN_WORDS
 from aquafish_gym.rendering import Camera, film, render_pose
-from aquafish_gym.rendering.pictures import new_figure, save_figure
+from aquafish_gym.rendering.films import CM_PER_UNIT
+from aquafish_gym.rendering.pictures import encode_figure, new_figure, save_figure
 from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
-from gait.film import filmed, stages
+from eea.study.statistics import interval
 from gait.plots import DPI, draw_trajectories
 from gait.rollout import Swim
 
@@ -36,8 +39,8 @@ COLOURS = {
     "oracle": "#009e73",
     "oracle-fins": "#00523c",
 }
-RECOVERED = "joint-fins"  # its gait is in the last scene of the film
 LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
+ON_THE_PAGE = ("sizes", "fitness", "distances")
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
@@ -48,10 +51,15 @@ FILM_PIXELS = (800, 450)
 
 def draw_all(
     folder: Path, job: Treatment, outcomes: Outcomes, formats: Sequence[str], filmed: bool
-) -> list[str]:
-    """Write all figures of a study in each format and return the names of their files."""
+) -> tuple[list[str], dict[str, bytes]]:
+    """Write all figures of a study in each format.
+
+    ``job`` is of the shown replicate. Return the names of the files, and as SVG the figures of the
+    report's page.
+    """
     figures = {
-        "bodies": bodies_figure(job.target, outcomes),
+        "bodies": bodies_figure(job, outcomes),
+        "sizes": sizes_figure(job, outcomes),
         "paths": paths_figure(outcomes),
         "fitness": fitness_figure(job.target, outcomes),
         "distances": distances_figure(outcomes),
@@ -62,42 +70,76 @@ def draw_all(
             names.append(f"{name}.{kind}")
             save_figure(figure, folder / names[-1])
     if filmed:
-        names += write_film(folder, job.morphology, outcomes)
-    return names
+        names += write_film(folder, job, outcomes)
+    return names, {name: encode_figure(figures[name], "svg") for name in ON_THE_PAGE}
 
 
-def bodies_figure(target: Morphology, outcomes: Outcomes) -> Figure:
-    """Draw the target and each treatment's body of the first replicate, fins in red (Fig. 11)."""
-    bodies = {"target": target} | {
-        t: Morphology.coerce(outcomes[t][0]["morphology"])
+def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
+    """Draw the target and each treatment's body (Fig. 11); the broken fins have another colour."""
+    shown = shown_replicate(outcomes)
+    bodies = {"target": job.target} | {
+        t: Morphology.coerce(outcomes[t][shown]["morphology"])
         for t in ("undamaged", "none", "out-of-band", "joint")
     }
-    figure = new_figure(2.63 * len(bodies), 3.3, DPI)
+    broken = broken_fins(job)
+    figure = new_figure(2.63 * len(bodies), 3.1, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
-        axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA))
-        axes.set_title("the damaged robot\n")
+        marked = () if name == "undamaged" else broken
+        axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA, marked))
+        axes.set_title("the damaged robot\nbroken fin in yellow")
         if name != "target":
-            fit = outcomes[name][0]["objective_fitness"]
+            fit = outcomes[name][shown]["objective_fitness"]
             axes.set_title(f"{LABELS[name]}\nOBJ_FIT {fit:.2f}", color=COLOURS[name])
         axes.set_axis_off()
     return figure
 
 
+def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:
+    """Draw the sizes of the damaged robot and of each self-model, with posterior intervals."""
+    shown = shown_replicate(outcomes)
+    whole, true = job.morphology.to_array(), job.target.to_array()
+    joint = outcomes["joint"][shown]
+    low, high = (
+        Morphology.coerce(joint["interval"][end]).to_array() / whole for end in ("low", "high")
+    )
+    middle = Morphology.coerce(joint["morphology"]).to_array() / whole
+    paper = Morphology.coerce(outcomes["out-of-band"][shown]["morphology"]).to_array() / whole
+    rows = -np.arange(len(whole))
+    figure = new_figure(8.0, 3.8, DPI)
+    axes = figure.add_subplot()
+    for row in rows[true != whole]:
+        axes.axhspan(row - 0.5, row + 0.5, color="#facc15", alpha=0.3, lw=0)
+    axes.axvline(100, color="0.8", lw=0.8, zorder=0)
+    mass = f"{joint['interval']['mass']:.0%} interval of {LABELS['joint']}"
+    axes.hlines(rows, 100 * low, 100 * high, COLOURS["joint"], lw=8, alpha=0.4, label=mass)
+    axes.plot(100 * middle, rows, ".", color=COLOURS["joint"], label=LABELS["joint"])
+    blue = COLOURS["out-of-band"]
+    axes.plot(100 * paper, rows, "s", ms=5, mfc="none", color=blue, label=LABELS["out-of-band"])
+    axes.plot(100 * true / whole, rows, "|", ms=14, mew=1.8, color="black", label="truth")
+    axes.set_yticks(rows, [f"{FIN_WORDS[d.fin]} {d.size}" for d in DIMENSIONS])
+    for row, values in zip(rows, 100 * np.column_stack([middle, low, high]), strict=True):
+        text = "{:.0f}% [{:.0f}, {:.0f}]".format(*values)
+        axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center")
+    axes.set_xlabel("size, % of the healthy robot's; yellow: broken")
+    _legend_above(axes)
+    return figure
+
+
 def paths_figure(outcomes: Outcomes) -> Figure:
-    """Draw the first replicate's gaits, each on its own model and on the target (Fig. 12)."""
+    """Draw the shown replicate's gaits, each on its own model and on the target (Fig. 12)."""
     figure = new_figure(2.9 * len(PATHS), 3.6, DPI)
     panels = figure.subplots(1, len(PATHS), sharey=True)
     for axes, name in zip(panels, PATHS, strict=True):
-        swims = {"own model": _first_swim(outcomes, name, "native")}
-        draw_trajectories(swims | {"target": _first_swim(outcomes, name, "target")}, axes)
+        swims = {"own model": shown_swim(outcomes, name, "native")}
+        draw_trajectories(swims | {"target": shown_swim(outcomes, name, "target")}, axes)
         axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), fontsize="small", ncols=2)
         axes.label_outer()
         axes.set_title(LABELS[name], color=COLOURS[name])
     return figure
 
 
-def _first_swim(outcomes: Outcomes, treatment: str, body: str) -> Swim:
-    return path_from_dict(outcomes[treatment][0]["swims"][body])
+def shown_swim(outcomes: Outcomes, treatment: str, body: str) -> Swim:
+    return path_from_dict(outcomes[treatment][shown_replicate(outcomes)]["swims"][body])
 
 
 def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
@@ -133,70 +175,54 @@ def fitness_figure(target: Morphology, outcomes: Outcomes) -> Figure:
 
 
 def distances_figure(outcomes: Outcomes) -> Figure:
-    """Draw every replicate's distance on the target, a line within each replicate."""
-    figure = new_figure(9.0, 8.4, DPI)
-    names = {
-        "target_distance": "from the zero pose",
-        "target_distance_random_poses": "mean over random fin poses",
-    }
-    count, places = len(outcomes["oracle"]), np.arange(len(TREATMENTS))
-    for axes, (field, title) in zip(figure.subplots(2, 1, sharex=True), names.items(), strict=True):
-        table = np.array([[distances(o)[field] for o in outcomes[t]] for t in TREATMENTS])
-        if count > 1:
-            axes.plot(places, table, color="0.8", lw=0.8, zorder=1)
-        for place, name, values in zip(places, TREATMENTS, table, strict=True):
-            colour = COLOURS[name]
-            axes.scatter(np.full(count, place), values, s=18, color=colour, zorder=2)
-            axes.plot([place - 0.25, place + 0.25], [values.mean()] * 2, color=colour, lw=2.5)
-        axes.axhline(0, color="0.6", lw=0.8)
-        axes.set_xticks(places, [LABELS[t].replace(" ", "\n") for t in TREATMENTS])
-        axes.grid(axis="y", color="0.92")
-        axes.set_title(title)
-        axes.set_ylabel("distance (units of 5 cm)")
-    figure.suptitle(f"on the damaged robot, {count} replicate{'s' if count > 1 else ''}")
+    """Draw each treatment's distances on the target: their mean, its interval, and all of them.
+
+    Of one replicate they are its swims from random poses, of several the replicates' means.
+    """
+    count = len(outcomes["oracle"])
+    figure = new_figure(8.0, 5.2, DPI)
+    axes = figure.add_subplot()
+    places = -np.arange(len(TREATMENTS))
+    for place, name in zip(places, TREATMENTS, strict=True):
+        colour = COLOURS[name]
+        swims = CM_PER_UNIT * np.array([o["target_random_distances"] for o in outcomes[name]])
+        zero = CM_PER_UNIT * np.mean([o["target_distance"] for o in outcomes[name]])
+        values = swims.mean(axis=1) if count > 1 else swims[0]
+        axes.plot(values, np.full(len(values), place), ".", color=colour, ms=7, alpha=0.45, mew=0)
+        if ends := interval(values):
+            axes.plot(ends, (place, place), color=colour, lw=2)
+        axes.plot(values.mean(), place, "o", color=colour, ms=8)
+        axes.plot(zero, place, "D", mfc="none", mec=colour, ms=6)
+        text = f"{values.mean():.0f} cm"
+        axes.annotate(text, (1.01, place), xycoords=("axes fraction", "data"), va="center")
+    swum = "mean of a replicate" if count > 1 else "swim from a random pose"
+    axes.plot([], [], "o", ms=8, label="mean over random poses", color="0.3", ls="")
+    axes.plot([], [], color="0.3", lw=2, label="95% interval of the mean")
+    axes.plot([], [], ".", ms=7, alpha=0.45, label=swum, color="0.3", ls="")
+    axes.plot([], [], "D", mfc="none", ms=6, label="from the zero pose", color="0.3", ls="")
+    _legend_above(axes)
+    axes.axvline(0, color="0.6", lw=0.8)
+    axes.grid(axis="x", color="0.92")
+    axes.set_yticks(places, list(LABELS.values()))
+    several = "replicates" if count > 1 else "replicate"
+    axes.set_xlabel(f"distance forward on the damaged robot, cm; {count} {several}")
     return figure
 
 
-def write_film(folder: Path, healthy: Morphology, outcomes: Outcomes) -> list[str]:
-    """Write the film of :func:`shown_replicate` and return the names of its files.
+def _legend_above(axes: Axes) -> None:
+    axes.legend(
+        fontsize="small", ncols=4, frameon=False, loc="lower center", bbox_to_anchor=(0.4, 1.0)
+    )
 
-    The healthy robot, the damaged one with its old gait and the damaged one with its recovered
-    gait swim from the zero pose: film.webp and, where imageio-ffmpeg is installed, film.mp4.
+
+def write_film(folder: Path, job: Treatment, outcomes: Outcomes) -> list[str]:
+    """Write the film of the shown replicate and return the names of its files.
+
+    They are film.webp and, where imageio-ffmpeg is installed, film.mp4.
     """
-    shown = shown_replicate(outcomes)
-    old, new = outcomes["undamaged"][shown], outcomes[RECOVERED][shown]
-    damaged = stages(healthy, Damage.parse(old["damage"]))
-    swims = [
-        filmed("healthy", stages(healthy, Damage()), path_from_dict(old["swims"]["native"])),
-        filmed("damaged, old gait", damaged, path_from_dict(old["swims"]["target"])),
-        filmed("damaged, recovered", damaged, path_from_dict(new["swims"]["target"])),
-    ]
-    title = f"broken: {_in_words(Damage.parse(old['damage']))}"
+    swims, title = shown_swims(job, outcomes), damage_in_words(job.morphology, job.target)
     film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title)
     if find_spec("imageio_ffmpeg") is None:
         return ["film.webp"]
     film(swims, folder / "film.mp4", 1920, 1080, title=title)
     return ["film.webp", "film.mp4"]
-
-
-def _in_words(damage: Damage) -> str:
-    """Return damage of fin sizes as text, such as ``tail length x 0.5``."""
-    return ", ".join(
-        f"{FIN_WORDS[fault.part]} {fault.word}"
-        + (f" x {fault.number:g}" if fault.number is not None else "")
-        for fault in damage
-    )
-
-
-def shown_replicate(outcomes: Outcomes) -> int:
-    """Return the replicate of the film, the one with the median gain.
-
-    A gain is the mean distance over random poses with the recovered gait minus that with the old
-    gait. Of an even number of replicates the lower of the two in the middle is taken.
-    """
-    recovered, old = (
-        [distances(outcome)["target_distance_random_poses"] for outcome in outcomes[name]]
-        for name in (RECOVERED, "undamaged")
-    )
-    gains = np.subtract(recovered, old)
-    return int(np.argsort(gains, kind="stable")[(len(gains) - 1) // 2])

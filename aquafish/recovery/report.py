@@ -81,6 +81,18 @@ def distances(outcome: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
+def shown_replicate(outcomes: Outcomes) -> int:
+    """Return the index of the replicate that pictures show: the one with the median gain.
+
+    The gain is the distance from the zero pose on the damaged robot, of the gait of ``joint-fins``
+    less that of the old gait. Of an even number it is the lower of the two in the middle; equal
+    gains are in the order of the seeds.
+    """
+    pairs = zip(outcomes["joint-fins"], outcomes["undamaged"], strict=True)
+    gains = [ours["target_distance"] - old["target_distance"] for ours, old in pairs]
+    return int(np.argsort(gains, kind="stable")[(len(gains) - 1) // 2])
+
+
 def _summary(config: Mapping[str, Any], outcomes: Outcomes, name: str) -> dict[str, Any]:
     """Return a treatment's means over the replicates, with their spread.
 

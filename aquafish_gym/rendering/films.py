@@ -35,7 +35,7 @@ _LANE = 3.5  # least distance between the paths of two fish, units
 _FISH = 2.4  # room for a fish around its centre
 _HOLD = 1.5  # s, of the last frame
 # Blue, vermilion, green, purple, orange: distinct for the colour-blind (Okabe and Ito).
-_TRAILS = ((0, 114, 178), (213, 94, 0), (0, 130, 95), (150, 60, 120), (180, 120, 0))
+TRAILS = ((0, 114, 178), (213, 94, 0), (0, 130, 95), (150, 60, 120), (180, 120, 0))
 
 
 class Stage(NamedTuple):
@@ -95,7 +95,7 @@ def film(
     return write_film(film_frames(swims, width, height, fps, speed, title), path, fps)
 
 
-def _side_by_side(swims: Sequence[FilmedSwim]) -> list[FilmedSwim]:
+def side_by_side(swims: Sequence[FilmedSwim]) -> list[FilmedSwim]:
     """Return swims until they diverge in lanes, the first the farthest from the camera."""
     lanes, x = [], 0.0
     for swim in swims:
@@ -123,7 +123,7 @@ def film_frames(
     """Yield the frames of :func:`film`; the last, at the end of the longest swim, is held."""
     from aquafish_gym.rendering import caster
 
-    lanes = _side_by_side(swims)
+    lanes = side_by_side(swims)
     everywhere = np.concatenate([lane.position for lane in lanes])
     low, high = everywhere.min(axis=0), everywhere.max(axis=0)
     view = fitting_view(everywhere, width / height)
@@ -137,7 +137,7 @@ def film_frames(
     pace = "" if speed == 1 else f"  (x {speed:g})"
     for moment in moments:
         robots, trails, words = [], [], []
-        for lane, colour in zip(lanes, itertools.cycle(_TRAILS), strict=False):
+        for lane, colour in zip(lanes, itertools.cycle(TRAILS), strict=False):
             i = max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1)
             robots.append(_robot_at(lane, i))
             trails.append((lane.position[: i + 1], colour))

@@ -32,8 +32,13 @@ def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a picture, whole or not at all, in the one of ``FORMATS`` that its suffix names."""
     form = one_of("the picture's suffix", Path(path).suffix, [f".{f}" for f in FORMATS])[1:]
+    write_bytes(path, encode_figure(figure, form))
+
+
+def encode_figure(figure: Figure, form: str) -> bytes:
+    """Return a picture as bytes in one of ``FORMATS``."""
     content = io.BytesIO()
     # Otherwise names within an SVG are salted at random; journals ask for TrueType.
     with mpl.rc_context({"svg.hashsalt": "aquafish", "pdf.fonttype": 42}):
         figure.savefig(content, format=form, metadata=_UNSAID[form])
-    write_bytes(path, content.getvalue())
+    return content.getvalue()

@@ -26,8 +26,9 @@ from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.command_line import read_morphology
 from aquafish_gym.morphology import Morphology
 from gait.controller import Controller
+from tests.browser import browser
 
-PICTURES = ["bodies", "paths", "fitness", "distances"]
+PICTURES = ["bodies", "sizes", "paths", "fitness", "distances"]
 SCRIPT = Path(__file__).parents[2] / "examples" / "damage_recovery.py"
 SMALL = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6", "--angle-sets",
          "6", "--generations", "3", "--population", "12", "--gait-poses", "1",
@@ -40,13 +41,14 @@ SMALL = ("--rounds", "2", "--joint-rounds", "1", "--steps", "64", "--models", "6
 class Done(NamedTuple):
     returncode: int
     stderr: str
+    stdout: str = ""
 
 
 def recover(out: Path, *arguments: str) -> Done:
-    errors = io.StringIO()
-    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(errors):
+    text, errors = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(text), contextlib.redirect_stderr(errors):
         code = main(["recover", "--out", str(out), *arguments])
-    return Done(code, errors.getvalue())
+    return Done(code, errors.getvalue(), text.getvalue())
 
 
 def results(out: Path) -> dict[str, bytes]:
@@ -73,7 +75,8 @@ def again(study: Path, tmp_path: Path) -> Path:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw no figures, which take longer than all else."""
     drawn = [f"{name}.png" for name in PICTURES]
-    monkeypatch.setattr("aquafish.recovery.figures.draw_all", lambda *_: drawn)
+    svgs = dict.fromkeys(("sizes", "fitness", "distances"), b"<svg/>")
+    monkeypatch.setattr("aquafish.recovery.figures.draw_all", lambda *_: (drawn, svgs))
 
 
 def test_the_report_holds_every_treatment(study: Path) -> None:
@@ -99,6 +102,33 @@ def test_the_report_holds_every_treatment(study: Path) -> None:
     for name in PICTURES:
         assert (study / f"{name}.png").stat().st_size > 5000
         assert f"({name}.png)" in text
+
+
+def test_the_command_ends_with_the_path_of_one_small_page(study: Path, again: Path) -> None:
+    page = again / "report.html"
+    page.unlink()
+    done = recover(again, *SMALL, "--replicates", "2", "--redraw")
+    assert done.stdout.splitlines()[-1] == str(page)
+    assert page.stat().st_size < 1_000_000
+    assert page.read_bytes() == (study / "report.html").read_bytes()
+
+
+@pytest.mark.parametrize("size", [(1100, 800), (390, 800)])
+def test_the_page_opens_in_a_browser(study: Path, tmp_path: Path, size: tuple[int, int]) -> None:
+    address = (study / "report.html").as_uri()
+    with browser(tmp_path) as page:
+        page.open(address, *size)
+        page.wait("document.querySelector('.replay')?.dataset.ready === 'yes'")
+        page.wait("[...document.images].every(image => image.naturalWidth > 0)")
+        assert page.value("document.images.length") == 3
+        title = page.value("document.querySelector('h1').textContent")
+        assert title.startswith("The left flipper has 50% of its length.")
+        assert page.value("document.documentElement.scrollWidth") <= size[0]
+        page.value("document.querySelector('.replay').focus()")
+        page.key("End")
+        page.wait("document.querySelector('.replay button').textContent === 'again'")
+        assert page.errors == []
+        assert page.requests == [address]
 
 
 def test_bodies_and_controllers_serve_the_next_command(study: Path) -> None:

@@ -10,7 +10,6 @@ from typing import Any
 import pytest
 
 from aquafish.recovery.command import SCHEMA
-from aquafish.recovery.figures import shown_replicate
 from aquafish.recovery.report import build_report, to_markdown
 from aquafish_gym.runs.storage import encode_document
 
@@ -68,17 +67,3 @@ def test_diverged_swims_are_counted(report: dict[str, Any]) -> None:
     outcomes["none"][0]["diverged"] = outcomes["oracle"][3]["diverged"] = 1
     text = to_markdown(build_report(report["config"], [], outcomes))
     assert "diverged and count as 0 units: 2." in text
-
-
-def test_the_film_shows_the_replicate_with_the_median_gain() -> None:
-    """By the mean over random poses; of four, the lower of the two in the middle."""
-    gains = [5.0, 1.0, 9.0, 3.0]
-
-    def outcome(far: float) -> dict[str, Any]:
-        zero = {"native_distance": 0.0, "target_distance": -100 * far}
-        return {**zero, "native_random_distances": [0.0], "target_random_distances": [far, far]}
-
-    old, new = [outcome(2.0) for _ in gains], [outcome(2.0 + gain) for gain in gains]
-    assert shown_replicate({"undamaged": old, "joint-fins": new}) == 3
-    first = {"undamaged": old[:3], "joint-fins": new[:3]}
-    assert shown_replicate(first) == 0

@@ -1,0 +1,27 @@
+// What replay.js draws with. `npm ci && npm run build` in this folder writes ../three.min.js.
+export {
+  Box3,
+  BoxGeometry,
+  CanvasTexture,
+  CapsuleGeometry,
+  CircleGeometry,
+  Color,
+  DirectionalLight,
+  Fog,
+  Group,
+  HemisphereLight,
+  InstancedMesh,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  MeshStandardMaterial,
+  PerspectiveCamera,
+  PlaneGeometry,
+  Quaternion,
+  RepeatWrapping,
+  SRGBColorSpace,
+  Scene,
+  Vector3,
+  WebGLRenderer,
+} from "three";
+export { OrbitControls } from "three/addons/controls/OrbitControls.js";

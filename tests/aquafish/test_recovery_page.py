@@ -1,0 +1,54 @@
+"""The words of the case study's page follow from the outcomes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from aquafish.recovery.command import Recover
+from aquafish.recovery.page import damage_in_words
+from aquafish.recovery.report import shown_replicate
+from aquafish_gym import Damage, Morphology
+
+HEALTHY = Morphology.nominal()
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [
+        ("left_pectoral:length=0.5", "The left flipper has 50% of its length"),
+        ("caudal:missing", "The tail is missing"),
+        (
+            "right_pectoral:length=0.4;caudal:length=0.45;caudal:width=0.7",
+            "The right flipper has 40% of its length and "
+            "the tail has 45% of its length and 70% of its width",
+        ),
+        ("none", "Nothing is broken"),
+    ],
+)
+def test_the_damage_is_said_from_the_bodies(damage: str, words: str) -> None:
+    assert damage_in_words(HEALTHY, Damage.parse(damage).apply(HEALTHY)) == words
+
+
+@pytest.mark.parametrize(
+    ("gains", "shown"), [([3.0], 0), ([1.0, 9.0, 2.0], 2), ([4.0, 3.0, 2.0, 1.0], 2), ([1, 1], 0)]
+)
+def test_the_shown_replicate_has_the_median_gain(gains: list[float], shown: int) -> None:
+    outcomes: dict[str, list[dict[str, Any]]] = {
+        "joint-fins": [{"target_distance": 10 + gain} for gain in gains],
+        "undamaged": [{"target_distance": 10.0} for _ in gains],
+    }
+    assert shown_replicate(outcomes) == shown
+
+
+def test_the_commands_on_the_page_name_what_differs_from_the_defaults() -> None:
+    study = Recover(held_out=True, format=("svg", "pdf"), film=False, seed=3, out=Path("x"))
+    recover, film = study._commands(study.treatments()[0])
+    assert recover == "aquafish recover --held-out --seed 3 --format svg pdf --no-film"
+    assert film == (
+        "aquafish film seed-003/undamaged/controller.json seed-003/undamaged/controller.json "
+        "seed-003/joint-fins/controller.json --morphology seed-003/undamaged/morphology.json "
+        "--damage none right_pectoral:width=0.4 right_pectoral:width=0.4 --html swim.html"
+    )
