@@ -84,6 +84,11 @@ EpisodeDamage = Annotated[
         "random:severe: a new draw in each episode.",
     ),
 ]
+# An option's settings: tyro takes lists of damages.
+FILMED_DAMAGE = arg(
+    metavar="DAMAGE",
+    help=f"Damage of each fish: {_ANY_DAMAGE} Or random:mild, random:moderate, random:severe.",
+)
 TargetEngine = Annotated[
     Literal["auto", "pybullet", "numba"],
     arg(help="Engine of the target; auto is PyBullet where it is installed, else numba."),

@@ -1,4 +1,4 @@
-"""The command line: ``python -m gait evolve --out DIR``, ``transfer`` and ``baseline``."""
+"""The command line: ``python -m gait evolve --out DIR``, ``transfer``, ``film``, ``baseline``."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from aquafish_gym.command_line import Commands, run_command_line
 COMMANDS: Commands = {
     "evolve": ("gait.cli:Evolve", "evolve a gait for a body, or for a sample of bodies"),
     "transfer": ("gait.cli:TransferCommand", "swim a gait on another body"),
+    "film": ("gait.film:Film", "film controllers as they swim, side by side"),
     "baseline": ("gait.cli:BaselineCommand", "learn a task with PPO of stable-baselines3"),
 }
 

@@ -48,12 +48,9 @@ def solid_parts(parts: Sequence[Part], poses: Floats) -> Floats:
 
 
 def draw_water(
-    view: View, floor: float, robots: Sequence[Floats], width: int, height: int, start: bool = False
+    view: View, floor: float, robots: Sequence[Floats], width: int, height: int
 ) -> Frame:
-    """Return a picture of the water and its ruled floor, with the robots' soft shadows.
-
-    With ``start`` there is a line on the floor at y = 0.
-    """
+    """Return a picture of the water and its ruled floor, with the robots' soft shadows."""
     shades = np.zeros((len(robots), _TEXELS, _TEXELS))
     places = np.zeros((len(robots), 3))
     for robot, shade, place in zip(robots, shades, places, strict=True):
@@ -66,12 +63,12 @@ def draw_water(
         for axis in (0, 1, 0, 1):  # softens edges
             shade += np.roll(shade, 1, axis) + np.roll(shade, -1, axis)
             shade /= 3
-    colours = (scene.WATER_ABOVE, scene.WATER_BELOW, scene.SAND, scene.GRID, scene.INK)
+    colours = (scene.WATER_ABOVE, scene.WATER_BELOW, scene.SAND, scene.GRID)
     ruling = (scene.GRID_SPACING, scene.MAIN_GRID_SPACING)
     picture = np.empty((height, width, 3), np.uint8)
     _paint_water(
         picture, np.array(view[:4]), 2 * view.slope / height, _VISIBILITY * view.distance, floor,
-        ruling, np.array(colours, float), start, shades * _SHADE, places,
+        ruling, np.array(colours, float), shades * _SHADE, places,
     )  # fmt: skip
     return picture
 
@@ -114,7 +111,7 @@ def _line(at: float, spacing: float, width: float, blur: float) -> Any:
 @_jit
 def _paint_water(
     picture: Any, view: Any, pixel: float, fog: float, floor: float,
-    ruling: Any, colours: Any, start: bool, shades: Any, places: Any,
+    ruling: Any, colours: Any, shades: Any, places: Any,
 ) -> None:  # fmt: skip
     height, width = picture.shape[:2]
     eye, right, up, forward = view[0], view[1], view[2], view[3]
@@ -141,8 +138,6 @@ def _paint_water(
                 thin = max(_line(x, ruling[0], 0.05, bx), _line(y, ruling[0], 0.05, by))
                 thick = max(_line(x, ruling[1], 0.1, bx), _line(y, ruling[1], 0.1, by))
                 line[i] = max(0.45 * thin, 0.8 * thick)
-                if start:
-                    line[i] = max(line[i], 2 * _line(y, 1e6, 0.2, by))
             for k in range(len(shades)):
                 texel = places[k, 2]
                 for i in range(width):
@@ -152,10 +147,10 @@ def _paint_water(
                         light[i] *= 1 - _between(shades[k], u, v)
         for c in range(3):
             water = colours[0, c] + (j + 0.5) / height * (colours[1, c] - colours[0, c])
-            sand, mark, ink = colours[2, c], colours[3, c] - colours[2, c], colours[4, c]
+            sand, mark = colours[2, c], colours[3, c] - colours[2, c]
             for i in range(width):
-                value = sand + line[i] * mark if line[i] <= 1 else ink
-                picture[j, i, c] = np.uint8(water + clear * (light[i] * value - water) + 0.5)
+                ground = light[i] * (sand + line[i] * mark)
+                picture[j, i, c] = np.uint8(water + clear * (ground - water) + 0.5)
 
 
 @_jit

@@ -6,10 +6,7 @@ world. Fin angles are as everywhere: left and right pectoral angle and caudal *p
 
 from __future__ import annotations
 
-import os
-from collections.abc import Collection, Iterable
-from io import BytesIO
-from pathlib import Path
+from collections.abc import Collection
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +14,6 @@ from numpy.typing import ArrayLike
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering.camera import Camera, Frame
 from aquafish_gym.rendering.scene import CLEARANCE, FLOOR, Floats, part_poses, robot_parts
-from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 
 
@@ -85,29 +81,3 @@ def render_motion(
         render_pose(morphology, (here, turn), fins, width, height, camera)
         for here, turn, fins in zip(where, how, angles, strict=True)
     ]
-
-
-def write_gif(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float = 20.0) -> Path:
-    """Write frames (H, W, 3) of one size as a GIF that repeats forever; return its path.
-
-    GIF counts hundredths of a second, so only frame rates of 100 / n are exact.
-    """
-    from PIL import Image
-
-    finite_array("fps", fps, (), 0.1, 240.0)
-    pictures = [np.asarray(frame) for frame in frames]
-    if not pictures:
-        raise InvalidArgumentError("frames must hold at least one picture; got none")
-    for picture in pictures:
-        if picture.dtype != np.uint8 or picture.ndim != 3 or picture.shape[2] != 3:
-            found = f"{picture.shape} of {picture.dtype}"
-            raise InvalidArgumentError(f"frames must be (H, W, 3) pictures of uint8; got {found}")
-        if picture.shape != pictures[0].shape:
-            sizes = f"{pictures[0].shape} and {picture.shape}"
-            raise InvalidArgumentError(f"frames must all be of one size; got {sizes}")
-    pause = 10 * max(2, round(100 / fps))  # ms; viewers slow down anything shorter than 20
-    first, *others = (Image.fromarray(picture) for picture in pictures)
-    content = BytesIO()
-    first.save(content, "GIF", save_all=True, append_images=others, duration=pause, loop=0)
-    write_bytes(path, content.getvalue())
-    return Path(path)

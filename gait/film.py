@@ -1,0 +1,135 @@
+"""The command ``film``: controllers as they swim, side by side from one start line."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import numpy as np
+from tyro.conf import Positional, arg
+
+from aquafish_gym.command_line import FILMED_DAMAGE, TargetEngine, read_morphology
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.api import TIMESTEP, check_engine
+from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.rendering.films import SUFFIXES, FilmedSwim, Stage, film
+from aquafish_gym.rollout import rollout
+from aquafish_gym.runs.storage import ensure_writable_directory
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from gait.controller import INTERVAL, Controller
+from gait.rollout import SECONDS, ZERO_POSE, step_count
+
+Value = TypeVar("Value")
+
+
+@dataclass(frozen=True)
+class Film:
+    """Film controllers as they swim, side by side from one start line in one fixed frame.
+
+    With several controllers, bodies or damages there is a fish for each; a single one is for all
+    fish. Broken fins are yellow with a black edge.
+    """
+
+    controllers: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE")]
+    """One controller.json or more, as evolve writes it."""
+    out: Annotated[Path, arg(metavar="FILE")] = Path("film.webp")
+    """The film: .webp, .gif, or .mp4, which needs the extra film."""
+    morphology: Annotated[tuple[Path, ...], arg(metavar="FILE")] = ()
+    """JSON files of bodies before their damage; by default each controller's own."""
+    damage: Annotated[tuple[str, ...], FILMED_DAMAGE] = ("none",)
+    label: tuple[str, ...] = ()
+    """A name of each fish; by default its damage."""
+    seconds: float = SECONDS
+    """Length of a swim."""
+    engine: TargetEngine = "auto"
+    seed: int = 0
+    """Seed of random damage and of the noise of sensors."""
+    width: int = 960
+    """Width of the film in pixels."""
+    height: int = 540
+    """Height of the film in pixels."""
+    fps: float = 20.0
+    """Frames per second."""
+    speed: float = 1.0
+    """Speed of the film relative to the swim."""
+
+    def execute(self) -> None:
+        """Swim all fish and write the film."""
+        one_of("the film's suffix", self.out.suffix, SUFFIXES)
+        integer("seed", self.seed, 0)
+        step_count(self.seconds)
+        engine = check_engine(self.engine)
+        controllers = [Controller.load(path) for path in self.controllers]
+        bodies = [read_morphology(path, "morphology") for path in self.morphology]
+        damages = [Damage.parse(text) for text in self.damage]
+        fish = max(len(controllers), len(bodies), len(damages), len(self.label))
+        swims = [
+            film_swim(*one, self.seconds, engine, np.random.default_rng([self.seed, i]))
+            for i, one in enumerate(
+                zip(
+                    _each("controllers", controllers, fish),
+                    _each("morphology", bodies or [None], fish),
+                    _each("damage", damages, fish),
+                    _each("label", self.label or [""], fish),
+                    strict=True,
+                )
+            )
+        ]
+        ensure_writable_directory(self.out.parent)
+        film(swims, self.out, self.width, self.height, self.fps, self.speed)
+        for swim in swims:
+            far = swim.motion.position[-1, 1]
+            print(f"{swim.label}: {far:.2f} units in {self.seconds:g} s")
+        print(f"Film: {self.out}")
+
+
+def _each(name: str, values: Sequence[Value], count: int) -> Sequence[Value]:
+    """Return ``count`` values, of which a single one serves all."""
+    if len(values) not in (1, count):
+        raise InvalidArgumentError(f"{name} must be 1 or {count} values; got {len(values)}")
+    return values if len(values) == count else list(values) * count
+
+
+def film_swim(
+    controller: Controller,
+    morphology: Morphology | None,
+    damage: Damage,
+    label: str,
+    seconds: float,
+    engine: str,
+    rng: np.random.Generator,
+) -> FilmedSwim:
+    """Return a swim from the zero pose to film; without a body, of the controller's own."""
+    body = controller.morphology if morphology is None else morphology
+    if body is None:
+        raise InvalidArgumentError("morphology must be given: the controller has none; got none")
+    damage = damage.sample(rng)
+    (path,) = rollout(
+        [controller.policy(ZERO_POSE)],
+        damage.edit(Scenario.create(body), INTERVAL),
+        engine=engine,
+        seconds=step_count(seconds) * TIMESTEP,
+        interval=INTERVAL,
+        rngs=[rng],
+    ).paths
+    words = label or ("undamaged" if not damage else str(damage))
+    return FilmedSwim(words, path, stages(body, damage))
+
+
+def stages(body: Morphology, damage: Damage) -> tuple[Stage, ...]:
+    """Return what a body becomes with damage, and which of its fins are broken when.
+
+    A fin is broken if it has another size or its servo does not follow its command.
+    """
+    scenario = damage.edit(Scenario.create(body), INTERVAL)
+    changes = [(0, scenario), *((change.step, change.to) for change in scenario.schedule)]
+    found = []
+    for step, now in changes:
+        sizes = (now.body[0] != body.to_array()).reshape(3, 3).any(axis=1)
+        broken = sizes | (now.servo_gain[0] != 1.0)
+        names = tuple(fin for fin, bad in zip(FINS, broken, strict=True) if bad)
+        found.append(Stage(step * TIMESTEP, Morphology.from_array(now.body[0]), names))
+    return tuple(found)
