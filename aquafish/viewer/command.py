@@ -41,6 +41,7 @@ class View:
     """A function from observation and time to an action, or an object with a method policy."""
     damage: EpisodeDamage = "none"
     gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
+    gyro_only: bool = False  #: Whether the self-model uses the gyroscope alone.
     port: int = 8080  #: Port of the page; the next free one is taken.
     seed: int = 0  #: Seed of everything random.
 
@@ -61,7 +62,7 @@ class View:
         found["gait"] = gait_pilot(gait)
         found["random"] = Pilot(RandomAgent(self.seed), 20)
         if self.robots == 1:
-            found["self-model"] = self_model_pilot(self.gyro_noise, self.seed)
+            found["self-model"] = self_model_pilot(self.gyro_noise, self.gyro_only, self.seed)
         return found
 
     def execute(self) -> None:

@@ -88,7 +88,8 @@ class PolicyAgent:
         pairs = zip(self._policies, seen, strict=True)
         actions = [policy(one, self._time) for policy, one in pairs]
         self._time += POLICY_INTERVAL * TIMESTEP
-        return np.clip(np.array(actions, float).reshape(len(seen), 3), -1.0, 1.0)
+        clipped: Floats = np.clip(np.array(actions, float).reshape(len(seen), 3), -1.0, 1.0)
+        return clipped
 
 
 def gait_pilot(gait: Controller) -> Pilot:
@@ -139,12 +140,14 @@ class LiveSwim:
         self._sizes, self._current = Morphology.nominal().to_array(), np.zeros(3)
         self._noise = check_row("gyro_noise", gyro_noise)
         self._everyone = np.arange(self.count)
-        self.reset(pilot)
+        self.pilot = pilot
+        self.reset()
 
     def reset(self, pilot: Pilot | None = None) -> None:
         """Begin again at the start line, at rest, with the damage of the start."""
         self.pilot = pilot or self.pilot
-        self.steps, self.held, self._key = 0, 0, ()
+        self.steps, self.held = 0, 0
+        self._key: tuple[object, ...] = ()
         self._damages = [self._damage.sample(self._rng) for _ in self._everyone]
         self._angles = self._rng.uniform(-math.pi, math.pi, (self.count, 3))
         self._sensors = Sensors(self.count)
@@ -202,11 +205,14 @@ class LiveSwim:
         self._current = check_row("current", current)
 
     def advance(self, updates: int = 1) -> None:
-        """Swim on for some updates of 0.05 s; robots that diverge begin again."""
+        """Apply what was changed and swim on for some updates of 0.05 s.
+
+        All begin again if one diverges.
+        """
         interval = self.pilot.interval
         stride = math.gcd(interval, UPDATE)
+        self._become()
         for _ in range(updates * UPDATE // stride):
-            self._become()
             if self.steps % interval == 0:
                 self._steer()
             self._lanes.advance(scale_action(self.actions), stride)
@@ -215,6 +221,7 @@ class LiveSwim:
             if self._lanes.diverged().any():
                 self.reset()
             self.states = self._lanes.rows()
+            self._become()
             self._observe()
 
     def _steer(self) -> None:
@@ -262,9 +269,7 @@ def part_forces(robot: Scenario, state: Floats) -> Floats:
     body = robot_from_column(robot_parameters(robot.body, robot.drag)[:, 0])
     now, (x, y, z) = state_from_numbers(state.tolist()), robot.current[0].tolist()
     water, turn = forces(body, now, (x, y, z)), rotation(now.orientation)
-    apart = [
-        Water(*(one if i == k else _NOTHING for i, one in enumerate(water))) for k in range(4)
-    ]
+    apart = [Water(*(one if i == k else _NOTHING for i, one in enumerate(water))) for k in range(4)]
     return np.array([to_world(turn, on_body(now, part)[0]) for part in apart])
 
 
@@ -302,8 +307,8 @@ def angles_in_degrees(state: Floats) -> list[float]:
     return [left, right, 30.0 * math.sin(math.radians(phase))]
 
 
-def self_model_pilot(gyro_noise: float = 0.0, seed: int = 0) -> Pilot:
+def self_model_pilot(gyro_noise: float = 0.0, gyro_only: bool = False, seed: int = 0) -> Pilot:
     """Return a pilot that models itself, with the packaged library of gaits."""
-    config = AgentConfig(seconds=HORIZON, gyro_noise=gyro_noise, seed=seed)
-    agent = SelfModelAgent(config=config)
+    settings = AgentConfig(HORIZON, gyro_noise=gyro_noise, gyro_only=gyro_only, seed=seed)
+    agent = SelfModelAgent(config=settings)
     return Pilot(agent, agent.hold)

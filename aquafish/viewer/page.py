@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import math
 import queue
 import time
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,7 +26,8 @@ from aquafish.viewer.live import (
     imagine_ghost,
     part_forces,
 )
-from aquafish_gym.damage.faults import PARTS, Fault
+from aquafish_gym.damage import Damage, Fault
+from aquafish_gym.damage.faults import PARTS
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import scene
@@ -68,15 +72,16 @@ class Shapes:
 
         body = scene.robot_parts(Morphology.nominal())[0].size
         capsule = trimesh.creation.capsule(body[1] - body[0], body[0] / 2, count=[24, 24])
-        capsule.apply_transform(trimesh.transformations.rotation_matrix(math.pi / 2, (1, 0, 0)))
-        self.colour, self._dress, self.count = colour, (), count
+        capsule.vertices = capsule.vertices[:, [1, 2, 0]]  # its axis is y
+        self.colour, self.count = colour, count
+        self._dress: list[tuple[bytes, tuple[str, ...]]] = []
 
         def add(part: str, mesh: Any, number: int, flat: bool) -> Any:
             return api.add_batched_meshes_simple(
                 f"{name}/{part}", mesh.vertices, mesh.faces, opacity=opacity, flat_shading=flat,
                 batched_wxyzs=np.tile((1.0, 0.0, 0.0, 0.0), (number, 1)),
                 batched_positions=np.zeros((number, 3)), batched_scales=np.ones((number, 3)),
-                batched_colors=np.tile(np.uint8(colour or scene.BODY), (number, 1)),
+                batched_colors=np.tile(np.array(colour or scene.BODY, np.uint8), (number, 1)),
                 cast_shadow=opacity is None, receive_shadow=False, lod="off",
             )  # fmt: skip
 
@@ -132,7 +137,8 @@ class Viewer:
         self._viser = viser_module()
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._updates, self._owed = 0, 0.0
-        self.server = self._viser.ViserServer("127.0.0.1", port, "AquaFish", verbose=False)
+        with contextlib.redirect_stdout(io.StringIO()):  # a banner
+            self.server = self._viser.ViserServer("127.0.0.1", port, "AquaFish", verbose=False)
         self.url = f"http://127.0.0.1:{self.server.get_port()}"
         columns = math.ceil(math.sqrt(swim.count))
         number = np.arange(swim.count)
@@ -150,7 +156,14 @@ class Viewer:
         rows = np.linspace(0, 1, 64)[:, None, None]
         water = scene.WATER_ABOVE + rows * np.subtract(scene.WATER_BELOW, scene.WATER_ABOVE)
         api.set_background_image(np.tile(water, (1, 4, 1)).astype(np.uint8), format="png")
-        api.configure_environment_map("studio", environment_intensity=0.6)
+        api.configure_environment_map(None)
+        api.configure_default_lights(enabled=False)
+        api.add_light_hemisphere(
+            "/sky", sky_color=(255, 255, 255), ground_color=scene.SAND, intensity=1.6
+        )
+        api.add_light_directional(
+            "/sun", position=(-6.0, -4.0, 14.0), intensity=1.9, cast_shadow=self.swim.count == 1
+        )
         self.world = api.add_frame("/world", show_axes=False)
         self.floor = api.add_grid(
             "/world/floor", width=400.0, height=400.0, cell_size=scene.GRID_SPACING,
@@ -161,17 +174,22 @@ class Viewer:
         self.robots = Shapes(api, "/world/robots", self.swim.count, None, None)
         self.robots.boxes.on_click(self._clicked)
         self.ghost = Shapes(api, "/world/ghost", 1, GHOST, 0.5)
-        self.samples = Shapes(api, "/world/samples", SAMPLES, GHOST, 0.08)
-        self.ghost_name = api.add_label("/world/ghost/name", "self-model", position=(0, 0, 1))
+        self.samples = Shapes(api, "/world/samples", SAMPLES, GHOST, 0.12)
+        self.ghost_name = api.add_label("/world/ghost/name", "self-model")
+        self.name = api.add_label("/world/name", "", visible=self.swim.count > 1)
         nothing = np.zeros((4, 2, 3), np.float32)
         self.arrows = api.add_arrows(
             "/world/forces", nothing, ARROWS, shaft_radius=0.04, head_radius=0.1, head_length=0.2
         )
-        self.trail = api.add_line_segments("/world/trail", nothing, TRAILS, line_width=2.5)
+        self.trail = api.add_line_segments(
+            "/world/trail", nothing, TRAILS, thickness=2.5, thickness_units="screen"
+        )
         wide = LANE * columns
         camera = self.server.initial_camera
-        camera.position = (6.0, -8.0, 5.0) if columns == 1 else (wide, -wide * 1.6, wide * 1.1)
-        camera.look_at, camera.fov = (0.0, 0.0, 0.0), math.radians(45)
+        camera.position = (
+            (5.5, -7.5, 7.5) if columns == 1 else (0.6 * wide, -1.5 * wide, 1.2 * wide)
+        )
+        camera.look_at, camera.fov = (0.12 * wide + 1.2, 0.0, 0.0), math.radians(45)
 
     def _build_controls(self) -> None:
         gui, swim, series = self.server.gui, self.swim, self._viser.uplot.Series
@@ -179,8 +197,9 @@ class Viewer:
         self.reading = gui.add_markdown("")
         lines = [series(label="s"), *(series(label=n, stroke=c, width=1.5) for n, c in AXES)]
         self.traces = gui.add_uplot(
-            tuple(np.zeros((4, 2))), tuple(lines), title="gyroscope, rad/s", aspect=1.9
-        )
+            tuple(np.zeros((4, 2))), tuple(lines), title="gyroscope, rad/s", aspect=1.9,
+            scales={"x": {"time": False}}, legend={"live": False},
+        )  # fmt: skip
         with gui.add_folder("Swim"):
             self.pilot = gui.add_dropdown("steered by", tuple(self._pilots))
             self.play = gui.add_checkbox("play", True)
@@ -241,11 +260,15 @@ class Viewer:
 
     def _clicked(self, event: Any) -> None:
         """Strike the fin that was clicked with the chosen fault."""
-        robot, box = divmod(event.instance_index or 0, len(BOXES))
+        robot, box = divmod(event.instance_index, len(BOXES))
         fin = BOXES[box].removesuffix("_break")
-        if event.instance_index is not None and fin in FINS:
+
+        def strike() -> None:
             self.number.value, self.fin.value = robot + 1, fin
-            self._todo.put(lambda: self.strike(str(self._chosen_fault())))
+            self.strike(str(self._chosen_fault()))
+
+        if fin in FINS:
+            self._todo.put(strike)
 
     def strike(self, damage: str) -> None:
         """Break the chosen robot, or all, in mid-swim; what is wrong is shown on the page."""
@@ -272,6 +295,7 @@ class Viewer:
             self._todo.get()()
         self.swim.set_sizes([slider.value / CM_PER_UNIT for slider in self.sizes])
         self.swim.set_current([slider.value / CM_PER_UNIT for slider in self.current])
+        self.swim.advance(0)
         if self.play.value:
             self._owed += self.speed.value
             updates = int(self._owed)
@@ -302,19 +326,20 @@ class Viewer:
             self.floor.position = (0, 0, min(scene.FLOOR, places[2].min() - scene.CLEARANCE))
             self.arrows.visible, self.trail.visible = self.show_forces.value, self.show_trail.value
             if self.show_forces.value:
-                self._draw_forces(states[:, me])
+                self._draw_forces(me, states[:, me])
             self._draw_ghost()
+            self.name.text, self.name.position = f"robot {me + 1}", places[:, me] + (0, 0, 1.2)
             if self._updates % BLINK == 0:
                 self._draw_past(me)
                 self._write(me)
         self.server.flush()
 
-    def _draw_forces(self, state: Floats) -> None:
-        me = self.number.value - 1
+    def _draw_forces(self, me: int, state: Floats) -> None:
         body = Morphology.from_array(self.swim.robots.body[me])
         pose = (state[None, POSITION], state[None, QUATERNION], angles_of_rows(state[:, None]).T)
         parts = scene.robot_parts(body)
-        at = {part.name: row[:3] for part, row in zip(parts, scene.part_poses(body, *pose)[0], strict=True)}
+        poses = scene.part_poses(body, *pose)[0]
+        at = {part.name: place[:3] for part, place in zip(parts, poses, strict=True)}
         forces = part_forces(self.swim.robots.take(me), state)
         tails = np.array([at.get(name, at["body"]) for name in (*FINS, "body")])
         heads = tails + ARROW * forces + (0, 0, 1e-3)  # an arrow of no length has no direction
@@ -356,8 +381,8 @@ class Viewer:
             f"fins: left {left:.0f}°, right {right:.0f}°, tail {tail:+.0f}°\n\n"
             f"the water pushes forward by {push:+.1f} mN"
         )
-        faults = "; ".join(f"{f.part}:{f.word}" + (f"={f.number:g}" if f.number is not None else "") for f in swim.faults(me))
-        self.damage.content = f"broken: {faults or 'nothing'}{self._problem}"
+        faults = Damage(tuple(replace(f, onset=0.0, duration=None) for f in swim.faults(me)))
+        self.damage.content = f"broken: {faults}{self._problem}"
         self.thoughts.content = self._thoughts()
 
     def _thoughts(self) -> str:
@@ -367,15 +392,17 @@ class Viewer:
         sd = np.sqrt(np.diag(agent.model.covariance))
         attitude, fins = np.degrees([sd[ATTITUDE].max(), sd[FIN_ANGLES].max()])
         lines = [
-            f"± {attitude:.2f}° attitude, ± {fins:.2f}° fins, "
-            f"± {CM_PER_UNIT * sd[VELOCITY].max():.2f} cm/s (1 sd)"
+            f"± {attitude:.2g}° attitude, ± {fins:.2g}° fins, "
+            f"± {CM_PER_UNIT * sd[VELOCITY].max():.2g} cm/s (1 sd)"
         ]
         left = CALIBRATION * agent.dt - self.swim.seconds
         if left > 0:
             lines.append(f"measures its own error for {left:.0f} s more; break nothing")
         if agent.recognised is not None:
             several = agent.recognised.alternatives[:3]
-            lines += [f"- {one.weight:.0%} {one.hypothesis}" for one in several if one.weight > 0.005]
+            lines += [
+                f"{one.weight:.0%} `{one.hypothesis}`" for one in several if one.weight > 0.005
+            ]
         lines += [f"`{e.seconds:5.1f} s` {e.what}: {e.about}" for e in reversed(agent.events[-6:])]
         return "\n\n".join(lines)
 
@@ -392,4 +419,5 @@ class Viewer:
 
     def close(self) -> None:
         """Stop the server."""
-        self.server.stop()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()
