@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+VIEW = ("aquafish.viewer.command:View", "watch robots swim, and break them in mid-swim")
 CASE_STUDY = ("aquafish.recovery.command:Recover", "the case study: damage, self-model, gait")
 
 
@@ -17,5 +18,5 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         print("aquafish: interrupted", file=sys.stderr)
         return 130
-    commands = {"recover": CASE_STUDY, **COMMANDS, **GAIT_COMMANDS}
+    commands = {"recover": CASE_STUDY, "view": VIEW, **COMMANDS, **GAIT_COMMANDS}
     return run_command_line("aquafish", commands, arguments, REFUSED)

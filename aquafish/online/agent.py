@@ -114,6 +114,8 @@ class SelfModelAgent:
         Its :class:`~eea.fish.self_model.SelfModel`.
     events
         What it noticed and decided in this episode.
+    recognised
+        What its last inference that is in use found, with the alternatives; None before.
 
     Examples
     --------
@@ -161,6 +163,7 @@ class SelfModelAgent:
         self._calibration: Calibration | None = Calibration(whole, fin_angles, self.hold)
         self.model: SelfModel = self._calibration.model
         self.events: list[Event] = []
+        self.recognised: Recognised | None = None
         self._moments: list[Moment] = []
         self._steps, self._action, self._broken = 0, np.zeros(3, np.float32), WHOLE
         self._case: Case | None = None
@@ -275,7 +278,7 @@ class SelfModelAgent:
                 self._swimming = Swimming(thought.result, self.hold)
             self._refine()
             return
-        found = thought.result
+        found = self.recognised = thought.result
         if not found.explained:
             self._log("unknown", "none of my hypotheses explains what I observe")
             return

@@ -93,6 +93,8 @@ class Recognised:
         (25,) of that robot after the last action.
     explained
         Whether this explains most channels; False is "none of my hypotheses".
+    alternatives
+        The best hypotheses of different words, the likeliest first.
     """
 
     hypothesis: Hypothesis
@@ -101,6 +103,16 @@ class Recognised:
     robot: Scenario
     state: Floats
     explained: bool
+    alternatives: tuple[Alternative, ...] = ()
+
+
+class Alternative(NamedTuple):
+    """What may have broken, and how likely that is among the alternatives."""
+
+    hypothesis: Hypothesis
+    #: Likelihood times prior at the best numbers, relative to the sum over the alternatives.
+    weight: float
+    robot: Scenario  #: What it would be: a scenario of one.
 
 
 def broken(robot: Scenario, hypotheses: Sequence[Hypothesis]) -> Scenario:
@@ -192,6 +204,7 @@ def recognise(
     order = np.argsort(first, axis=None, kind="stable")[:NARROWED]
     chosen = [(i // len(everything), everything[i % len(everything)]) for i in order.tolist()]
     spacing = SPACING
+    best: dict[Hypothesis, tuple[float, int, Hypothesis]] = {}  # by their words
     for turn in range(ROUNDS):
         ends = []
         for case in sorted({case for case, _ in chosen}):
@@ -204,6 +217,9 @@ def recognise(
                 total = float(part.min()) + _prior_cost(one)
                 ends.append((total, case, several[int(part.argmin())]))
         ends.sort(key=lambda end: end[:2])
+        for end in ends:
+            key = end[2]._replace(numbers=())
+            best[key] = min(end, best.get(key, end), key=lambda one: one[0])
         chosen = [end[1:] for end in ends[: NARROWED if turn < 1 else LATER]]
         spacing /= SHRINK
     case, hypothesis = chosen[0]
@@ -216,7 +232,23 @@ def recognise(
     silent &= used
     robot, words, odd = _with_sensors(robot, errors, silent, observed[-1] == 0.0, noise, tolerance)
     explained = odd <= max(1, int(used.sum()) // 3)
-    return Recognised(hypothesis, b, words, robot, ended[:, 0], explained)
+    others = [(total, cases[k][0], one) for total, k, one in best.values()]
+    return Recognised(
+        hypothesis, b, words, robot, ended[:, 0], explained, _alternatives(others, before)
+    )
+
+
+def _alternatives(
+    found: list[tuple[float, int, Hypothesis]], before: Sequence[Scenario]
+) -> tuple[Alternative, ...]:
+    """Return hypotheses about robots ``before`` with their weights, of costs in nats."""
+    found = sorted(found, key=lambda one: one[0])
+    likelihoods = np.exp([found[0][0] - cost for cost, *_ in found])
+    weights = (likelihoods / likelihoods.sum()).tolist()
+    return tuple(
+        Alternative(one, weight, broken(before[b], [one]))
+        for weight, (_, b, one) in zip(weights, found, strict=True)
+    )
 
 
 def mismatch(predicted: Floats, observed: Floats, noise: Floats) -> Floats:

@@ -1,0 +1,76 @@
+"""The command ``aquafish view``: watch robots swim, and break them in mid-swim."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Annotated
+
+from tyro.conf import arg
+
+from aquafish.online.gaits import load_library
+from aquafish.viewer.live import (
+    MAXIMUM_ROBOTS,
+    POLICY_INTERVAL,
+    LiveSwim,
+    Pilot,
+    PolicyAgent,
+    RandomAgent,
+    gait_pilot,
+    self_model_pilot,
+)
+from aquafish.viewer.page import Viewer, viser_module
+from aquafish_gym.command_line import EpisodeDamage
+from aquafish_gym.utils.validation import InvalidArgumentError, integer
+from gait.controller import Controller
+
+
+@dataclass(frozen=True)
+class View:
+    """Watch robots swim in a browser, and break them in mid-swim. Needs the extra view.
+
+    The page is served at 127.0.0.1 alone, until Ctrl-C. A gait, random actions, a policy or, of one
+    robot, the agent with a self-model steers.
+    """
+
+    robots: int = 1  #: Number of robots, at most 64.
+    controller: Annotated[Path | None, arg(metavar="FILE")] = None
+    """A controller.json, as evolve and baseline write it; without it, a gait of the library."""
+    policy: Annotated[str | None, arg(metavar="MODULE:FUNCTION")] = None
+    """A function from observation and time to an action, or an object with a method policy."""
+    damage: EpisodeDamage = "none"
+    gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
+    gyro_only: bool = False  #: Whether the self-model uses the gyroscope alone.
+    port: int = 8080  #: Port of the page; the next free one is taken.
+    seed: int = 0  #: Seed of everything random.
+
+    def __post_init__(self) -> None:
+        integer("robots", self.robots, 1, MAXIMUM_ROBOTS)
+        integer("port", self.port, 1, 65535)
+
+    def pilots(self) -> dict[str, Pilot]:
+        """Return what can steer, by name."""
+        found: dict[str, Pilot] = {}
+        if self.policy is not None:
+            try:
+                policy = resolve_name(self.policy)
+            except (ImportError, AttributeError, ValueError) as error:
+                raise InvalidArgumentError(f"policy must be MODULE:FUNCTION; {error}") from None
+            found["policy"] = Pilot(PolicyAgent(policy), POLICY_INTERVAL)
+        gait = Controller.load(self.controller) if self.controller else load_library()[0]
+        found["gait"] = gait_pilot(gait)
+        found["random"] = Pilot(RandomAgent(self.seed), 20)
+        if self.robots == 1:
+            found["self-model"] = self_model_pilot(self.gyro_noise, self.gyro_only, self.seed)
+        return found
+
+    def execute(self) -> None:
+        """Serve the page until Ctrl-C."""
+        viser_module()
+        pilots = self.pilots()
+        first = next(iter(pilots.values()))
+        swim = LiveSwim(first, self.robots, self.damage, self.gyro_noise, self.seed)
+        viewer = Viewer(swim, pilots, self.port)
+        print(f"{viewer.url}  (Ctrl-C ends it)", flush=True)
+        viewer.run()

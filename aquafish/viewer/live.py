@@ -1,0 +1,314 @@
+"""Robots that swim in real time, and the water's forces on their parts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish_gym.command import scale_action
+from aquafish_gym.damage import Damage, Fault, edit_each
+from aquafish_gym.damage.sensors import Sensors
+from aquafish_gym.engines.compiled.lanes import LaneBatch
+from aquafish_gym.envs import episode
+from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
+from aquafish_gym.physics.kinematics import rotation, to_world
+from aquafish_gym.physics.layout import (
+    angles_of_rows,
+    robot_from_column,
+    robot_parameters,
+    state_from_numbers,
+)
+from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
+from aquafish_gym.utils.validation import InvalidArgumentError, integer
+from eea.fish.self_model import SIZE, moved, predict
+from gait.agent import ControllerAgent
+from gait.controller import Controller
+from gait.policy import ControllerLike, new_policy
+
+Floats = NDArray[np.float64]
+
+MAXIMUM_ROBOTS = 64
+UPDATE = 5  # steps of 0.01 s in an update
+HORIZON = 20.0  # s ahead for which the self-model agent chooses a gait
+POLICY_INTERVAL = 5  # steps of 0.01 s that an action of a policy is held
+SAMPLES = 12  # of what the self-model may be
+_DRAWS: Floats = np.random.default_rng(0).standard_normal((SAMPLES, SIZE))
+_NOTHING: Wrench = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+
+class Agent(Protocol):
+    """What steers the robots; see ``gait.evaluate``."""
+
+    def reset(self, info: dict[str, Any], /) -> None: ...
+    def act(self, observations: NDArray[np.float32], /) -> ArrayLike: ...
+
+
+class Pilot(NamedTuple):
+    """An agent, and for how many steps of 0.01 s its actions are held."""
+
+    agent: Agent
+    interval: int
+
+
+class RandomAgent:
+    """An agent whose actions are uniformly random."""
+
+    def __init__(self, seed: int = 0) -> None:
+        self._rng = np.random.default_rng(seed)
+
+    def reset(self, info: dict[str, Any]) -> None:
+        """Do nothing."""
+
+    def act(self, observations: NDArray[np.float32]) -> Floats:
+        """Return actions (B, 3)."""
+        return self._rng.uniform(-1.0, 1.0, (len(observations), 3))
+
+
+class PolicyAgent:
+    """An agent whose robots have a policy each: a function of observation and time."""
+
+    def __init__(self, policy: ControllerLike) -> None:
+        self._policy = policy
+
+    def reset(self, info: dict[str, Any]) -> None:
+        """Begin a swim of each robot."""
+        self._policies = [new_policy(self._policy) for _ in info["fin_angles"]]
+        self._time = 0.0
+
+    def act(self, observations: NDArray[np.float32]) -> Floats:
+        """Return actions (B, 3)."""
+        seen = observations.astype(float)
+        pairs = zip(self._policies, seen, strict=True)
+        actions = [policy(one, self._time) for policy, one in pairs]
+        self._time += POLICY_INTERVAL * TIMESTEP
+        clipped: Floats = np.clip(np.array(actions, float).reshape(len(seen), 3), -1.0, 1.0)
+        return clipped
+
+
+def gait_pilot(gait: Controller) -> Pilot:
+    """Return a pilot that swims a gait."""
+    if gait.senses.goal:
+        raise InvalidArgumentError("the gait must have no goal: the viewer's water has none")
+    return Pilot(ControllerAgent(gait), gait.interval)
+
+
+class LiveSwim:
+    """Robots that swim on while faults strike, sizes are set and the water flows.
+
+    Parameters
+    ----------
+    pilot
+        What steers them.
+    count
+        Number of robots, at most 64. They begin with random fin angles.
+    damage
+        Faults of all robots from the start on, with their onsets.
+    gyro_noise
+        Standard deviation of the gyroscopes' noise, rad/s.
+    seed
+        Of the fin angles, of random damage and of sensor noise.
+
+    Attributes
+    ----------
+    states
+        (25, B) in the order of ``aquafish_gym.physics.layout``.
+    robots
+        The scenario (B robots) that damage makes of them at present.
+    observed
+        (B, 9) the last observations.
+    actions, held
+        (B, 3) the present actions, and for how many steps of 0.01 s they have been held.
+    """
+
+    def __init__(
+        self,
+        pilot: Pilot,
+        count: int = 1,
+        damage: str = "none",
+        gyro_noise: float = 0.0,
+        seed: int = 0,
+    ) -> None:
+        self.count = integer("robots", count, 1, MAXIMUM_ROBOTS)
+        self._damage, self._rng = Damage.parse(damage), np.random.default_rng(seed)
+        self._sizes, self._current = Morphology.nominal().to_array(), np.zeros(3)
+        self._noise = check_row("gyro_noise", gyro_noise)
+        self._everyone = np.arange(self.count)
+        self.pilot = pilot
+        self.reset()
+
+    def reset(self, pilot: Pilot | None = None) -> None:
+        """Begin again at the start line, at rest, with the damage of the start."""
+        self.pilot = pilot or self.pilot
+        self.steps, self.held = 0, 0
+        self._key: tuple[object, ...] = ()
+        self._damages = [self._damage.sample(self._rng) for _ in self._everyone]
+        self._angles = self._rng.uniform(-math.pi, math.pi, (self.count, 3))
+        self._sensors = Sensors(self.count)
+        self.robots = self._present()
+        lost = np.isnan(self.robots.fin_angles)  # of servos without power
+        self._angles = np.where(lost, self._angles, self.robots.fin_angles)
+        self._lanes = LaneBatch(replace(self.robots, fin_angles=self._angles), np.float64)
+        self.states = self._lanes.rows()
+        self.pilot.agent.reset({"fin_angles": self._angles.copy()})
+        self.actions = np.zeros((self.count, 3))
+        self._become()
+        self._observe()
+
+    @property
+    def seconds(self) -> float:
+        """The time since the start, s."""
+        return self.steps * TIMESTEP
+
+    def faults(self, robot: int) -> tuple[Fault, ...]:
+        """Return the faults of a robot that are active."""
+        found = self._damages[robot].faults
+        spans = [fault.span for fault in found]
+        now = self.seconds + 1e-9
+        return tuple(f for f, (a, b) in zip(found, spans, strict=True) if a <= now < b)
+
+    def broken(self, robot: int) -> tuple[str, ...]:
+        """Return the names of a robot's broken fins."""
+        parts = {fault.part for fault in self.faults(robot)}
+        return tuple(fin for fin in FINS if fin in parts)
+
+    def strike(self, damage: str, robots: Sequence[int] | None = None) -> None:
+        """Break robots, or all, in mid-swim; onsets count from now.
+
+        InvalidArgumentError if the damage does not fit a robot: then no robot changes.
+        """
+        wanted, damages = Damage.parse(damage), list(self._damages)
+        for robot in self._everyone.tolist() if robots is None else robots:
+            drawn = wanted.sample(self._rng)
+            later = [replace(f, onset=f.span[0] + self.seconds) for f in drawn]
+            damages[robot] = Damage((*damages[robot].faults, *later))
+            damages[robot].body(Morphology.from_array(self._sizes))  # raises if it does not fit
+        self._damages = damages
+
+    def repair(self, robots: Sequence[int] | None = None) -> None:
+        """Remove all faults of robots, or of all, in mid-swim."""
+        for robot in self._everyone.tolist() if robots is None else robots:
+            self._damages[robot] = Damage()
+
+    def set_sizes(self, sizes: ArrayLike) -> None:
+        """Set the nine sizes (9,) of all robots before damage, in units of 5 cm."""
+        self._sizes = check_field("body", np.array([sizes], float))[0]
+
+    def set_current(self, current: ArrayLike) -> None:
+        """Set the velocity (3,) of the water, units/s."""
+        self._current = check_row("current", current)
+
+    def advance(self, updates: int = 1) -> None:
+        """Apply what was changed and swim on for some updates of 0.05 s.
+
+        All begin again if one diverges.
+        """
+        interval = self.pilot.interval
+        stride = math.gcd(interval, UPDATE)
+        self._become()
+        for _ in range(updates * UPDATE // stride):
+            if self.steps % interval == 0:
+                self._steer()
+            self._lanes.advance(scale_action(self.actions), stride)
+            self.steps += stride
+            self.held += stride
+            if self._lanes.diverged().any():
+                self.reset()
+            self.states = self._lanes.rows()
+            self._become()
+            self._observe()
+
+    def _steer(self) -> None:
+        agent = self.pilot.agent
+        if isinstance(agent, SelfModelAgent):
+            agent.config = replace(agent.config, seconds=self.seconds + HORIZON)
+        self.actions = np.asarray(agent.act(self.observed), float).reshape(self.count, 3)
+        self.held = 0
+
+    def _become(self) -> None:
+        """Give the robots what their faults, sizes and water make of them at present."""
+        faults = tuple(self.faults(robot) for robot in self._everyone.tolist())
+        key = (faults, self._sizes.tobytes(), self._current.tobytes())
+        if key != self._key:
+            self._key, self.robots = key, self._present()
+            self._lanes.update(self._everyone, self.robots)
+            self._sensors.update(self._everyone, self.robots)
+
+    def _present(self) -> Scenario:
+        rows = (self.count, 1)
+        whole = Scenario.create(
+            np.tile(self._sizes, rows),
+            fin_angles=self._angles,
+            current=self._current,
+            gyro_noise=self._noise,
+        )
+        alike: dict[tuple[Fault, ...], Damage] = {}
+        for faults in map(self.faults, self._everyone.tolist()):
+            active = tuple(replace(fault, onset=0.0, duration=None) for fault in faults)
+            alike.setdefault(faults, Damage(active))
+        return edit_each(whole, [alike[self.faults(robot)] for robot in self._everyone.tolist()])
+
+    def _observe(self) -> None:
+        truth = episode.observe(state_from_numbers(self.states))
+        limits, rngs = episode.limits(False, False), [self._rng] * self.count
+        self.observed = self._sensors.observe(truth, limits, rngs, self._everyone)
+
+
+def part_forces(robot: Scenario, state: Floats) -> Floats:
+    """Return the water's force on left, right, caudal fin and body, (4, 3), in world axes.
+
+    By the drag law in a state (25,) of a scenario of one robot. The unit is that of water of
+    density 1: 6.25 mN.
+    """
+    body = robot_from_column(robot_parameters(robot.body, robot.drag)[:, 0])
+    now, (x, y, z) = state_from_numbers(state.tolist()), robot.current[0].tolist()
+    water, turn = forces(body, now, (x, y, z)), rotation(now.orientation)
+    apart = [Water(*(one if i == k else _NOTHING for i, one in enumerate(water))) for k in range(4)]
+    return np.array([to_world(turn, on_body(now, part)[0]) for part in apart])
+
+
+class Ghost(NamedTuple):
+    """What a self-model is now: its own estimate, then samples of what it may be."""
+
+    bodies: Floats  #: (1 + SAMPLES, 9)
+    states: Floats  #: (25, 1 + SAMPLES)
+
+
+def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> Ghost:
+    """Return an agent's self-model after its actions (1, 3) were held for some steps of 0.01 s.
+
+    The samples have states of the filter's covariance, and robots of the alternatives that its last
+    inference found, in proportion to their weights.
+    """
+    model = agent.model
+    spread = _DRAWS @ np.linalg.cholesky(model.covariance).T
+    states = moved(model.state, np.concatenate([np.zeros((1, SIZE)), spread]))
+    robots = [model.robot] * (1 + SAMPLES)
+    if agent.recognised is not None:
+        several = agent.recognised.alternatives
+        shares = np.cumsum([one.weight for one in several])
+        at = np.searchsorted(shares, shares[-1] * (np.arange(SAMPLES) + 0.5) / SAMPLES)
+        robots[1:] = [several[i].robot for i in at.tolist()]
+    together = Scenario.concatenate([replace(one, reactive=model.robot.reactive) for one in robots])
+    if held:
+        _, states = predict(together, states, actions, held)
+    return Ghost(together.body, states)
+
+
+def angles_in_degrees(state: Floats) -> list[float]:
+    """Return left and right pectoral angle and the tail's angle of a state (25,), degrees."""
+    left, right, phase = np.degrees(angles_of_rows(state)).tolist()
+    return [left, right, 30.0 * math.sin(math.radians(phase))]
+
+
+def self_model_pilot(gyro_noise: float = 0.0, gyro_only: bool = False, seed: int = 0) -> Pilot:
+    """Return a pilot that models itself, with the packaged library of gaits."""
+    settings = AgentConfig(HORIZON, gyro_noise=gyro_noise, gyro_only=gyro_only, seed=seed)
+    agent = SelfModelAgent(config=settings)
+    return Pilot(agent, agent.hold)

@@ -1,0 +1,423 @@
+"""The viewer's page in a browser: the scene, the controls, and what is read from them."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import math
+import queue
+import time
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from aquafish.online import SelfModelAgent
+from aquafish.online.watch import CALIBRATION
+from aquafish.viewer.live import (
+    SAMPLES,
+    UPDATE,
+    Floats,
+    LiveSwim,
+    Pilot,
+    angles_in_degrees,
+    imagine_ghost,
+    part_forces,
+)
+from aquafish_gym.damage import Damage, Fault
+from aquafish_gym.damage.faults import PARTS
+from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from aquafish_gym.physics.layout import FIELDS, angles_of_rows
+from aquafish_gym.rendering import scene
+from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
+from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
+from eea.fish.self_model import ATTITUDE, VELOCITY
+from eea.fish.self_model import FINS as FIN_ANGLES
+
+CM_PER_UNIT, MN_PER_UNIT = 5.0, 6.25
+PERIOD = UPDATE * TIMESTEP  # s, of an update
+ROW, LANE = 9.0, 5.0  # between the start places of a batch, along y and x, units
+BESIDE = 3.5  # the ghost is drawn this far to the right of the fish
+ARROW = 1.0  # length of a force's arrow, units for each unit of force
+TRACE, TRAIL = 200, 400  # updates of the gyroscope's traces and of trails
+BLINK = 4  # updates between those of text, traces and trails
+POSITION, QUATERNION, SPIN = FIELDS["position"], FIELDS["orientation"], FIELDS["spin"]
+BOXES = ("left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
+GHOST, ARROWS, TRAILS = (120, 70, 200), (230, 120, 0), (0, 90, 140)
+AXES = (("x", "#d55e00"), ("y", "#009e73"), ("z", "#0072b2"))  # for the colour-blind
+FAULTS = [word for word in PARTS["caudal"] if word != "thickness"]
+
+
+def viser_module() -> Any:
+    """Return the package viser; MissingExtraError without it."""
+    try:
+        import viser
+        import viser.uplot
+    except ImportError as error:
+        raise MissingExtraError(
+            f"the viewer needs the extra view ({error}): pip install 'aquafish-gym[view]'"
+        ) from None
+    return viser
+
+
+class Shapes:
+    """Robots in a viser scene: two batched meshes, of their capsules and of their boxes."""
+
+    def __init__(
+        self, api: Any, name: str, count: int, colour: scene.Colour | None, opacity: float | None
+    ) -> None:
+        import trimesh
+
+        body = scene.robot_parts(Morphology.nominal())[0].size
+        capsule = trimesh.creation.capsule(body[1] - body[0], body[0] / 2, count=[24, 24])
+        capsule.vertices = capsule.vertices[:, [1, 2, 0]]  # its axis is y
+        self.colour, self.count = colour, count
+        self._dress: list[tuple[bytes, tuple[str, ...]]] = []
+
+        def add(part: str, mesh: Any, number: int, flat: bool) -> Any:
+            return api.add_batched_meshes_simple(
+                f"{name}/{part}", mesh.vertices, mesh.faces, opacity=opacity, flat_shading=flat,
+                batched_wxyzs=np.tile((1.0, 0.0, 0.0, 0.0), (number, 1)),
+                batched_positions=np.zeros((number, 3)), batched_scales=np.ones((number, 3)),
+                batched_colors=np.tile(np.array(colour or scene.BODY, np.uint8), (number, 1)),
+                cast_shadow=opacity is None, receive_shadow=False, lod="off",
+            )  # fmt: skip
+
+        self.capsules = add("capsules", capsule, count, flat=False)
+        self.boxes = add("boxes", trimesh.creation.box((1, 1, 1)), count * len(BOXES), flat=True)
+
+    def show(self, bodies: Floats, broken: Sequence[Sequence[str]], states: Floats) -> None:
+        """Draw robots of bodies (B, 9) with broken fins in states (25, B)."""
+        dress = [(body.tobytes(), tuple(fins)) for body, fins in zip(bodies, broken, strict=True)]
+        poses = np.zeros((self.count, len(BOXES), 7))
+        sizes = np.full((self.count, len(BOXES), 3), 1e-4)  # of a part that a robot does not have
+        colours = np.zeros((self.count, len(BOXES), 3), np.uint8)
+        capsules = np.zeros((self.count, 7))
+        position, quaternion = states[POSITION].T, states[QUATERNION].T
+        angles = angles_of_rows(states).T
+        for one in dict.fromkeys(dress):
+            rows = np.array([row for row, other in enumerate(dress) if other == one])
+            body, fins = Morphology.from_array(bodies[rows[0]]), one[1]
+            placed = scene.part_poses(body, position[rows], quaternion[rows], angles[rows], fins)
+            parts = scene.robot_parts(body, fins)
+            capsules[rows] = placed[:, 0]
+            poses[rows] = placed[:, :1]
+            for k, part in enumerate(parts[1:], 1):
+                box = BOXES.index(part.name)
+                poses[rows, box], sizes[rows, box] = placed[:, k], part.size
+                colours[rows, box] = self.colour or part.colour
+        if dress != self._dress:
+            self._dress = dress
+            self.boxes.batched_scales = sizes.reshape(-1, 3).astype(np.float32)
+            self.boxes.batched_colors = colours.reshape(-1, 3)
+        for handle, table in ((self.capsules, capsules), (self.boxes, poses.reshape(-1, 7))):
+            handle.batched_positions = table[:, :3].astype(np.float32)
+            handle.batched_wxyzs = np.roll(table[:, 3:], 1, axis=1).astype(np.float32)
+
+
+class Viewer:
+    """A page that shows a swim and changes it.
+
+    Controls are attributes that hold viser's handles. All that they do is done by :meth:`update`.
+
+    Parameters
+    ----------
+    swim
+        The robots. It begins with the first of the pilots.
+    pilots
+        What can steer them, by name.
+    port
+        Of the page at 127.0.0.1; the next free one is taken.
+    """
+
+    def __init__(self, swim: LiveSwim, pilots: Mapping[str, Pilot], port: int = 8080) -> None:
+        self.swim, self._pilots, self._chosen = swim, dict(pilots), next(iter(pilots))
+        self._viser = viser_module()
+        self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._updates, self._owed = 0, 0.0
+        with contextlib.redirect_stdout(io.StringIO()):  # a banner
+            self.server = self._viser.ViserServer("127.0.0.1", port, "AquaFish", verbose=False)
+        self.url = f"http://127.0.0.1:{self.server.get_port()}"
+        columns = math.ceil(math.sqrt(swim.count))
+        number = np.arange(swim.count)
+        self._starts = np.array(
+            [(number % columns) * LANE, -(number // columns) * ROW, np.zeros(swim.count)]
+        )
+        self._build_scene(columns)
+        self._build_controls()
+        self._clear()
+        self.draw()
+
+    def _build_scene(self, columns: int) -> None:
+        api = self.server.scene
+        api.set_up_direction("+z")
+        rows = np.linspace(0, 1, 64)[:, None, None]
+        water = scene.WATER_ABOVE + rows * np.subtract(scene.WATER_BELOW, scene.WATER_ABOVE)
+        api.set_background_image(np.tile(water, (1, 4, 1)).astype(np.uint8), format="png")
+        api.configure_environment_map(None)
+        api.configure_default_lights(enabled=False)
+        api.add_light_hemisphere(
+            "/sky", sky_color=(255, 255, 255), ground_color=scene.SAND, intensity=1.6
+        )
+        api.add_light_directional(
+            "/sun", position=(-6.0, -4.0, 14.0), intensity=1.9, cast_shadow=self.swim.count == 1
+        )
+        self.world = api.add_frame("/world", show_axes=False)
+        self.floor = api.add_grid(
+            "/world/floor", width=400.0, height=400.0, cell_size=scene.GRID_SPACING,
+            section_size=scene.MAIN_GRID_SPACING, cell_color=scene.GRID, section_color=scene.GRID,
+            plane_color=scene.SAND, plane_opacity=1.0, shadow_opacity=0.25,
+            section_thickness=1.6, cell_thickness=0.6, fade_distance=120.0,
+        )  # fmt: skip
+        self.robots = Shapes(api, "/world/robots", self.swim.count, None, None)
+        self.robots.boxes.on_click(self._clicked)
+        self.ghost = Shapes(api, "/world/ghost", 1, GHOST, 0.5)
+        self.samples = Shapes(api, "/world/samples", SAMPLES, GHOST, 0.12)
+        self.ghost_name = api.add_label("/world/ghost/name", "self-model")
+        self.name = api.add_label("/world/name", "", visible=self.swim.count > 1)
+        nothing = np.zeros((4, 2, 3), np.float32)
+        self.arrows = api.add_arrows(
+            "/world/forces", nothing, ARROWS, shaft_radius=0.04, head_radius=0.1, head_length=0.2
+        )
+        self.trail = api.add_line_segments(
+            "/world/trail", nothing, TRAILS, thickness=2.5, thickness_units="screen"
+        )
+        wide = LANE * columns
+        camera = self.server.initial_camera
+        camera.position = (
+            (5.5, -7.5, 7.5) if columns == 1 else (0.6 * wide, -1.5 * wide, 1.2 * wide)
+        )
+        camera.look_at, camera.fov = (0.12 * wide + 1.2, 0.0, 0.0), math.radians(45)
+
+    def _build_controls(self) -> None:
+        gui, swim, series = self.server.gui, self.swim, self._viser.uplot.Series
+        gui.configure_theme(show_logo=False, show_share_button=False, brand_color=(0, 90, 140))
+        self.reading = gui.add_markdown("")
+        lines = [series(label="s"), *(series(label=n, stroke=c, width=1.5) for n, c in AXES)]
+        self.traces = gui.add_uplot(
+            tuple(np.zeros((4, 2))), tuple(lines), title="gyroscope, rad/s", aspect=1.9,
+            scales={"x": {"time": False}}, legend={"live": False},
+        )  # fmt: skip
+        with gui.add_folder("Swim"):
+            self.pilot = gui.add_dropdown("steered by", tuple(self._pilots))
+            self.play = gui.add_checkbox("play", True)
+            self.speed = gui.add_slider("speed", 0.25, 4.0, 0.25, 1.0)
+            self.restart = gui.add_button("start again")
+            self.number = gui.add_slider(
+                "robot", 1, max(2, swim.count), 1, 1, visible=swim.count > 1
+            )
+        with gui.add_folder("Damage"):
+            self.fin = gui.add_dropdown("fin", FINS)
+            self.fault = gui.add_dropdown("fault", FAULTS)
+            self.amount = gui.add_slider("number", 0.0, 1.0, 0.05, 0.5)
+            self.everyone = gui.add_checkbox("all robots", False, visible=swim.count > 1)
+            self.break_it = gui.add_button("break it", color="red", hint="Or click a fin.")
+            self.text = gui.add_text("in words", "random:severe")
+            self.break_text = gui.add_button("break by words")
+            self.repair = gui.add_button("repair")
+            self.damage = gui.add_markdown("")
+        with gui.add_folder("Fin sizes before damage, cm", expand_by_default=False):
+            self.sizes = [
+                gui.add_slider(
+                    d.name.replace("_pectoral", "").replace(".", " "),
+                    0.0, CM_PER_UNIT * d.maximum, 0.05, CM_PER_UNIT * d.nominal,
+                ) for d in DIMENSIONS
+            ]  # fmt: skip
+        with gui.add_folder("Current, cm/s", expand_by_default=False):
+            most = CM_PER_UNIT * MAXIMUM_CURRENT / 5
+            names = ("to the right", "forward", "up")
+            self.current = [gui.add_slider(name, -most, most, 0.5, 0.0) for name in names]
+        with gui.add_folder("Show"):
+            self.follow = gui.add_checkbox("follow", True)
+            self.show_forces = gui.add_checkbox("forces of the water", True)
+            self.show_trail = gui.add_checkbox("trail", True)
+            self.show_ghost = gui.add_checkbox("self-model", True)
+        with gui.add_folder("Self-model"):
+            self.thoughts = gui.add_markdown("")
+        for button, do in (
+            (self.restart, self._restart),
+            (self.break_it, lambda: self.strike(str(self._chosen_fault()))),
+            (self.break_text, lambda: self.strike(self.text.value)),
+            (self.repair, lambda: self.swim.repair(self._targets())),
+        ):
+            button.on_click(lambda _, do=do: self._todo.put(do))
+
+    @property
+    def agent(self) -> SelfModelAgent | None:
+        """The agent with a self-model that steers the robot, if it does."""
+        agent = self.swim.pilot.agent
+        return agent if isinstance(agent, SelfModelAgent) else None
+
+    def _targets(self) -> list[int] | None:
+        return None if self.everyone.value else [self.number.value - 1]
+
+    def _chosen_fault(self) -> Fault:
+        needed = PARTS[self.fin.value][self.fault.value]
+        number = None if needed is None or needed.optional else self.amount.value
+        return Fault(self.fin.value, self.fault.value, number)
+
+    def _clicked(self, event: Any) -> None:
+        """Strike the fin that was clicked with the chosen fault."""
+        robot, box = divmod(event.instance_index, len(BOXES))
+        fin = BOXES[box].removesuffix("_break")
+
+        def strike() -> None:
+            self.number.value, self.fin.value = robot + 1, fin
+            self.strike(str(self._chosen_fault()))
+
+        if fin in FINS:
+            self._todo.put(strike)
+
+    def strike(self, damage: str) -> None:
+        """Break the chosen robot, or all, in mid-swim; what is wrong is shown on the page."""
+        self._problem = ""
+        try:
+            self.swim.strike(damage, self._targets())
+        except InvalidArgumentError as error:
+            self._problem = f"\n\n**{error}**"
+
+    def _restart(self) -> None:
+        self.swim.reset(self._pilots[self._chosen])
+        self._clear()
+
+    def _clear(self) -> None:
+        self._problem = ""
+        self._past: deque[Floats] = deque(maxlen=max(TRACE, TRAIL))
+
+    def update(self) -> None:
+        """Do what the controls ask, swim on, and draw."""
+        if self.pilot.value != self._chosen:
+            self._chosen = self.pilot.value
+            self._restart()
+        while not self._todo.empty():
+            self._todo.get()()
+        self.swim.set_sizes([slider.value / CM_PER_UNIT for slider in self.sizes])
+        self.swim.set_current([slider.value / CM_PER_UNIT for slider in self.current])
+        self.swim.advance(0)
+        if self.play.value:
+            self._owed += self.speed.value
+            updates = int(self._owed)
+            self._owed -= updates
+            for _ in range(updates):
+                before = self.swim.steps
+                self.swim.advance()
+                if self.swim.steps < before:  # it diverged
+                    self._clear()
+                self._past.append(np.concatenate([self._places().T, self.swim.observed[:, 6:9]], 1))
+        self.draw()
+        self._updates += 1
+
+    def _places(self) -> Floats:
+        """Return where robots are drawn, (3, B)."""
+        places: Floats = self.swim.states[POSITION] + self._starts
+        return places
+
+    def draw(self) -> None:
+        """Send what has changed to the page."""
+        swim, me = self.swim, self.number.value - 1
+        states = swim.states.copy()
+        states[POSITION] = places = self._places()
+        with self.server.atomic():
+            self.robots.show(swim.robots.body, [swim.broken(i) for i in range(swim.count)], states)
+            middle = places.mean(axis=1) if swim.count > 1 else places[:, 0]
+            self.world.position = -middle if self.follow.value else np.zeros(3)
+            self.floor.position = (0, 0, min(scene.FLOOR, places[2].min() - scene.CLEARANCE))
+            self.arrows.visible, self.trail.visible = self.show_forces.value, self.show_trail.value
+            if self.show_forces.value:
+                self._draw_forces(me, states[:, me])
+            self._draw_ghost()
+            self.name.text, self.name.position = f"robot {me + 1}", places[:, me] + (0, 0, 1.2)
+            if self._updates % BLINK == 0:
+                self._draw_past(me)
+                self._write(me)
+        self.server.flush()
+
+    def _draw_forces(self, me: int, state: Floats) -> None:
+        body = Morphology.from_array(self.swim.robots.body[me])
+        pose = (state[None, POSITION], state[None, QUATERNION], angles_of_rows(state[:, None]).T)
+        parts = scene.robot_parts(body)
+        poses = scene.part_poses(body, *pose)[0]
+        at = {part.name: place[:3] for part, place in zip(parts, poses, strict=True)}
+        forces = part_forces(self.swim.robots.take(me), state)
+        tails = np.array([at.get(name, at["body"]) for name in (*FINS, "body")])
+        heads = tails + ARROW * forces + (0, 0, 1e-3)  # an arrow of no length has no direction
+        self.arrows.points = np.stack([tails, heads], axis=1).astype(np.float32)
+
+    def _draw_ghost(self) -> None:
+        agent = self.agent if self.show_ghost.value else None
+        for handle in (self.ghost, self.samples):
+            handle.capsules.visible = handle.boxes.visible = agent is not None
+        self.ghost_name.visible = agent is not None
+        if agent is not None:
+            ghost = imagine_ghost(agent, self.swim.actions, self.swim.held)
+            ghost.states[POSITION] += np.array([[BESIDE], [0], [0]])
+            self.ghost.show(ghost.bodies[:1], [()], ghost.states[:, :1])
+            self.samples.show(ghost.bodies[1:], [()] * SAMPLES, ghost.states[:, 1:])
+            self.ghost_name.position = ghost.states[POSITION, 0] + (0, 0, 1.2)
+
+    def _draw_past(self, me: int) -> None:
+        """Draw trails and the gyroscope's traces."""
+        if len(self._past) < 2:
+            return
+        past = np.array(self._past)
+        gyro = past[-TRACE:, me, 3:]
+        seconds = self.swim.seconds + PERIOD * np.arange(1 - len(gyro), 1)
+        self.traces.data = (seconds, *gyro.T.astype(float))
+        knots = past[-TRAIL :: 1 + 8 * (self.swim.count > 1), :, :3]
+        pairs = np.stack([knots[:-1], knots[1:]], axis=2).reshape(-1, 2, 3)
+        if len(pairs):
+            self.trail.points = pairs.astype(np.float32)
+
+    def _write(self, me: int) -> None:
+        """Write the readings, the damage, and what the self-model is."""
+        swim, state = self.swim, self.swim.states[:, me]
+        far = CM_PER_UNIT * state[POSITION][1]
+        left, right, tail = angles_in_degrees(state)
+        push = MN_PER_UNIT * part_forces(swim.robots.take(me), state)[:, 1].sum()
+        self.reading.content = (
+            f"**{far:+.0f} cm** forward after **{swim.seconds:.1f} s**\n\n"
+            f"fins: left {left:.0f}°, right {right:.0f}°, tail {tail:+.0f}°\n\n"
+            f"the water pushes forward by {push:+.1f} mN"
+        )
+        faults = Damage(tuple(replace(f, onset=0.0, duration=None) for f in swim.faults(me)))
+        self.damage.content = f"broken: {faults}{self._problem}"
+        self.thoughts.content = self._thoughts()
+
+    def _thoughts(self) -> str:
+        agent = self.agent
+        if agent is None:
+            return "one robot, steered by the self-model, has one"
+        sd = np.sqrt(np.diag(agent.model.covariance))
+        attitude, fins = np.degrees([sd[ATTITUDE].max(), sd[FIN_ANGLES].max()])
+        lines = [
+            f"± {attitude:.2g}° attitude, ± {fins:.2g}° fins, "
+            f"± {CM_PER_UNIT * sd[VELOCITY].max():.2g} cm/s (1 sd)"
+        ]
+        left = CALIBRATION * agent.dt - self.swim.seconds
+        if left > 0:
+            lines.append(f"measures its own error for {left:.0f} s more; break nothing")
+        if agent.recognised is not None:
+            several = agent.recognised.alternatives[:3]
+            lines += [
+                f"{one.weight:.0%} `{one.hypothesis}`" for one in several if one.weight > 0.005
+            ]
+        lines += [f"`{e.seconds:5.1f} s` {e.what}: {e.about}" for e in reversed(agent.events[-6:])]
+        return "\n\n".join(lines)
+
+    def run(self) -> None:
+        """Update 20 times a second until Ctrl-C."""
+        due = time.monotonic()
+        try:
+            while True:
+                self.update()
+                due = max(due + PERIOD, time.monotonic())
+                time.sleep(due - time.monotonic() if due > time.monotonic() else 0.0)
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Stop the server."""
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server.stop()

@@ -1,0 +1,437 @@
+"""The live viewer: what it does to the physics, what it draws, and its page in a browser."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from aquafish.cli import main
+from aquafish.online import SelfModelAgent
+from aquafish.online.gaits import load_library
+from aquafish.viewer.command import View
+from aquafish.viewer.live import (
+    SAMPLES,
+    LiveSwim,
+    Pilot,
+    PolicyAgent,
+    RandomAgent,
+    gait_pilot,
+    imagine_ghost,
+    part_forces,
+    self_model_pilot,
+)
+from aquafish.viewer.page import BOXES, FAULTS, Viewer
+from aquafish_gym.envs import AquaFishEnv
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.physics.dynamics import wrench
+from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
+from aquafish_gym.physics.layout import (
+    FIELDS,
+    angles_of_rows,
+    robot_from_column,
+    robot_parameters,
+    state_from_numbers,
+)
+from aquafish_gym.rendering import scene
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
+from gait.agent import ControllerAgent
+from gait.rollout import swim as swim_alone
+from tests.browser import Page, browser
+
+POSITION, QUATERNION = FIELDS["position"], FIELDS["orientation"]
+VISER = importlib.util.find_spec("viser") is not None
+needs_viser = pytest.mark.skipif(not VISER, reason="needs the extra view")
+
+
+def still(_observation: Any, _time: float) -> tuple[float, float, float]:
+    return (0.0, 0.0, -1.0)
+
+
+def gait_swim(count: int = 1, **options: Any) -> LiveSwim:
+    return LiveSwim(gait_pilot(load_library()[0]), count, **options)
+
+
+def test_a_strike_in_mid_swim_equals_damage_with_that_onset() -> None:
+    live, gait = gait_swim(), load_library()[0]
+    damage = "caudal:missing@4; left_pectoral:weak=0.5@4+2"
+    env = AquaFishEnv(damage=damage, engine="numba", fin_angles=angles_of_rows(live.states)[:, 0])
+    observation, info = env.reset(seed=0)
+    agent = ControllerAgent(gait)
+    agent.reset({"fin_angles": info["fin_angles"][None]})
+    for k in range(50):
+        if k == 20:
+            live.strike("caudal:missing; left_pectoral:weak=0.5@0+2")
+        live.advance(4)
+        observation, _, _, _, info = env.step(agent.act(observation[None])[0])
+        place = [info[f"{axis}_position"] for axis in "xyz"]
+        np.testing.assert_allclose(live.states[POSITION, 0], place, atol=1e-9)
+        np.testing.assert_array_equal(live.observed[0], observation)
+    assert live.robots.servo_gain[0, 0] == 1.0
+    assert live.broken(0) == ("caudal",)
+    env.close()
+
+
+def test_damage_of_one_robot_leaves_the_others_and_can_be_repaired() -> None:
+    live, twin = gait_swim(4), gait_swim(4)
+    for one in (live, twin):
+        one.advance(20)
+    before = live.states.copy()
+    live.strike("right_pectoral:length=0.5", [2])
+    np.testing.assert_array_equal(live.states, before)
+    for one in (live, twin):
+        one.advance(20)
+    differs = np.abs(live.states - twin.states).max(axis=0) > 1e-6
+    assert differs.tolist() == [False, False, True, False]
+    assert [live.broken(i) for i in range(4)] == [(), (), ("right_pectoral",), ()]
+    live.repair([2])
+    live.advance()
+    np.testing.assert_array_equal(live.robots.body, twin.robots.body)
+
+
+def test_sizes_and_current_act_in_mid_swim() -> None:
+    live = LiveSwim(Pilot(PolicyAgent(still), 5), 2)
+    live.advance(10)
+    sizes = Morphology.nominal().to_array()
+    sizes[7] = 0.5
+    live.strike("caudal:length=0.5", [1])
+    live.set_sizes(sizes)
+    live.set_current((0.0, 2.0, 0.0))
+    live.advance(100)
+    assert live.robots.body[:, 7].tolist() == [0.5, 0.25]
+    assert (live.states[POSITION][1] > 2.0).all()
+    assert live.seconds == pytest.approx(5.5)
+
+
+@pytest.mark.parametrize(
+    "damage", ["caudal:lengt=0.5", "caudal:length=9", "caudal:seized=0.5", "tail", "caudal:weak"]
+)
+def test_damage_that_does_not_fit_changes_nothing(damage: str) -> None:
+    live = gait_swim(2)
+    live.advance()
+    with pytest.raises((InvalidArgumentError, UnknownNameError)):
+        live.strike(damage)
+    assert live.faults(0) == live.faults(1) == ()
+
+
+def test_start_again_restores_the_damage_of_the_start() -> None:
+    live = gait_swim(2, damage="caudal:dead; gyro:noise=0.1; up_x:dropped@1")
+    live.strike("random:severe")
+    live.advance(30)
+    assert (live.observed[:, 0] == 0).all()
+    live.reset()
+    assert live.seconds == 0
+    assert [str(fault) for fault in live.faults(0)] == ["caudal:dead", "gyro:noise=0.1"]
+    assert np.isfinite(live.states).all()
+
+
+def test_the_forces_are_those_of_the_drag_law() -> None:
+    """Each fin's by the law in its own frame, turned by the pose that is drawn."""
+    live = LiveSwim(Pilot(RandomAgent(), 20))
+    live.strike("left_pectoral:length=0.5")
+    live.set_current((0.5, -0.3, 0.2))
+    live.advance(50)
+    state = live.states[:, 0]
+    found = part_forces(live.robots, state)
+    robot = robot_from_column(robot_parameters(live.robots.body)[:, 0])
+    now, current = state_from_numbers(state.tolist()), live.robots.current[0]
+    np.testing.assert_allclose(found.sum(axis=0), wrench(robot, now, tuple(current))[0])
+
+    body = Rotation.from_quat(state[QUATERNION])
+    flow = body.inv().apply(np.array(now.velocity) - current)
+    force = body_drag(tuple(flow), now.spin)[0]
+    np.testing.assert_allclose(found[3], body.apply(force), atol=1e-12)
+    pose = (state[None, POSITION], state[None, QUATERNION], angles_of_rows(state)[None])
+    morphology = Morphology.from_array(live.robots.body[0])
+    poses = scene.part_poses(morphology, *pose)[0][-3:]
+    hinges = [(-0.75, 1.0, 0.0), (0.75, 1.0, 0.0), (0.0, -2.0, 0.0)]
+    to_part = Rotation.from_matrix([np.eye(3), np.eye(3), [[0, 0, -1], [0, 1, 0], [1, 0, 0]]])
+    for k, (place, hinge) in enumerate(zip(poses, hinges, strict=True)):
+        fin = Rotation.from_quat(place[3:]) * to_part[k]  # axes width, length, normal
+        velocity = body.apply(flow + np.cross(now.spin, hinge))
+        joint = fin.apply((now.rates[k], 0.0, 0.0))
+        spin = fin.inv().apply(body.apply(now.spin) + joint)
+        force = fin_drag(robot[k], tuple(fin.inv().apply(velocity)), tuple(spin))[0]
+        np.testing.assert_allclose(found[k], fin.apply(force), atol=1e-9)
+
+
+def test_the_ghost_is_the_self_model_with_its_uncertainty() -> None:
+    pilot = self_model_pilot(gyro_noise=0.02, gyro_only=True)
+    agent = pilot.agent
+    assert isinstance(agent, SelfModelAgent)
+    live = LiveSwim(pilot, gyro_noise=0.02, seed=1)
+    live.advance(402)
+    ghost = imagine_ghost(agent, live.actions, live.held)
+    assert ghost.bodies.shape == (1 + SAMPLES, 9)
+    np.testing.assert_allclose(
+        angles_of_rows(ghost.states)[:, 0], angles_of_rows(live.states)[:, 0], atol=0.1
+    )
+    spread = np.std(ghost.states[QUATERNION, 1:], axis=1).max()
+    assert 1e-4 < spread < 0.2
+    live.strike("left_pectoral:missing")
+    while agent.recognised is None:
+        live.advance()
+    weights = [one.weight for one in agent.recognised.alternatives]
+    assert sum(weights) == pytest.approx(1.0)
+    assert weights == sorted(weights, reverse=True)
+    ghost = imagine_ghost(agent, live.actions, live.held)
+    sampled = {body.tobytes() for body in ghost.bodies[1:]}
+    assert sampled <= {one.robot.body[0].tobytes() for one in agent.recognised.alternatives}
+
+
+def test_a_policy_swims_as_it_does_alone() -> None:
+    def policy(_observation: Any, time: float) -> tuple[float, float, float]:
+        return (np.sin(time), 0.5, 1.0)
+
+    live = LiveSwim(Pilot(PolicyAgent(policy), 5))
+    start = angles_of_rows(live.states)[:, 0]
+    alone = swim_alone(
+        policy, Scenario.create().body[0], engine="numba", seconds=2, fin_angles=start
+    )
+    live.advance(40)
+    np.testing.assert_allclose(live.states[POSITION, 0], alone.position[-1], atol=1e-9)
+
+
+def test_without_viser_the_extra_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "viser", None)
+    assert main(["view"]) == 2
+    assert "pip install 'aquafish-gym[view]'" in capsys.readouterr().err
+
+
+def test_wrong_options_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["view", "--robots", "65"]) == 2
+    assert "robots" in capsys.readouterr().err
+    with pytest.raises(InvalidArgumentError, match="MODULE:FUNCTION"):
+        View(policy="no_such_module:f").pilots()
+
+
+@pytest.fixture
+def viewer() -> Iterator[Viewer]:
+    yield from view_of(1)
+
+
+@pytest.fixture
+def batch() -> Iterator[Viewer]:
+    yield from view_of(64)
+
+
+def view_of(robots: int) -> Iterator[Viewer]:
+    if not VISER:
+        pytest.skip("needs the extra view")
+    pilots = View(robots=robots).pilots()
+    view = Viewer(LiveSwim(pilots["gait"], robots), pilots, 8320)
+    view.update()
+    yield view
+    view.close()
+
+
+def press(button: Any) -> None:
+    button.value = True
+
+
+def test_the_page_is_served_to_this_machine_alone(viewer: Viewer) -> None:
+    assert viewer.server.get_host() == "127.0.0.1"
+    assert viewer.url.startswith("http://127.0.0.1:")
+
+
+def test_controls_break_and_change_the_swim(viewer: Viewer) -> None:
+    live = viewer.swim
+    viewer.fin.value, viewer.fault.value, viewer.amount.value = "caudal", "length", 0.25
+    press(viewer.break_it)
+    viewer.update()
+    assert live.robots.body[0, 7] == pytest.approx(0.35)
+    box = BOXES.index("caudal")
+    assert viewer.robots.boxes.batched_scales[box, 1] == pytest.approx(0.35)
+    assert tuple(viewer.robots.boxes.batched_colors[box]) == scene.BROKEN_FIN
+    viewer.text.value = "left_pectoral:missing; gyro:noise=0.1"
+    press(viewer.break_text)
+    viewer.sizes[7].value = 6.0
+    viewer.current[1].value = 10.0
+    viewer.update()
+    assert live.robots.body[0, [1, 7]] == pytest.approx([0.0, 0.3])
+    assert live.robots.current[0].tolist() == [0.0, 2.0, 0.0]
+    viewer._updates = 0
+    viewer.draw()
+    assert "left_pectoral:missing" in viewer.damage.content
+    viewer.text.value = "left_pectoral:mising"
+    press(viewer.break_text)
+    viewer._updates = 0
+    viewer.update()
+    assert "did you mean" in viewer.damage.content
+    press(viewer.repair)
+    viewer.update()
+    assert live.broken(0) == ()
+    for fault in FAULTS:
+        viewer.fault.value = fault
+        press(viewer.break_it)
+        viewer.update()
+    assert [fault.word for fault in live.faults(0)] == FAULTS
+
+
+def test_play_pause_speed_and_start_again(viewer: Viewer) -> None:
+    live = viewer.swim
+    viewer.play.value = False
+    seconds = live.seconds
+    viewer.update()
+    assert live.seconds == seconds
+    viewer.play.value, viewer.speed.value = True, 2.5
+    for _ in range(4):
+        viewer.update()
+    assert live.seconds == pytest.approx(seconds + 0.5)
+    press(viewer.restart)
+    viewer.play.value = False
+    viewer.update()
+    assert live.seconds == 0
+    for name in ("random", "self-model"):
+        viewer.play.value, viewer.pilot.value = True, name
+        viewer.update()
+        assert live.pilot is viewer._pilots[name]
+    assert viewer.ghost.boxes.visible
+    assert not np.allclose(viewer.ghost.boxes.batched_positions[0], 0)
+    viewer.show_ghost.value = viewer.show_forces.value = viewer.show_trail.value = False
+    viewer.update()
+    for handle in (viewer.ghost.boxes, viewer.samples.capsules, viewer.arrows, viewer.trail):
+        assert not handle.visible
+
+
+def test_parts_and_forces_are_drawn_where_the_scene_has_them(batch: Viewer) -> None:
+    batch.number.value, batch.everyone.value = 3, False
+    batch.text.value = "caudal:missing"
+    press(batch.break_text)
+    for _ in range(20):
+        batch.update()
+    live = batch.swim
+    for robot in (0, 2):
+        state = live.states[:, robot]
+        body, broken = Morphology.from_array(live.robots.body[robot]), live.broken(robot)
+        place = state[POSITION] + batch._starts[:, robot]
+        pose = (place[None], state[None, QUATERNION], angles_of_rows(state)[None])
+        wanted = scene.part_poses(body, *pose, broken)[0]
+        for part, row in zip(scene.robot_parts(body, broken), wanted, strict=True):
+            if part.kind == "box":
+                box = robot * len(BOXES) + BOXES.index(part.name)
+                at, turn = (batch.robots.boxes.batched_positions, batch.robots.boxes.batched_wxyzs)
+                np.testing.assert_allclose(at[box], row[:3], atol=1e-5)
+                np.testing.assert_allclose(np.roll(turn[box], -1), row[3:], atol=1e-5)
+    arrows = np.diff(batch.arrows.points, axis=1)[:, 0]
+    np.testing.assert_allclose(
+        arrows, part_forces(live.robots.take(2), live.states[:, 2]), atol=2e-3
+    )
+    tail = batch.robots.boxes.batched_scales[2 * len(BOXES) + BOXES.index("caudal")]
+    assert tail.max() < 1e-3
+
+
+def test_a_batch_of_64_gets_15_updates_a_second(batch: Viewer) -> None:
+    began = time.process_time()
+    for _ in range(60):
+        batch.update()
+    assert time.process_time() - began < 60 / 15
+
+
+BY_ID = "[id={0!r}]".format
+
+
+def wait_for(condition: Any, page: Page) -> None:
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline, page.errors
+        page.value("1")  # note what the page logs
+        time.sleep(0.05)
+
+
+def reveal(page: Page, selector: str) -> None:
+    page.wait(f"document.querySelector({selector!r})?.getBoundingClientRect().width > 0")
+    page.value(f"document.querySelector({selector!r}).scrollIntoView({{block: 'center'}})")
+
+
+@pytest.mark.slow
+@needs_viser
+def test_every_control_can_be_clicked_in_a_browser(tmp_path: Path) -> None:
+    for viewer in view_of(2):
+        with browser(tmp_path) as page:
+            click_everything(viewer, page)
+
+
+def click_everything(viewer: Viewer, page: Page) -> None:
+    page.open(viewer.url, 640, 480)
+    page.wait("document.body?.innerText.includes('Self-model')")
+    for folder in ("Fin sizes before damage, cm", "Current, cm/s"):
+        heading = (
+            f"[...document.querySelectorAll('*')].filter(e => e.innerText === {folder!r}).at(-1)"
+        )
+        page.value(f"{heading}.click()")
+    press_by_id = lambda handle: page.click(BY_ID(handle._impl.uuid))  # noqa: E731
+    viewer.update()
+    boxes = ("play", "everyone", "follow", "show_forces", "show_trail", "show_ghost")
+    for handle in (getattr(viewer, name) for name in boxes):
+        before = handle.value
+        reveal(page, BY_ID(handle._impl.uuid))
+        press_by_id(handle)
+        wait_for(lambda handle=handle, before=before: handle.value != before, page)
+    for handle in (viewer.speed, viewer.number, viewer.amount, *viewer.sizes, *viewer.current):
+        before, root = handle.value, BY_ID(handle._impl.uuid)
+        reveal(page, root)
+        x, y = page.middle(root)
+        wide = page.value(f"document.querySelector({root!r}).getBoundingClientRect().width")
+        page.drag((x + 0.4 * wide, y), (x + 0.4 * wide, y))
+        wait_for(lambda handle=handle, before=before: handle.value != before, page)
+    for handle in (viewer.pilot, viewer.fin, viewer.fault):
+        before = handle.value
+        reveal(page, BY_ID(handle._impl.uuid))
+        press_by_id(handle)
+        choices = "[...document.querySelectorAll('[role=option]')].filter(e => e.offsetParent)"
+        page.wait(f"{choices}.length > 1")
+        page.value(f"{choices}.at(-1).click()")
+        wait_for(lambda handle=handle, before=before: handle.value != before, page)
+    viewer.update()
+    assert viewer.swim.robots.current.all()
+    assert viewer.swim.pilot is viewer._pilots["random"]
+    for button, parts in ((viewer.break_it, {"caudal"}), (viewer.break_text, None)):
+        reveal(page, BY_ID(button._impl.uuid))
+        press_by_id(button)
+        wait_for(lambda: not viewer._todo.empty(), page)
+        viewer.update()
+        assert parts in (None, {fault.part for fault in viewer.swim.faults(0)})
+    for button in (viewer.repair, viewer.restart):
+        reveal(page, BY_ID(button._impl.uuid))
+        press_by_id(button)
+        wait_for(lambda: not viewer._todo.empty(), page)
+        viewer.update()
+        assert viewer.swim.faults(0) == ()
+    click_fin(viewer, page)
+    assert page.errors == []
+    assert [address for address in page.requests if not address.startswith(viewer.url)] == []
+
+
+def click_fin(viewer: Viewer, page: Page) -> None:
+    """Click the tail of the second robot where the camera sees it."""
+    viewer.play.value = viewer.show_forces.value = viewer.everyone.value = False
+    viewer.fault.value, (width, height) = "missing", (640, 480)
+    viewer.update()
+    box = len(BOXES) + BOXES.index("caudal")
+    camera = next(iter(viewer.server.get_clients().values())).camera
+    place = viewer.robots.boxes.batched_positions[box] + viewer.world.position - camera.position
+    x, y, z = Rotation.from_quat(np.roll(camera.wxyz, -1)).inv().apply(place)
+    focal = height / 2 / np.tan(camera.fov / 2)
+    at = {"x": width / 2 + focal * x / z, "y": height / 2 + focal * y / z}
+    time.sleep(2)  # software rendering draws less than once a second
+    for kind, down in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 0)):
+        button = "none" if kind == "mouseMoved" else "left"
+        page.call(
+            "Input.dispatchMouseEvent", type=kind, button=button, buttons=down, clickCount=1, **at
+        )
+        time.sleep(1)
+    wait_for(lambda: not viewer._todo.empty(), page)
+    viewer.update()
+    assert viewer.swim.broken(1) == ("caudal",)
+    assert viewer.swim.robots.body[1, 6:].tolist() == [0.0] * 3
