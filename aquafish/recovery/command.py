@@ -219,6 +219,8 @@ class Recover:
 
     def _commands(self, shown: Treatment) -> list[str]:
         """Return the command lines that repeat the study and replay the shown robot."""
+        from aquafish.recovery.page import SWIMS
+
         words = ["aquafish", "recover"]
         for field in fields(self):
             value = getattr(self, field.name)
@@ -234,7 +236,7 @@ class Recover:
         replay = [
             *("aquafish", "film", old, old, f"{folder}/joint-fins/controller.json"),
             *("--morphology", f"{folder}/undamaged/morphology.json"),
-            *("--damage", "none", damage, damage, "--html", "swim.html"),
+            *("--damage", "none", damage, damage, "--label", *SWIMS, "--html", "swim.html"),
         ]
         return [shlex.join(words), shlex.join(replay)]
 

@@ -17,6 +17,7 @@ from aquafish_gym.rendering.films import CM_PER_UNIT, TRAILS, FilmedSwim, Stage
 from aquafish_gym.rendering.replay import css, replay_fragment, whole_page
 from gait.film import filmed
 
+SWIMS = ("healthy", "damaged, old gait", "damaged, new gait")
 _STYLE = """
 main { max-width: 1060px; margin: auto; padding: 0 16px 32px; }
 h1 { font-size: clamp(1.5em, 4vw, 2.2em); line-height: 1.2; margin: 0.6em 0 0.3em; }
@@ -130,11 +131,9 @@ def shown_swims(job: Treatment, outcomes: Outcomes) -> list[FilmedSwim]:
     i = shown_replicate(outcomes)
     old, new = outcomes["undamaged"][i]["swims"], outcomes["joint-fins"][i]["swims"]
     damaged = (Stage(0.0, job.target, broken_fins(job)),)
-    return [
-        filmed("healthy", (Stage(0.0, job.morphology),), path_from_dict(old["native"])),
-        filmed("damaged, old gait", damaged, path_from_dict(old["target"])),
-        filmed("damaged, new gait", damaged, path_from_dict(new["target"])),
-    ]
+    bodies = ((Stage(0.0, job.morphology),), damaged, damaged)
+    paths = map(path_from_dict, (old["native"], old["target"], new["target"]))
+    return [filmed(*each) for each in zip(SWIMS, bodies, paths, strict=True)]
 
 
 def broken_fins(job: Treatment) -> tuple[str, ...]:

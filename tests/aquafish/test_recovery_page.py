@@ -50,5 +50,6 @@ def test_the_commands_on_the_page_name_what_differs_from_the_defaults() -> None:
     assert film == (
         "aquafish film seed-003/undamaged/controller.json seed-003/undamaged/controller.json "
         "seed-003/joint-fins/controller.json --morphology seed-003/undamaged/morphology.json "
-        "--damage none right_pectoral:width=0.4 right_pectoral:width=0.4 --html swim.html"
+        "--damage none right_pectoral:width=0.4 right_pectoral:width=0.4 "
+        "--label healthy 'damaged, old gait' 'damaged, new gait' --html swim.html"
     )

@@ -204,9 +204,10 @@ function play(host, data, three) {
   function aim() {
     const from = [[1, -0.4, 0.6], [0, -0.01, 1], [0, -1, 0.8]][view.selectedIndex];
     const beside = 1 - 110 / stage.clientWidth; // room for the distances
+    const above = 1 - 50 / stage.clientHeight;
     const fits = (point) => {
       const { x, y } = point.clone().project(camera);
-      return Math.abs(x) < beside && Math.abs(y) < 0.95;
+      return Math.abs(x) < beside && Math.abs(y) < above;
     };
     camera.up.set(0, 0, 1);
     box.getCenter(orbit.target);
