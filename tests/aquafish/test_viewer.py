@@ -363,7 +363,7 @@ def test_every_control_can_be_clicked_in_a_browser(tmp_path: Path) -> None:
 
 
 def click_everything(viewer: Viewer, page: Page) -> None:
-    page.open(viewer.url, 640, 480)
+    page.open(viewer.url, 900, 480)
     page.wait("document.body?.innerText.includes('Self-model')")
     for folder in ("Fin sizes before damage, cm", "Current, cm/s"):
         heading = (
@@ -415,8 +415,9 @@ def click_everything(viewer: Viewer, page: Page) -> None:
 
 def click_fin(viewer: Viewer, page: Page) -> None:
     """Click the tail of the second robot where the camera sees it."""
+    viewer.follow.value = True
     viewer.play.value = viewer.show_forces.value = viewer.everyone.value = False
-    viewer.fault.value, (width, height) = "missing", (640, 480)
+    viewer.fault.value, (width, height) = "missing", (900, 480)
     viewer.update()
     box = len(BOXES) + BOXES.index("caudal")
     camera = next(iter(viewer.server.get_clients().values())).camera
