@@ -147,6 +147,7 @@ def test_film_writes_a_replay(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     assert capsys.readouterr().out.endswith(f"Replay: {path}\n")
 
 
+@pytest.mark.slow
 def test_a_replay_asks_for_nothing_and_plays(page: Page, replay: Path) -> None:
     page.wait(f"{TIME} > 0.3")
     assert page.errors == []
@@ -154,6 +155,7 @@ def test_a_replay_asks_for_nothing_and_plays(page: Page, replay: Path) -> None:
     assert page.value("document.querySelector('.replay p')") is None
 
 
+@pytest.mark.slow
 def test_buttons_and_keys_play_and_pause(page: Page) -> None:
     for press in (lambda: page.click(BUTTON), lambda: page.key(" ")):
         page.value("document.querySelector('.replay').focus()")
@@ -170,6 +172,7 @@ def test_buttons_and_keys_play_and_pause(page: Page) -> None:
     page.key("Home")
 
 
+@pytest.mark.slow
 def test_distances_follow_the_slider(page: Page) -> None:
     focus_and_press(page, "Home")
     page.wait(f"{LABELS}.every(text => text.endsWith(' 0 cm'))")
@@ -187,6 +190,7 @@ def test_distances_follow_the_slider(page: Page) -> None:
     assert page.value(LABELS) == ends
 
 
+@pytest.mark.slow
 def test_speed_changes_the_clock(page: Page) -> None:
     def passed(speed: str) -> float:
         page.value(
@@ -203,6 +207,7 @@ def test_speed_changes_the_clock(page: Page) -> None:
     assert passed("4") > 3 * passed("0.5")
 
 
+@pytest.mark.slow
 def test_views_and_the_mouse_move_the_camera(page: Page) -> None:
     focus_and_press(page, "Home")
     page.wait(f"{TIME} === 0")
@@ -224,6 +229,7 @@ def test_views_and_the_mouse_move_the_camera(page: Page) -> None:
     assert len(seen) == 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(1280, 720), (390, 800)])
 def test_texts_do_not_overlap(page: Page, replay: Path, size: tuple[int, int]) -> None:
     page.open(replay.as_uri(), *size)
@@ -243,6 +249,7 @@ def test_texts_do_not_overlap(page: Page, replay: Path, size: tuple[int, int]) -
     assert page.value("document.documentElement.scrollWidth") <= size[0]
 
 
+@pytest.mark.slow
 def test_without_webgl_the_page_says_so(tmp_path: Path, replay: Path) -> None:
     with browser(tmp_path, "--disable-3d-apis") as page:
         page.open(replay.as_uri())
@@ -252,6 +259,7 @@ def test_without_webgl_the_page_says_so(tmp_path: Path, replay: Path) -> None:
     assert "healthy" in words
 
 
+@pytest.mark.slow
 def test_without_javascript_the_page_says_so(tab: Page, replay: Path) -> None:
     tab.call("Emulation.setScriptExecutionDisabled", value=True)
     try:

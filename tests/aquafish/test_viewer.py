@@ -331,13 +331,6 @@ def test_parts_and_forces_are_drawn_where_the_scene_has_them(batch: Viewer) -> N
     assert tail.max() < 1e-3
 
 
-def test_a_batch_of_64_gets_15_updates_a_second(batch: Viewer) -> None:
-    began = time.process_time()
-    for _ in range(60):
-        batch.update()
-    assert time.process_time() - began < 60 / 15
-
-
 BY_ID = "[id={0!r}]".format
 
 
