@@ -82,7 +82,7 @@ def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
         for t in ("undamaged", "none", "out-of-band", "joint")
     }
     broken = broken_fins(job)
-    figure = new_figure(2.63 * len(bodies), 3.1, DPI)
+    figure = new_figure(2.63 * len(bodies), 3.5, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken
         axes.imshow(render_pose(body, AT_REST, (0, 0, 0), 520, 520, BODY_CAMERA, marked))
