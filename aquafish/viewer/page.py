@@ -187,9 +187,9 @@ class Viewer:
         wide = LANE * columns
         camera = self.server.initial_camera
         camera.position = (
-            (5.5, -7.5, 7.5) if columns == 1 else (0.6 * wide, -1.5 * wide, 1.2 * wide)
+            (-4.0, -8.5, 7.0) if columns == 1 else (0.6 * wide, -1.5 * wide, 1.2 * wide)
         )
-        camera.look_at, camera.fov = (0.12 * wide + 1.2, 0.0, 0.0), math.radians(45)
+        camera.look_at, camera.fov = (0.12 * wide + 2.0, 0.0, 0.0), math.radians(45)
 
     def _build_controls(self) -> None:
         gui, swim, series = self.server.gui, self.swim, self._viser.uplot.Series
@@ -407,13 +407,16 @@ class Viewer:
         return "\n\n".join(lines)
 
     def run(self) -> None:
-        """Update 20 times a second until Ctrl-C."""
+        """Update 20 times a second until Ctrl-C, then stop the server."""
         due = time.monotonic()
         try:
             while True:
                 self.update()
-                due = max(due + PERIOD, time.monotonic())
-                time.sleep(due - time.monotonic() if due > time.monotonic() else 0.0)
+                now = time.monotonic()
+                due = max(due + PERIOD, now)
+                time.sleep(due - now)
+        except KeyboardInterrupt:
+            pass
         finally:
             self.close()
 

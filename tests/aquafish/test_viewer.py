@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import importlib.util
+import signal
+import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -329,6 +331,16 @@ def test_parts_and_forces_are_drawn_where_the_scene_has_them(batch: Viewer) -> N
     )
     tail = batch.robots.boxes.batched_scales[2 * len(BOXES) + BOXES.index("caudal")]
     assert tail.max() < 1e-3
+
+
+@needs_viser
+def test_ctrl_c_ends_the_command() -> None:
+    words = [sys.executable, "-m", "aquafish", "view", "--port", "8340"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline().startswith("http://127.0.0.1:")
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
 
 
 BY_ID = "[id={0!r}]".format
