@@ -11,13 +11,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish.online.case import TOLERANCE, Case, Moment
 from aquafish.online.gaits import LARGEST, Swimming, imagine, load_library
-from aquafish.online.watch import ERROR_SCALES, Calibration, Moment
+from aquafish.online.watch import ERROR_SCALES, WATER, Calibration
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from aquafish_gym.world_config import WorldConfig
-from eea.fish.recognition import Hypothesis, Recognised, recognise
+from eea.fish.recognition import GYRO, Hypothesis, Recognised
 from eea.fish.self_model import (
     MODEL_ERROR,
     RECOGNISED_ERROR,
@@ -30,17 +31,14 @@ from gait.evolve import EvolveConfig, evolve_gait
 
 Floats = NDArray[np.float64]
 
-GYRO, WHOLE = slice(6, 9), Hypothesis((), ())
+WHOLE = Hypothesis((), ())
 BACK = {True: 5, False: 2}  # actions before an alarm in which it may have broken; ``gyro_only``
 ALIKE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
-TOLERANCE, DRIFTS, NOISES = 0.02, 3.0, 3.0  # of a channel that is not broken: see ``_infer``
 # In foreign water predictions are good for a few seconds. So the last inference after an alarm uses
-# 12 observations, and for 50 actions there is no other alarm.
+# 12 observations, for 50 actions there is no other alarm, and no gait is refined: one that is best
+# on the model by its errors is none on the robot.
 FOREIGN_LATEST, QUIET = 12, 50
-AGAIN = (
-    3.0  # by which the model's error grows with each alarm after the first: it is less well known
-)
-SETTLED = 10  # actions after an alarm from which on what was inferred is trusted
+AGAIN = 3.0  # the model's error grows by this with each alarm after the first
 SHORTEST = 2.0  # s: for less no gait is refined
 
 
@@ -79,7 +77,7 @@ class Event(NamedTuple):
     """Something that the agent noticed or decided."""
 
     seconds: float  #: When, in the episode.
-    what: str  #: "fins", "alarm", "inferred", "unknown", "chose" or "refined".
+    what: str  #: "fins", "water", "alarm", "inferred", "unknown", "chose" or "refined".
     about: str  #: In words.
     cpu: float = 0.0  #: CPU seconds that it took.
 
@@ -90,20 +88,6 @@ class _Thought(NamedTuple):
     due: int
     event: Event
     result: Recognised | Controller
-
-
-class _Case(NamedTuple):
-    """An alarm: what the robot may have been, and when it may have broken."""
-
-    step: int
-    before: list[Scenario]
-    broken: list[Hypothesis]  #: What is broken of each in ``before``.
-    first: int  #: The first moment at which it may have broken.
-    due: list[int]  #: Actions after the alarm at which to infer.
-
-    def settled(self, step: int) -> bool:
-        """Whether an alarm at a step means another fault rather than a wrong belief."""
-        return step - self.step >= SETTLED
 
 
 class SelfModelAgent:
@@ -179,8 +163,8 @@ class SelfModelAgent:
         self.events: list[Event] = []
         self._moments: list[Moment] = []
         self._steps, self._action, self._broken = 0, np.zeros(3, np.float32), WHOLE
-        self._case: _Case | None = None
-        self._quiet = 0
+        self._case: Case | None = None
+        self._quiet, self._foreign = 0, False
         self._thoughts: list[_Thought] = []
         self._rng = np.random.default_rng(config.seed)
         self._swimming = Swimming(self.library[0], self.hold)
@@ -238,8 +222,7 @@ class SelfModelAgent:
             self._case = self._open()
             self._log("alarm", "this is not what the self-model predicts")
         if self._case is not None:
-            if self._steps - self._case.step + 1 >= self._case.due[0]:
-                self._case.due.pop(0)
+            if self._case.is_due(self._steps):
                 self._infer(self._case)
             if not self._case.due:
                 self._case = None
@@ -252,12 +235,15 @@ class SelfModelAgent:
         if unknown and not calibration.unknown:
             self._log("fins", str(angles_of_rows(self.model.state).round(2).tolist()))
             self._swimming = Swimming(self.library[0], self.hold)
+        self._foreign = calibration.foreign
+        if self._steps == WATER and calibration.other_water:
+            self._log("water", calibration.other_water)
+            self._change_gait()
         if enough:
             self._watch, self._drift = calibration.finish()
-            self._foreign = calibration.foreign
             self._intact, self._calibration = self.model.robot, None
 
-    def _open(self) -> _Case:
+    def _open(self) -> Case:
         """Return the case of an alarm."""
         used = np.isfinite(noise_of(self._intact))
         exact = not self.config.gyro_noise and self._drift[used].max() < TOLERANCE
@@ -271,22 +257,12 @@ class SelfModelAgent:
             most = ERROR_SCALES[-1] * MODEL_ERROR
             self.model.model_error = np.minimum(AGAIN * self.model.model_error, most)
         due = [k for k in self.config.inferences if not self._foreign or k <= FOREIGN_LATEST]
-        return _Case(self._steps, before, broken, first, due or [1])
+        return Case(self._steps, before, broken, first, due or [1])
 
-    def _infer(self, case: _Case) -> None:
+    def _infer(self, case: Case) -> None:
         """Recognise what broke; the result can be used after the time for thinking."""
         began = time.process_time()
-        moments = self._moments[case.first :]
-        actions = np.array([moment.action for moment in moments])
-        observed = np.array([moment.observed for moment in moments])
-        # The filter has since followed the broken robot: what it was is simulated from there.
-        states = [moments[0].state]
-        for action in actions[: case.step - case.first]:
-            states.append(predict(case.before[0], states[-1], action[None], self.hold)[1][:, 0])
-        tolerance = np.maximum(DRIFTS * self._drift, TOLERANCE)
-        tolerance[GYRO] = np.maximum(tolerance[GYRO], NOISES * self.config.gyro_noise)
-        found = recognise(case.before, states, observed, actions, self._drift, tolerance, self.hold)
-        found = replace(found, hypothesis=case.broken[found.before].then(found.hypothesis))
+        found = case.explain(self._moments, self._drift, self.config.gyro_noise, self.hold)
         fins = str(found.hypothesis) if found.hypothesis.words else ""
         about = "; ".join(text for text in (fins, *found.sensors) if text)
         self._think(self.config.inference_seconds, "inferred", about or "none", began, found)
@@ -330,7 +306,7 @@ class SelfModelAgent:
             self._swimming = Swimming(self.library[int(far.argmax())], self.hold)
             about = f"gait {far.argmax()}, which should make {far.max():.1f} units"
         self._log("chose", about, time.process_time() - began)
-        self._rounds = self.config.refinements
+        self._rounds = 0 if self._foreign else self.config.refinements
         self._refine()
 
     def _refine(self) -> None:

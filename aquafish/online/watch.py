@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish.online.case import Moment
 from aquafish_gym.scenario import Scenario
 from eea.fish.recognition import find_fins
 from eea.fish.self_model import FINS, FLOOR, MODEL_ERROR, START_ERROR, SelfModel, predict
@@ -22,21 +22,13 @@ ALARM = 1e-7  # probability of a false alarm in each window and action, of a mod
 # that the model describes, and in foreign water.
 MARGIN, FOREIGN_MARGIN = 2.0, 5.0
 FOUND, FOUND_ERROR = 5, 0.2  # actions after which unknown fin angles are found, and within how much
-CALIBRATION = 50  # actions in which the model's error is measured
+WATER, CALIBRATION = 25, 50  # actions after which the water is known, and the model's error
 SETTLED = 10  # actions after which the filter has forgotten how it began
 ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # of ``MODEL_ERROR``
 FOREIGN = 100.0  # least error scale in water that the model does not describe
 WATERS = (False, True)  # without and with added mass
 DRAGS = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.3)  # factors on the fins' drag that foreign water may have
 AHEAD, EVERY = 10, 5  # open-loop predictions: how many actions, and how often
-
-
-class Moment(NamedTuple):
-    """One action, and what came before and after it."""
-
-    state: Floats  #: (25,) before it.
-    action: Floats  #: (3,)
-    observed: Floats  #: (9,) after it.
 
 
 @dataclass
@@ -87,7 +79,8 @@ class Calibration:
 
     def __init__(self, robot: Scenario, fin_angles: Floats | None, hold: int) -> None:
         self._robots = [replace(robot, reactive=reactive) for reactive in WATERS]
-        self.unknown, self._hold, self._start_error = fin_angles is None, hold, START_ERROR
+        self.unknown, self._fitted = fin_angles is None, False
+        self._hold, self._start_error = hold, START_ERROR
         self._fins = np.zeros(3) if fin_angles is None else fin_angles
         self._begin(())
 
@@ -114,6 +107,13 @@ class Calibration:
         return self._models[self.best]
 
     @property
+    def other_water(self) -> str:
+        """In words, how the likeliest model's water differs from that of the library's gaits."""
+        robot = self.model.robot
+        drag = "" if (robot.drag == 1.0).all() else f"drag of the fins x {robot.drag[0, 0]:g}"
+        return "; ".join(filter(None, ["added mass" if robot.reactive else "", drag]))
+
+    @property
     def foreign(self) -> bool:
         """Whether the water seems to be another than the model's."""
         return bool(self.model.model_error[0] >= FOREIGN * MODEL_ERROR[0])
@@ -128,8 +128,8 @@ class Calibration:
             actions, seen = np.array([m.action for m in past]), np.array([m.observed for m in past])
             self._fins = find_fins(self._robots, seen, actions, self._hold)
             self._begin(past)
-        elif len(past) == CALIBRATION and self.foreign:
-            robot = self.model.robot
+        elif len(past) in (WATER, CALIBRATION) and self.foreign and not self._fitted:
+            robot, self._fitted = self.model.robot, True
             self._robots = [replace(robot, drag=np.array([[drag, 1.0]])) for drag in DRAGS]
             self._begin(past)
         return len(past) == CALIBRATION

@@ -51,6 +51,8 @@ ROUNDS, SPACING, SHRINK = 6, 0.12, 2.6
 STENCIL = np.array([-1.0, -1 / 3, 0.0, 1 / 3, 1.0])
 STEADY = 0.3  # of a bias: a smaller deviation about it is a bias
 WHITE = 0.4  # correlation of an error with the one before: less is noise
+SLACK = 0.25  # of a channel's tolerance: as noise, less error of the model does not count
+LOUD = 5.0  # of chance's 1.4: the sum of N squared errors in standard deviations is N +- sqrt(2 N)
 FEWEST, FEWEST_WHITE = 3, 8  # observations that show a bias or a stuck channel; and noise
 GYRO = slice(6, 9)
 POSES = 16  # of each fin, from which its initial angle is narrowed
@@ -211,7 +213,8 @@ def recognise(
     predicted, ended = predict(robot, states[onset], actions[onset:], hold)
     used = np.isfinite(noise)
     errors = np.where(used, observed[onset:] - predicted[0], 0.0)
-    robot, words, odd = _with_sensors(robot, errors, silent & used, observed[-1] == 0.0, tolerance)
+    silent &= used
+    robot, words, odd = _with_sensors(robot, errors, silent, observed[-1] == 0.0, noise, tolerance)
     explained = odd <= max(1, int(used.sum()) // 3)
     return Recognised(hypothesis, b, words, robot, ended[:, 0], explained)
 
@@ -268,21 +271,25 @@ def find_fins(
 
 
 def _with_sensors(
-    robot: Scenario, errors: Floats, silent: Flags, zero: Flags, tolerance: Floats
+    robot: Scenario, errors: Floats, silent: Flags, zero: Flags, expected: Floats, tolerance: Floats
 ) -> tuple[Scenario, tuple[str, ...], int]:
     """Return a robot with the sensors that errors (K, 9) show, in words, and how many are odd.
 
-    An odd channel observes something else than its robot should, for no reason known here. It is
-    not used, as if it were stuck.
+    ``expected`` (9,) is the rms error of whole channels. An odd channel observes something else
+    than its robot should, for no reason known here. It is not used, as if it were stuck.
     """
     count, mean, noise = len(errors), errors.mean(axis=0), robot.gyro_noise
     off = ~silent & (np.sqrt(np.square(errors).mean(axis=0)) > tolerance)
     biased = off & (errors.std(axis=0) < STEADY * np.abs(mean)) & (count >= FEWEST)
     odd, words = off & ~biased, list[str]()
-    gyro = errors[:, GYRO][:, odd[GYRO]]
-    white = (gyro[1:] * gyro[:-1]).sum() < WHITE * np.square(gyro).sum()
-    if white and gyro.shape[1] >= 2 and count >= FEWEST_WHITE:
-        noise, odd[GYRO] = np.sqrt(np.square(gyro).mean()).reshape(1), False
+    # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.
+    heard = ~(silent | biased)[GYRO] & np.isfinite(expected[GYRO])
+    gyro = errors[:, GYRO][:, heard]
+    power, usual = np.square(gyro).sum(), np.hypot(expected, SLACK * tolerance)[GYRO][heard]
+    louder = power > np.square(usual).mean() * (gyro.size + LOUD * gyro.size**0.5)
+    white = (gyro[1:] * gyro[:-1]).sum() < WHITE * power
+    if louder and white and gyro.shape[1] >= 2 and count >= FEWEST_WHITE:
+        noise, odd[GYRO] = np.sqrt(power / gyro.size).reshape(1), False
         words = [f"gyro:noise={noise[0]:.3g}"]
     kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased, "odd": odd}
     for name, flags in kinds.items():

@@ -58,13 +58,22 @@ def test_the_same_seed_gives_the_same_actions() -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{}, {"current": (0.15, -0.1, 0.0)}, {"reactive": True}],
-    ids=["still", "current", "reactive"],
+    [{}, {"current": (0.15, -0.1, 0.0)}],
+    ids=["still", "current"],
 )
 def test_nothing_alarms_it_while_nothing_breaks(options: dict[str, Any]) -> None:
     noisy = AgentConfig(gyro_noise=0.01, refinements=0)
     agent, _, _ = swim("gyro:noise=0.01", 300, noisy, **options)
     assert agent.events == []
+
+
+def test_in_water_with_added_mass_it_swims_another_gait_without_an_alarm() -> None:
+    noisy = AgentConfig(gyro_noise=0.01, generations=20, refinements=1)
+    agent, info, _ = swim("gyro:noise=0.01", 300, noisy, reactive=True)
+    assert whats(agent) == ["water", "chose", "refined"]
+    assert agent.events[0].about == "added mass"
+    assert agent.model.robot.reactive
+    assert info["y_position"] > 35.0  # the library's first gait makes 31
 
 
 def test_it_becomes_whole_again_when_a_fault_ends() -> None:
@@ -78,6 +87,14 @@ def test_it_becomes_whole_again_when_a_fault_ends() -> None:
 def test_a_broken_sensor_is_left_out() -> None:
     agent, _, _ = swim("gyro_y:dropped@15", 130)
     assert np.flatnonzero(np.isinf(agent.model.noise)).tolist() == [7]
+
+
+def test_a_little_more_noise_is_one_alarm_and_no_fault_of_a_fin() -> None:
+    noisy = AgentConfig(gyro_noise=0.01, refinements=0)
+    agent, _, _ = swim("gyro:noise=0.01; gyro:noise=0.021@20", 300, noisy)
+    assert whats(agent).count("alarm") == 1
+    assert agent.events[-1].about.startswith("gyro:noise=0.02")
+    np.testing.assert_array_equal(agent.model.robot.body, Scenario.create().body)
 
 
 def test_a_sensor_that_works_again_is_used_again() -> None:
@@ -187,11 +204,14 @@ def test_the_drag_of_foreign_water_is_measured(drag: float) -> None:
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (50, 3))
     observed = predict(water, SelfModel(water, fins).state, actions)[0][0]
     calibration = Calibration(Scenario.create(), fins, 20)
-    for action, seen in zip(actions[:-1], observed, strict=False):
+    for action, seen in zip(actions[:24], observed, strict=False):
         assert not calibration.add(action, seen)
     assert calibration.foreign == (drag != 1.0)
+    for action, seen in zip(actions[24:-1], observed[24:], strict=False):
+        assert not calibration.add(action, seen)
     assert calibration.add(actions[-1], observed[-1])
     assert calibration.model.robot.drag.tolist() == [[drag, 1.0]]
+    assert calibration.other_water == ("" if drag == 1.0 else "drag of the fins x 0.5")
     assert not calibration.foreign
 
 
@@ -202,9 +222,10 @@ def test_nothing_alarms_it_in_water_that_it_does_not_know() -> None:
 
     env = gym.make("AquaFishRecovery-v0", damage=None, engine=BoxWorld)
     observation, info = env.reset(seed=3)
-    agent = SelfModelAgent(config=AgentConfig(refinements=0))
+    agent = SelfModelAgent(config=AgentConfig(refinements=1))
     agent.begin(info["fin_angles"])
     for _ in range(300):
-        observation, *_ = env.step(agent.act(observation))
-    assert agent.events == []
+        observation, _, _, _, info = env.step(agent.act(observation))
+    assert whats(agent) == ["water", "chose"]  # no alarm, and no gait is refined on a wrong model
     assert agent.model.robot.drag[0, 0] < 1.0
+    assert info["y_position"] > 30.0  # the library's first gait makes 27
