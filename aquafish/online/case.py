@@ -16,8 +16,8 @@ from eea.fish.self_model import predict
 Floats = NDArray[np.float64]
 
 SETTLED = 10  # actions after an alarm from which on what was inferred is trusted
-# A channel is broken if its rms error is more than this, and than these multiples of the model's own
-# error and of the gyroscope's noise.
+# A channel is broken if its rms error is more than this, and than these multiples of the model's
+# own error and of the gyroscope's noise.
 TOLERANCE, DRIFTS, NOISES = 0.02, 3.0, 3.0
 
 

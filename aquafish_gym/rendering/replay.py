@@ -62,7 +62,7 @@ def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
     lanes = side_by_side(swims)
     if any(len(lane.time) < 2 for lane in lanes):
         raise InvalidArgumentError("swims must have at least two finite samples")
-    step = lanes[0].time[1]
+    step = float(lanes[0].time[1])
     if any(np.abs(np.diff(lane.time, prepend=-step) - step).max() > 1e-4 for lane in lanes):
         raise InvalidArgumentError("swims must be sampled at the same times, from 0 on")
     deepest = min(float(lane.position[:, 2].min()) for lane in lanes)
