@@ -30,7 +30,8 @@ from aquafish.viewer.live import (
     part_forces,
     self_model_pilot,
 )
-from aquafish.viewer.page import BOXES, FAULTS, Viewer
+from aquafish.viewer.page import FAULTS, Viewer
+from aquafish.viewer.shapes import BOXES
 from aquafish_gym.envs import AquaFishEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.dynamics import wrench

@@ -22,7 +22,7 @@ BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PROGRAMS = {
     "aquafish": (
         aquafish.cli.main,
-        {"recover", *eea.__main__.COMMANDS, *gait.__main__.COMMANDS},
+        {"recover", "view", *eea.__main__.COMMANDS, *gait.__main__.COMMANDS},
     ),
     "python -m eea": (eea.__main__.main, eea.__main__.COMMANDS),
     "python -m gait": (gait.__main__.main, gait.__main__.COMMANDS),
