@@ -9,10 +9,11 @@ PY := $(VENV)/bin/python
 unexport PYTHONDONTWRITEBYTECODE
 PIP := $(PY) -m pip install -qq --disable-pip-version-check --no-compile
 OUT ?= out/recovery
-# A worker a core, each of one thread, since BLAS's threads would wait for each other and take twice
-# the processor's time; who has nothing left to do takes from the others.
+# A worker for each core, of one thread: the threads of BLAS and PyTorch would wait for each other and
+# take twice the processor's time. An idle worker takes tests from the others.
 PARALLEL ?= --numprocesses auto --dist worksteal
 test test-slow: export OPENBLAS_NUM_THREADS ?= 1
+test test-slow: export OMP_NUM_THREADS ?= 1
 
 .PHONY: recover test test-slow lint verify verify-inference bench docs wheel clean
 .DEFAULT_GOAL := recover
