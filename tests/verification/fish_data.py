@@ -31,6 +31,9 @@ AMPLITUDE_RUNS = (
     (30, 0.2166),  # STATES1
 )
 
+# How many beats from about rest those runs last, by amplitude; the last second is two beats.
+RUN_BEATS = {15: 25, 20: 14, 25: 13, 30: 11}
+
 # Bias (degrees, without its sign) and the heading's change over the last 2 s (rad) at an
 # amplitude of 15 degrees. The run at -30 is cut where the tracking loses the fish; its last
 # second counts twice.

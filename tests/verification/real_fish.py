@@ -1,7 +1,7 @@
 """How speed and turning depend on the tail's beat: fish and robots of others beside our two laws.
 
 Exponents and Strouhal numbers need no body size, so other robots can be compared with ours. The
-published numbers are in ``fish_data.py``.
+published numbers are in ``fish_data.py``, our swims in ``tail_swims.py``.
 """
 
 from __future__ import annotations
@@ -15,15 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.imu import ImuLog
 from aquafish_gym.physics.kinematics import SWEEP
-from aquafish_gym.physics.layout import FIELDS
 from tests.verification import fish_data
-from tests.verification.propulsion import BODY_LENGTH, straight_swims, tail_body
+from tests.verification.propulsion import BODY_LENGTH, tail_body
 from tests.verification.tables import Report, Table
-from tests.verification.trials import STILL, lane_batch
+from tests.verification.tail_swims import SUBSTEPS, begun_swims, steady_swims, turns_per_beat
 
 Array = NDArray[np.float64]
 
@@ -42,11 +38,6 @@ AMPLITUDES = (15, 20, 25, 30)  # degrees
 FREQUENCIES = (2 / 9, 3 / 9, 4 / 9, 6 / 9, 9 / 9)  # Hz
 LIVE = tuple(5.0 * f / FREQUENCIES[0] for f in FREQUENCIES)  # Hz, where Bainbridge's line begins
 BIASES = (5, 10, 15)  # degrees, at an amplitude of 15
-SUBSTEPS = 54  # at 1 Hz; at other frequencies a beat has as many steps
-# Beats after a push: until measuring, to the middle, and to the end.
-BEATS = (4, 8, 12)
-ROUNDS, FIRST_PUSH = 10, 10.0  # the first push is this often what was gained
-TURNING = (12, 16)  # beats from rest between which a turn is measured, as the published ones are
 
 
 class Exponent(NamedTuple):
@@ -63,127 +54,6 @@ def exponent(x: Iterable[float], y: Iterable[float]) -> Exponent:
     line = stats.linregress(x, y)
     half = float(stats.t.ppf(0.975, len(x) - 2) * line.stderr)
     return Exponent(float(line.slope), float(line.slope) - half, float(line.slope) + half)
-
-
-def tail_commands(frequency: float, amplitude: float, bias: float, samples: int) -> Array:
-    """Return commands (samples, 3) under which the tail's angle is bias + amplitude sin(2 pi f t).
-
-    The servo turns the phase of an angle of ``SWEEP`` sin(phase), and the engine's servos turn
-    either way, so any angle within ``SWEEP`` can be had. Between samples the phase is a straight
-    line. Angles are in rad.
-    """
-    t = TIMESTEP * np.arange(samples + 1)
-    angle = bias + amplitude * np.sin(2 * math.pi * frequency * t)
-    commands = np.zeros((samples, 3))
-    if amplitude == SWEEP and not bias:
-        commands[:, 2] = frequency
-    else:
-        commands[:, 2] = np.diff(np.arcsin(angle / SWEEP)) / (2 * math.pi * TIMESTEP)
-    return commands
-
-
-def beat_tails(
-    bodies: Array,
-    frequency: float,
-    reactive: bool,
-    beats: int,
-    amplitude: float = SWEEP,
-    bias: float = 0.0,
-    substeps: int = SUBSTEPS,
-) -> ImuLog:
-    """Return the logs of robots (B, 9) that beat their tails from rest, with still pectorals.
-
-    Parameters
-    ----------
-    bodies
-        (B, 9) sizes.
-    frequency
-        Of the tail, Hz.
-    reactive
-        Whether with the reactive terms.
-    beats
-        How many.
-    amplitude, bias
-        Of the tail's angle, rad.
-    substeps
-        Steps in a sample of 0.01 s.
-    """
-    samples = round(beats / (frequency * TIMESTEP))
-    commands = tail_commands(frequency, amplitude, bias, samples)
-    start = (0.0, 0.0, math.asin(bias / SWEEP))
-    lanes = lane_batch(bodies, start, dtype=np.float64, substeps=substeps, reactive=reactive)
-    return lanes.advance(np.tile(commands, (len(bodies), 1, 1)), samples, "pose")
-
-
-def steady_swims(
-    bodies: Array,
-    frequency: float,
-    reactive: bool,
-    amplitude: float = SWEEP,
-    substeps: int = SUBSTEPS,
-) -> tuple[Array, Array, Array]:
-    """Return the steady swims of beating tails.
-
-    From rest a weak swimmer needs hundreds of beats. Every few beats it gets a push ahead here, to
-    the speed at which, by the secant method, it would neither gain nor lose any.
-
-    Returns
-    -------
-    speeds : (B,)
-        Units/s.
-    strouhal : (B,)
-        Strouhal numbers.
-    unsettled : (B,)
-        By which share the speed still changes between the two halves of the last beats.
-    """
-    per_beat = round(1 / (frequency * TIMESTEP))
-    settled, middle, end = (beats * per_beat for beats in BEATS)
-    lanes = lane_batch(bodies, STILL, dtype=np.float64, substeps=substeps, reactive=reactive)
-    commands = tail_commands(frequency, amplitude, 0.0, ROUNDS * end)
-    commands = np.tile(commands, (len(bodies), 1, 1))
-    mean = gain = strouhal = np.zeros(len(bodies))
-    for turn in range(ROUNDS):
-        log = lanes.advance(commands, end, "pose")
-        before, gained = mean, gain
-        first, _ = straight_swims(bodies, log, frequency, settled, middle)
-        mean, strouhal = straight_swims(bodies, log, frequency, middle, end)
-        gain = mean - first
-        if turn == ROUNDS - 1:
-            break
-        change = np.where(gain == gained, np.inf, gain - gained)
-        assert log.position is not None
-        _push(lanes, np.asarray(log.position[:, -1] - log.position[:, middle], np.float64),
-              -gain * (mean - before) / change if turn else FIRST_PUSH * gain)  # fmt: skip
-    return mean, strouhal, np.abs(gain / mean)
-
-
-def _push(lanes: LaneBatch, course: Array, push: Array) -> None:
-    """Give swimmers a push (B,), units/s, along their course (B, 3), and level them.
-
-    Rounding tips an unstable swimmer, slowly; levelled, it stays in its plane.
-    """
-    rows = lanes.rows()
-    rows[FIELDS["orientation"]][:2] = 0.0
-    rows[FIELDS["orientation"]] /= np.linalg.norm(rows[FIELDS["orientation"]], axis=0)
-    rows[FIELDS["spin"]][:2] = 0.0
-    ahead = course[:, :2] / np.linalg.norm(course[:, :2], axis=1, keepdims=True)
-    rows[FIELDS["velocity"]][:2] += (push[:, None] * ahead).T
-    rows[FIELDS["velocity"]][2] = 0.0
-    lanes.place(rows)
-
-
-def turns_per_beat(bodies: Array, reactive: bool, bias: float, amplitude: float) -> Array:
-    """Return the change of heading (B,) in a beat, rad, towards the side that the tail leans to."""
-    begin, end = TURNING
-    log = beat_tails(bodies, 1.0, reactive, end, amplitude, bias, substeps=4)
-    assert log.quaternion is not None
-    x, y, z, w = np.moveaxis(np.asarray(log.quaternion, np.float64), -1, 0)
-    heading = np.unwrap(np.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z)))
-    samples = round(1 / TIMESTEP)
-    turned: Array = (heading[:, end * samples - 1] - heading[:, begin * samples - 1]) / (
-        begin - end
-    )
-    return turned
 
 
 def _summary(values: Array) -> dict[str, float]:
@@ -252,7 +122,8 @@ def study(quick: bool = False) -> Report:
         "frequency": [(f, SWEEP, round(fine * f)) for f in FREQUENCIES],
         "coarse": [(f, SWEEP, 1) for f in FREQUENCIES],
     }
-    found: Report = {"published": _published(), **{name: [] for name in sweeps}, "turning": []}
+    found: Report = {"published": _published(), **{name: [] for name in sweeps}}
+    found |= {"from rest": [], "turning": []}
     unsettled: list[float] = []
     for reactive in (False, True):
         for name, points in sweeps.items():
@@ -261,6 +132,9 @@ def study(quick: bool = False) -> Report:
             speeds, strouhal, rest = (np.array(part) for part in zip(*at, strict=True))
             unsettled.append(float(rest.max()))
             found[name] += _rows(reactive, x, speeds, strouhal)
+        begun = [begun_swims(BODIES, reactive, a, fine) for a in AMPLITUDES]
+        speeds, strouhal = (np.array(part) for part in zip(*begun, strict=True))
+        found["from rest"] += _rows(reactive, AMPLITUDES, speeds, strouhal)
         for bias in BIASES:
             turns = turns_per_beat(
                 BODIES, reactive, math.radians(bias), math.radians(AMPLITUDES[0])
@@ -297,12 +171,14 @@ def amplitude_table(report: Report) -> Table:
     return Table(
         "exponent of speed in amplitude, 15 to 30 degrees, with 95% interval; of many tails the "
         "median with the range",
-        ("swimmer", "law", "exponent", "Strouhal number", "body lengths a beat"),
+        ("swimmer", "law", "as long a run", "steady", "Strouhal number",
+         "body lengths a beat"),
         [
             ("robot of Michigan State", "measured", _interval(report["published"]["amplitude"]),
-             "", ""),
-            *((r["swimmer"], _law(r), _interval(r), _range(r["strouhal"]),
-               _range(r["lengths_per_beat"])) for r in report["amplitude"]),
+             "", "", ""),
+            *((r["swimmer"], _law(r), _interval(begun), _interval(r), _range(r["strouhal"]),
+               _range(r["lengths_per_beat"]))
+              for r, begun in zip(report["amplitude"], report["from rest"], strict=True)),
         ],
         words=2,
     )  # fmt: skip
