@@ -16,7 +16,8 @@ from tests.verification.tables import TABLES, fill_page, make_tables
 
 ROOT = pathlib.Path(__file__).parents[2]
 REPORT = ROOT / "docs" / "physics" / "report.json"
-PAGE = ROOT / "docs" / "physics.md"
+PAGES = (ROOT / "docs" / "physics.md", ROOT / "docs" / "real_fish.md")
+PICTURES = ("strokes", "convergence", "quadrature", "single_precision", "real_fish")
 
 
 def verification(*arguments: str, **keywords: object) -> subprocess.CompletedProcess[str]:
@@ -48,7 +49,7 @@ def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
     assert mechanics is not None or "MuJoCo is not installed" in printed
     order = [r["order"] for r in report["convergence"]["rows"] if r["order"] is not None]
     np.testing.assert_allclose(order, 1.0, atol=0.2)
-    for name in ("strokes", "convergence", "quadrature", "single_precision"):
+    for name in PICTURES:
         assert (out / f"{name}.png").stat().st_size > 20_000
 
 
@@ -65,14 +66,16 @@ def test_it_fills_a_page(quick: tuple[pathlib.Path, str]) -> None:
 
 def test_the_documentation_holds_the_tables_of_its_report() -> None:
     """And so of one run of the command, which writes both."""
-    text = PAGE.read_text()
+    texts = [page.read_text() for page in PAGES]
+    text = "".join(texts)
     tables = tables_of(json.loads(REPORT.read_text()))
     for name in tables:
         assert f"<!-- table: {name} -->" in text
-    assert fill_page(text, tables) == text, (
-        "run: python -m tests.verification --out docs/physics --page docs/physics.md"
+    assert [fill_page(one, tables) for one in texts] == texts, (
+        "run: python -m tests.verification --out docs/physics "
+        "--page docs/physics.md docs/real_fish.md"
     )
-    for name in ("strokes", "convergence", "quadrature", "single_precision"):
+    for name in PICTURES:
         assert (REPORT.parent / f"{name}.png").exists()
         assert f"physics/{name}.png" in text
 

@@ -31,8 +31,8 @@ class Verification:
 
     out: Annotated[Path | None, tyro.conf.arg(metavar="DIRECTORY")] = None
     """Where to write report.json and the pictures as well."""
-    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """A Markdown page whose marked tables to fill, such as docs/physics.md."""
+    page: Annotated[tuple[Path, ...], tyro.conf.arg(metavar="FILE ...")] = ()
+    """Markdown pages whose marked tables to fill, such as docs/physics.md."""
     seed: int = 0
     """All that is random follows from it."""
     quick: bool = False
@@ -41,7 +41,7 @@ class Verification:
     """Print the tables in Markdown."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="STUDY ...")] = ()
     """Some of the studies: agreement, single_precision, convergence, quadrature, mechanics,
-    strokes, reactive, foreign."""
+    strokes, reactive, real_fish, foreign."""
 
     def execute(self) -> None:
         """Run the studies, print the tables and write what was asked for."""
@@ -49,8 +49,9 @@ class Verification:
         names = [one_of("only", name, STUDIES) for name in self.only] or list(STUDIES)
         if self.out is not None:
             ensure_writable_directory(self.out, "out")
-        if self.page is not None and not self.page.is_file():
-            raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
+        for page in self.page:
+            if not page.is_file():
+                raise InvalidArgumentError(f"page must be a file that exists; got {page}")
         if "agreement" in names:
             check_engine("pybullet")
         steps = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
@@ -67,9 +68,9 @@ class Verification:
         if left_out:
             print(f"MuJoCo is not installed, so these are left out: {', '.join(left_out)}; "
                   'pip install "aquafish-gym[bench]"')  # fmt: skip
-        if self.page is not None:
-            filled = fill_page(self.page.read_text(encoding="utf-8"), tables)
-            write_bytes(self.page, filled.encode())
+        for page in self.page:
+            filled = fill_page(page.read_text(encoding="utf-8"), tables)
+            write_bytes(page, filled.encode())
         if self.out is not None:
             from tests.verification.plots import save_pictures
 

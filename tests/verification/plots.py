@@ -1,13 +1,17 @@
-"""The report's pictures. matplotlib is loaded when one is drawn."""
+"""The report's pictures."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from aquafish_gym.runs.storage import write_bytes
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from aquafish_gym.rendering.pictures import new_figure, save_figure
+from tests.verification import fish_data
 from tests.verification.strokes import (
     ROWING,
     SPEEDS,
@@ -17,16 +21,13 @@ from tests.verification.strokes import (
     tail_stroke,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 Records = Sequence[dict[str, Any]]
 
 # Of Okabe and Ito's palette, told apart by all eyes; each has a line style of its own, too.
 _BLUE, _RED, _GREEN, _BLACK = "#0072B2", "#D55E00", "#009E73", "#000000"
 _STYLES = ((_BLACK, "-"), (_BLUE, "--"), (_RED, "-."), (_GREEN, ":"))
 _GRID = "0.92"
+_DPI = 150
 
 
 def draw_strokes(axes: Sequence[Axes], strokes: Sequence[tuple[str, Stroke]], name: str) -> None:
@@ -56,7 +57,7 @@ def draw_strokes(axes: Sequence[Axes], strokes: Sequence[tuple[str, Stroke]], na
 
 def strokes_figure() -> Figure:
     """Return the forces on the nominal flipper and tail over a stroke."""
-    figure = _figure(9.0, 7.4)
+    figure = new_figure(9.0, 7.4, _DPI)
     axes = figure.subplots(2, 2, sharex="col")
     flippers = [(f"towed at {v:g} units/s", flipper_stroke(v)) for v in SPEEDS]
     flippers.append((f"held, speed varied by {ROWING:.0%}", rowing_stroke(0.0)))
@@ -112,7 +113,7 @@ def draw_convergence(axes: Axes, records: Records) -> None:
 
 def convergence_figure(report: dict[str, Any]) -> Figure:
     """Return the error against the step."""
-    figure = _figure(6.4, 4.6)
+    figure = new_figure(6.4, 4.6, _DPI)
     axes = figure.add_subplot()
     draw_convergence(axes, report["rows"])
     axes.set_title(
@@ -154,7 +155,7 @@ def draw_quadrature(axes: Axes, records: Records, what: str) -> None:
 
 def quadrature_figure(report: dict[str, Any], part: str = "any flipper") -> Figure:
     """Return the errors of quadrature rules on one kind of fin."""
-    figure = _figure(9.0, 4.2)
+    figure = new_figure(9.0, 4.2, _DPI)
     records = [r for r in report["rows"] if r["part"] == part]
     for axes, what in zip(figure.subplots(1, 2), ("force", "torque"), strict=True):
         draw_quadrature(axes, records, what)
@@ -186,7 +187,7 @@ def draw_single_precision(axes: Axes, records: Records) -> None:
 
 def single_precision_figure(report: dict[str, Any]) -> Figure:
     """Return the growth of float32's error."""
-    figure = _figure(10.0, 3.9)
+    figure = new_figure(10.0, 3.9, _DPI)
     whats = list(dict.fromkeys(r["what"] for r in report["rows"]))
     for axes, what in zip(figure.subplots(1, len(whats)), whats, strict=True):
         draw_single_precision(axes, [r for r in report["rows"] if r["what"] == what])
@@ -197,6 +198,65 @@ def single_precision_figure(report: dict[str, Any]) -> Figure:
     return figure
 
 
+def draw_real_fish(axes: Axes, rows: Records, published: Sequence[tuple[float, float]]) -> None:
+    """Draw published speeds, the nominal robot's under both laws, and all tails' range.
+
+    Speeds are shares of the one at the greatest amplitude or frequency.
+    """
+    x, y = zip(*published, strict=True)
+    top = max(x)
+    greatest = float(np.mean([v for at, v in published if at == top]))
+    for row in rows:
+        colour, line = (_RED, "-.") if row["reactive"] else (_BLUE, "--")
+        # Over a frequency range of the same ratio, at the published frequencies.
+        at = [top * v / max(row["x"]) for v in row["x"]]
+        if "speeds" in row:
+            share = [v / row["speeds"][-1] for v in row["speeds"]]
+            axes.loglog(at, share, line, color=colour, lw=1.8)
+        else:
+            axes.fill_between(at, row["least"], row["most"], color=colour, alpha=0.15, lw=0)
+    axes.loglog(x, [v / greatest for v in y], "o", color=_BLACK, ms=5)
+    axes.minorticks_off()
+    axes.set_ylabel("speed (share of the greatest)")
+    axes.grid(color=_GRID)
+
+
+def real_fish_figure(report: dict[str, Any]) -> Figure:
+    """Return speed against amplitude and frequency, and turning against bias."""
+    figure = new_figure(10.0, 3.9, _DPI)
+    left, middle, right = figure.subplots(1, 3)
+
+    def shown(name: str) -> Records:
+        """Return the rows of the nominal robot and of all tails."""
+        rows = report[name]
+        return [r for r in rows if r["swimmer"] == "nominal robot" or "least" in r]
+
+    draw_real_fish(left, shown("amplitude"), fish_data.AMPLITUDE_RUNS)
+    left.set_xticks([15, 20, 25, 30], ["15", "20", "25", "30"])
+    left.set_yticks([0.1, 0.2, 0.3, 0.5, 1.0], ["0.1", "0.2", "0.3", "0.5", "1"])
+    left.set_xlabel("amplitude (degrees)")
+    draw_real_fish(middle, shown("frequency"), fish_data.FREQUENCY_RUNS)
+    middle.set_xticks([0.5, 1, 1.5, 2.25], ["0.5", "1", "1.5", "2.25"])
+    middle.set_yticks([0.1, 0.2, 0.3, 0.5, 1.0], ["0.1", "0.2", "0.3", "0.5", "1"])
+    middle.set_xlabel("frequency (Hz)")
+    for reactive, colour, line in ((False, _BLUE, "--"), (True, _RED, "-.")):
+        rows = [r for r in report["turning"] if r["reactive"] is reactive]
+        bias = [r["bias"] for r in rows]
+        right.loglog(bias, [r["nominal"] for r in rows], line, color=colour, lw=1.8,
+                     label="drag and reactive terms" if reactive else "drag")  # fmt: skip
+        right.fill_between(bias, [r["low"] for r in rows], [r["high"] for r in rows],
+                           color=colour, alpha=0.15, lw=0)  # fmt: skip
+    turns = [(bias, fish_data.turn_per_beat(turn)) for bias, turn in fish_data.BIAS_RUNS]
+    right.loglog(*zip(*turns, strict=True), "o", color=_BLACK, ms=5, label="measured")
+    right.set_xticks([5, 10, 15, 20, 30, 50], ["5", "10", "15", "20", "30", "50"])
+    right.minorticks_off()
+    right.set_xlabel("bias of the tail (degrees)")
+    right.set_ylabel("turn in a beat (rad)")
+    right.grid(color=_GRID)
+    figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize="small")
+    return figure
+
+
 def save_pictures(report: dict[str, Any], directory: Path) -> list[Path]:
     """Write a picture as a PNG of each study in a report that has one; return their paths."""
     draw: dict[str, Callable[[dict[str, Any]], Figure]] = {
@@ -204,22 +264,11 @@ def save_pictures(report: dict[str, Any], directory: Path) -> list[Path]:
         "convergence": convergence_figure,
         "quadrature": quadrature_figure,
         "single_precision": single_precision_figure,
+        "real_fish": real_fish_figure,
     }
     figures = {name: make(report[name]) for name, make in draw.items() if name in report}
     paths = []
     for name, figure in figures.items():
-        picture = BytesIO()
-        figure.savefig(picture, format="png", dpi=150)
         paths.append(directory / f"{name}.png")
-        write_bytes(paths[-1], picture.getvalue())
+        save_figure(figure, paths[-1])
     return paths
-
-
-def _figure(width: float, height: float) -> Figure:
-    # The object interface: no pyplot, no window system, no global state.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure

@@ -11,8 +11,10 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from aquafish_gym.engines.api import TIMESTEP, simulate
+from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, Morphology
 from aquafish_gym.physics.added_mass import (
     finite_span,
@@ -23,7 +25,6 @@ from aquafish_gym.physics.kinematics import SWEEP, State
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.physics.reactive import added_water
 from aquafish_gym.physics.robot import CAUDAL_Y, NOSE, Fin, Robot
-from tests.verification.rk4 import cross, rotation_matrix
 
 Array = NDArray[np.float64]
 
@@ -93,23 +94,53 @@ def held_rows() -> list[dict[str, object]]:
     return rows
 
 
-def _tip_path(position: Array, turns: Array, phase: Array, length: float) -> Array:
-    """Return where the tail's tip is in the world, (T, 3)."""
-    angle = SWEEP * np.sin(phase)
-    tip = np.stack(
-        [length * np.sin(angle), CAUDAL_Y - length * np.cos(angle), np.zeros_like(angle)], axis=1
+def straight_swims(
+    bodies: Array, log: ImuLog, frequency: float, first: int, end: int
+) -> tuple[Array, Array]:
+    """Return the speed (B,), units/s, and Strouhal's number (B,) of robots that swim straight.
+
+    Strouhal's number is frequency times the tail tip's whole excursion across the path, over the
+    speed; infinite where the robot does not swim forward.
+
+    Parameters
+    ----------
+    bodies
+        (B, 9) sizes.
+    log
+        Recorded with the pose.
+    frequency
+        Of the tail, Hz.
+    first, end
+        The samples between which to measure.
+    """
+    position, quaternion, fins = (
+        np.asarray(part, np.float64)[:, first - 1 : end]
+        for part in (log.position, log.quaternion, log.fin_angles)
     )
-    path: Array = position + np.einsum("tij,tj->ti", turns, tip)
-    return path
+    turns = Rotation.from_quat(quaternion.reshape(-1, 4)).as_matrix()
+    turns = turns.reshape(*position.shape, 3)
+    heading = turns[:, 1:, :, 1].mean(axis=1)
+    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+    aside = np.cross(heading, (0.0, 0.0, 1.0))
+    moved = np.einsum("bi,bi->b", position[:, -1] - position[:, 0], heading)
+    speed: Array = moved / ((end - first) * TIMESTEP)
+    angle, length = SWEEP * np.sin(fins[..., 2]), bodies[:, None, 7]
+    tip = np.stack(
+        [length * np.sin(angle), CAUDAL_Y - length * np.cos(angle), np.zeros_like(angle)], axis=2
+    )
+    path = position + np.einsum("btij,btj->bti", turns, tip)
+    excursion = np.ptp(np.einsum("bti,bi->bt", path, aside), axis=1)
+    forward = speed > 0.001
+    strouhal: Array = np.where(
+        forward, frequency * excursion / np.where(forward, speed, 1.0), np.inf
+    )
+    return speed, strouhal
 
 
 def swim_straight(
     bodies: Array, frequency: float, reactive: bool, beats: tuple[int, int] = BEATS
 ) -> list[tuple[float, float | None]]:
     """Return speed in body lengths/s and Strouhal's number of robots that beat their tails.
-
-    Strouhal's number is frequency times the tip's whole excursion across the path, over the
-    speed; None where the robot does not swim forward.
 
     Parameters
     ----------
@@ -126,25 +157,11 @@ def swim_straight(
     log = simulate(
         bodies, (0.0, 0.0, frequency), steps=end, dtype="float64", record="pose", reactive=reactive
     )
-    positions, quaternions, angles = (
-        np.asarray(part, np.float64)[:, first - 1 :]
-        for part in (log.position, log.quaternion, log.fin_angles)
-    )
-    found: list[tuple[float, float | None]] = []
-    for body, position, quaternion, fins in zip(
-        bodies, positions, quaternions, angles, strict=True
-    ):
-        turns = np.array([rotation_matrix(q) for q in quaternion])
-        heading = turns[1:, :, 1].mean(axis=0)
-        heading /= np.linalg.norm(heading)
-        aside = cross(heading, np.array([0.0, 0.0, 1.0]))
-        speed = float((position[-1] - position[0]) @ heading) / ((end - first) * TIMESTEP)
-        tip = _tip_path(position, turns, fins[:, 2], float(body[7]))
-        excursion = float(np.ptp(tip @ aside))
-        found.append(
-            (speed / BODY_LENGTH, frequency * excursion / speed if speed > 0.001 else None)
-        )
-    return found
+    speeds, strouhal = straight_swims(bodies, log, frequency, first, end)
+    return [
+        (float(v) / BODY_LENGTH, float(st) if math.isfinite(st) else None)
+        for v, st in zip(speeds, strouhal, strict=True)
+    ]
 
 
 def swimming_rows(beats: tuple[int, int] = BEATS) -> list[dict[str, object]]:

@@ -20,6 +20,7 @@ from tests.verification import (
     mechanics,
     quadrature,
     reactive_terms,
+    real_fish,
     strokes,
     tables,
 )
@@ -174,10 +175,15 @@ class Studies:
         quick = self.effort == QUICK
         return self._once(lambda: reactive_terms.study(self.seed, quick), "reactive terms")
 
+    def real_fish(self) -> Report:
+        """Compare how speed depends on the beat with published swims."""
+        quick = self.effort == QUICK
+        return self._once(lambda: real_fish.study(quick), "real fish")
+
 
 STUDIES = (
     "agreement", "single_precision", "convergence", "quadrature", "mechanics", "strokes",
-    "reactive", "foreign",
+    "reactive", "real_fish", "foreign",
 )  # fmt: skip
 
 
@@ -200,6 +206,8 @@ def tables_of(report: Report) -> dict[str, tables.Table]:
     found = tables.make_tables(report)
     if "reactive" in report:
         found |= reactive_terms.make_tables(report["reactive"])
+    if "real_fish" in report:
+        found |= real_fish.make_tables(report["real_fish"])
     if report.get("foreign"):
         found |= foreign_water.make_tables(report["foreign"])
     return found

@@ -1,0 +1,186 @@
+"""How speed depends on the tail's beat: known answers, oracles, and the study beside real fish."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from aquafish_gym.physics.kinematics import SWEEP
+from tests.verification import fish_data, real_fish
+from tests.verification.momentum import Momentum
+from tests.verification.propulsion import straight_swims
+from tests.verification.real_fish import BODIES, NAMED, exponent
+from tests.verification.tables import Report
+from tests.verification.tail_swims import beat_tails, steady_swims, tail_commands, turns_per_beat
+from tests.verification.water_momentum import ReactiveMomentum
+
+THIN = NAMED["thin tail alone"]
+
+
+@pytest.fixture(scope="module")
+def quick() -> Report:
+    return real_fish.study(quick=True)
+
+
+# --- exponents ------------------------------------------------------------------------------
+
+
+def test_the_exponent_of_a_power_law_is_exact() -> None:
+    x = np.array([1.0, 2.0, 3.0, 5.0])
+    assert_allclose(exponent(x, 7.0 * x**1.7), (1.7, 1.7, 1.7), atol=1e-12)
+
+
+def test_the_interval_of_an_exponent_holds_the_truth_in_95_of_100_samples() -> None:
+    rng = np.random.default_rng(0)
+    x = np.array([15.0, 20.0, 20.0, 25.0, 30.0])
+    fits = [exponent(x, x**1.1 * np.exp(rng.normal(0, 0.1, 5))) for _ in range(2000)]
+    held = np.mean([fit.low < 1.1 < fit.high for fit in fits])
+    assert held == pytest.approx(0.95, abs=0.015)
+
+
+@pytest.mark.parametrize("reactive", [False, True], ids=["drag", "reactive"])
+def test_a_beat_carries_a_fish_as_far_at_any_frequency(reactive: bool) -> None:
+    """So that speed goes as frequency^1 exactly: neither law has a time scale of its own."""
+    slow = beat_tails(BODIES, 0.25, reactive, beats=4, substeps=1)
+    fast = beat_tails(BODIES, 1.0, reactive, beats=4, substeps=4)
+    assert slow.position is not None
+    assert fast.position is not None
+    assert_allclose(fast.position[:, 99::100], slow.position[:, 399::400], atol=1e-10)
+    assert abs(fast.position[:, -1, 1]).min() > 1e-4
+    assert abs(fast.position[:, -1, 1]).max() > 1.0
+
+
+# --- swims ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("amplitude", "bias"), [(30, 0), (20, 0), (15, 10), (15, 15)])
+def test_commands_give_the_tail_its_angle(amplitude: int, bias: int) -> None:
+    a, b, f = math.radians(amplitude), math.radians(bias), 0.5
+    log = beat_tails(THIN[None], f, False, 2, a, b, substeps=1)
+    assert log.fin_angles is not None
+    t = 0.01 * np.arange(1, log.fin_angles.shape[1] + 1)
+    angle = SWEEP * np.sin(log.fin_angles[0, :, 2])
+    assert_allclose(angle, b + a * np.sin(2 * math.pi * f * t), atol=1e-9)
+    assert not log.fin_angles[..., :2].any()
+
+
+def test_commands_of_a_full_sweep_are_the_robots_own() -> None:
+    assert (tail_commands(0.5, SWEEP, 0.0, 7) == (0.0, 0.0, 0.5)).all()
+
+
+class _Prescribed:
+    """Mix in a tail whose angle is 5 + 20 sin(2 pi t) degrees."""
+
+    def joints(self, t: float) -> tuple[np.ndarray, np.ndarray, float]:
+        turn = 2 * math.pi * t
+        angle = math.radians(5 + 20 * math.sin(turn))
+        rate = math.radians(20) * 2 * math.pi * math.cos(turn)
+        rates = np.array([0.0, 0.0, rate])
+        return np.array([0.0, 0.0, angle]), rates, math.asin(angle / SWEEP)
+
+
+class _Drag(_Prescribed, Momentum):
+    pass
+
+
+class _Reactive(_Prescribed, ReactiveMomentum):
+    pass
+
+
+@pytest.mark.parametrize("reactive", [False, True], ids=["drag", "reactive"])
+def test_swims_at_any_amplitude_and_bias_equal_the_momentum_form(reactive: bool) -> None:
+    model = (_Reactive if reactive else _Drag).of(THIN, np.zeros(3), np.zeros(3))
+    truth = model.run(model.at_rest(), 0.01, 200)[:3]
+    errors = []
+    for substeps in (8, 16):
+        log = beat_tails(
+            THIN[None], 1.0, reactive, 2, math.radians(20), math.radians(5), substeps
+        )  # fmt: skip
+        assert log.position is not None
+        errors.append(np.linalg.norm(log.position[0, -1] - truth))
+    assert np.linalg.norm(truth) > 0.01
+    assert errors[1] < 0.05 * np.linalg.norm(truth)
+    assert errors[1] < 0.65 * errors[0]
+
+
+@pytest.mark.parametrize("reactive", [False, True], ids=["drag", "reactive"])
+def test_the_steady_speed_is_that_of_a_long_swim_from_rest(reactive: bool) -> None:
+    bodies, beats = np.array([THIN, NAMED["its tail alone"]]), (60 if reactive else 250)
+    amplitude = math.radians(20 if reactive else 30)
+    log = beat_tails(bodies, 1.0, reactive, beats, amplitude, substeps=9)
+    first, end = 100 * (beats - 4), 100 * beats
+    speed, strouhal = straight_swims(bodies, log, 1.0, first, end)
+    steady, number, unsettled = steady_swims(bodies, 1.0, reactive, amplitude, substeps=9)
+    assert_allclose(steady, speed, rtol=1e-3)
+    assert_allclose(number, strouhal, rtol=1e-3)
+    assert unsettled.max() < 1e-6
+
+
+def test_a_tail_that_leans_to_the_other_side_turns_the_fish_as_far_the_other_way() -> None:
+    bias, amplitude = math.radians(10), math.radians(15)
+    left, right = (turns_per_beat(THIN[None], True, b, amplitude) for b in (bias, -bias))
+    assert left > 0.01
+    # The half beat at which the swim begins is not mirrored.
+    assert_allclose(left, -right, rtol=0.02)
+
+
+# --- the study ------------------------------------------------------------------------------
+
+
+def test_speed_goes_as_frequency_exactly_if_beats_have_equally_many_steps(quick: Report) -> None:
+    for row in quick["frequency"]:
+        assert_allclose([row["slope"], row["low"], row["high"]], 1.0, atol=1e-6)
+
+
+def test_only_the_reactive_terms_have_the_amplitude_exponent_that_was_measured(
+    quick: Report,
+) -> None:
+    measured = quick["published"]["amplitude"]
+    assert measured["low"] < 1.1 < measured["high"]
+    for row in quick["amplitude"][:3]:
+        assert row["slope"] > measured["high"]
+        assert row["reactive"] is False
+    for row in quick["amplitude"][-4:]:
+        assert measured["low"] < row["slope"] < measured["high"]
+        assert row["reactive"] is True
+    for steady_or_not in ("amplitude", "from rest"):
+        drag, reactive = quick[steady_or_not][3], quick[steady_or_not][-1]
+        assert drag["low"] > measured["high"] > reactive["high"]
+
+
+def test_published_numbers_give_the_exponents_that_are_cited() -> None:
+    assert exponent(*zip(*fish_data.FREQUENCY_RUNS, strict=True)).slope == pytest.approx(
+        1.5, abs=0.05
+    )
+    assert exponent(*zip(*fish_data.AMPLITUDE_RUNS, strict=True)).slope == pytest.approx(
+        1.1, abs=0.05
+    )
+
+
+def test_published_speeds_lie_on_a_straight_line_with_an_offset() -> None:
+    frequency, speed = np.transpose(fish_data.FREQUENCY_RUNS)
+    slope, at_zero = np.polyfit(frequency, speed, 1)
+    assert -at_zero / slope == pytest.approx(0.3, abs=0.05)  # Hz, as docs/real_fish.md has it
+    straight = np.corrcoef(frequency, speed)[0, 1]
+    assert straight > np.corrcoef(np.log(frequency), np.log(speed))[0, 1] > 0.99
+
+
+def test_coarser_steps_hardly_change_an_exponent() -> None:
+    at = [np.radians(a) for a in real_fish.AMPLITUDES]
+    slopes = [
+        [
+            exponent(at, v).slope
+            for v in np.transpose([steady_swims(BODIES, 1.0, False, a, n)[0] for a in at])
+        ]
+        for n in (27, 54)
+    ]
+    assert abs(np.subtract(*slopes)).max() < 0.02
+
+
+def test_the_study_prints_every_table(quick: Report) -> None:
+    for table in real_fish.make_tables(quick).values():
+        assert table.rows
+        assert all(len(row) == len(table.columns) for row in table.rows)
