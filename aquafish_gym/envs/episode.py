@@ -14,7 +14,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage, edit_each
-from aquafish_gym.damage.sensors import Sensors
+from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.morphology import Morphology
@@ -177,7 +177,7 @@ class Robots:
     def _set(self, rows: Rows, scenario: Scenario) -> None:
         for name, table in self.now.arrays().items():
             table[rows] = vars(scenario)[name]
-        self.sensors.update(rows, scenario)
+        self.sensors.update(rows, Readings.of(scenario))
         changes = self._changes
         self.next_change[rows] = [changes[i][0][0] if changes[i] else NEVER for i in rows.tolist()]
 
