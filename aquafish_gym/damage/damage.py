@@ -113,6 +113,15 @@ class Damage:
             return self
         return type(self)(tuple(chain.from_iterable(_sample(f, rng, parts) for f in self.faults)))
 
+    def check_onsets(self, seconds: float) -> None:
+        """Raise InvalidArgumentError if a fault begins after an episode of ``seconds``."""
+        for fault in self.faults:
+            latest = fault.onset[1] if isinstance(fault.onset, tuple) else fault.onset
+            if latest >= seconds:
+                raise InvalidArgumentError(
+                    f"damage must strike before the episode ends at {seconds:g} s; got {fault}"
+                )
+
     def edit(self, scenario: Scenario, hold: int = 1) -> Scenario:
         """Return a scenario with this damage: faults at the start, the others in its schedule.
 

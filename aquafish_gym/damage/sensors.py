@@ -46,7 +46,8 @@ class Readings(NamedTuple):
     @property
     def broken(self) -> Flags:
         """Which channels (n, C) may observe something else than the truth."""
-        return (self.noise != 0.0) | (self.bias != 0.0) | self.stuck | self.dropped
+        read: Flags = (self.noise != 0.0) | (self.bias != 0.0)
+        return read | self.stuck | self.dropped
 
 
 def break_sensor(robots: Readings, channels: Any, word: str, number: float) -> None:

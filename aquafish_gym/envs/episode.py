@@ -63,13 +63,7 @@ class EpisodeConfig:
             damage=Damage.coerce(options.get("damage", self.damage)),
             fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
         )
-        for fault in found.damage:
-            latest = fault.onset[1] if isinstance(fault.onset, tuple) else fault.onset
-            if latest >= self.task.seconds:
-                raise InvalidArgumentError(
-                    "damage must strike before the episode ends at "
-                    f"{self.task.seconds:g} s; got {fault}"
-                )
+        found.damage.check_onsets(self.task.seconds)
         if not found.damage.is_random:
             body = found.morphology.to_array()[None]
             found.damage.edit(Scenario.fill({"body": body}))  # raises if it does not fit
