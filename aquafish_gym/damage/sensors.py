@@ -114,16 +114,22 @@ class Sensors:
         observed = truth.copy()
         felt = observed[:, : now.bias.shape[1]]  # a view
         felt += now.bias
-        if isinstance(rngs, np.random.Generator):
-            noisy = now.noise > 0.0
-            felt[noisy] += rngs.normal(0.0, now.noise[noisy])
-        else:
-            for i in np.flatnonzero(now.noise.any(axis=1)).tolist():
-                noisy = now.noise[i] > 0.0
-                felt[i, noisy] += rngs[rows[i]].normal(0.0, now.noise[i, noisy])
+        noisy = now.noise > 0.0
+        if noisy.any():
+            felt[noisy] += now.noise[noisy] * _draw(rngs, rows, noisy.sum(axis=1))
         self._held[rows] = np.where(self._fresh[rows], felt, self._held[rows])
         self._fresh[rows] = False
         np.copyto(felt, self._held[rows], where=now.stuck)
         felt[now.dropped] = 0.0
         np.clip(observed, low, high, out=observed)
         return observed
+
+
+def _draw(
+    rngs: Sequence[np.random.Generator] | np.random.Generator, rows: Rows, counts: Rows
+) -> Floats:
+    """Return ``counts`` (n,) normal numbers for each of the robots ``rows``, one after another."""
+    if isinstance(rngs, np.random.Generator):
+        return rngs.standard_normal(int(counts.sum()))
+    drawn = zip(rows.tolist(), counts.tolist(), strict=True)
+    return np.concatenate([rngs[robot].standard_normal(count) for robot, count in drawn if count])
