@@ -346,6 +346,13 @@ def test_tier_of_ones_own_breaks_the_channels_that_it_names(
     assert 0.1 <= info["action_gain"][1] <= 0.2
 
 
+@pytest.mark.parametrize("part", ["action", "action_1", "observation_0-3"])
+def test_text_of_channels_reads_back_exactly(part: str) -> None:
+    word = "seized=-3.5" if part.startswith("action") else "noise=1e-05"
+    for time in ("", "@1.5", "@1.0-2.0+0.1"):
+        assert str(Damage.parse(f"{part}:{word}{time}")) == f"{part}:{word}{time}"
+
+
 def test_damage_of_one_episode_comes_with_reset() -> None:
     env = FaultWrapper(Echo(), "action:dead", dt=1)
     _, info = env.reset(options={"damage": "observation:stuck", "own": 1})
