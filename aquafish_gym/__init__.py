@@ -9,6 +9,7 @@ import gymnasium as _gymnasium
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import simulate
 from aquafish_gym.envs import tasks
+from aquafish_gym.envs.wrappers import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
 from aquafish_gym.world_config import WorldConfig
@@ -17,8 +18,10 @@ __all__ = [
     "DIMENSIONS",
     "Damage",
     "Dimension",
+    "FaultWrapper",
     "ImuLog",
     "Morphology",
+    "VectorFaultWrapper",
     "WorldConfig",
     "simulate",
     "tasks",

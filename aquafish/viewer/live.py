@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage, Fault, edit_each
-from aquafish_gym.damage.sensors import Sensors
+from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.envs import episode
 from aquafish_gym.morphology import FINS, Morphology
@@ -238,7 +238,7 @@ class LiveSwim:
         if key != self._key:
             self._key, self.robots = key, self._present()
             self._lanes.update(self._everyone, self.robots)
-            self._sensors.update(self._everyone, self.robots)
+            self._sensors.update(self._everyone, Readings.of(self.robots))
 
     def _present(self) -> Scenario:
         rows = (self.count, 1)
@@ -256,8 +256,8 @@ class LiveSwim:
 
     def _observe(self) -> None:
         truth = episode.observe(state_from_numbers(self.states))
-        limits, rngs = episode.limits(False, False), [self._rng] * self.count
-        self.observed = self._sensors.observe(truth, limits, rngs, self._everyone)
+        limits = episode.limits(False, False)
+        self.observed = self._sensors.observe(truth, -limits, limits, self._rng, self._everyone)
 
 
 def part_forces(robot: Scenario, state: Floats) -> Floats:

@@ -7,7 +7,6 @@ a part of an episode, ``caudal:seized@4+2``; with a dash the onset is random, ``
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
@@ -16,12 +15,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from aquafish_gym.damage.faults import PARTS, RANDOM, Fault
-from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.damage.faults import PARTS, RANDOM, Fault, Range
+from aquafish_gym.damage.tiers import TIERS, Chance, Tier
 from aquafish_gym.morphology import FINS, SIZES, Morphology
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
+Parts = Mapping[str, Mapping[str, Range | None]]
 MAXIMUM_FAULTS = 100  # that one robot may have
 SCALED = 0.2, 0.9  # of what a size was, where any fin may break
 
@@ -104,11 +104,23 @@ class Damage:
         """Whether it must be sampled before it can be applied."""
         return any(fault.is_random for fault in self.faults)
 
-    def sample(self, rng: np.random.Generator) -> Self:
-        """Return the damage of one episode, with random faults and onsets drawn."""
+    def sample(self, rng: np.random.Generator, parts: Parts = PARTS) -> Self:
+        """Return the damage of one episode, with random faults, of ``parts``, and onsets drawn.
+
+        A tier's ways to break that fit none of the parts are not drawn.
+        """
         if not self.is_random:
             return self
-        return type(self)(tuple(chain.from_iterable(_sample(f, rng) for f in self.faults)))
+        return type(self)(tuple(chain.from_iterable(_sample(f, rng, parts) for f in self.faults)))
+
+    def check_onsets(self, seconds: float) -> None:
+        """Raise InvalidArgumentError if a fault begins after an episode of ``seconds``."""
+        for fault in self.faults:
+            latest = fault.onset[1] if isinstance(fault.onset, tuple) else fault.onset
+            if latest >= seconds:
+                raise InvalidArgumentError(
+                    f"damage must strike before the episode ends at {seconds:g} s; got {fault}"
+                )
 
     def edit(self, scenario: Scenario, hold: int = 1) -> Scenario:
         """Return a scenario with this damage: faults at the start, the others in its schedule.
@@ -128,21 +140,28 @@ class Damage:
         """
         if not self.faults:
             return scenario
-        spans = [_steps(fault, TIMESTEP * hold) for fault in self.faults]
-        begins = sorted({0, *(step for span in spans for step in span if step is not None)})
-        rows, stages = np.arange(len(scenario)), []
-        for begin in begins:
-            active = [
-                fault
-                for fault, (first, end) in zip(self.faults, spans, strict=True)
-                if first <= begin and (end is None or begin < end)
-            ]
-            stages.append(_break(scenario, active))
-        schedule = tuple(
-            Change(begin * hold, rows, stage)
-            for begin, stage in zip(begins[1:], stages[1:], strict=True)
+        rows = np.arange(len(scenario))
+        (_, start), *later = (
+            (step, _break(scenario, active)) for step, active in self.stages(TIMESTEP * hold)
         )
-        return replace(stages[0], schedule=schedule)
+        schedule = tuple(Change(step * hold, rows, stage) for step, stage in later)
+        return replace(start, schedule=schedule)
+
+    def stages(self, dt: float) -> list[tuple[int, tuple[Fault, ...]]]:
+        """Return the active faults at step 0, and at each later one where they begin or end.
+
+        Steps are of ``dt`` s. A fault holds in the steps that begin at its onset or later, and in
+        one at least. InvalidArgumentError if an onset is random.
+        """
+        spans = [(fault, *fault.steps(dt)) for fault in self.faults]
+
+        def active(now: int) -> tuple[Fault, ...]:
+            return tuple(
+                f for f, first, end in spans if first <= now and (end is None or now < end)
+            )
+
+        changes = {step for _, *span in spans for step in span if step is not None}
+        return [(now, active(now)) for now in sorted({0, *changes})]
 
     def body(self, morphology: Morphology) -> Morphology:
         """Return a body with every fault of its fins, whenever they begin.
@@ -210,32 +229,37 @@ def _break(scenario: Scenario, faults: list[Fault] | tuple[Fault, ...]) -> Scena
     return broken
 
 
-def _steps(fault: Fault, dt: float) -> tuple[int, int | None]:
-    """Return the first control step that a fault affects, and the first one after it, if any."""
-    onset, end = fault.span
-    first = math.ceil(onset / dt - 1e-9)  # rounding makes no step of its own
-    return first, None if math.isinf(end) else max(first + 1, math.ceil(end / dt - 1e-9))
-
-
-def _sample(fault: Fault, rng: np.random.Generator) -> list[Fault]:
+def _sample(fault: Fault, rng: np.random.Generator, parts: Parts) -> list[Fault]:
     """Return a fault with its onset drawn; of a tier, faults of different parts that begin then."""
     if isinstance(fault.onset, tuple):
         fault = replace(fault, onset=float(rng.uniform(*fault.onset)))
     if fault.part != RANDOM:
         return [fault]
-    tier, whole, found = TIERS[fault.word], list(PARTS), []
-    weights = [chance.weight for chance in tier.chances]
+    tier, whole, found = TIERS[fault.word], dict(parts), []
     for _ in range(tier.parts):
-        chance = tier.chances[rng.choice(len(weights), p=weights)]
-        word, fitting = chance.word, chance.parts or whole
-        part = str(rng.choice([part for part in whole if word in PARTS[part] and part in fitting]))
+        ways = ways_to_break(tier, whole)
+        if not ways:
+            break
+        weights = np.array([chance.weight for chance, _ in ways])
+        if len(ways) < len(tier.chances):
+            weights /= weights.sum()
+        chance, fitting = ways[rng.choice(len(ways), p=weights)]
+        word, part = chance.word, str(rng.choice(fitting))
         number = float(rng.uniform(chance.low, chance.high))
         number *= int(rng.choice((-1, 1))) if word == "bias" else 1
-        range_ = PARTS[part][word]
+        range_ = whole.pop(part)[word]
         takes = range_ is not None and not range_.optional
         found.append(replace(fault, part=part, word=word, number=number if takes else None))
-        whole.remove(part)
     return found
+
+
+def ways_to_break(tier: Tier, parts: Parts) -> list[tuple[Chance, list[str]]]:
+    """Return a tier's chances that fit any of the parts, each with those it fits."""
+    fitting = (
+        [part for part in parts if chance.word in parts[part] and part in (chance.parts or parts)]
+        for chance in tier.chances
+    )
+    return [(chance, fits) for chance, fits in zip(tier.chances, fitting, strict=True) if fits]
 
 
 def is_list_of_faults(value: object) -> bool:

@@ -5,19 +5,23 @@ A fault is a word about a part, with a number where the word takes one: ``caudal
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish_gym.damage.sensors import Readings, break_sensor
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
 from aquafish_gym.scenario import CHANNELS, MAXIMUM_SPIN, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, one_of
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s
+LARGEST = 1e30  # of a number of an environment whose units are its own, in any precision
 RANDOM = "random"
 _COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
 
@@ -36,20 +40,34 @@ _BODY: dict[str, Range | None] = {
     "missing": None,
     "entangled": Range(0.0, 1.0),
 }
-_FIN = _BODY | {
-    "weak": Range(-2.0, 2.0),
-    "reversed": None,
-    "seized": Range(-np.pi, np.pi, "rad", optional=True),
-    "dead": None,
-}
-_DIRECTION = {"bias": Range(-2.0, 2.0), "stuck": None, "dropped": None}
-_RATE = _DIRECTION | {"bias": Range(-MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s")}
+
+
+def _actuator(held: Range) -> dict[str, Range | None]:
+    """Return the words about an actuator, which may be seized where ``held`` says."""
+    return {"weak": Range(-2.0, 2.0), "reversed": None, "seized": held, "dead": None}
+
+
+def _sensor(bias: Range) -> dict[str, Range | None]:
+    """Return the words about a sensor."""
+    return {"bias": bias, "stuck": None, "dropped": None}
+
+
+_FIN = _BODY | _actuator(Range(-np.pi, np.pi, "rad", optional=True))
+_DIRECTION = _sensor(Range(-2.0, 2.0))
+_RATE = _sensor(Range(-MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s"))
 #: Part -> word -> its number, or None where it takes none.
 PARTS: Mapping[str, Mapping[str, Range | None]] = {
     **dict.fromkeys(FINS, _FIN),
     "gyro": {"noise": Range(0.0, MAXIMUM_SPIN, "rad/s")},
     **{name: _RATE if name.startswith("gyro") else _DIRECTION for name in CHANNELS},
 }
+#: The same about the channels of any environment, such as ``action_0``, ``observation_3-5``
+#: (from 3 to 5) or ``observation`` (all of them).
+CHANNEL_WORDS: Mapping[str, Mapping[str, Range | None]] = {
+    "action": _actuator(Range(-LARGEST, LARGEST, optional=True)),
+    "observation": {"noise": Range(0.0, LARGEST), **_sensor(Range(-LARGEST, LARGEST))},
+}
+_CHANNEL = re.compile(r"(action|observation)(?:_([0-9]{1,9})(?:-([0-9]{1,9}))?)?")
 
 
 @dataclass(frozen=True)
@@ -59,9 +77,10 @@ class Fault:
     Attributes
     ----------
     part
-        A fin, "gyro", one of ``CHANNELS``, or "random".
+        A fin, "gyro", one of ``CHANNELS``, or "random"; for ``FaultWrapper``, "action" or
+        "observation", with the numbers of its channels: "action_0", "observation_3-5".
     word
-        What happens to it: a key of ``PARTS[part]``, or a tier.
+        What happens to it: a key of ``PARTS[part]`` or ``CHANNEL_WORDS``, or a tier.
     number
         What the word takes, or None.
     onset
@@ -87,8 +106,7 @@ class Fault:
     duration: float | None = None
 
     def __post_init__(self) -> None:
-        one_of("damage part", self.part, (*PARTS, RANDOM))
-        words = dict.fromkeys(TIERS) if self.part == RANDOM else PARTS[self.part]
+        words = _words(self.part)
         wanted = words[one_of("damage", self.word, words)]
         name = f"damage {self.part}:{self.word}"
         if self.number is not None:
@@ -110,7 +128,8 @@ class Fault:
             self._check("onset", "damage onset", Range(0.0, LONGEST, "s"))
         if self.duration is not None:
             self._check("duration", "damage duration", Range(SHORTEST, LONGEST, "s"))
-        if self.word == "seized" and self.number is not None and self.onset != 0.0:
+        angle = self.word == "seized" and self.number is not None and self.part in FINS
+        if angle and self.onset != 0.0:
             raise InvalidArgumentError(
                 f"damage {self.part}:seized has an angle only from the beginning, since a fin "
                 f"cannot get there later; got {self.number:g} with the onset {self.onset}"
@@ -139,6 +158,21 @@ class Fault:
             )
         return self.onset, self.onset + (np.inf if self.duration is None else self.duration)
 
+    def steps(self, dt: float) -> tuple[int, int | None]:
+        """Return the first step of ``dt`` s that it affects, and the first one after it, if any."""
+        onset, end = self.span
+        first = math.ceil(onset / dt - 1e-9)  # rounding makes no step of its own
+        return first, None if math.isinf(end) else max(first + 1, math.ceil(end / dt - 1e-9))
+
+    @property
+    def channels(self) -> tuple[str, slice] | None:
+        """Of a fault of channels: "action" or "observation", and which of them; else None."""
+        found = _CHANNEL.fullmatch(self.part)
+        if found is None:
+            return None
+        side, first, last = found.groups()
+        return side, slice(None) if first is None else slice(int(first), int(last or first) + 1)
+
     def edit(self, robots: Scenario) -> None:
         """Break robots, in place; InvalidArgumentError if it is random or does not fit them."""
         if self.part == RANDOM:
@@ -150,17 +184,15 @@ class Fault:
             break_fin(robots, self.part, self.word, number)
             if self.word == "seized" and self.number is not None:
                 robots.fin_angles[:, FINS.index(self.part)] = number
-        elif self.part == "gyro":
-            robots.gyro_noise[:] = np.hypot(robots.gyro_noise, number)
+        elif self.channels is not None:
+            raise InvalidArgumentError(
+                f"damage {self} is of an environment's channels: give it to FaultWrapper"
+            )
         else:
-            channel = CHANNELS.index(self.part)
-            match self.word:
-                case "bias":
-                    robots.sensor_bias[:, channel] += number
-                case "stuck":
-                    robots.sensor_stuck[:, channel] = True
-                case "dropped":
-                    robots.sensor_dropped[:, channel] = True
+            bias, stuck, dropped = robots.sensor_bias, robots.sensor_stuck, robots.sensor_dropped
+            sensors = Readings(robots.gyro_noise[:, None], bias, stuck, dropped)
+            channel = 0 if self.part == "gyro" else CHANNELS.index(self.part)
+            break_sensor(sensors, channel, self.word, number)
 
     def __str__(self) -> str:
         text = f"{self.part}:{self.word}" + ("" if self.number is None else f"={self.number!r}")
@@ -170,6 +202,28 @@ class Fault:
         return text + (f"@{onset!r}{lasts}" if onset or lasts else "")
 
 
+def _words(part: object) -> Mapping[str, Range | None]:
+    """Return the words about a part; UnknownNameError if there is no such part."""
+    if part == RANDOM:
+        return dict.fromkeys(TIERS)
+    if isinstance(part, str) and (found := _CHANNEL.fullmatch(part)):
+        return CHANNEL_WORDS[found[1]]
+    return PARTS[one_of("damage part", part, (*PARTS, RANDOM, *CHANNEL_WORDS))]
+
+
+def break_servo(
+    gain: NDArray[np.float64], servos: Any, word: str, number: float | NDArray[np.float64]
+) -> None:
+    """Break the servos that an index or a slice selects of (B, n) gains, in place."""
+    match word:
+        case "weak":
+            gain[:, servos] *= number
+        case "reversed":
+            gain[:, servos] *= -1.0
+        case "seized" | "dead":
+            gain[:, servos] = 0.0
+
+
 def break_fin(
     robots: Scenario, part: str, word: str, number: float | NDArray[np.float64] = 0.0
 ) -> None:
@@ -177,22 +231,17 @@ def break_fin(
 
     InvalidArgumentError if a size would exceed its maximum.
     """
-    body, gain, fin = robots.body, robots.servo_gain, FINS.index(part)
+    body, fin = robots.body, FINS.index(part)
     match word:
         case "missing":
             body[:, [_COLUMNS[part, size] for size in SIZES]] = 0.0
         case "entangled":
             column = _COLUMNS[part, "width"]
             body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
-        case "weak":
-            gain[:, fin] *= number
-        case "reversed":
-            gain[:, fin] *= -1.0
-        case "seized":
-            gain[:, fin] = 0.0
-        case "dead":
-            gain[:, fin] = 0.0
-            robots.fin_angles[:, fin] = np.nan  # random at the start
+        case "weak" | "reversed" | "seized" | "dead":
+            break_servo(robots.servo_gain, fin, word, number)
+            if word == "dead":
+                robots.fin_angles[:, fin] = np.nan  # random at the start
         case _:
             column = _COLUMNS[part, word]
             dimension = DIMENSIONS[column]

@@ -1,69 +1,135 @@
-"""The observations of broken sensors."""
+"""The observations of broken sensors: the one statement of noise, bias, stuck and dropped."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.scenario import CHANNELS, Scenario
 
 Floats = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 Observations = NDArray[np.floating]
 Rows = NDArray[np.intp]
 GYRO = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
 
 
-class Sensors:
-    """The sensors of B robots, which may observe something else than the truth.
+class Readings(NamedTuple):
+    """How C sensor channels of n robots read."""
 
-    ``broken`` is whether any of them ever did; where none did, nothing is computed. They observe
-    numbers of type ``dtype``.
+    noise: Floats  #: (n, C) standard deviation of the white noise in each observation
+    bias: NDArray[np.floating]  #: (n, C) added
+    stuck: Flags  #: (n, C) whether each repeats its first observation
+    dropped: Flags  #: (n, C) whether each reads 0
+
+    @classmethod
+    def whole(cls, count: int, channels: int, dtype: type[np.floating] = np.float64) -> Self:
+        """Return the tables of whole sensors, with biases of type ``dtype``."""
+        shape = (count, channels)
+        noise, bias = np.zeros(shape), np.zeros(shape, dtype)
+        return cls(noise, bias, np.zeros(shape, np.bool_), np.zeros(shape, np.bool_))
+
+    @classmethod
+    def of(cls, robots: Scenario) -> Self:
+        """Return how the sensors ``CHANNELS`` of robots read; the gyro alone has noise."""
+        noise = np.zeros(robots.sensor_bias.shape)
+        noise[:, GYRO] = robots.gyro_noise[:, None]
+        return cls(noise, robots.sensor_bias, robots.sensor_stuck, robots.sensor_dropped)
+
+    def take(self, rows: Any) -> Self:
+        """Return the robots that ``rows`` selects; views of them if it is a slice."""
+        return type(self)(*(table[rows] for table in self))
+
+    @property
+    def broken(self) -> Flags:
+        """Which channels (n, C) may observe something else than the truth."""
+        read: Flags = (self.noise != 0.0) | (self.bias != 0.0)
+        return read | self.stuck | self.dropped
+
+
+def break_sensor(robots: Readings, channels: Any, word: str, number: float) -> None:
+    """Break the sensor channels that an index or a slice selects, in place."""
+    match word:
+        case "noise":
+            robots.noise[:, channels] = np.hypot(robots.noise[:, channels], number)
+        case "bias":
+            robots.bias[:, channels] += number
+        case "stuck":
+            robots.stuck[:, channels] = True
+        case "dropped":
+            robots.dropped[:, channels] = True
+
+
+class Sensors:
+    """The sensors of B robots, C channels each, which may observe something else than the truth.
+
+    ``readings`` is how they read. ``broken`` is whether any of them ever was; where none was,
+    nothing is computed. They observe numbers of type ``dtype``.
     """
 
-    def __init__(self, count: int, dtype: type[np.floating] = np.float32) -> None:
-        channels = (count, len(CHANNELS))
+    def __init__(
+        self, count: int, dtype: type[np.floating] = np.float32, channels: int = len(CHANNELS)
+    ) -> None:
         self.broken = False
-        self._noise: Floats = np.zeros(count)
-        self._biases = np.zeros(channels, dtype)
-        self._stuck, self._dropped = np.zeros(channels, np.bool_), np.zeros(channels, np.bool_)
-        self._fresh = np.zeros(channels, np.bool_)  # stuck from the next observation on
-        self._held = np.zeros(channels, dtype)
+        self.readings = Readings.whole(count, channels, dtype)
+        self._fresh = np.zeros((count, channels), np.bool_)  # stuck from the next observation on
+        self._held = np.zeros((count, channels), dtype)
 
-    def update(self, rows: Rows, scenario: Scenario) -> None:
-        """Set the sensors of robots ``rows`` (n,) from a scenario of n, for later observations."""
-        noise, bias = scenario.gyro_noise, scenario.sensor_bias
-        stuck, dropped = scenario.sensor_stuck, scenario.sensor_dropped
-        if not self.broken and not (noise.any() or bias.any() or stuck.any() or dropped.any()):
+    def update(self, rows: Rows, readings: Readings) -> None:
+        """Set how the robots ``rows`` (n,) read in later observations."""
+        if not self.broken and not any(table.any() for table in readings):
             return
         self.broken = True
-        self._fresh[rows] = stuck & ~self._stuck[rows]
-        self._noise[rows] = noise
-        self._biases[rows] = bias
-        self._stuck[rows] = stuck
-        self._dropped[rows] = dropped
+        self._fresh[rows] = readings.stuck & ~self.readings.stuck[rows]
+        for table, new in zip(self.readings, readings, strict=True):
+            table[rows] = new
 
     def reset(self, rows: Rows) -> None:
         """Forget the observations of these robots: an episode begins."""
-        self._stuck[rows] = False
+        self.readings.stuck[rows] = False
 
     def observe(
-        self, truth: Observations, limits: Floats, rngs: Sequence[np.random.Generator], rows: Rows
+        self,
+        truth: Observations,
+        low: ArrayLike,
+        high: ArrayLike,
+        rngs: Sequence[np.random.Generator] | np.random.Generator,
+        rows: Rows,
     ) -> Observations:
-        """Return the observations (n, k) of the robots ``rows``, which begin with ``CHANNELS``.
+        """Return the observations (n, k) of the robots ``rows``, which begin with the C channels.
 
-        ``truth`` is what whole sensors would observe; ``rngs`` are of all B robots.
+        Parameters
+        ----------
+        truth
+            What whole sensors would observe.
+        low, high
+            The ends (k,) at which sensors saturate.
+        rngs
+            The generators of all B robots, or one for all of them.
         """
+        now = self.readings.take(rows)
         observed = truth.copy()
-        felt = observed[:, : len(CHANNELS)]  # a view
-        felt += self._biases[rows]
-        for i, robot in enumerate(rows.tolist()):
-            if self._noise[robot]:
-                felt[i, GYRO] += rngs[robot].normal(0.0, self._noise[robot], 3)
-        np.clip(observed, -limits, limits, out=observed)
+        felt = observed[:, : now.bias.shape[1]]  # a view
+        felt += now.bias
+        noisy = now.noise > 0.0
+        if noisy.any():
+            felt[noisy] += now.noise[noisy] * _draw(rngs, rows, noisy.sum(axis=1))
         self._held[rows] = np.where(self._fresh[rows], felt, self._held[rows])
         self._fresh[rows] = False
-        np.copyto(felt, self._held[rows], where=self._stuck[rows])
-        felt[self._dropped[rows]] = 0.0
+        np.copyto(felt, self._held[rows], where=now.stuck)
+        felt[now.dropped] = 0.0
+        np.clip(observed, low, high, out=observed)
         return observed
+
+
+def _draw(
+    rngs: Sequence[np.random.Generator] | np.random.Generator, rows: Rows, counts: Rows
+) -> Floats:
+    """Return ``counts`` (n,) normal numbers for each of the robots ``rows``, one after another."""
+    if isinstance(rngs, np.random.Generator):
+        return rngs.standard_normal(int(counts.sum()))
+    drawn = zip(rows.tolist(), counts.tolist(), strict=True)
+    return np.concatenate([rngs[robot].standard_normal(count) for robot, count in drawn if count])

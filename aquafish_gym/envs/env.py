@@ -277,7 +277,8 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         seen = episode.observe(self._state, fins, goal)
         sensors = self._robots.sensors
         if sensors.broken:
-            seen = sensors.observe(seen[None], self._limits, [self.np_random], ONLY)[0]
+            most, rngs = self._limits, [self.np_random]
+            seen = sensors.observe(seen[None], -most, most, rngs, ONLY)[0]
         return seen
 
     def _read_robot(self) -> None:

@@ -14,7 +14,7 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage, edit_each
-from aquafish_gym.damage.sensors import Sensors
+from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.morphology import Morphology
@@ -63,13 +63,7 @@ class EpisodeConfig:
             damage=Damage.coerce(options.get("damage", self.damage)),
             fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
         )
-        for fault in found.damage:
-            latest = fault.onset[1] if isinstance(fault.onset, tuple) else fault.onset
-            if latest >= self.task.seconds:
-                raise InvalidArgumentError(
-                    "damage must strike before the episode ends at "
-                    f"{self.task.seconds:g} s; got {fault}"
-                )
+        found.damage.check_onsets(self.task.seconds)
         if not found.damage.is_random:
             body = found.morphology.to_array()[None]
             found.damage.edit(Scenario.fill({"body": body}))  # raises if it does not fit
@@ -177,7 +171,7 @@ class Robots:
     def _set(self, rows: Rows, scenario: Scenario) -> None:
         for name, table in self.now.arrays().items():
             table[rows] = vars(scenario)[name]
-        self.sensors.update(rows, scenario)
+        self.sensors.update(rows, Readings.of(scenario))
         changes = self._changes
         self.next_change[rows] = [changes[i][0][0] if changes[i] else NEVER for i in rows.tolist()]
 

@@ -305,7 +305,7 @@ class AquaFishVectorEnv(
         seen = episode.observe(state_from_numbers(self._now), fins, goal)[which]
         sensors = self._robots.sensors
         if sensors.broken:
-            seen = sensors.observe(seen, self._limits, self._rngs, rows)
+            seen = sensors.observe(seen, -self._limits, self._limits, self._rngs, rows)
         self._seen[which] = seen
 
     def _info(self, before: Floats, terms: dict[str, Floats], diverged: Mask) -> Info:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from aquafish_gym.command import lane_servo_speeds, reckon, scale_action
-from aquafish_gym.damage.sensors import Sensors
+from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs.tasks import Memory, Step, Task
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
@@ -41,7 +41,7 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
     path = np.full((-(-plan.steps // plan.interval) + 1, 10), math.nan)
     gyro, commands = np.full((2, plan.steps, 3), math.nan)
     sensors = Sensors(1, np.float64)
-    sensors.update(_ONLY, now)
+    sensors.update(_ONLY, Readings.of(now))
     world = make_world(engine, now, plan.substeps)
     try:
         for count, t in enumerate(range(0, plan.steps, plan.interval)):
@@ -56,7 +56,7 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
             turn = rotation(state.orientation)
             observation = np.array([*turn[2], *turn[1], *state.spin])
             if sensors.broken:
-                observation = sensors.observe(observation[None], _LIMITS, rngs, _ONLY)[0]
+                observation = sensors.observe(observation[None], -_LIMITS, _LIMITS, rngs, _ONLY)[0]
             if task.has_goal:
                 way = to_body(turn, subtract(task.goal(memory), state.position))
                 limited = np.clip(way, -GOAL_RANGE, GOAL_RANGE)
@@ -95,7 +95,7 @@ def _sample(state: State) -> tuple[float, ...]:
 def _change(world: World, to: Scenario, sensors: Sensors) -> None:
     """Let the robot and its sensors become what a schedule says."""
     world.update(to)
-    sensors.update(_ONLY, to)
+    sensors.update(_ONLY, Readings.of(to))
 
 
 def act_alone(program: Program, robot: int, fins: Floats, gains: Floats) -> Act:

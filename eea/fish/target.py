@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.command import check_commands
 from aquafish_gym.damage import CHANNELS, Damage
-from aquafish_gym.damage.sensors import GYRO, Sensors
+from aquafish_gym.damage.sensors import GYRO, Readings, Sensors
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
@@ -146,6 +146,7 @@ class EngineTarget:
         observed = np.empty_like(truth)
         for step in range(len(truth)):
             if step in stages:
-                sensors.update(_ONLY, stages[step])
-            observed[step] = sensors.observe(truth[step : step + 1], unlimited, [rng], _ONLY)[0]
+                sensors.update(_ONLY, Readings.of(stages[step]))
+            row = truth[step : step + 1]
+            observed[step] = sensors.observe(row, -unlimited, unlimited, [rng], _ONLY)[0]
         return observed[None, 1:, GYRO]

@@ -1,0 +1,223 @@
+"""The action and observation channels of any robot, some of them broken, in batches."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box, Space
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.damage.damage import Damage, ways_to_break
+from aquafish_gym.damage.faults import CHANNEL_WORDS, RANDOM, Fault, break_servo
+from aquafish_gym.damage.sensors import Floats, Rows, Sensors, break_sensor
+from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
+
+NEVER = 2**62
+
+
+class Channels:
+    """What damage makes of the actions and observations of B robots, whose rows arrays have.
+
+    Channels are the entries of a space in C order: A of the action, C of the observation.
+
+    Parameters
+    ----------
+    count
+        B.
+    action, observation
+        The spaces of one robot.
+    dt
+        The length of a step in s; None if it is unknown.
+    last_step
+        How many steps an episode has; None if it is unknown.
+    neutral
+        See ``FaultWrapper``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a space is no ``Box`` of numbers, or ``neutral`` lies outside of its space.
+    """
+
+    def __init__(
+        self,
+        count: int,
+        action: Space[Any],
+        observation: Space[Any],
+        dt: float | None = None,
+        last_step: int | None = None,
+        neutral: ArrayLike | None = None,
+    ) -> None:
+        self.action, self.observation = _box("action", action), _box("observation", observation)
+        self._dt, self._last_step = dt, last_step
+        self._low, self._high = _bounds(self.action)
+        self._ends = _bounds(self.observation)
+        self._neutral = np.clip(0.0, self._low, self._high)
+        if neutral is not None:
+            each = np.full(self.action.shape, neutral) if np.ndim(neutral) == 0 else neutral
+            ends = self.action.low, self.action.high
+            self._neutral = finite_array("neutral", each, self.action.shape, *ends).ravel()
+        self._sizes = {"action": len(self._low), "observation": len(self._ends[0])}
+        #: What random faults break: each channel by itself.
+        self.parts = {
+            f"{side}_{i}": CHANNEL_WORDS[side] for side, n in self._sizes.items() for i in range(n)
+        }
+        actuators, dtype = (count, len(self._low)), self.observation.dtype
+        self._gain = np.ones(actuators)
+        self._seized = np.zeros(actuators, np.bool_)
+        self._held = np.zeros(actuators)  # what seized actuators do
+        self._done = np.tile(self._neutral, (count, 1))  # what all did in the last step
+        real = dtype.type if dtype.kind == "f" else np.float64
+        self._sensors = Sensors(count, real, self._sizes["observation"])
+        self._broken = self._sensors.readings.broken
+        self._acts = self._senses = False  # whether any actuator, any sensor is broken
+        self._faults, self._step = np.zeros((2, count), np.int64)
+        # Per robot: the steps at which other faults are active, and the next of them.
+        self._stages: list[list[tuple[int, tuple[Fault, ...]]]] = [[] for _ in range(count)]
+        self._next = np.full(count, NEVER)
+
+    def check(self, value: object) -> Damage:
+        """Return what ``Damage.coerce`` does; InvalidArgumentError if these robots cannot have it.
+
+        It may be of unknown channels, begin after the end, or have times where ``dt`` is unknown.
+        """
+        damage = Damage.coerce(value)
+        for fault in damage:
+            self._check_part(fault)
+            if self._dt is None and (fault.onset != 0.0 or fault.duration is not None):
+                raise InvalidArgumentError(
+                    f"damage {fault} is timed in s, and the environment does not say how long a "
+                    "step is: give dt in s, or dt=1 to count in steps"
+                )
+        if self._dt is not None and self._last_step is not None:
+            damage.check_onsets(self._last_step * self._dt)
+        return damage
+
+    def _check_part(self, fault: Fault) -> None:
+        if fault.part == RANDOM:
+            if not ways_to_break(TIERS[fault.word], self.parts):
+                raise InvalidArgumentError(f"damage {fault} fits no channel of this environment")
+            return
+        side, where = fault.channels or ("", slice(0, 0))
+        size = self._sizes.get(side, 0)
+        if where != slice(None) and not where.start < where.stop <= size:
+            known = [f"{side}, {side}_0 to {side}_{n - 1}" for side, n in self._sizes.items()]
+            raise InvalidArgumentError(
+                f"damage part must be one of {', '.join(known)} and {RANDOM} in this environment; "
+                f"got {fault.part!r}"
+            )
+        if fault.word == "seized" and fault.number is not None:
+            low, high = self._low[where], self._high[where]
+            command = np.full(low.shape, fault.number)
+            finite_array(f"damage {fault.part}:seized", command, low.shape, low, high)
+
+    def start(self, rows: Rows, damages: Sequence[Damage]) -> None:
+        """Let the robots ``rows`` (n,) begin an episode with n damages that are not random."""
+        self._step[rows] = 0
+        self._done[rows] = self._neutral
+        self._seized[rows] = False
+        self._sensors.reset(rows)
+        for i, damage in zip(rows.tolist(), damages, strict=True):
+            self._stages[i] = damage.stages(self._dt or 1.0)
+        self._change(rows)
+
+    def advance(self) -> None:
+        """Count a step, after which other faults may be active."""
+        self._step += 1
+        changed = np.flatnonzero(self._step == self._next)
+        if len(changed):
+            self._change(changed)
+
+    def act(self, actions: Floats) -> NDArray[Any] | None:
+        """Return what actuators make of finite actions (B, *shape); None where none is broken."""
+        asked = actions.reshape(self._gain.shape)
+        done = self._done = np.clip(asked, self._low, self._high)
+        if not self._acts:
+            return None
+        scaled = np.clip(self._neutral + self._gain * (done - self._neutral), self._low, self._high)
+        turned = self._gain != 1.0
+        self._done = np.where(self._seized, self._held, np.where(turned, scaled, done))
+        # What whole channels are asked outside of the space is left to the environment.
+        acted = np.where(self._seized | turned, self._done, asked)
+        return _as(self.action, acted).reshape(actions.shape)
+
+    def observe(
+        self,
+        observations: NDArray[Any],
+        rngs: Sequence[np.random.Generator] | np.random.Generator,
+        rows: Rows,
+    ) -> NDArray[Any]:
+        """Return what the robots ``rows`` observe, (n, *shape), where whole ones ``observations``.
+
+        ``rngs`` as in :meth:`Sensors.observe`. Where no sensor is broken nothing is copied.
+        """
+        if not self._senses:
+            return observations
+        truth = observations.reshape(len(rows), -1).astype(self._sensors.readings.bias.dtype)
+        sensed = self._sensors.observe(truth, *self._ends, rngs, rows)
+        seen = np.where(self._broken[rows], sensed, truth)
+        return _as(self.observation, seen).reshape(observations.shape)
+
+    def truth(self) -> dict[str, NDArray[Any]]:
+        """Return copies of what is broken, by its names in ``info``."""
+        now, actions, observations = self._sensors.readings, self.action, self.observation
+        tables: list[tuple[str, NDArray[Any], Box[Any]]] = [
+            ("action_gain", self._gain.copy(), actions),
+            ("action_seized", self._seized.copy(), actions),
+            ("observation_noise", now.noise.copy(), observations),
+            ("observation_bias", now.bias.astype(np.float64), observations),
+            ("observation_lost", now.stuck | now.dropped, observations),
+        ]
+        found = {name: table.reshape(-1, *space.shape) for name, table, space in tables}
+        return {"faults": self._faults.copy(), **found}
+
+    def _change(self, rows: Rows) -> None:
+        """Let robots be broken by the faults of their next stage."""
+        readings = self._sensors.readings.take(rows)
+        for table in readings:
+            table[:] = 0
+        for i, robot in enumerate(rows.tolist()):
+            stages = self._stages[robot]
+            _, faults = stages.pop(0)
+            self._next[robot] = stages[0][0] if stages else NEVER
+            self._faults[robot] = len(faults)
+            stood = self._seized[robot].copy()  # and stands there still
+            self._gain[robot], self._seized[robot] = 1.0, False
+            for fault in faults:
+                side, where = fault.channels or ("", slice(0, 0))
+                number = 0.0 if fault.number is None else fault.number
+                if side == "observation":
+                    break_sensor(readings.take(slice(i, i + 1)), where, fault.word, number)
+                elif fault.word != "seized":
+                    break_servo(self._gain[robot : robot + 1], where, fault.word, number)
+                else:
+                    self._seized[robot, where] = True
+                    if fault.number is not None:
+                        self._held[robot, where], stood[where] = number, True
+            fresh = self._seized[robot] & ~stood
+            self._held[robot, fresh] = self._done[robot, fresh]
+        self._sensors.update(rows, readings)
+        self._broken = self._sensors.readings.broken
+        self._acts = bool((self._seized | (self._gain != 1.0)).any())
+        self._senses = bool(self._broken.any())
+
+
+def _box(name: str, space: Space[Any]) -> Box[Any]:
+    if not isinstance(space, Box) or space.dtype.kind not in "iuf":
+        raise InvalidArgumentError(
+            f"the {name} space must be a Box of numbers; got {brief(space)}: flatten it first, "
+            "as gymnasium.wrappers.FlattenObservation does"
+        )
+    return space
+
+
+def _bounds(space: Box[Any]) -> tuple[Floats, Floats]:
+    return space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)
+
+
+def _as(space: Box[Any], values: NDArray[np.floating]) -> NDArray[Any]:
+    """Return values in the type of a space, rounded where that is of whole numbers."""
+    return (values if space.dtype.kind == "f" else np.rint(values)).astype(space.dtype)

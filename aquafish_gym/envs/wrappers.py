@@ -1,0 +1,242 @@
+"""Damage for any Gymnasium environment: wrappers that break its actuators and sensors."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.utils import RecordConstructorArgs
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.damage import Damage
+from aquafish_gym.damage.faults import LONGEST, SHORTEST
+from aquafish_gym.damage.sensors import Rows
+from aquafish_gym.envs.batching import masked, of_each
+from aquafish_gym.envs.channels import Channels
+from aquafish_gym.envs.episode import check_options
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
+
+Array = NDArray[Any]
+Info = dict[str, Any]
+ONLY = np.zeros(1, np.intp)
+
+
+class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArgs):
+    """Break the actuators and sensors of any environment with ``Box`` spaces, also in mid-episode.
+
+    Faults are written as the fish's: ``action_0:seized@4+2; observation_3-5:noise=0.01``; the page
+    on damage has the words. Actions and observations stay in their spaces: they saturate. The
+    reward is the environment's, for what was done. The policy does not observe the faults; ``info``
+    has ``faults`` (how many are active, the environment's own included), ``action_gain`` and
+    ``action_seized`` in an action's shape, ``observation_noise``, ``observation_bias`` and
+    ``observation_lost`` (stuck or dropped) in an observation's. Random faults and noise are drawn
+    from the environment's ``np_random``.
+
+    Parameters
+    ----------
+    env
+        The environment.
+    damage
+        A text, a ``Damage``, or None.
+    dt
+        The length of a step in s, by which faults are timed; 1 times them in steps. None is the
+        environment's ``dt``, or else 1 / ``metadata["render_fps"]``.
+    neutral
+        The action, one number or one for each entry, at which an actuator does nothing. None is
+        the action closest to 0.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If a space is no ``Box``, or the damage does not fit: there is no such channel, an action
+        lies outside of its space, an onset after the end, or the length of a step is unknown.
+
+    Examples
+    --------
+    >>> env = FaultWrapper(gym.make("Pendulum-v1"), "action_0:dead@1; observation_2:bias=0.5")
+    >>> _, info = env.reset(seed=0)
+    >>> info["faults"], info["observation_bias"].tolist()
+    (1, [0.0, 0.0, 0.5])
+    """
+
+    def __init__(
+        self,
+        env: gym.Env[Array, Array],
+        damage: object = None,
+        dt: float | None = None,
+        neutral: ArrayLike | None = None,
+    ) -> None:
+        gym.Wrapper.__init__(self, env)
+        spaces = env.action_space, env.observation_space
+        self._channels = Channels(1, *spaces, _time_step(env, dt), _last_step(env), neutral)
+        self._damage = self._channels.check(damage)
+        # As gym.make reads it back from a specification in JSON.
+        plain = None if neutral is None else np.asarray(neutral).tolist()
+        RecordConstructorArgs.__init__(self, damage=str(self._damage), dt=dt, neutral=plain)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Array, Info]:
+        """Begin an episode; the option ``damage`` is for this one only."""
+        given = check_options(options)
+        damage = self._channels.check(given.pop("damage", self._damage))
+        observation, info = self.env.reset(seed=seed, options=given or None)
+        _refuse_twice(info)
+        self._channels.start(ONLY, [damage.sample(self.np_random, self._channels.parts)])
+        return self._observe(observation), self._told(info)
+
+    def step(self, action: Array) -> tuple[Array, Any, bool, bool, Info]:
+        """Take a step with broken actuators, and observe it with broken sensors."""
+        asked = finite_array("action", action, self._channels.action.shape)
+        done = self._channels.act(asked[None])
+        observation, reward, terminated, truncated, info = self.env.step(
+            action if done is None else done[0]
+        )
+        self._channels.advance()
+        return self._observe(observation), reward, terminated, truncated, self._told(info)
+
+    def _observe(self, observation: Array) -> Array:
+        seen: Array = self._channels.observe(observation[None], [self.np_random], ONLY)[0]
+        return seen
+
+    def _told(self, info: Info) -> Info:
+        truth = {name: rows[0] for name, rows in self._channels.truth().items()}
+        return info | truth | {"faults": int(truth["faults"]) + info.get("faults", 0)}
+
+
+class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
+    """:class:`FaultWrapper` for vector environments, in any autoreset mode.
+
+    ``damage`` is one for all environments or a list of one for each, also in ``options``. Keys of
+    ``info`` have masks, and ``final_obs`` is what sensors observed. Random faults and noise are
+    drawn from one generator for all, seeded by ``reset``; so they are not a single environment's.
+
+    Parameters
+    ----------
+    env, damage, dt, neutral
+        As of :class:`FaultWrapper`.
+
+    Raises
+    ------
+    InvalidArgumentError
+        As :class:`FaultWrapper`, and if ``metadata`` has no ``autoreset_mode``.
+
+    Examples
+    --------
+    >>> envs = gym.make_vec("Pendulum-v1", num_envs=2, vectorization_mode="sync")
+    >>> envs = VectorFaultWrapper(envs, ["none", "action_0:weak=0.5"])
+    >>> _, info = envs.reset(seed=0)
+    >>> info["faults"].tolist(), info["action_gain"].tolist()
+    ([0, 1], [[1.0], [0.5]])
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv[Array, Array, Array],
+        damage: object = None,
+        dt: float | None = None,
+        neutral: ArrayLike | None = None,
+    ) -> None:
+        VectorWrapper.__init__(self, env)
+        if "autoreset_mode" not in env.metadata:
+            raise InvalidArgumentError('env must state its metadata["autoreset_mode"]; got none')
+        self._mode = AutoresetMode(env.metadata["autoreset_mode"])
+        count, spaces = self.num_envs, (env.single_action_space, env.single_observation_space)
+        self._channels = Channels(count, *spaces, _time_step(env, dt), _last_step(env), neutral)
+        self._damages = self._check(damage)
+        self._everyone = np.arange(count)
+        self._over = np.zeros(count, np.bool_)  # whose episode ended in the last step
+        self._rng = np.random.default_rng()
+        space = self._channels.observation
+        self._seen: Array = np.zeros((count, *space.shape), space.dtype)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Array, Info]:
+        """Begin episodes, under ``options["reset_mask"]`` if there is one.
+
+        The option ``damage`` is for these episodes only.
+        """
+        given = check_options(options)
+        damages = self._check(given.pop("damage")) if "damage" in given else self._damages
+        mask = np.array(given.get("reset_mask", self._everyone >= 0))
+        observations, info = self.env.reset(seed=seed, options=given or None)  # type: ignore[arg-type]
+        _refuse_twice(info)
+        if seed is not None:
+            seeds = [int(one) for one in np.atleast_1d(np.array(seed)) if one is not None]
+            # Not the streams of the environments, which the seeds themselves begin.
+            self._rng = np.random.default_rng(np.random.SeedSequence(seeds or None).spawn(1)[0])
+        rows = np.flatnonzero(mask)
+        self._seen = self._seen.copy()
+        self._seen[rows] = self._begin(rows, damages, observations)
+        self._over[rows] = False
+        return self._seen.copy(), self._told(info, mask)
+
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, Info]:
+        """Take a step with broken actuators, and observe it with broken sensors."""
+        shape = (self.num_envs, *self._channels.action.shape)
+        done = self._channels.act(finite_array("actions", actions, shape))
+        observations, rewards, terminations, truncations, info = self.env.step(
+            actions if done is None else done
+        )
+        ended, same_step = terminations | truncations, self._mode is AutoresetMode.SAME_STEP
+        begins = ended if same_step else self._over & (self._mode is AutoresetMode.NEXT_STEP)
+        rows, last = np.flatnonzero(begins), observations.copy()
+        for i in rows.tolist() if same_step else ():
+            last[i] = info["final_obs"][i]
+        self._channels.advance()
+        seen = self._channels.observe(last, self._rng, self._everyone)
+        if same_step and len(rows):
+            final = info["final_obs"].copy()
+            for i in rows.tolist():
+                final[i] = seen[i].copy()
+            of_last = self._told(info.get("final_info", {}), begins)
+            info = info | {"final_obs": final, "final_info": of_last}
+        if len(rows):
+            seen[rows] = self._begin(rows, self._damages, observations)
+        self._over, self._seen = ended, seen
+        return seen.copy(), rewards, terminations, truncations, self._told(info)
+
+    def _begin(self, rows: Rows, damages: list[Damage], observations: Array) -> Array:
+        """Begin episodes of ``rows``; return their first of ``observations`` (B, ...) as sensed."""
+        drawn = [damages[i].sample(self._rng, self._channels.parts) for i in rows.tolist()]
+        self._channels.start(rows, drawn)
+        return self._channels.observe(observations[rows], self._rng, rows)
+
+    def _told(self, info: Info, mask: NDArray[np.bool_] | None = None) -> Info:
+        truth = self._channels.truth()
+        truth["faults"] += info.get("faults", 0)
+        return info | masked(truth, self._everyone >= 0 if mask is None else mask)
+
+    def _check(self, damage: object) -> list[Damage]:
+        each = of_each("damage", damage, self.num_envs)
+        made = {id(one): self._channels.check(one) for one in each}
+        return [made[id(one)] for one in each]
+
+
+def _refuse_twice(info: Info) -> None:
+    if "action_gain" in info:
+        raise InvalidArgumentError("env has a FaultWrapper already: join the faults by ';' in one")
+
+
+def _last_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> int | None:
+    return None if env.spec is None else env.spec.max_episode_steps
+
+
+def _time_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], dt: object) -> float | None:
+    """Return the length of a step in s: as given, or as the environment tells; or None."""
+    if dt is not None:
+        return float(finite_array("dt", dt, (), SHORTEST, LONGEST, "s"))  # type: ignore[arg-type]
+    first = getattr(env.unwrapped, "envs", [env])[0].unwrapped
+    told, rate = getattr(first, "dt", None), env.metadata.get("render_fps")
+    for number, power in ((told, 1), (rate, -1)):
+        if isinstance(number, int | float | np.number) and 0 < number < math.inf:
+            return float(number) ** power
+    return None
