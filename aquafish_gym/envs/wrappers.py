@@ -87,7 +87,7 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         observation, info = self.env.reset(seed=seed, options=given or None)
         _refuse_twice(info)
         self._channels.start(ONLY, [damage.sample(self.np_random, self._channels.parts)])
-        return self._observe(observation), self._told(info)
+        return self._observe(observation), self._with_truth(info)
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, Info]:
         """Take a step with broken actuators, and observe it with broken sensors."""
@@ -97,13 +97,13 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
             action if done is None else done[0]
         )
         self._channels.advance()
-        return self._observe(observation), reward, terminated, truncated, self._told(info)
+        return self._observe(observation), reward, terminated, truncated, self._with_truth(info)
 
     def _observe(self, observation: Array) -> Array:
         seen: Array = self._channels.observe(observation[None], [self.np_random], ONLY)[0]
         return seen
 
-    def _told(self, info: Info) -> Info:
+    def _with_truth(self, info: Info) -> Info:
         truth = {name: rows[0] for name, rows in self._channels.truth().items()}
         return info | truth | {"faults": int(truth["faults"]) + info.get("faults", 0)}
 
@@ -177,7 +177,7 @@ class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
         self._seen = self._seen.copy()
         self._seen[rows] = self._begin(rows, damages, observations)
         self._over[rows] = False
-        return self._seen.copy(), self._told(info, mask)
+        return self._seen.copy(), self._with_truth(info, mask)
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, Info]:
         """Take a step with broken actuators, and observe it with broken sensors."""
@@ -197,12 +197,12 @@ class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
             final = info["final_obs"].copy()
             for i in rows.tolist():
                 final[i] = seen[i].copy()
-            of_last = self._told(info.get("final_info", {}), begins)
+            of_last = self._with_truth(info.get("final_info", {}), begins)
             info = info | {"final_obs": final, "final_info": of_last}
         if len(rows):
             seen[rows] = self._begin(rows, self._damages, observations)
         self._over, self._seen = ended, seen
-        return seen.copy(), rewards, terminations, truncations, self._told(info)
+        return seen.copy(), rewards, terminations, truncations, self._with_truth(info)
 
     def _begin(self, rows: Rows, damages: list[Damage], observations: Array) -> Array:
         """Begin episodes of ``rows``; return their first of ``observations`` (B, ...) as sensed."""
@@ -210,7 +210,7 @@ class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
         self._channels.start(rows, drawn)
         return self._channels.observe(observations[rows], self._rng, rows)
 
-    def _told(self, info: Info, mask: NDArray[np.bool_] | None = None) -> Info:
+    def _with_truth(self, info: Info, mask: NDArray[np.bool_] | None = None) -> Info:
         truth = self._channels.truth()
         truth["faults"] += info.get("faults", 0)
         return info | masked(truth, self._everyone >= 0 if mask is None else mask)
@@ -235,8 +235,8 @@ def _time_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], dt: object) ->
     if dt is not None:
         return float(finite_array("dt", dt, (), SHORTEST, LONGEST, "s"))  # type: ignore[arg-type]
     first = getattr(env.unwrapped, "envs", [env])[0].unwrapped
-    told, rate = getattr(first, "dt", None), env.metadata.get("render_fps")
-    for number, power in ((told, 1), (rate, -1)):
+    step, rate = getattr(first, "dt", None), env.metadata.get("render_fps")
+    for number, power in ((step, 1), (rate, -1)):
         if isinstance(number, int | float | np.number) and 0 < number < math.inf:
             return float(number) ** power
     return None
