@@ -111,6 +111,15 @@ def test_the_self_test_sees_a_wrong_number(tmp_path: Path) -> None:
 
 
 @needs_cc
+def test_the_program_on_the_page_compiles(tmp_path: Path) -> None:
+    page = Path(__file__).parents[2] / "docs" / "howto" / "export.md"
+    code = page.read_text(encoding="utf-8").split("```c\n")[1].split("```")[0]
+    export.export_c(searched("recurrent", Senses(fins=True)), tmp_path / "fish.c")
+    (tmp_path / "main.c").write_text(code, encoding="utf-8")
+    subprocess.run([str(CC), *STRICT, "-c", "main.c"], cwd=tmp_path, check=True)
+
+
+@needs_cc
 def test_two_controllers_go_into_one_program(tmp_path: Path) -> None:
     names = ("neat", "recurrent_fins", "ppo_goal")
     for name in names:
