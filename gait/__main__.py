@@ -1,4 +1,4 @@
-"""The command line: ``python -m gait evolve --out DIR``, ``transfer``, ``film``, ``baseline``."""
+"""The command line ``python -m gait``; :data:`COMMANDS` lists its commands."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ COMMANDS: Commands = {
     "evolve": ("gait.cli:Evolve", "evolve a gait for a body, or for a sample of bodies"),
     "transfer": ("gait.cli:TransferCommand", "swim a gait on another body"),
     "film": ("gait.film:Film", "film controllers as they swim, side by side"),
+    "export": ("gait.export:Export", "write a controller in C for a microcontroller"),
     "baseline": ("gait.cli:BaselineCommand", "learn a task with PPO of stable-baselines3"),
 }
 

@@ -1,0 +1,237 @@
+/* Written by `aquafish export`: the controller of a swimming robot with three servos.
+ *
+ * $DESCRIPTION
+ *
+ * Include this file once where you call it, and link with -lm:
+ *
+ *     NAME_state state;
+ *     NAME_reset(&state$RESET_CALL);  // before a swim
+ *     NAME_step(&state$STEP_CALL, command);  // every $MILLISECONDS ms (NAME_milliseconds)
+ *
+ * command    left and right pectoral servo in rev/s, [-0.5, 0.5]; tail in beats per second (Hz),
+ *            [0, 1]. Hold it until the next step.
+//? imu
+ * imu        the world's up (x, y, z) and north (x, y, z; the heading to swim in) as unit vectors,
+ *            and the angular velocity (x, y, z) in rad/s, all in body axes: x is to the right,
+ *            y forward, z up.
+//.
+//? goal
+ * goal       the way to the goal (x, y, z) in body axes, in units of 5 cm.
+//.
+//? fins
+ * fin_angles where the left pectoral, the right pectoral and the tail's beat begin, in rad.
+ * servo_gain how fast each servo turns relative to its command: 1 if it is whole.
+ *            From these and its commands, the controller reckons the angles (state.fins, in turns
+ *            of 2 pi). Where an encoder knows better, set state.fins before a step.
+//.
+ *
+ * All arithmetic is IEEE 754 single precision, except for the time, which is counted in double. A
+ * step has the bits of the simulator's float32 if the compiler neither fuses a * b + c nor
+ * reorders: -ffp-contract=off (gcc -std=c99 and clang here do so by themselves), no -ffast-math,
+ * and on 32-bit x86 -msse2 -mfpmath=sse. To check it with the test vectors beside this file:
+ *
+ *     cc -std=c99 -DNAME_TEST NAME.c -lm -o NAME && ./NAME < NAME.csv
+ */
+#include <math.h>
+#include <stdint.h>
+
+#ifdef __clang__
+#pragma STDC FP_CONTRACT OFF
+#endif
+
+/* The inputs of the network:
+ * $INPUT_NAMES */
+enum {
+    NAME_milliseconds = $MILLISECONDS,
+    NAME_inputs = $INPUTS,
+    NAME_nodes = $NODES,
+    NAME_layers = $LAYERS,
+    NAME_widest_layer = $WIDEST
+};
+
+/* Layer l ends before node layer_end[l]. Node n computes tanh(2.5 (bias + response sum)); its sum
+ * has the connections first[n] to first[n + 1] - 1, each a weight times the value of its source:
+ * an input, or node s as source inputs + s. */
+static const uint16_t NAME_layer_end[] = {$LAYER_END};
+static const uint32_t NAME_first[] = {$FIRST};
+static const uint16_t NAME_source[] = {$SOURCE};
+static const float NAME_weight[] = {$WEIGHT};
+static const float NAME_bias[] = {$BIAS};
+static const float NAME_response[] = {$RESPONSE};
+
+typedef struct {
+    float values[NAME_inputs + NAME_nodes]; /* the last three: the action, in [-1, 1] */
+//? clock
+    uint32_t steps; /* since the reset */
+//.
+//? fins
+    float fins[3];  /* in turns */
+    float gain[3];
+//.
+} NAME_state;
+
+static float NAME_clip(float x, float limit)
+{
+    const float low = x < -limit ? -limit : x;
+    return limit < low ? limit : low;
+}
+
+//? tanh
+/* The Pade approximant [7/6] of tanh(z / 32), then five times the double-angle formula. */
+static float NAME_tanh(float z)
+{
+    const float y = NAME_clip(z, 20.0f) * 0.03125f;
+    const float q = y * y;
+    float n = y * (1.0f + q * ((float)(17325 / 135135.0)
+                   + q * ((float)(378 / 135135.0) + q * (float)(1 / 135135.0))));
+    float d = 1.0f + q * ((float)(62370 / 135135.0)
+              + q * ((float)(3150 / 135135.0) + q * (float)(28 / 135135.0)));
+    for (int i = 0; i < 5; i++) {
+        const float twice = 2.0f * n * d;
+        d = d * d + n * n;
+        n = twice;
+    }
+    return n / d;
+}
+
+//.
+//? waves
+/* Sine and cosine of an angle in turns: Taylor series of an eighth of it, and three doublings. */
+static void NAME_wave(float turns, float wave[2])
+{
+    const float x = (turns - floorf(turns + 0.5f)) * (float)(6.283185307179586 / 8);
+    const float z = x * x;
+    float s = fmaf(z, (float)(1 / 6227020800.0), (float)(-1 / 39916800.0));
+    s = fmaf(z, s, (float)(1 / 362880.0));
+    s = fmaf(z, s, (float)(-1 / 5040.0));
+    s = fmaf(z, s, (float)(1 / 120.0));
+    s = fmaf(z, s, (float)(-1 / 6.0));
+    float c = fmaf(z, (float)(-1 / 87178291200.0), (float)(1 / 479001600.0));
+    c = fmaf(z, c, (float)(-1 / 3628800.0));
+    c = fmaf(z, c, (float)(1 / 40320.0));
+    c = fmaf(z, c, (float)(-1 / 720.0));
+    c = fmaf(z, c, (float)(1 / 24.0));
+    c = fmaf(z, c, -0.5f);
+    s = fmaf(x * z, s, x);
+    c = fmaf(z, c, 1.0f);
+    for (int i = 0; i < 3; i++) {
+        const float twice = 2.0f * s * c;
+        c = c * c - s * s;
+        s = twice;
+    }
+    wave[0] = s;
+    wave[1] = c;
+}
+
+//.
+void NAME_reset(NAME_state *state$RESET_PARAMETERS)
+{
+    for (int i = 0; i < NAME_inputs + NAME_nodes; i++)
+        state->values[i] = 0.0f;
+//? clock
+    state->steps = 0;
+//.
+//? fins
+    for (int i = 0; i < 3; i++) {
+        state->fins[i] = (float)(fin_angles[i] / 6.283185307179586);
+        state->gain[i] = servo_gain[i];
+    }
+//.
+}
+
+void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[3])
+{
+    float next[NAME_widest_layer];
+    float *input = state->values;
+//? imu
+
+    for (int i = 0; i < 6; i++)
+        *input++ = imu[i];
+    for (int i = 6; i < 9; i++) /* 2 rad/s is 1 */
+        *input++ = NAME_clip(imu[i] * 0.5f, 1.0f);
+//.
+//? clock
+
+    /* Harmonics of the clock, by the angle addition formulas. */
+    const float time = (float)((double)state->steps++ * $INTERVAL * 0.01);
+    float first[2], wave[2];
+    NAME_wave($CLOCK * time, first);
+    wave[0] = first[0];
+    wave[1] = first[1];
+    for (int k = 0; k < $HARMONICS; k++) {
+        const float sine = wave[0], cosine = wave[1];
+        *input++ = sine;
+        *input++ = cosine;
+        wave[0] = sine * first[1] + cosine * first[0];
+        wave[1] = cosine * first[1] - sine * first[0];
+    }
+//.
+//? fins
+
+    for (int i = 0; i < 3; i++, input += 2)
+        NAME_wave(state->fins[i], input);
+//.
+//? goal
+
+    /* Bounded, with the direction kept: a way d long becomes d / sqrt(d^2 + 5^2). */
+    const float shrink = 1.0f / sqrtf(fmaf(goal[0], goal[0],
+                                      fmaf(goal[1], goal[1], fmaf(goal[2], goal[2], 25.0f))));
+    for (int i = 0; i < 3; i++)
+        *input++ = goal[i] * shrink;
+//.
+
+    /* input is now the first node's value. A layer's nodes see their own values of the step before. */
+    for (int layer = 0, node = 0; layer < NAME_layers; layer++) {
+        const int begin = node, end = NAME_layer_end[layer];
+        for (; node < end; node++) {
+            float total = 0.0f;
+            for (uint32_t k = NAME_first[node]; k < NAME_first[node + 1]; k++)
+                total = total + NAME_weight[k] * state->values[NAME_source[k]];
+            const float z = 2.5f * (NAME_bias[node] + NAME_response[node] * total);
+            next[node - begin] = $ACTIVATION;
+        }
+        for (int i = begin; i < end; i++)
+            input[i] = next[i - begin];
+    }
+
+    const float *action = input + NAME_nodes - 3;
+    command[0] = 0.5f * action[0];
+    command[1] = 0.5f * action[1];
+    command[2] = 0.5f + 0.5f * action[2];
+//? fins
+
+    for (int i = 0; i < 3; i++)
+        state->fins[i] = state->fins[i] + $PERIOD * (state->gain[i] * command[i]);
+//.
+}
+
+#ifdef NAME_TEST
+#include <stdio.h>
+
+int main(void)
+{
+    NAME_state state;
+    float row[$COLUMNS], command[3], worst = 0.0f;
+    long steps = 0, different = 0;
+//? fins
+    const float fin_angles[3] = {$FIN_ANGLES}, servo_gain[3] = {$SERVO_GAIN};
+//.
+
+    NAME_reset(&state$RESET_CALL);
+    for (int c = getchar(); c != '\n' && c != EOF;)
+        c = getchar();
+    for (;; steps++) {
+        for (int i = 0; i < $COLUMNS; i++)
+            if (scanf("%f%*c", &row[i]) != 1) {
+                printf("%ld steps, %ld numbers differ, by at most %g\n", steps, different, worst);
+                return !(steps > 0 && different == 0);
+            }
+        NAME_step(&state$STEP_TEST, command);
+        for (int i = 0; i < 3; i++) {
+            const float off = fabsf(command[i] - row[$COLUMNS - 3 + i]);
+            different += off != 0.0f;
+            worst = off > worst ? off : worst;
+        }
+    }
+}
+#endif

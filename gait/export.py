@@ -1,0 +1,234 @@
+"""The command ``export``: a controller as one C99 file for a microcontroller, with test vectors.
+
+``controller.c`` restates ``network.respond``, ``command.lane_servo_speeds`` and ``command.reckon``
+in C. The test vectors are what these functions return in float32 lanes, and both agree to the bit.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from dataclasses import dataclass
+from importlib.resources import files
+from itertools import accumulate
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from tyro.conf import Positional, arg
+
+from aquafish_gym import command
+from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.physics.compiling import compiled_function, register_module
+from aquafish_gym.physics.layout import fetch_vector, put_vector
+from aquafish_gym.physics.simd import zero_lanes
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.utils.validation import InvalidArgumentError, brief
+from gait import network
+from gait.controller import Controller, program_of
+from gait.network import OUTPUTS, Senses
+
+VECTORS = 1000
+FIN_ANGLES = (0.5, -1.0, 2.0)  # rad, at the start of the test vectors
+SERVO_GAIN = (1.0, 0.75, 1.25)
+_FIRST_LINE = b"/* Written by `aquafish export`"
+
+
+@dataclass(frozen=True)
+class Export:
+    """Write a controller as one C99 file for a microcontroller.
+
+    It has a state, a function that resets it, and one that takes a step. It allocates no memory and
+    needs only math.h. Beside it goes a CSV of test vectors, by which the file can check itself.
+    """
+
+    controller: Annotated[Positional[Path], arg(metavar="FILE")]
+    """A controller.json, as evolve and baseline write it."""
+    c: Annotated[Path, arg(metavar="FILE.c")]
+    """The C file. Its name begins the names of its functions."""
+
+    def execute(self) -> None:
+        """Write both files."""
+        for path in export_c(Controller.load(self.controller), self.c):
+            print(f"wrote {path} ({path.stat().st_size} bytes)")
+
+
+def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
+    """Write a controller as a C file, and test vectors beside it; return both paths.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the file's name is no identifier of C followed by .c, if another file than an exported
+        one is there, or if a number of the controller does not fit float32.
+    """
+    source = Path(path)
+    table = source.with_suffix(".csv")
+    if source.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", source.stem, re.ASCII):
+        raise InvalidArgumentError(
+            "c must be a file name FILE.c, where FILE is a letter and then letters, digits and _, "
+            f"because it begins the names of the functions; got {brief(source.name)}"
+        )
+    ours = source.is_file() and source.read_bytes().startswith(_FIRST_LINE)
+    for file in () if ours else (source, table):
+        if file.exists():
+            raise InvalidArgumentError(
+                f"c must not overwrite a file that no export wrote; {file} exists"
+            )
+    text = c_source(controller, source.stem)
+    rows = np.concatenate(make_vectors(controller, VECTORS), axis=1)
+    lines = [",".join((*_columns(controller.senses), *OUTPUTS))]
+    lines += [",".join(map(str, row)) for row in rows]
+    ensure_writable_directory(source.parent, "the folder of c")
+    write_bytes(table, ("\n".join(lines) + "\n").encode())
+    write_bytes(source, text.encode())
+    return source, table
+
+
+def c_source(controller: Controller, name: str) -> str:
+    """Return a controller as a C file whose functions' names begin with ``name``."""
+    senses, layers = controller.senses, controller.layers or (1,) * controller.nodes
+    nodes, sources = np.nonzero(controller.weights)
+    first = np.searchsorted(nodes, np.arange(controller.nodes + 1))
+    clipped, hidden = controller.output == "clip", len(layers) > 1
+    activation = "NAME_tanh(z)"
+    if clipped:
+        activation = "NAME_clip(z, 1.0f)"
+    if clipped and hidden:
+        activation = f"layer < NAME_layers - 1 ? NAME_tanh(z) : {activation}"
+    given = ["imu"] * senses.imu + ["goal"] * senses.goal
+    start = ["fin_angles", "servo_gain"] * senses.fins
+    sizes = {"imu": 9, "goal": 3, "fin_angles": 3, "servo_gain": 3}
+    rows = {"imu": "row", "goal": "row + 9" if senses.imu else "row"}
+    values = {
+        "DESCRIPTION": repr(controller),
+        "MILLISECONDS": controller.interval * round(1000 * TIMESTEP),
+        "INTERVAL": controller.interval,
+        "PERIOD": _float(controller.interval * TIMESTEP),
+        "INPUTS": len(senses.names),
+        "INPUT_NAMES": "\n * ".join(textwrap.wrap(", ".join(senses.names), 97)) or "none",
+        "NODES": controller.nodes,
+        "LAYERS": len(layers),
+        "WIDEST": max(layers),
+        "LAYER_END": _wrapped(accumulate(layers)),
+        "FIRST": _wrapped(first),
+        "SOURCE": _wrapped(sources if len(sources) else [0]),
+        "WEIGHT": _floats(controller.weights[nodes, sources] if len(sources) else [0.0]),
+        "BIAS": _floats(controller.bias),
+        "RESPONSE": _floats(controller.response),
+        "CLOCK": _float(controller.clock),
+        "HARMONICS": senses.clock,
+        "ACTIVATION": activation,
+        "RESET_PARAMETERS": "".join(f", const float {x}[{sizes[x]}]" for x in start),
+        "RESET_CALL": "".join(f", {x}" for x in start),
+        "STEP_PARAMETERS": "".join(f", const float {x}[{sizes[x]}]" for x in given),
+        "STEP_CALL": "".join(f", {x}" for x in given),
+        "STEP_TEST": "".join(f", {rows[x]}" for x in given),
+        "COLUMNS": len(_columns(senses)) + len(OUTPUTS),
+        "FIN_ANGLES": _floats(FIN_ANGLES),
+        "SERVO_GAIN": _floats(SERVO_GAIN),
+    }
+    parts = {
+        "imu": senses.imu,
+        "clock": senses.clock > 0,
+        "fins": senses.fins,
+        "goal": senses.goal,
+        "waves": senses.clock > 0 or senses.fins,
+        "tanh": hidden or not clipped,
+    }
+    # In the template, a line "//? part" begins what only some controllers have, and "//." ends it.
+    lines, kept = [], True
+    for line in files("gait").joinpath("controller.c").read_text(encoding="utf-8").splitlines():
+        if line.startswith("//"):
+            kept = line == "//." or parts[line.removeprefix("//? ")]
+        elif kept:
+            lines.append(line)
+    text = re.sub(r"\$([A-Z_]+)", lambda found: str(values[found[1]]), "\n".join(lines))
+    return re.sub(r"\bNAME(?=_|\b)|(?<=-D)NAME", name, text) + "\n"
+
+
+def make_vectors(
+    controller: Controller, steps: int, seed: int = 0
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return random observations (steps, n) and the commands (steps, 3) that follow, in float32.
+
+    The observations are up, north and gyro if the controller has an IMU, then the way to the goal
+    if it senses one. The swim begins with ``FIN_ANGLES`` and ``SERVO_GAIN``.
+    """
+    scale = np.repeat((1.0, 10.0), (9, 3))  # goals are units away
+    felt = np.random.default_rng(seed).standard_normal((steps, 12)) * scale
+    observations = felt.astype(np.float32)
+    program = program_of([controller])
+    commands = np.empty((steps, 3), np.float32)
+    for module in (network, command):
+        register_module(module)
+    compiled_function(replay, slow=True)(
+        program.weights[:, 0].astype(np.float32),
+        program.layout,
+        np.zeros(program.scratch, np.float32),
+        (np.array(FIN_ANGLES) / TAU).astype(np.float32),
+        np.array(SERVO_GAIN, np.float32),
+        observations.ravel(),
+        controller.interval,
+        commands.ravel(),
+    )
+    senses = controller.senses
+    return observations[:, [*range(9 * senses.imu), *range(9, 9 + 3 * senses.goal)]], commands
+
+
+def replay(
+    genes: Any,
+    layout: Any,
+    scratch: Any,
+    fins: Any,
+    gain: Any,
+    observations: Any,
+    interval: int,
+    commands: Any,
+) -> None:
+    """Set the commands of a controller for given observations, as ``kernel.py`` does in lanes.
+
+    All are flat arrays of float32, but for the whole numbers ``layout`` and ``interval``.
+    """
+    zero = zero_lanes(genes, 1)
+    angles, gains = fetch_vector(fins, 0, 0, 1, zero), fetch_vector(gain, 0, 0, 1, zero)
+    for t in range(commands.size // 3):
+        action = network.respond(
+            genes, layout, scratch, 0, 1, (t * interval) * TIMESTEP,
+            fetch_vector(observations, 12 * t, 0, 1, zero),
+            fetch_vector(observations, 12 * t + 3, 0, 1, zero),
+            fetch_vector(observations, 12 * t + 6, 0, 1, zero),
+            angles,
+            fetch_vector(observations, 12 * t + 9, 0, 1, zero),
+        )  # fmt: skip
+        left, right, caudal = command.lane_servo_speeds(action)
+        put_vector(commands, 3 * t, 0, 1, (left, right, caudal))
+        speeds = (gains[0] * left, gains[1] * right, gains[2] * caudal)
+        angles = command.reckon(angles, speeds, interval * TIMESTEP)
+
+
+def _columns(senses: Senses) -> tuple[str, ...]:
+    return Senses(imu=senses.imu, clock=0, goal=senses.goal).names
+
+
+def _float(number: float) -> str:
+    """Return the shortest literal of a number in float32."""
+    with np.errstate(over="ignore"):
+        single = np.float32(number)
+    if not np.isfinite(single):
+        raise InvalidArgumentError(f"controller must have numbers in float32's range; got {number}")
+    return str(single) + "f"
+
+
+def _floats(numbers: ArrayLike) -> str:
+    return _wrapped(map(_float, np.asarray(numbers).tolist()))
+
+
+def _wrapped(items: Any) -> str:
+    """Return items with commas, on lines of their own if they are many."""
+    joined = ", ".join(map(str, items))
+    if len(joined) < 60:
+        return joined
+    return "\n" + textwrap.fill(joined, 100, initial_indent=" " * 4, subsequent_indent=" " * 4)

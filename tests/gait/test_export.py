@@ -1,0 +1,225 @@
+"""Exported C files compile without a warning and reproduce float32 lanes to the bit."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
+from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.scenario import Scenario
+from gait import export
+from gait.__main__ import main
+from gait.controller import Controller, program_of
+from gait.learning import dense_network
+from gait.network import Senses
+from gait.search.templates import Template
+from gait_fakes import make_controller
+
+BODY = Morphology.nominal()
+STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-std=c99")
+CC = shutil.which("cc")
+needs_cc = pytest.mark.skipif(CC is None, reason="there is no C compiler, cc")
+
+
+def searched(kind: str, senses: Senses, interval: int = 5) -> Controller:
+    """Return a random controller of a class that CMA-ES searches."""
+    template = Template.of_class(kind, senses, 6, interval)
+    vector = 0.5 * np.random.default_rng(1).standard_normal(template.size)
+    return template.controller(vector, 0.7, BODY, 0)
+
+
+def learned(senses: Senses) -> Controller:
+    """Return a random controller of the shape that PPO learns."""
+    rng, inputs = np.random.default_rng(2), len(senses.names)
+    shapes = [(64, inputs), (64, 64), (3, 64)]
+    layers = [
+        (rng.standard_normal(s) / s[1] ** 0.5, 0.1 * rng.standard_normal(s[0])) for s in shapes
+    ]
+    weights, bias = dense_network(layers, np.zeros(inputs), np.ones(inputs))
+    ones = np.ones(len(bias))
+    return Controller(
+        weights, bias, ones, 0.7, BODY, 0, senses=senses, layers=(64, 64, 3), output="clip",
+        interval=20,
+    )  # fmt: skip
+
+
+def silent() -> Controller:
+    """Return a controller without a sense or a connection."""
+    return Controller(
+        np.zeros((3, 3)), np.full(3, 0.1), np.ones(3), 0.0, BODY, 0,
+        senses=Senses(imu=False, clock=0), output="clip",
+    )  # fmt: skip
+
+
+KINDS = {
+    "clock": searched("linear", Senses(imu=False, clock=8)),
+    "linear": searched("linear", Senses(clock=2)),
+    "mlp": searched("mlp", Senses(fins=True, goal=True)),
+    "recurrent": searched("recurrent", Senses(clock=1)),
+    "recurrent_fins": searched("recurrent", Senses(clock=0, fins=True)),
+    "recurrent_goal": searched("recurrent", Senses(imu=False, clock=32, fins=True, goal=True), 10),
+    "neat": make_controller(3, 60),
+    "ppo": learned(Senses(fins=True)),
+    "ppo_goal": learned(Senses(clock=0, goal=True)),
+    "silent": silent(),
+}
+
+
+def build(source: Path, *flags: str) -> subprocess.CompletedProcess[str]:
+    """Compile an exported file and run its self-test on the vectors beside it."""
+    program = source.with_suffix("")
+    command = [str(CC), *STRICT, *flags, f"-D{source.stem}_TEST", str(source), "-o", str(program)]
+    subprocess.run([*command, "-lm"], check=True)
+    with source.with_suffix(".csv").open(encoding="utf-8") as vectors:
+        return subprocess.run([program], stdin=vectors, capture_output=True, text=True, check=False)
+
+
+@needs_cc
+@pytest.mark.parametrize("kind", KINDS)
+def test_ten_thousand_steps_are_equal_to_the_bit(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(export, "VECTORS", 10_000)
+    source, table = export.export_c(KINDS[kind], tmp_path / f"{kind}.c")
+    different = set(table.read_text(encoding="utf-8").splitlines())
+    assert len(different) > (1 if kind == "silent" else 5000)
+    # Without main: neither a function nor a constant is unused.
+    subprocess.run([str(CC), *STRICT, "-c", str(source), "-o", str(tmp_path / "a.o")], check=True)
+    for flags in (("-O0",), ("-O2",), ("-O3", "-march=native")):
+        ran = build(source, *flags)
+        assert ran.stdout == "10000 steps, 0 numbers differ, by at most 0\n"
+        assert ran.returncode == 0
+
+
+@needs_cc
+def test_the_self_test_sees_a_wrong_number(tmp_path: Path) -> None:
+    source, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
+    lines = table.read_text(encoding="utf-8").splitlines()
+    numbers = lines[500].split(",")
+    numbers[-2] = str(np.nextafter(np.float32(numbers[-2]), np.float32(2)))
+    lines[500] = ",".join(numbers)
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    ran = build(source)
+    assert ran.returncode == 1
+    assert ran.stdout.startswith("1000 steps, 1 numbers differ, by at most ")
+
+
+@needs_cc
+def test_the_program_on_the_page_compiles(tmp_path: Path) -> None:
+    page = Path(__file__).parents[2] / "docs" / "howto" / "export.md"
+    code = page.read_text(encoding="utf-8").split("```c\n")[1].split("```")[0]
+    export.export_c(searched("recurrent", Senses(fins=True)), tmp_path / "fish.c")
+    (tmp_path / "main.c").write_text(code, encoding="utf-8")
+    subprocess.run([str(CC), *STRICT, "-c", "main.c"], cwd=tmp_path, check=True)
+
+
+@needs_cc
+def test_two_controllers_go_into_one_program(tmp_path: Path) -> None:
+    names = ("neat", "recurrent_fins", "ppo_goal")
+    for name in names:
+        export.export_c(KINDS[name], tmp_path / f"{name}.c")
+    both = tmp_path / "both.c"
+    both.write_text(
+        "".join(f'#include "{n}.c"\n' for n in names) + "int main(void) { return 0; }\n"
+    )
+    subprocess.run([str(CC), *STRICT, both, "-o", tmp_path / "both", "-lm"], check=True)
+
+
+@pytest.mark.parametrize("kind", [k for k, c in KINDS.items() if not c.senses.goal])
+def test_vectors_are_what_the_time_loop_commands(kind: str) -> None:
+    controller = KINDS[kind]
+    senses = controller.senses
+    observations, commands = export.make_vectors(controller, 200)
+    lanes = LaneBatch(Scenario.create(BODY), np.float32)
+    program = program_of([controller])
+    loop = ClosedLoop(1, lanes.width, np.float32, program.scratch)
+    loop["fins"] = np.array([export.FIN_ANGLES]).T / (2 * np.pi)
+    loop["gain"] = np.array([export.SERVO_GAIN]).T
+    loop.broken = True
+    loop["stuck"] = 1.0  # so that the sensors say what they held before: the observations
+    weights = pack_rows(program.weights, np.float32, lanes.width)
+    half = np.float32(0.5)
+    for observed, expected in zip(observations, commands, strict=True):
+        if senses.imu:
+            loop["held"] = observed[:, None]
+        lanes.run(
+            program.function, weights, program.layout, controller.interval, controller.interval,
+            loop=loop,
+        )  # fmt: skip
+        left, right, caudal = loop["action"][:, 0].astype(np.float32)
+        assert (half * left, half * right, half + half * caudal) == tuple(expected)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_vectors_are_near_those_of_the_policy_in_double_precision(kind: str) -> None:
+    controller = KINDS[kind]
+    observations, commands = export.make_vectors(controller, 50)
+    act = controller.policy(export.FIN_ANGLES, export.SERVO_GAIN)
+    for step, (observed, expected) in enumerate(zip(observations, commands, strict=True)):
+        imu = observed if controller.senses.imu else np.concatenate([np.zeros(9), observed])
+        left, right, caudal = act(imu, step * controller.interval * 0.01)
+        found = (0.5 * left, 0.5 * right, 0.5 + 0.5 * caudal)
+        np.testing.assert_allclose(found, expected, atol=1e-3)
+
+
+def test_the_command_writes_both_files_and_writes_them_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, source = tmp_path / "controller.json", tmp_path / "new" / "fish.c"
+    KINDS["neat"].save(file)
+    assert main(["export", str(file), "--c", str(source)]) == 0
+    first = {path: path.read_bytes() for path in (source, source.with_suffix(".csv"))}
+    assert [f"wrote {p} ({len(b)} bytes)" for p, b in first.items()] == (
+        capsys.readouterr().out.splitlines()
+    )
+    assert b"$" not in first[source]
+    assert b"NAME" not in first[source]
+    assert main(["export", str(file), "--c", str(source)]) == 0
+    assert {path: path.read_bytes() for path in first} == first
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "sentence"),
+    [
+        (None, "fish.c", "controller must be a file that can be read"),
+        ("{}", "fish.c", "must be of schema gait.controller/2"),
+        ("ok", "my-fish.c", "c must be a file name FILE.c"),
+        ("ok", "2fish.c", "c must be a file name FILE.c"),
+        ("ok", "fish.txt", "c must be a file name FILE.c"),
+        ("ok", "mine.c", "c must not overwrite a file that no export wrote"),
+        ("ok", "vectors.c", "c must not overwrite a file that no export wrote"),
+        ("ok", "file/fish.c", "the folder of c must be a directory"),
+        ("huge", "fish.c", "float32's range"),
+    ],
+)
+def test_a_wrong_export_is_refused(
+    content: str | None,
+    name: str,
+    sentence: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file = tmp_path / "controller.json"
+    if content == "ok":
+        silent().save(file)
+    elif content == "huge":
+        controller = KINDS["silent"]
+        weights, bias = controller.weights, np.array([1e40, 0.0, 0.0])
+        Controller(weights, bias, controller.response, 0.0, BODY, 0, senses=controller.senses).save(
+            file
+        )
+    elif content is not None:
+        file.write_text(content)
+    for precious in ("mine.c", "vectors.csv", "file"):
+        (tmp_path / precious).write_text("mine")
+    before = sorted(path.name for path in tmp_path.iterdir())
+    assert main(["export", str(file), "--c", str(tmp_path / name)]) == 2
+    assert sentence in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == before
+    assert (tmp_path / "mine.c").read_text() == "mine"
