@@ -13,8 +13,9 @@ from tyro.conf import Positional, arg
 from aquafish_gym.command_line import FILMED_DAMAGE, TargetEngine, read_morphology
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP, check_engine
-from aquafish_gym.morphology import FINS, Morphology
-from aquafish_gym.rendering.films import SUFFIXES, FilmedSwim, Stage, film
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.rendering.course import FilmedSwim
+from aquafish_gym.rendering.films import SUFFIXES, film
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
@@ -25,6 +26,7 @@ from gait.controller import INTERVAL, Controller
 from gait.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
 Value = TypeVar("Value")
+WHOLE = Damage()
 
 
 @dataclass(frozen=True)
@@ -126,25 +128,23 @@ def film_swim(
         rngs=[rng],
     ).paths
     words = label or ("undamaged" if not damage else str(damage))
-    return filmed(words, stages(body, damage), path)
+    return filmed(words, path, body, damage)
 
 
-def filmed(label: str, body: tuple[Stage, ...], swim: Swim | RolloutPath) -> FilmedSwim:
-    """Return a swim to film from a recorded one."""
-    return FilmedSwim(label, body, swim.time, swim.position, swim.quaternion, swim.fin_angles)
-
-
-def stages(body: Morphology, damage: Damage) -> tuple[Stage, ...]:
-    """Return what a body becomes with damage, and which of its fins are broken when.
+def filmed(
+    label: str, swim: Swim | RolloutPath, body: Morphology, damage: Damage = WHOLE
+) -> FilmedSwim:
+    """Return a recorded swim to film, of a body and what damage makes of it.
 
     A fin is broken if it has another size or its servo does not follow its command.
     """
     scenario = damage.edit(Scenario.create(body), INTERVAL)
-    changes = [(0, scenario), *((change.step, change.to) for change in scenario.schedule)]
-    found = []
-    for step, now in changes:
+    bodies, broken = np.empty((len(swim.time), 9)), np.empty((len(swim.time), 3), bool)
+    for step, now in [(0, scenario), *((change.step, change.to) for change in scenario.schedule)]:
+        later = swim.time > (step - 0.5) * TIMESTEP
+        bodies[later] = now.body[0]
         sizes = (now.body[0] != body.to_array()).reshape(3, 3).any(axis=1)
-        broken = sizes | (now.servo_gain[0] != 1.0)
-        names = tuple(fin for fin, bad in zip(FINS, broken, strict=True) if bad)
-        found.append(Stage(step * TIMESTEP, Morphology.from_array(now.body[0]), names))
-    return tuple(found)
+        broken[later] = sizes | (now.servo_gain[0] != 1.0)
+    return FilmedSwim(
+        label, swim.time, bodies, broken, swim.position, swim.quaternion, swim.fin_angles
+    )

@@ -17,8 +17,8 @@ from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_fr
 from aquafish_gym import DIMENSIONS, Morphology
 from aquafish_gym.morphology import FIN_WORDS
 from aquafish_gym.rendering import Camera, film, render_pose
-from aquafish_gym.rendering.films import CM_PER_UNIT
 from aquafish_gym.rendering.pictures import encode_figure, new_figure, save_figure
+from aquafish_gym.rendering.scene import CM_PER_UNIT
 from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
 from eea.study.statistics import interval
@@ -224,5 +224,5 @@ def write_film(folder: Path, job: Treatment, outcomes: Outcomes) -> list[str]:
     film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title)
     if find_spec("imageio_ffmpeg") is None:
         return ["film.webp"]
-    film(swims, folder / "film.mp4", 1920, 1080, title=title)
+    film(swims, folder / "film.mp4", 1920, 1080, speed=FILM_SPEED, title=title)
     return ["film.webp", "film.mp4"]

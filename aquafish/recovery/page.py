@@ -11,10 +11,11 @@ from typing import Any
 
 from aquafish.recovery.report import Outcomes, headline, shown_replicate
 from aquafish.recovery.treatment import Treatment, path_from_dict
-from aquafish_gym import DIMENSIONS, Morphology
+from aquafish_gym import DIMENSIONS, Damage, Morphology
 from aquafish_gym.morphology import FIN_WORDS, FINS
-from aquafish_gym.rendering.films import CM_PER_UNIT, TRAILS, FilmedSwim, Stage
+from aquafish_gym.rendering.course import TRAILS, FilmedSwim
 from aquafish_gym.rendering.replay import css, replay_fragment, whole_page
+from aquafish_gym.rendering.scene import CM_PER_UNIT
 from gait.film import filmed
 
 SWIMS = ("healthy", "damaged, old gait", "damaged, new gait")
@@ -130,10 +131,13 @@ def shown_swims(job: Treatment, outcomes: Outcomes) -> list[FilmedSwim]:
     """Return the swims of the healthy, the damaged and the recovered robot of one replicate."""
     i = shown_replicate(outcomes)
     old, new = outcomes["undamaged"][i]["swims"], outcomes["joint-fins"][i]["swims"]
-    damaged = (Stage(0.0, job.target, broken_fins(job)),)
-    bodies = ((Stage(0.0, job.morphology),), damaged, damaged)
     paths = map(path_from_dict, (old["native"], old["target"], new["target"]))
-    return [filmed(*each) for each in zip(SWIMS, bodies, paths, strict=True)]
+    return [
+        filmed(label, path, job.morphology, damage)
+        for label, path, damage in zip(
+            SWIMS, paths, (Damage(), job.damage, job.damage), strict=True
+        )
+    ]
 
 
 def broken_fins(job: Treatment) -> tuple[str, ...]:
