@@ -19,9 +19,12 @@ UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 def placed(
-    body: Morphology, broken: Collection[str] = (), pose: ArrayLike = (0, 0, 0), turn: Any = UPRIGHT,
+    body: Morphology,
+    broken: Collection[str] = (),
+    pose: ArrayLike = (0, 0, 0),
+    turn: ArrayLike = UPRIGHT,
     angles: ArrayLike = (0, 0, 0),
-) -> dict[str, tuple[Any, Any, Any]]:  # fmt: skip
+) -> dict[str, tuple[Any, Any, Any]]:
     """Return size, colour and pose of each part that is drawn, by name."""
     marked = [fin in broken for fin in FINS]
     robots = scene.place_robots([body.to_array()], [marked], [pose], [turn], [angles])

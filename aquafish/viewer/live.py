@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -20,7 +21,6 @@ from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
 from aquafish_gym.physics.kinematics import rotation, to_world
 from aquafish_gym.physics.layout import (
-    angles_of_rows,
     robot_from_column,
     robot_parameters,
     state_from_numbers,
@@ -57,25 +57,11 @@ class Pilot(NamedTuple):
     interval: int
 
 
-class RandomAgent:
-    """An agent whose actions are uniformly random."""
-
-    def __init__(self, seed: int = 0) -> None:
-        self._rng = np.random.default_rng(seed)
-
-    def reset(self, info: dict[str, Any]) -> None:
-        """Do nothing."""
-
-    def act(self, observations: NDArray[np.float32]) -> Floats:
-        """Return actions (B, 3)."""
-        return self._rng.uniform(-1.0, 1.0, (len(observations), 3))
-
-
 class PolicyAgent:
     """An agent whose robots have a policy each: a function of observation and time."""
 
-    def __init__(self, policy: ControllerLike) -> None:
-        self._policy = policy
+    def __init__(self, policy: ControllerLike, interval: int = POLICY_INTERVAL) -> None:
+        self._policy, self._interval = policy, interval * TIMESTEP
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin a swim of each robot."""
@@ -84,12 +70,17 @@ class PolicyAgent:
 
     def act(self, observations: NDArray[np.float32]) -> Floats:
         """Return actions (B, 3)."""
-        seen = observations.astype(float)
-        pairs = zip(self._policies, seen, strict=True)
+        pairs = zip(self._policies, observations.astype(float), strict=True)
         actions = [policy(one, self._time) for policy, one in pairs]
-        self._time += POLICY_INTERVAL * TIMESTEP
-        clipped: Floats = np.clip(np.array(actions, float).reshape(len(seen), 3), -1.0, 1.0)
+        self._time += self._interval
+        clipped: Floats = np.clip(np.array(actions, float).reshape(-1, 3), -1.0, 1.0)
         return clipped
+
+
+def random_pilot(seed: int) -> Pilot:
+    """Return a pilot whose actions are uniformly random."""
+    rng = np.random.default_rng(seed)
+    return Pilot(PolicyAgent(lambda _observation, _time: rng.uniform(-1.0, 1.0, 3), 20), 20)
 
 
 def gait_pilot(gait: Controller) -> Pilot:
@@ -168,10 +159,12 @@ class LiveSwim:
 
     def faults(self, robot: int) -> tuple[Fault, ...]:
         """Return the faults of a robot that are active."""
-        found = self._damages[robot].faults
-        spans = [fault.span for fault in found]
         now = self.seconds + 1e-9
-        return tuple(f for f, (a, b) in zip(found, spans, strict=True) if a <= now < b)
+        return tuple(f for f in self._damages[robot] if f.span[0] <= now < f.span[1])
+
+    def damage_now(self, robot: int) -> Damage:
+        """Return a robot's active faults, as if they lasted throughout."""
+        return _lasting(self.faults(robot))
 
     def broken(self, robot: int) -> tuple[str, ...]:
         """Return the names of a robot's broken fins."""
@@ -248,16 +241,17 @@ class LiveSwim:
             current=self._current,
             gyro_noise=self._noise,
         )
-        alike: dict[tuple[Fault, ...], Damage] = {}
-        for faults in map(self.faults, self._everyone.tolist()):
-            active = tuple(replace(fault, onset=0.0, duration=None) for fault in faults)
-            alike.setdefault(faults, Damage(active))
-        return edit_each(whole, [alike[self.faults(robot)] for robot in self._everyone.tolist()])
+        return edit_each(whole, [self.damage_now(robot) for robot in self._everyone.tolist()])
 
     def _observe(self) -> None:
         truth = episode.observe(state_from_numbers(self.states))
         limits, rngs = episode.limits(False, False), [self._rng] * self.count
         self.observed = self._sensors.observe(truth, limits, rngs, self._everyone)
+
+
+@cache  # ``edit_each`` edits robots of one damage together
+def _lasting(faults: tuple[Fault, ...]) -> Damage:
+    return Damage(tuple(replace(fault, onset=0.0, duration=None) for fault in faults))
 
 
 def part_forces(robot: Scenario, state: Floats) -> Floats:
@@ -299,12 +293,6 @@ def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> Ghost:
     if held:
         _, states = predict(together, states, actions, held)
     return Ghost(together.body, states)
-
-
-def angles_in_degrees(state: Floats) -> list[float]:
-    """Return left and right pectoral angle and the tail's angle of a state (25,), degrees."""
-    left, right, phase = np.degrees(angles_of_rows(state)).tolist()
-    return [left, right, 30.0 * math.sin(math.radians(phase))]
 
 
 def self_model_pilot(gyro_noise: float = 0.0, gyro_only: bool = False, seed: int = 0) -> Pilot:

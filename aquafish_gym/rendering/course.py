@@ -57,7 +57,7 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
         good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))
         lane = FilmedSwim(swim.label, *(column[good] for column in swim[1:]))
         shift = x - lane.position[:, 0].min()
-        lanes.append(lane._replace(position=lane.position + (shift, 0.0, 0.0)))
+        lanes.append(lane._replace(position=lane.position + np.array([shift, 0.0, 0.0])))
         x = lanes[-1].position[:, 0].max() + _LANE
     everywhere = np.concatenate([lane.position for lane in lanes])
     furthest = float(everywhere[:, 1].max())

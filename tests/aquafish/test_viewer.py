@@ -24,16 +24,16 @@ from aquafish.viewer.live import (
     LiveSwim,
     Pilot,
     PolicyAgent,
-    RandomAgent,
     gait_pilot,
     imagine_ghost,
     part_forces,
+    random_pilot,
     self_model_pilot,
 )
 from aquafish.viewer.page import FAULTS, Viewer
-from aquafish.viewer.shapes import BOXES
+from aquafish.viewer.shapes import BOXES, robots_in
 from aquafish_gym.envs import AquaFishEnv
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.dynamics import wrench
 from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
 from aquafish_gym.physics.layout import (
@@ -138,7 +138,7 @@ def test_start_again_restores_the_damage_of_the_start() -> None:
 
 def test_the_forces_are_those_of_the_drag_law() -> None:
     """Each fin's by the law in its own frame, turned by the pose that is drawn."""
-    live = LiveSwim(Pilot(RandomAgent(), 20))
+    live = LiveSwim(random_pilot(0))
     live.strike("left_pectoral:length=0.5")
     live.set_current((0.5, -0.3, 0.2))
     live.advance(50)
@@ -152,9 +152,7 @@ def test_the_forces_are_those_of_the_drag_law() -> None:
     flow = body.inv().apply(np.array(now.velocity) - current)
     force = body_drag(tuple(flow), now.spin)[0]
     np.testing.assert_allclose(found[3], body.apply(force), atol=1e-12)
-    pose = (state[None, POSITION], state[None, QUATERNION], angles_of_rows(state)[None])
-    morphology = Morphology.from_array(live.robots.body[0])
-    poses = scene.part_poses(morphology, *pose)[0][-3:]
+    poses = robots_in(live.states, live.robots.body).poses[0, scene.FIN_PARTS]
     hinges = [(-0.75, 1.0, 0.0), (0.75, 1.0, 0.0), (0.0, -2.0, 0.0)]
     to_part = Rotation.from_matrix([np.eye(3), np.eye(3), [[0, 0, -1], [0, 1, 0], [1, 0, 0]]])
     for k, (place, hinge) in enumerate(zip(poses, hinges, strict=True)):
@@ -303,7 +301,7 @@ def test_play_pause_speed_and_start_again(viewer: Viewer) -> None:
     assert not np.allclose(viewer.ghost.boxes.batched_positions[0], 0)
     viewer.show_ghost.value = viewer.show_forces.value = viewer.show_trail.value = False
     viewer.update()
-    for handle in (viewer.ghost.boxes, viewer.samples.capsules, viewer.arrows, viewer.trail):
+    for handle in (viewer.ghost.boxes, viewer.ghost.capsules, viewer.arrows, viewer.trail):
         assert not handle.visible
 
 
@@ -314,18 +312,13 @@ def test_parts_and_forces_are_drawn_where_the_scene_has_them(batch: Viewer) -> N
     for _ in range(20):
         batch.update()
     live = batch.swim
-    for robot in (0, 2):
-        state = live.states[:, robot]
-        body, broken = Morphology.from_array(live.robots.body[robot]), live.broken(robot)
-        place = state[POSITION] + batch._starts[:, robot]
-        pose = (place[None], state[None, QUATERNION], angles_of_rows(state)[None])
-        wanted = scene.part_poses(body, *pose, broken)[0]
-        for part, row in zip(scene.robot_parts(body, broken), wanted, strict=True):
-            if part.kind == "box":
-                box = robot * len(BOXES) + BOXES.index(part.name)
-                at, turn = (batch.robots.boxes.batched_positions, batch.robots.boxes.batched_wxyzs)
-                np.testing.assert_allclose(at[box], row[:3], atol=1e-5)
-                np.testing.assert_allclose(np.roll(turn[box], -1), row[3:], atol=1e-5)
+    states = live.states.copy()
+    states[POSITION] += batch._starts
+    broken = [[fin in live.broken(i) for fin in FINS] for i in range(64)]
+    wanted = robots_in(states, live.robots.body, broken).poses[:, 1:].reshape(-1, 7)
+    boxes = batch.robots.boxes
+    np.testing.assert_allclose(boxes.batched_positions, wanted[:, :3], atol=1e-5)
+    np.testing.assert_allclose(np.roll(boxes.batched_wxyzs, -1, axis=1), wanted[:, 3:], atol=1e-5)
     arrows = np.diff(batch.arrows.points, axis=1)[:, 0]
     np.testing.assert_allclose(
         arrows, part_forces(live.robots.take(2), live.states[:, 2]), atol=2e-3
