@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle, islice
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from tyro.conf import Positional, arg
@@ -25,7 +26,6 @@ from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from gait.controller import INTERVAL, Controller
 from gait.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
-Value = TypeVar("Value")
 WHOLE = Damage()
 
 
@@ -74,17 +74,27 @@ class Film:
         bodies = [read_morphology(path, "morphology") for path in self.morphology]
         damages = [Damage.parse(text) for text in self.damage]
         fish = max(len(controllers), len(bodies), len(damages), len(self.label))
+        given: dict[str, Sequence[Any]] = {
+            "controllers": controllers,
+            "morphology": bodies or [None],
+            "damage": damages,
+            "label": self.label or [""],
+        }
+        for name, values in given.items():
+            if len(values) not in (1, fish):
+                raise InvalidArgumentError(f"{name} must be 1 or {fish} values; got {len(values)}")
+        several = zip(*(islice(cycle(values), fish) for values in given.values()), strict=True)
         swims = [
-            film_swim(*one, self.seconds, engine, np.random.default_rng([self.seed, i]))
-            for i, one in enumerate(
-                zip(
-                    _each("controllers", controllers, fish),
-                    _each("morphology", bodies or [None], fish),
-                    _each("damage", damages, fish),
-                    _each("label", self.label or [""], fish),
-                    strict=True,
-                )
+            film_swim(
+                controller,
+                body,
+                damage,
+                label,
+                self.seconds,
+                engine,
+                np.random.default_rng([self.seed, i]),
             )
+            for i, (controller, body, damage, label) in enumerate(several)
         ]
         out = self.html or self.out
         ensure_writable_directory(out.parent)
@@ -96,13 +106,6 @@ class Film:
             far = swim.position[-1, 1]
             print(f"{swim.label}: {far:.2f} units in {self.seconds:g} s")
         print(f"{'Replay' if self.html else 'Film'}: {out}")
-
-
-def _each(name: str, values: Sequence[Value], count: int) -> Sequence[Value]:
-    """Return ``count`` values, of which a single one serves all."""
-    if len(values) not in (1, count):
-        raise InvalidArgumentError(f"{name} must be 1 or {count} values; got {len(values)}")
-    return values if len(values) == count else list(values) * count
 
 
 def film_swim(

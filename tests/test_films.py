@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.rendering import FilmedSwim, film, write_film
+from aquafish_gym.rendering import FilmedSwim, film
 from aquafish_gym.rendering.films import film_frames, fitting_view
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, UnknownNameError
 
@@ -128,11 +128,3 @@ def test_bad_films_are_refused(
     given = {"swims": [straight(1.0)], "path": "a.webp", **change}
     with pytest.raises(error, match=sentence):
         film(given.pop("swims"), tmp_path / given.pop("path"), **given)
-
-
-def test_frames_of_two_sizes_are_refused(tmp_path: Path) -> None:
-    shapes = [(4, 4, 3), (4, 6, 3)]
-    with pytest.raises(InvalidArgumentError, match="one size"):
-        write_film([np.zeros(shape, np.uint8) for shape in shapes], tmp_path / "a.gif")
-    with pytest.raises(InvalidArgumentError, match="none"):
-        write_film([], tmp_path / "a.gif")

@@ -11,11 +11,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aquafish.recovery.page import broken_fins, damage_in_words, shown_swims
+from aquafish.recovery.page import damage_in_words, shown_swims
 from aquafish.recovery.report import Outcomes, shown_replicate
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import DIMENSIONS, Morphology
-from aquafish_gym.morphology import FIN_WORDS
+from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.rendering import Camera, film, render_pose
 from aquafish_gym.rendering.pictures import encode_figure, new_figure, save_figure
 from aquafish_gym.rendering.scene import CM_PER_UNIT
@@ -40,7 +40,7 @@ COLOURS = {
     "oracle-fins": "#00523c",
 }
 LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
-ON_THE_PAGE = ("sizes", "fitness", "distances")
+ON_THE_PAGE = ("sizes", "distances")
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
@@ -81,7 +81,7 @@ def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
         t: Morphology.coerce(outcomes[t][shown]["morphology"])
         for t in ("undamaged", "none", "out-of-band", "joint")
     }
-    broken = broken_fins(job)
+    broken = [fin for fin in FINS if getattr(job.morphology, fin) != getattr(job.target, fin)]
     figure = new_figure(2.63 * len(bodies), 3.5, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken

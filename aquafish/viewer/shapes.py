@@ -56,7 +56,7 @@ class Shapes:
 
         self.capsules = add("capsules", capsule, 1)
         self.boxes = add("boxes", trimesh.creation.box((1, 1, 1)), len(BOXES))
-        self._look = np.zeros(0)
+        self._look: Floats = np.zeros(0)
 
     def show(self, robots: Robots) -> None:
         """Draw robots, as many as at the start."""

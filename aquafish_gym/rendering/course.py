@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import cycle, islice
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +55,8 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
     lanes, x = [], 0.0
     for swim in swims:
         good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))
-        lane = FilmedSwim(swim.label, *(column[good] for column in swim[1:]))
+        columns: tuple[Any, ...] = swim[1:]
+        lane = FilmedSwim(swim.label, *(column[good] for column in columns))
         shift = x - lane.position[:, 0].min()
         lanes.append(lane._replace(position=lane.position + np.array([shift, 0.0, 0.0])))
         x = lanes[-1].position[:, 0].max() + _LANE

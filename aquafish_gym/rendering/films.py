@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -21,7 +21,6 @@ from aquafish_gym.rendering.course import FISH, FilmedSwim, lay_out
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Floats
 from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import (
-    InvalidArgumentError,
     MissingExtraError,
     finite_array,
     integer,
@@ -43,14 +42,18 @@ def film(
 ) -> Path:
     """Write a film of swims side by side as .mp4, .webp or .gif; return its path.
 
-    ``speed`` is that of the film relative to the swim; the ``title`` is at the top. An .mp4 needs
-    the extra ``film``, without which MissingExtraError is raised.
+    ``speed`` is that of the film relative to the swim; the ``title`` is at the top. Films as .webp
+    and .gif repeat forever. GIF counts hundredths of a second, so only frame rates of 100 / n are
+    exact. An .mp4 needs the extra ``film``, without which MissingExtraError is raised.
     """
+    suffix = one_of("the film's suffix", Path(path).suffix, SUFFIXES)
     integer("width", width, 64, 4096)
     integer("height", height, 64, 4096)
     finite_array("speed", speed, (), 0.01, 100.0)
     finite_array("fps", fps, (), 0.1, 240.0)
-    return write_film(film_frames(swims, width, height, fps, speed, title), path, fps)
+    frames = film_frames(swims, width, height, fps, speed, title)
+    write_bytes(path, _encode(frames, fps) if suffix == ".mp4" else _animate(frames, suffix, fps))
+    return Path(path)
 
 
 def film_frames(
@@ -120,48 +123,20 @@ def _line(view: View, points: Floats, cover: Floats) -> Image.Image:
     return Image.fromarray((np.asarray(mask.reduce(2)) * (1 - cover)).astype(np.uint8))
 
 
-def write_film(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float = 20.0) -> Path:
-    """Write frames (H, W, 3) of one size as .mp4, .webp or .gif; return the path.
-
-    Films as .webp and .gif repeat forever. GIF counts hundredths of a second, so only frame rates
-    of 100 / n are exact. An .mp4 needs the extra ``film``.
-    """
-    suffix = one_of("the film's suffix", Path(path).suffix, SUFFIXES)
-    finite_array("fps", fps, (), 0.1, 240.0)
-    pictures = _checked(frames)
-    write = _encode if suffix == ".mp4" else _animate
-    write_bytes(path, write(next(pictures), pictures, suffix, fps))
-    return Path(path)
-
-
-def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """Yield frames; InvalidArgumentError if there are none, or one does not fit."""
-    shape: tuple[int, ...] | None = None
-    for frame in map(np.asarray, frames):
-        shape = shape or frame.shape
-        if frame.dtype != np.uint8 or frame.shape != (*shape[:2], 3):
-            raise InvalidArgumentError(
-                "frames must be pictures (H, W, 3) of uint8, all of one size; got "
-                f"{frame.shape} of {frame.dtype} where the first is {shape}"
-            )
-        yield frame
-    if shape is None:
-        raise InvalidArgumentError("frames must hold at least one picture; got none")
-
-
-def _animate(first: Frame, others: Iterator[Frame], suffix: str, fps: float) -> bytes:
+def _animate(frames: Iterator[Frame], suffix: str, fps: float) -> bytes:
     """Return a film as .gif or .webp."""
     pause, content = 1000 / fps, BytesIO()
     if suffix == ".gif":
         pause = 10 * max(2, round(100 / fps))  # viewers slow down anything shorter than 20 ms
-    Image.fromarray(first).save(
-        content, suffix[1:], save_all=True, append_images=map(Image.fromarray, others),
+    pictures = map(Image.fromarray, frames)
+    next(pictures).save(
+        content, suffix[1:], save_all=True, append_images=pictures,
         duration=round(pause), loop=0, quality=70,
     )  # fmt: skip
     return content.getvalue()
 
 
-def _encode(first: Frame, others: Iterator[Frame], _: str, fps: float) -> bytes:
+def _encode(frames: Iterator[Frame], fps: float) -> bytes:
     """Return a film as .mp4, by the program ffmpeg of imageio-ffmpeg."""
     try:
         import imageio_ffmpeg
@@ -170,15 +145,15 @@ def _encode(first: Frame, others: Iterator[Frame], _: str, fps: float) -> bytes:
             f"an .mp4 needs the extra film ({error}): pip install 'aquafish-gym[film]'; "
             "or write a .webp or a .gif"
         ) from None
-    height, width = first.shape[:2]
+    first = next(frames)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         writer = imageio_ffmpeg.write_frames(
-            str(path), (width, height), fps=fps, macro_block_size=2, quality=7,
+            str(path), first.shape[1::-1], fps=fps, macro_block_size=2, quality=7,
             output_params=["-movflags", "+faststart"],
         )  # fmt: skip
         writer.send(None)
-        for frame in itertools.chain([first], others):
+        for frame in itertools.chain([first], frames):
             writer.send(np.ascontiguousarray(frame))
         writer.close()
         return path.read_bytes()
