@@ -115,12 +115,15 @@ class Viewer:
             plane_color=scene.SAND, plane_opacity=1.0, shadow_opacity=0.25,
             section_thickness=1.6, cell_thickness=0.6, fade_distance=120.0,
         )  # fmt: skip
-        one = robots_in(self.swim.states[:, :1], self.swim.robots.body[:1])
-        several = Robots(*(np.repeat(each, self.swim.count, axis=0) for each in one))
+        alike = robots_in(self.swim.states[:, :1], self.swim.robots.body[:1])
+        several, samples = (
+            Robots(*(np.repeat(field, count, axis=0) for field in alike))
+            for count in (self.swim.count, SAMPLES)
+        )
         self.robots = Shapes(api, "/world/robots", several)
         self.robots.boxes.on_click(self._clicked)
-        ghosts = Robots(*(np.repeat(each, 1 + SAMPLES, axis=0) for each in one))
-        self.ghost = Shapes(api, "/world/ghost", ghosts, GHOST, [0.5] + [0.12] * SAMPLES)
+        self.ghost = Shapes(api, "/world/ghost", alike, GHOST, 0.5)
+        self.samples = Shapes(api, "/world/samples", samples, GHOST, 0.12)
         self.ghost_name = api.add_label("/world/ghost/name", "self-model")
         self.name = api.add_label("/world/name", "", visible=self.swim.count > 1)
         nothing = np.zeros((4, 2, 3), np.float32)
@@ -287,12 +290,14 @@ class Viewer:
 
     def _draw_ghost(self) -> None:
         agent = self.agent if self.show_ghost.value else None
-        for handle in (self.ghost.capsules, self.ghost.boxes, self.ghost_name):
-            handle.visible = agent is not None
+        for shapes in (self.ghost, self.samples):
+            shapes.capsules.visible = shapes.boxes.visible = agent is not None
+        self.ghost_name.visible = agent is not None
         if agent is not None:
             ghost = imagine_ghost(agent, self.swim.actions, self.swim.held)
             ghost.states[POSITION] += np.array([[BESIDE], [0], [0]])
-            self.ghost.show(robots_in(ghost.states, ghost.bodies))
+            self.ghost.show(robots_in(ghost.states[:, :1], ghost.bodies[:1]))
+            self.samples.show(robots_in(ghost.states[:, 1:], ghost.bodies[1:]))
             self.ghost_name.position = ghost.states[POSITION, 0] + (0, 0, 1.2)
 
     def _draw_past(self, me: int) -> None:

@@ -24,7 +24,7 @@ def robots_in(states: Floats, bodies: Floats, broken: ArrayLike = False) -> Robo
 class Shapes:
     """Robots in a viser scene: two batched meshes, of their capsules and of their boxes.
 
-    With ``opacities`` (B,) they have one colour and cast no shadow.
+    With an ``opacity`` they are ghosts, which cast no shadow.
     """
 
     def __init__(
@@ -33,14 +33,14 @@ class Shapes:
         name: str,
         robots: Robots,
         colour: Colour | None = None,
-        opacities: ArrayLike = (),
+        opacity: float | None = None,
     ) -> None:
         import trimesh
 
         wide, long, _ = robots.sizes[0, 0]
         capsule = trimesh.creation.capsule(long - wide, wide / 2, count=[24, 24])
         capsule.vertices = capsule.vertices[:, [1, 2, 0]]  # its axis is y
-        self._colour, ghosts, count = colour, np.array(opacities), len(robots.sizes)
+        self._colour, count = colour, len(robots.sizes)
 
         def add(part: str, mesh: Any, parts: int) -> Any:
             return api.add_batched_meshes_simple(
@@ -49,9 +49,7 @@ class Shapes:
                 batched_positions=np.zeros((count * parts, 3)),
                 batched_scales=np.ones((count * parts, 3)),
                 batched_colors=np.array(colour or BODY, np.uint8),
-                opacity=0.99 if len(ghosts) else None,
-                batched_opacities=np.repeat(ghosts, parts) if len(ghosts) else None,
-                cast_shadow=not len(ghosts), receive_shadow=False, lod="off",
+                opacity=opacity, cast_shadow=opacity is None, receive_shadow=False, lod="off",
             )  # fmt: skip
 
         self.capsules = add("capsules", capsule, 1)

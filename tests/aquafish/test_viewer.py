@@ -301,7 +301,7 @@ def test_play_pause_speed_and_start_again(viewer: Viewer) -> None:
     assert not np.allclose(viewer.ghost.boxes.batched_positions[0], 0)
     viewer.show_ghost.value = viewer.show_forces.value = viewer.show_trail.value = False
     viewer.update()
-    for handle in (viewer.ghost.boxes, viewer.ghost.capsules, viewer.arrows, viewer.trail):
+    for handle in (viewer.ghost.boxes, viewer.samples.capsules, viewer.arrows, viewer.trail):
         assert not handle.visible
 
 
