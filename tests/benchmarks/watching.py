@@ -10,7 +10,8 @@ from typing import Any
 
 import gymnasium as gym
 
-import aquafish_gym  # noqa: F401  # registers AquaFish-v0
+from aquafish_gym import Morphology  # registers AquaFish-v0
+from aquafish_gym.rendering import render_pose
 from tests.benchmarks.rows import Group, Row, Settings
 
 VIDEO = 300  # frames
@@ -25,7 +26,12 @@ def pictures(settings: Settings, cleanup: ExitStack) -> Group:
     env = gym.make("AquaFish-v0", engine="numba", render_mode="rgb_array")
     cleanup.callback(env.close)
     env.reset(seed=settings.seed)
+    pose = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     rows, notes = [Row("rgb_array, 640 x 480", "numba", "float64", 1, 1, 1, env.render)], []
+    rows.append(
+        Row("render_pose, 1920 x 1080", "numba", "float64", 1, 1, 1,
+            lambda: render_pose(Morphology.nominal(), pose, (0, 0, 0), 1920, 1080), rows[0])
+    )  # fmt: skip
     if find_spec("moviepy"):
         frames = 10 if settings.quick else VIDEO
         rows.append(
