@@ -20,11 +20,7 @@ from aquafish_gym.envs import episode
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
 from aquafish_gym.physics.kinematics import rotation, to_world
-from aquafish_gym.physics.layout import (
-    robot_from_column,
-    robot_parameters,
-    state_from_numbers,
-)
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from eea.fish.self_model import SIZE, moved, predict
@@ -93,18 +89,8 @@ def gait_pilot(gait: Controller) -> Pilot:
 class LiveSwim:
     """Robots that swim on while faults strike, sizes are set and the water flows.
 
-    Parameters
-    ----------
-    pilot
-        What steers them.
-    count
-        Number of robots, at most 64. They begin with random fin angles.
-    damage
-        Faults of all robots from the start on, with their onsets.
-    gyro_noise
-        Standard deviation of the gyroscopes' noise, rad/s.
-    seed
-        Of the fin angles, of random damage and of sensor noise.
+    ``count`` robots, at most 64, begin with random fin angles. ``damage`` is of all of them, with
+    onsets from the start on; ``gyro_noise`` is a standard deviation in rad/s.
 
     Attributes
     ----------
@@ -267,18 +253,12 @@ def part_forces(robot: Scenario, state: Floats) -> Floats:
     return np.array([to_world(turn, on_body(now, part)[0]) for part in apart])
 
 
-class Ghost(NamedTuple):
-    """What a self-model is now: its own estimate, then samples of what it may be."""
+def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> tuple[Floats, Floats]:
+    """Return bodies (1 + SAMPLES, 9) and states (25, 1 + SAMPLES) of an agent's self-model now.
 
-    bodies: Floats  #: (1 + SAMPLES, 9)
-    states: Floats  #: (25, 1 + SAMPLES)
-
-
-def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> Ghost:
-    """Return an agent's self-model after its actions (1, 3) were held for some steps of 0.01 s.
-
-    The samples have states of the filter's covariance, and robots of the alternatives that its last
-    inference found, in proportion to their weights.
+    The first is its own estimate, after its actions (1, 3) were held for some steps of 0.01 s. The
+    others are samples of what it may be: states of the filter's covariance, and robots of the
+    alternatives that its last inference found, in proportion to their weights.
     """
     model = agent.model
     spread = _DRAWS @ np.linalg.cholesky(model.covariance).T
@@ -292,7 +272,7 @@ def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> Ghost:
     together = Scenario.concatenate([replace(one, reactive=model.robot.reactive) for one in robots])
     if held:
         _, states = predict(together, states, actions, held)
-    return Ghost(together.body, states)
+    return together.body, states
 
 
 def self_model_pilot(gyro_noise: float = 0.0, gyro_only: bool = False, seed: int = 0) -> Pilot:

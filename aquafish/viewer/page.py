@@ -15,15 +15,8 @@ import numpy as np
 
 from aquafish.online import SelfModelAgent
 from aquafish.online.watch import CALIBRATION
-from aquafish.viewer.live import (
-    SAMPLES,
-    UPDATE,
-    Floats,
-    LiveSwim,
-    Pilot,
-    imagine_ghost,
-    part_forces,
-)
+from aquafish.viewer import live
+from aquafish.viewer.live import SAMPLES, UPDATE, Floats, LiveSwim, Pilot
 from aquafish.viewer.shapes import BOXES, Shapes, robots_in
 from aquafish_gym.damage import Fault
 from aquafish_gym.damage.faults import PARTS
@@ -40,7 +33,6 @@ MN_PER_UNIT = 6.25
 PERIOD = UPDATE * TIMESTEP  # s, of an update
 ROW, LANE = 9.0, 5.0  # between the start places of a batch, along y and x, units
 BESIDE = 3.5  # the ghost is drawn this far to the right of the fish
-ARROW = 1.0  # length of a force's arrow, units for each unit of force
 TRACE, TRAIL = 200, 400  # updates of the gyroscope's traces and of trails
 BLINK = 4  # updates between those of text, traces and trails
 POSITION = FIELDS["position"]
@@ -272,14 +264,13 @@ class Viewer:
             broken = [[fin in swim.broken(i) for fin in FINS] for i in range(swim.count)]
             robots = robots_in(states, swim.robots.body, broken)
             self.robots.show(robots)
-            middle = places.mean(axis=1) if swim.count > 1 else places[:, 0]
-            self.world.position = -middle if self.follow.value else np.zeros(3)
-            self.floor.position = (0, 0, min(scene.FLOOR, places[2].min() - scene.CLEARANCE))
+            self.world.position = -places.mean(axis=1) if self.follow.value else np.zeros(3)
+            self.floor.position = (0.0, 0.0, scene.floor_below(places.T))
             self.arrows.visible, self.trail.visible = self.show_forces.value, self.show_trail.value
             if self.show_forces.value:
                 # Of the fins, then the body; an arrow of no length has no direction.
                 tails = robots.poses[me, [3, 4, 5, 0], :3]
-                heads = tails + ARROW * part_forces(swim.robots.take(me), states[:, me]) + 1e-3
+                heads = tails + live.part_forces(swim.robots.take(me), states[:, me]) + 1e-3
                 self.arrows.points = np.stack([tails, heads], axis=1).astype(np.float32)
             self._draw_ghost()
             self.name.text, self.name.position = f"robot {me + 1}", places[:, me] + (0, 0, 1.2)
@@ -294,11 +285,11 @@ class Viewer:
             shapes.capsules.visible = shapes.boxes.visible = agent is not None
         self.ghost_name.visible = agent is not None
         if agent is not None:
-            ghost = imagine_ghost(agent, self.swim.actions, self.swim.held)
-            ghost.states[POSITION] += np.array([[BESIDE], [0], [0]])
-            self.ghost.show(robots_in(ghost.states[:, :1], ghost.bodies[:1]))
-            self.samples.show(robots_in(ghost.states[:, 1:], ghost.bodies[1:]))
-            self.ghost_name.position = ghost.states[POSITION, 0] + (0, 0, 1.2)
+            bodies, states = live.imagine_ghost(agent, self.swim.actions, self.swim.held)
+            states[POSITION] += np.array([[BESIDE], [0], [0]])
+            self.ghost.show(robots_in(states[:, :1], bodies[:1]))
+            self.samples.show(robots_in(states[:, 1:], bodies[1:]))
+            self.ghost_name.position = states[POSITION, 0] + (0, 0, 1.2)
 
     def _draw_past(self, me: int) -> None:
         """Draw trails and the gyroscope's traces."""
@@ -319,7 +310,7 @@ class Viewer:
         far = CM_PER_UNIT * state[POSITION][1]
         left, right, phase = np.degrees(angles_of_rows(state))
         tail = 30 * math.sin(math.radians(phase))
-        push = MN_PER_UNIT * part_forces(swim.robots.take(me), state)[:, 1].sum()
+        push = MN_PER_UNIT * live.part_forces(swim.robots.take(me), state)[:, 1].sum()
         self.reading.content = (
             f"**{far:+.0f} cm** forward after **{swim.seconds:.1f} s**\n\n"
             f"fins: left {left:.0f}°, right {right:.0f}°, tail {tail:+.0f}°\n\n"

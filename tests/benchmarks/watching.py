@@ -50,7 +50,7 @@ def pictures(settings: Settings, cleanup: ExitStack) -> Group:
 
 def _record(frames: int, settings: Settings) -> None:
     """Record steps of 0.2 s until there are so many frames: the first is of the start."""
-    env: gym.Env[Any, Any] = gym.make("AquaFish-v0", engine="numba", render_mode="rgb_array")
+    env: Any = gym.make("AquaFish-v0", engine="numba", render_mode="rgb_array")
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         env = gym.wrappers.RecordVideo(
