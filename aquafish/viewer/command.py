@@ -71,6 +71,4 @@ class View:
         pilots = self.pilots()
         first = next(iter(pilots.values()))
         swim = LiveSwim(first, self.robots, self.damage, self.gyro_noise, self.seed)
-        viewer = Viewer(swim, pilots, self.port)
-        print(f"{viewer.url}  (Ctrl-C ends it)", flush=True)
-        viewer.run()
+        Viewer(swim, pilots, self.port).run()

@@ -341,9 +341,10 @@ class Viewer:
         return "\n\n".join(lines)
 
     def run(self) -> None:
-        """Update 20 times a second until Ctrl-C, then stop the server."""
+        """Print the address, update 20 times a second until Ctrl-C, then stop the server."""
         due = time.monotonic()
         try:
+            print(f"{self.url}  (Ctrl-C ends it)", flush=True)
             while True:
                 self.update()
                 now = time.monotonic()
