@@ -69,7 +69,7 @@ class Film:
         one_of("the film's suffix", self.out.suffix, SUFFIXES)
         integer("seed", self.seed, 0)
         step_count(self.seconds)
-        engine = check_engine(self.engine)
+        check_engine(self.engine)
         controllers = [Controller.load(path) for path in self.controllers]
         bodies = [read_morphology(path, "morphology") for path in self.morphology]
         damages = [Damage.parse(text) for text in self.damage]
@@ -84,18 +84,7 @@ class Film:
             if len(values) not in (1, fish):
                 raise InvalidArgumentError(f"{name} must be 1 or {fish} values; got {len(values)}")
         several = zip(*(islice(cycle(values), fish) for values in given.values()), strict=True)
-        swims = [
-            film_swim(
-                controller,
-                body,
-                damage,
-                label,
-                self.seconds,
-                engine,
-                np.random.default_rng([self.seed, i]),
-            )
-            for i, (controller, body, damage, label) in enumerate(several)
-        ]
+        swims = [self._swim(i, *one) for i, one in enumerate(several)]
         out = self.html or self.out
         ensure_writable_directory(out.parent)
         if self.html:
@@ -107,31 +96,32 @@ class Film:
             print(f"{swim.label}: {far:.2f} units in {self.seconds:g} s")
         print(f"{'Replay' if self.html else 'Film'}: {out}")
 
-
-def film_swim(
-    controller: Controller,
-    morphology: Morphology | None,
-    damage: Damage,
-    label: str,
-    seconds: float,
-    engine: str,
-    rng: np.random.Generator,
-) -> FilmedSwim:
-    """Return a swim from the zero pose to film; without a body, of the controller's own."""
-    body = controller.morphology if morphology is None else morphology
-    if body is None:
-        raise InvalidArgumentError("morphology must be given: the controller has none; got none")
-    damage = damage.sample(rng)
-    (path,) = rollout(
-        [controller.policy(ZERO_POSE)],
-        damage.edit(Scenario.create(body), INTERVAL),
-        engine=engine,
-        seconds=step_count(seconds) * TIMESTEP,
-        interval=INTERVAL,
-        rngs=[rng],
-    ).paths
-    words = label or ("undamaged" if not damage else str(damage))
-    return filmed(words, path, body, damage)
+    def _swim(
+        self,
+        number: int,
+        controller: Controller,
+        body: Morphology | None,
+        damage: Damage,
+        label: str,
+    ) -> FilmedSwim:
+        """Return the swim of a fish from the zero pose; without a body, of the controller's own."""
+        body = body or controller.morphology
+        if body is None:
+            raise InvalidArgumentError(
+                "morphology must be given: the controller has none; got none"
+            )
+        rng = np.random.default_rng([self.seed, number])
+        damage = damage.sample(rng)
+        (path,) = rollout(
+            [controller.policy(ZERO_POSE)],
+            damage.edit(Scenario.create(body), INTERVAL),
+            engine=check_engine(self.engine),
+            seconds=step_count(self.seconds) * TIMESTEP,
+            interval=INTERVAL,
+            rngs=[rng],
+        ).paths
+        words = label or ("undamaged" if not damage else str(damage))
+        return filmed(words, path, body, damage)
 
 
 def filmed(
