@@ -269,7 +269,7 @@ class Viewer:
             self.arrows.visible, self.trail.visible = self.show_forces.value, self.show_trail.value
             if self.show_forces.value:
                 # Of the fins, then the body; an arrow of no length has no direction.
-                tails = robots.poses[me, [3, 4, 5, 0], :3]
+                tails = robots.poses[me, np.r_[scene.FIN_PARTS, 0], :3]
                 heads = tails + live.part_forces(swim.robots.take(me), states[:, me]) + 1e-3
                 self.arrows.points = np.stack([tails, heads], axis=1).astype(np.float32)
             self._draw_ghost()

@@ -37,7 +37,7 @@ MAIN_GRID_SPACING = 10.0  # 50 cm
 
 #: The first is a capsule along its y axis, the others are boxes.
 PARTS = ("body", "left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
-FIN_PARTS, BREAKS = slice(3, 6), slice(6, 9)
+FIN_PARTS = slice(3, 6)
 
 _SIZES = np.array(  # of the parts that do not break
     [

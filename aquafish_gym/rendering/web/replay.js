@@ -221,10 +221,11 @@ function play(host, data, three) {
   }
 
   function placeMark({ element, place }) {
-    const { x, y } = place.clone().project(camera);
+    const { x, y, z } = place.clone().project(camera);
     const left = ((x + 1) * stage.clientWidth) / 2;
     const top = ((1 - y) * stage.clientHeight - element.offsetHeight) / 2;
     element.style.transform = `translate(${left}px, ${top}px)`;
+    element.style.visibility = z < 1 ? "visible" : "hidden"; // it may be behind the camera
   }
 
   function frame(now) {
