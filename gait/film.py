@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import cycle, islice
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, Any
 
 import numpy as np
 from tyro.conf import Positional, arg
@@ -13,8 +14,9 @@ from tyro.conf import Positional, arg
 from aquafish_gym.command_line import FILMED_DAMAGE, TargetEngine, read_morphology
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP, check_engine
-from aquafish_gym.morphology import FINS, Morphology
-from aquafish_gym.rendering.films import SUFFIXES, FilmedSwim, Stage, film
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.rendering.course import FilmedSwim
+from aquafish_gym.rendering.films import SUFFIXES, film
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
@@ -24,7 +26,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from gait.controller import INTERVAL, Controller
 from gait.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
-Value = TypeVar("Value")
+WHOLE = Damage()
 
 
 @dataclass(frozen=True)
@@ -67,23 +69,22 @@ class Film:
         one_of("the film's suffix", self.out.suffix, SUFFIXES)
         integer("seed", self.seed, 0)
         step_count(self.seconds)
-        engine = check_engine(self.engine)
+        check_engine(self.engine)
         controllers = [Controller.load(path) for path in self.controllers]
         bodies = [read_morphology(path, "morphology") for path in self.morphology]
         damages = [Damage.parse(text) for text in self.damage]
         fish = max(len(controllers), len(bodies), len(damages), len(self.label))
-        swims = [
-            film_swim(*one, self.seconds, engine, np.random.default_rng([self.seed, i]))
-            for i, one in enumerate(
-                zip(
-                    _each("controllers", controllers, fish),
-                    _each("morphology", bodies or [None], fish),
-                    _each("damage", damages, fish),
-                    _each("label", self.label or [""], fish),
-                    strict=True,
-                )
-            )
-        ]
+        given: dict[str, Sequence[Any]] = {
+            "controllers": controllers,
+            "morphology": bodies or [None],
+            "damage": damages,
+            "label": self.label or [""],
+        }
+        for name, values in given.items():
+            if len(values) not in (1, fish):
+                raise InvalidArgumentError(f"{name} must be 1 or {fish} values; got {len(values)}")
+        several = zip(*(islice(cycle(values), fish) for values in given.values()), strict=True)
+        swims = [self._swim(i, *one) for i, one in enumerate(several)]
         out = self.html or self.out
         ensure_writable_directory(out.parent)
         if self.html:
@@ -95,56 +96,48 @@ class Film:
             print(f"{swim.label}: {far:.2f} units in {self.seconds:g} s")
         print(f"{'Replay' if self.html else 'Film'}: {out}")
 
+    def _swim(
+        self,
+        number: int,
+        controller: Controller,
+        body: Morphology | None,
+        damage: Damage,
+        label: str,
+    ) -> FilmedSwim:
+        """Return the swim of a fish from the zero pose; without a body, of the controller's own."""
+        body = body or controller.morphology
+        if body is None:
+            raise InvalidArgumentError(
+                "morphology must be given: the controller has none; got none"
+            )
+        rng = np.random.default_rng([self.seed, number])
+        damage = damage.sample(rng)
+        (path,) = rollout(
+            [controller.policy(ZERO_POSE)],
+            damage.edit(Scenario.create(body), INTERVAL),
+            engine=check_engine(self.engine),
+            seconds=step_count(self.seconds) * TIMESTEP,
+            interval=INTERVAL,
+            rngs=[rng],
+        ).paths
+        words = label or ("undamaged" if not damage else str(damage))
+        return filmed(words, path, body, damage)
 
-def _each(name: str, values: Sequence[Value], count: int) -> Sequence[Value]:
-    """Return ``count`` values, of which a single one serves all."""
-    if len(values) not in (1, count):
-        raise InvalidArgumentError(f"{name} must be 1 or {count} values; got {len(values)}")
-    return values if len(values) == count else list(values) * count
 
-
-def film_swim(
-    controller: Controller,
-    morphology: Morphology | None,
-    damage: Damage,
-    label: str,
-    seconds: float,
-    engine: str,
-    rng: np.random.Generator,
+def filmed(
+    label: str, swim: Swim | RolloutPath, body: Morphology, damage: Damage = WHOLE
 ) -> FilmedSwim:
-    """Return a swim from the zero pose to film; without a body, of the controller's own."""
-    body = controller.morphology if morphology is None else morphology
-    if body is None:
-        raise InvalidArgumentError("morphology must be given: the controller has none; got none")
-    damage = damage.sample(rng)
-    (path,) = rollout(
-        [controller.policy(ZERO_POSE)],
-        damage.edit(Scenario.create(body), INTERVAL),
-        engine=engine,
-        seconds=step_count(seconds) * TIMESTEP,
-        interval=INTERVAL,
-        rngs=[rng],
-    ).paths
-    words = label or ("undamaged" if not damage else str(damage))
-    return filmed(words, stages(body, damage), path)
-
-
-def filmed(label: str, body: tuple[Stage, ...], swim: Swim | RolloutPath) -> FilmedSwim:
-    """Return a swim to film from a recorded one."""
-    return FilmedSwim(label, body, swim.time, swim.position, swim.quaternion, swim.fin_angles)
-
-
-def stages(body: Morphology, damage: Damage) -> tuple[Stage, ...]:
-    """Return what a body becomes with damage, and which of its fins are broken when.
+    """Return a recorded swim to film, of a body and what damage makes of it.
 
     A fin is broken if it has another size or its servo does not follow its command.
     """
     scenario = damage.edit(Scenario.create(body), INTERVAL)
-    changes = [(0, scenario), *((change.step, change.to) for change in scenario.schedule)]
-    found = []
-    for step, now in changes:
+    bodies, broken = np.empty((len(swim.time), 9)), np.empty((len(swim.time), 3), bool)
+    for step, now in [(0, scenario), *((change.step, change.to) for change in scenario.schedule)]:
+        later = swim.time > (step - 0.5) * TIMESTEP
+        bodies[later] = now.body[0]
         sizes = (now.body[0] != body.to_array()).reshape(3, 3).any(axis=1)
-        broken = sizes | (now.servo_gain[0] != 1.0)
-        names = tuple(fin for fin, bad in zip(FINS, broken, strict=True) if bad)
-        found.append(Stage(step * TIMESTEP, Morphology.from_array(now.body[0]), names))
-    return tuple(found)
+        broken[later] = sizes | (now.servo_gain[0] != 1.0)
+    return FilmedSwim(
+        label, swim.time, bodies, broken, swim.position, swim.quaternion, swim.fin_angles
+    )

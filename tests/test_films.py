@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.rendering import FilmedSwim, Stage, film, write_film
+from aquafish_gym.rendering import FilmedSwim, film
 from aquafish_gym.rendering.films import film_frames, fitting_view
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, UnknownNameError
 
 NOMINAL = Morphology.nominal()
-WHOLE = (Stage(0.0, NOMINAL),)
 SIZE = (160, 96)
 
 
@@ -26,7 +25,8 @@ def straight(speed: float, seconds: float = 1.0) -> FilmedSwim:
     time = np.linspace(0.0, seconds, round(seconds / 0.05) + 1)
     position = np.outer(time * speed, (0.0, 1.0, 0.0))
     turn = np.tile((0.0, 0.0, 0.0, 1.0), (len(time), 1))
-    return FilmedSwim("fish", WHOLE, time, position, turn, np.zeros((len(time), 3)))
+    bodies, broken = np.tile(NOMINAL.to_array(), (len(time), 1)), np.zeros((len(time), 3), bool)
+    return FilmedSwim("fish", time, bodies, broken, position, turn, np.zeros((len(time), 3)))
 
 
 def frames(*swims: FilmedSwim, fps: float = 10.0, speed: float = 1.0) -> NDArray[np.int64]:
@@ -58,8 +58,8 @@ def test_the_film_ends_at_the_last_instant_and_holds_it() -> None:
 
 def test_a_fin_is_marked_from_the_moment_it_breaks() -> None:
     swim = straight(0.0)
-    broken = (*WHOLE, Stage(0.5, NOMINAL, ("caudal",)))
-    whole, breaks = frames(swim), frames(swim._replace(stages=broken))
+    broken = np.outer(swim.time > 0.49, [False, False, True])
+    whole, breaks = frames(swim), frames(swim._replace(broken=broken))
     assert (whole[:5] == breaks[:5]).all()
     assert (whole[5:] != breaks[5:]).any(axis=(1, 2, 3)).all()
 
@@ -128,11 +128,3 @@ def test_bad_films_are_refused(
     given = {"swims": [straight(1.0)], "path": "a.webp", **change}
     with pytest.raises(error, match=sentence):
         film(given.pop("swims"), tmp_path / given.pop("path"), **given)
-
-
-def test_frames_of_two_sizes_are_refused(tmp_path: Path) -> None:
-    shapes = [(4, 4, 3), (4, 6, 3)]
-    with pytest.raises(InvalidArgumentError, match="one size"):
-        write_film([np.zeros(shape, np.uint8) for shape in shapes], tmp_path / "a.gif")
-    with pytest.raises(InvalidArgumentError, match="none"):
-        write_film([], tmp_path / "a.gif")

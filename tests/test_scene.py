@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Collection
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from aquafish_gym.morphology import FINS, Morphology
@@ -15,15 +18,25 @@ NOMINAL = Morphology.nominal()
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-def names(*arguments: object) -> list[str]:
-    return [part.name for part in scene.robot_parts(*arguments)]
+def placed(
+    body: Morphology,
+    broken: Collection[str] = (),
+    pose: ArrayLike = (0, 0, 0),
+    turn: ArrayLike = UPRIGHT,
+    angles: ArrayLike = (0, 0, 0),
+) -> dict[str, tuple[Any, Any, Any]]:
+    """Return size, colour and pose of each part that is drawn, by name."""
+    marked = [fin in broken for fin in FINS]
+    robots = scene.place_robots([body.to_array()], [marked], [pose], [turn], [angles])
+    parts = zip(scene.PARTS, *(field[0] for field in robots), strict=True)
+    return {name: part for name, *part in parts if part[0].any()}
 
 
 def test_fins_hang_from_their_hinges() -> None:
     turn = (0.0, 0.0, math.sin(math.pi / 4), math.cos(math.pi / 4))  # yaw 90 degrees
     angles = (0.0, math.pi / 2, math.pi / 2)
-    poses = scene.part_poses(NOMINAL, [(1.0, 2.0, 3.0)], [turn], [angles])[0]
-    left, right, tail = poses[-3:, :3]
+    parts = placed(NOMINAL, (), (1.0, 2.0, 3.0), turn, angles)
+    left, right, tail = (parts[fin][2][:3] for fin in FINS)
     np.testing.assert_allclose(left, (1 - 1.0 + 0.8, 2 - 0.75, 3.0), atol=1e-12)
     np.testing.assert_allclose(right, (1 - 1.0, 2 + 0.75, 3.0 - 0.8), atol=1e-12)
     # The tail's phase of 90 degrees is its full sweep of 30.
@@ -36,7 +49,8 @@ def test_fins_agree_with_rotations_of_scipy() -> None:
     positions, angles = rng.normal(size=(20, 3)), rng.uniform(-4, 4, (20, 3))
     body = Rotation.random(20, rng=rng)
     sizes = Morphology.from_array(rng.uniform(0.1, 0.5, 9))
-    poses = scene.part_poses(sizes, positions, body.as_quat(), angles)
+    bodies, whole = np.tile(sizes.to_array(), (20, 1)), np.zeros((20, 3), bool)
+    poses = scene.place_robots(bodies, whole, positions, body.as_quat(), angles).poses
     joints = (
         ((-0.75, 1.0, 0.0), np.outer(angles[:, 0], (1, 0, 0)), sizes.left_pectoral[1]),
         ((0.75, 1.0, 0.0), np.outer(angles[:, 1], (1, 0, 0)), sizes.right_pectoral[1]),
@@ -46,7 +60,9 @@ def test_fins_agree_with_rotations_of_scipy() -> None:
             sizes.caudal[1],
         ),
     )
-    for pose, (hinge, angle, length) in zip(np.moveaxis(poses, 1, 0)[-3:], joints, strict=True):
+    for pose, (hinge, angle, length) in zip(
+        np.moveaxis(poses, 1, 0)[scene.FIN_PARTS], joints, strict=True
+    ):
         fin = body * Rotation.from_rotvec(angle)
         centre = positions + body.apply(hinge) + fin.apply((0.0, -length / 2, 0.0))
         np.testing.assert_allclose(pose[:, :3], centre, atol=1e-12)
@@ -55,27 +71,22 @@ def test_fins_agree_with_rotations_of_scipy() -> None:
         )
 
 
-def test_parts_and_poses_match_for_any_body_and_damage() -> None:
+def test_a_fin_without_area_is_not_drawn_and_leaves_its_break() -> None:
     missing = Morphology.coerce({"caudal": (0.0, 0.0, 0.0)})
     plate = Morphology.coerce({"caudal": (0.0, 1.0, 0.5)})
-    for body in (NOMINAL, missing, plate):
-        for broken in ((), ("caudal",), FINS):
-            parts = scene.robot_parts(body, broken)
-            poses = scene.part_poses(
-                body, np.zeros((4, 3)), [UPRIGHT] * 4, np.zeros((4, 3)), broken
-            )
-            assert poses.shape == (4, len(parts), 7)
-            assert min(min(part.size) for part in parts) > 0
-    assert names(missing) == ["body", "left_mount", "right_mount", *FINS[:2]]
-    assert names(missing, ("caudal",))[-1] == "caudal_break"
-    assert names(plate)[-1] == "caudal"
+    assert list(placed(missing)) == ["body", "left_mount", "right_mount", *FINS[:2]]
+    assert min(placed(plate)["caudal"][0]) > 0
+    parts = placed(missing, ("caudal",))
+    assert list(parts)[-1] == "caudal_break"
+    assert parts["caudal_break"][2][:3] == pytest.approx([0, -2, 0])  # at the hinge
 
 
-def test_a_broken_fin_has_another_colour_and_an_edge_at_its_end() -> None:
-    whole = {part.name: part for part in scene.robot_parts(NOMINAL)}
-    parts = {part.name: part for part in scene.robot_parts(NOMINAL, ("left_pectoral",))}
-    assert parts["left_pectoral"].colour != whole["left_pectoral"].colour
-    assert parts["right_pectoral"] == whole["right_pectoral"]
-    poses = scene.part_poses(NOMINAL, [(0, 0, 0)], [UPRIGHT], [(0, 0, 0)], ("left_pectoral",))[0]
-    fin, edge = (list(parts).index(name) for name in ("left_pectoral", "left_pectoral_break"))
-    assert poses[fin, 1] - poses[edge, 1] == pytest.approx(NOMINAL.left_pectoral[1] / 2)
+def test_a_broken_fin_has_another_colour_and_a_break_at_its_end() -> None:
+    whole, parts = placed(NOMINAL), placed(NOMINAL, ("left_pectoral",))
+    assert len(parts) == len(whole) + 1 == 7
+    assert tuple(parts["left_pectoral"][1]) == scene.BROKEN_FIN
+    assert tuple(parts["right_pectoral"][1]) == tuple(whole["right_pectoral"][1]) == scene.FIN
+    size, colour, pose = parts["left_pectoral_break"]
+    assert tuple(colour) == scene.BREAK
+    assert (size > (NOMINAL.left_pectoral[0], 0, NOMINAL.left_pectoral[2])).all()
+    assert parts["left_pectoral"][2][1] - pose[1] == pytest.approx(NOMINAL.left_pectoral[1] / 2)

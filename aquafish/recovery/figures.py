@@ -11,14 +11,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from aquafish.recovery.page import broken_fins, damage_in_words, shown_swims
+from aquafish.recovery.page import damage_in_words, shown_swims
 from aquafish.recovery.report import Outcomes, shown_replicate
 from aquafish.recovery.treatment import MODELLED, TREATMENTS, Treatment, path_from_dict
 from aquafish_gym import DIMENSIONS, Morphology
-from aquafish_gym.morphology import FIN_WORDS
+from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.rendering import Camera, film, render_pose
-from aquafish_gym.rendering.films import CM_PER_UNIT
 from aquafish_gym.rendering.pictures import encode_figure, new_figure, save_figure
+from aquafish_gym.rendering.scene import CM_PER_UNIT
 from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
 from eea.study.statistics import interval
@@ -40,7 +40,7 @@ COLOURS = {
     "oracle-fins": "#00523c",
 }
 LABELS = {name: spec.label for name, spec in TREATMENTS.items()}
-ON_THE_PAGE = ("sizes", "fitness", "distances")
+ON_THE_PAGE = ("sizes", "distances")
 PATHS = ("undamaged", "randomised", "out-of-band", "joint", "joint-fins", "oracle-fins")
 AT_REST = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 BODY_CAMERA = Camera(distance=7.5, azimuth=-30.0, elevation=45.0, target=(0.0, -0.5, 0.0))
@@ -81,7 +81,7 @@ def bodies_figure(job: Treatment, outcomes: Outcomes) -> Figure:
         t: Morphology.coerce(outcomes[t][shown]["morphology"])
         for t in ("undamaged", "none", "out-of-band", "joint")
     }
-    broken = broken_fins(job)
+    broken = [fin for fin in FINS if getattr(job.morphology, fin) != getattr(job.target, fin)]
     figure = new_figure(2.63 * len(bodies), 3.5, DPI)
     for axes, (name, body) in zip(figure.subplots(1, len(bodies)), bodies.items(), strict=True):
         marked = () if name == "undamaged" else broken
@@ -224,5 +224,5 @@ def write_film(folder: Path, job: Treatment, outcomes: Outcomes) -> list[str]:
     film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title)
     if find_spec("imageio_ffmpeg") is None:
         return ["film.webp"]
-    film(swims, folder / "film.mp4", 1920, 1080, title=title)
+    film(swims, folder / "film.mp4", 1920, 1080, speed=FILM_SPEED, title=title)
     return ["film.webp", "film.mp4"]

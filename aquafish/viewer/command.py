@@ -16,8 +16,8 @@ from aquafish.viewer.live import (
     LiveSwim,
     Pilot,
     PolicyAgent,
-    RandomAgent,
     gait_pilot,
+    random_pilot,
     self_model_pilot,
 )
 from aquafish.viewer.page import Viewer, viser_module
@@ -60,7 +60,7 @@ class View:
             found["policy"] = Pilot(PolicyAgent(policy), POLICY_INTERVAL)
         gait = Controller.load(self.controller) if self.controller else load_library()[0]
         found["gait"] = gait_pilot(gait)
-        found["random"] = Pilot(RandomAgent(self.seed), 20)
+        found["random"] = random_pilot(self.seed)
         if self.robots == 1:
             found["self-model"] = self_model_pilot(self.gyro_noise, self.gyro_only, self.seed)
         return found
@@ -71,6 +71,4 @@ class View:
         pilots = self.pilots()
         first = next(iter(pilots.values()))
         swim = LiveSwim(first, self.robots, self.damage, self.gyro_noise, self.seed)
-        viewer = Viewer(swim, pilots, self.port)
-        print(f"{viewer.url}  (Ctrl-C ends it)", flush=True)
-        viewer.run()
+        Viewer(swim, pilots, self.port).run()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -19,12 +20,7 @@ from aquafish_gym.envs import episode
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
 from aquafish_gym.physics.kinematics import rotation, to_world
-from aquafish_gym.physics.layout import (
-    angles_of_rows,
-    robot_from_column,
-    robot_parameters,
-    state_from_numbers,
-)
+from aquafish_gym.physics.layout import robot_from_column, robot_parameters, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from eea.fish.self_model import SIZE, moved, predict
@@ -57,25 +53,11 @@ class Pilot(NamedTuple):
     interval: int
 
 
-class RandomAgent:
-    """An agent whose actions are uniformly random."""
-
-    def __init__(self, seed: int = 0) -> None:
-        self._rng = np.random.default_rng(seed)
-
-    def reset(self, info: dict[str, Any]) -> None:
-        """Do nothing."""
-
-    def act(self, observations: NDArray[np.float32]) -> Floats:
-        """Return actions (B, 3)."""
-        return self._rng.uniform(-1.0, 1.0, (len(observations), 3))
-
-
 class PolicyAgent:
     """An agent whose robots have a policy each: a function of observation and time."""
 
-    def __init__(self, policy: ControllerLike) -> None:
-        self._policy = policy
+    def __init__(self, policy: ControllerLike, interval: int = POLICY_INTERVAL) -> None:
+        self._policy, self._interval = policy, interval * TIMESTEP
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin a swim of each robot."""
@@ -84,12 +66,17 @@ class PolicyAgent:
 
     def act(self, observations: NDArray[np.float32]) -> Floats:
         """Return actions (B, 3)."""
-        seen = observations.astype(float)
-        pairs = zip(self._policies, seen, strict=True)
+        pairs = zip(self._policies, observations.astype(float), strict=True)
         actions = [policy(one, self._time) for policy, one in pairs]
-        self._time += POLICY_INTERVAL * TIMESTEP
-        clipped: Floats = np.clip(np.array(actions, float).reshape(len(seen), 3), -1.0, 1.0)
+        self._time += self._interval
+        clipped: Floats = np.clip(np.array(actions, float).reshape(-1, 3), -1.0, 1.0)
         return clipped
+
+
+def random_pilot(seed: int) -> Pilot:
+    """Return a pilot whose actions are uniformly random."""
+    rng = np.random.default_rng(seed)
+    return Pilot(PolicyAgent(lambda _observation, _time: rng.uniform(-1.0, 1.0, 3), 20), 20)
 
 
 def gait_pilot(gait: Controller) -> Pilot:
@@ -102,18 +89,8 @@ def gait_pilot(gait: Controller) -> Pilot:
 class LiveSwim:
     """Robots that swim on while faults strike, sizes are set and the water flows.
 
-    Parameters
-    ----------
-    pilot
-        What steers them.
-    count
-        Number of robots, at most 64. They begin with random fin angles.
-    damage
-        Faults of all robots from the start on, with their onsets.
-    gyro_noise
-        Standard deviation of the gyroscopes' noise, rad/s.
-    seed
-        Of the fin angles, of random damage and of sensor noise.
+    ``count`` robots, at most 64, begin with random fin angles. ``damage`` is of all of them, with
+    onsets from the start on; ``gyro_noise`` is a standard deviation in rad/s.
 
     Attributes
     ----------
@@ -168,10 +145,12 @@ class LiveSwim:
 
     def faults(self, robot: int) -> tuple[Fault, ...]:
         """Return the faults of a robot that are active."""
-        found = self._damages[robot].faults
-        spans = [fault.span for fault in found]
         now = self.seconds + 1e-9
-        return tuple(f for f, (a, b) in zip(found, spans, strict=True) if a <= now < b)
+        return tuple(f for f in self._damages[robot] if f.span[0] <= now < f.span[1])
+
+    def damage_now(self, robot: int) -> Damage:
+        """Return a robot's active faults, as if they lasted throughout."""
+        return _lasting(self.faults(robot))
 
     def broken(self, robot: int) -> tuple[str, ...]:
         """Return the names of a robot's broken fins."""
@@ -248,16 +227,17 @@ class LiveSwim:
             current=self._current,
             gyro_noise=self._noise,
         )
-        alike: dict[tuple[Fault, ...], Damage] = {}
-        for faults in map(self.faults, self._everyone.tolist()):
-            active = tuple(replace(fault, onset=0.0, duration=None) for fault in faults)
-            alike.setdefault(faults, Damage(active))
-        return edit_each(whole, [alike[self.faults(robot)] for robot in self._everyone.tolist()])
+        return edit_each(whole, [self.damage_now(robot) for robot in self._everyone.tolist()])
 
     def _observe(self) -> None:
         truth = episode.observe(state_from_numbers(self.states))
         limits = episode.limits(False, False)
         self.observed = self._sensors.observe(truth, -limits, limits, self._rng, self._everyone)
+
+
+@cache  # ``edit_each`` edits robots of one damage together
+def _lasting(faults: tuple[Fault, ...]) -> Damage:
+    return Damage(tuple(replace(fault, onset=0.0, duration=None) for fault in faults))
 
 
 def part_forces(robot: Scenario, state: Floats) -> Floats:
@@ -273,18 +253,12 @@ def part_forces(robot: Scenario, state: Floats) -> Floats:
     return np.array([to_world(turn, on_body(now, part)[0]) for part in apart])
 
 
-class Ghost(NamedTuple):
-    """What a self-model is now: its own estimate, then samples of what it may be."""
+def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> tuple[Floats, Floats]:
+    """Return bodies (1 + SAMPLES, 9) and states (25, 1 + SAMPLES) of an agent's self-model now.
 
-    bodies: Floats  #: (1 + SAMPLES, 9)
-    states: Floats  #: (25, 1 + SAMPLES)
-
-
-def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> Ghost:
-    """Return an agent's self-model after its actions (1, 3) were held for some steps of 0.01 s.
-
-    The samples have states of the filter's covariance, and robots of the alternatives that its last
-    inference found, in proportion to their weights.
+    The first is its own estimate, after its actions (1, 3) were held for some steps of 0.01 s. The
+    others are samples of what it may be: states of the filter's covariance, and robots of the
+    alternatives that its last inference found, in proportion to their weights.
     """
     model = agent.model
     spread = _DRAWS @ np.linalg.cholesky(model.covariance).T
@@ -298,13 +272,7 @@ def imagine_ghost(agent: SelfModelAgent, actions: Floats, held: int) -> Ghost:
     together = Scenario.concatenate([replace(one, reactive=model.robot.reactive) for one in robots])
     if held:
         _, states = predict(together, states, actions, held)
-    return Ghost(together.body, states)
-
-
-def angles_in_degrees(state: Floats) -> list[float]:
-    """Return left and right pectoral angle and the tail's angle of a state (25,), degrees."""
-    left, right, phase = np.degrees(angles_of_rows(state)).tolist()
-    return [left, right, 30.0 * math.sin(math.radians(phase))]
+    return together.body, states
 
 
 def self_model_pilot(gyro_noise: float = 0.0, gyro_only: bool = False, seed: int = 0) -> Pilot:

@@ -9,42 +9,33 @@ import queue
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from aquafish.online import SelfModelAgent
 from aquafish.online.watch import CALIBRATION
-from aquafish.viewer.live import (
-    SAMPLES,
-    UPDATE,
-    Floats,
-    LiveSwim,
-    Pilot,
-    angles_in_degrees,
-    imagine_ghost,
-    part_forces,
-)
-from aquafish.viewer.shapes import BOXES, Shapes
-from aquafish_gym.damage import Damage, Fault
+from aquafish.viewer import live
+from aquafish.viewer.live import SAMPLES, UPDATE, Floats, LiveSwim, Pilot
+from aquafish.viewer.shapes import BOXES, Shapes, robots_in
+from aquafish_gym.damage import Fault
 from aquafish_gym.damage.faults import PARTS
-from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
+from aquafish_gym.morphology import DIMENSIONS, FINS
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import scene
+from aquafish_gym.rendering.scene import CM_PER_UNIT, Robots
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
 from eea.fish.self_model import ATTITUDE, VELOCITY
 from eea.fish.self_model import FINS as FIN_ANGLES
 
-CM_PER_UNIT, MN_PER_UNIT = 5.0, 6.25
+MN_PER_UNIT = 6.25
 PERIOD = UPDATE * TIMESTEP  # s, of an update
 ROW, LANE = 9.0, 5.0  # between the start places of a batch, along y and x, units
 BESIDE = 3.5  # the ghost is drawn this far to the right of the fish
-ARROW = 1.0  # length of a force's arrow, units for each unit of force
 TRACE, TRAIL = 200, 400  # updates of the gyroscope's traces and of trails
 BLINK = 4  # updates between those of text, traces and trails
-POSITION, QUATERNION, SPIN = FIELDS["position"], FIELDS["orientation"], FIELDS["spin"]
+POSITION = FIELDS["position"]
 GHOST, ARROWS, TRAILS = (120, 70, 200), (230, 120, 0), (0, 90, 140)
 AXES = (("x", "#d55e00"), ("y", "#009e73"), ("z", "#0072b2"))  # for the colour-blind
 FAULTS = [word for word in PARTS["caudal"] if word != "thickness"]
@@ -116,10 +107,15 @@ class Viewer:
             plane_color=scene.SAND, plane_opacity=1.0, shadow_opacity=0.25,
             section_thickness=1.6, cell_thickness=0.6, fade_distance=120.0,
         )  # fmt: skip
-        self.robots = Shapes(api, "/world/robots", self.swim.count, None, None)
+        alike = robots_in(self.swim.states[:, :1], self.swim.robots.body[:1])
+        several, samples = (
+            Robots(*(np.repeat(field, count, axis=0) for field in alike))
+            for count in (self.swim.count, SAMPLES)
+        )
+        self.robots = Shapes(api, "/world/robots", several)
         self.robots.boxes.on_click(self._clicked)
-        self.ghost = Shapes(api, "/world/ghost", 1, GHOST, 0.5)
-        self.samples = Shapes(api, "/world/samples", SAMPLES, GHOST, 0.12)
+        self.ghost = Shapes(api, "/world/ghost", alike, GHOST, 0.5)
+        self.samples = Shapes(api, "/world/samples", samples, GHOST, 0.12)
         self.ghost_name = api.add_label("/world/ghost/name", "self-model")
         self.name = api.add_label("/world/name", "", visible=self.swim.count > 1)
         nothing = np.zeros((4, 2, 3), np.float32)
@@ -265,13 +261,17 @@ class Viewer:
         states = swim.states.copy()
         states[POSITION] = places = self._places()
         with self.server.atomic():
-            self.robots.show(swim.robots.body, [swim.broken(i) for i in range(swim.count)], states)
-            middle = places.mean(axis=1) if swim.count > 1 else places[:, 0]
-            self.world.position = -middle if self.follow.value else np.zeros(3)
-            self.floor.position = (0, 0, min(scene.FLOOR, places[2].min() - scene.CLEARANCE))
+            broken = [[fin in swim.broken(i) for fin in FINS] for i in range(swim.count)]
+            robots = robots_in(states, swim.robots.body, broken)
+            self.robots.show(robots)
+            self.world.position = -places.mean(axis=1) if self.follow.value else np.zeros(3)
+            self.floor.position = (0.0, 0.0, scene.floor_below(places.T))
             self.arrows.visible, self.trail.visible = self.show_forces.value, self.show_trail.value
             if self.show_forces.value:
-                self._draw_forces(me, states[:, me])
+                # Of the fins, then the body; an arrow of no length has no direction.
+                tails = robots.poses[me, np.r_[scene.FIN_PARTS, 0], :3]
+                heads = tails + live.part_forces(swim.robots.take(me), states[:, me]) + 1e-3
+                self.arrows.points = np.stack([tails, heads], axis=1).astype(np.float32)
             self._draw_ghost()
             self.name.text, self.name.position = f"robot {me + 1}", places[:, me] + (0, 0, 1.2)
             if self._updates % BLINK == 0:
@@ -279,28 +279,17 @@ class Viewer:
                 self._write(me)
         self.server.flush()
 
-    def _draw_forces(self, me: int, state: Floats) -> None:
-        body = Morphology.from_array(self.swim.robots.body[me])
-        pose = (state[None, POSITION], state[None, QUATERNION], angles_of_rows(state[:, None]).T)
-        parts = scene.robot_parts(body)
-        poses = scene.part_poses(body, *pose)[0]
-        at = {part.name: place[:3] for part, place in zip(parts, poses, strict=True)}
-        forces = part_forces(self.swim.robots.take(me), state)
-        tails = np.array([at.get(name, at["body"]) for name in (*FINS, "body")])
-        heads = tails + ARROW * forces + (0, 0, 1e-3)  # an arrow of no length has no direction
-        self.arrows.points = np.stack([tails, heads], axis=1).astype(np.float32)
-
     def _draw_ghost(self) -> None:
         agent = self.agent if self.show_ghost.value else None
-        for handle in (self.ghost, self.samples):
-            handle.capsules.visible = handle.boxes.visible = agent is not None
+        for shapes in (self.ghost, self.samples):
+            shapes.capsules.visible = shapes.boxes.visible = agent is not None
         self.ghost_name.visible = agent is not None
         if agent is not None:
-            ghost = imagine_ghost(agent, self.swim.actions, self.swim.held)
-            ghost.states[POSITION] += np.array([[BESIDE], [0], [0]])
-            self.ghost.show(ghost.bodies[:1], [()], ghost.states[:, :1])
-            self.samples.show(ghost.bodies[1:], [()] * SAMPLES, ghost.states[:, 1:])
-            self.ghost_name.position = ghost.states[POSITION, 0] + (0, 0, 1.2)
+            bodies, states = live.imagine_ghost(agent, self.swim.actions, self.swim.held)
+            states[POSITION] += np.array([[BESIDE], [0], [0]])
+            self.ghost.show(robots_in(states[:, :1], bodies[:1]))
+            self.samples.show(robots_in(states[:, 1:], bodies[1:]))
+            self.ghost_name.position = states[POSITION, 0] + (0, 0, 1.2)
 
     def _draw_past(self, me: int) -> None:
         """Draw trails and the gyroscope's traces."""
@@ -319,15 +308,15 @@ class Viewer:
         """Write the readings, the damage, and what the self-model is."""
         swim, state = self.swim, self.swim.states[:, me]
         far = CM_PER_UNIT * state[POSITION][1]
-        left, right, tail = angles_in_degrees(state)
-        push = MN_PER_UNIT * part_forces(swim.robots.take(me), state)[:, 1].sum()
+        left, right, phase = np.degrees(angles_of_rows(state))
+        tail = 30 * math.sin(math.radians(phase))
+        push = MN_PER_UNIT * live.part_forces(swim.robots.take(me), state)[:, 1].sum()
         self.reading.content = (
             f"**{far:+.0f} cm** forward after **{swim.seconds:.1f} s**\n\n"
             f"fins: left {left:.0f}°, right {right:.0f}°, tail {tail:+.0f}°\n\n"
             f"the water pushes forward by {push:+.1f} mN"
         )
-        faults = Damage(tuple(replace(f, onset=0.0, duration=None) for f in swim.faults(me)))
-        self.damage.content = f"broken: {faults}{self._problem}"
+        self.damage.content = f"broken: {swim.damage_now(me)}{self._problem}"
         self.thoughts.content = self._thoughts()
 
     def _thoughts(self) -> str:
@@ -352,9 +341,10 @@ class Viewer:
         return "\n\n".join(lines)
 
     def run(self) -> None:
-        """Update 20 times a second until Ctrl-C, then stop the server."""
+        """Print the address, update 20 times a second until Ctrl-C, then stop the server."""
         due = time.monotonic()
         try:
+            print(f"{self.url}  (Ctrl-C ends it)", flush=True)
             while True:
                 self.update()
                 now = time.monotonic()

@@ -1,6 +1,6 @@
 """Films: swims side by side from one start line, in one fixed frame.
 
-Each fish draws a trail. Fins that are broken are marked, see ``robot_parts``.
+Each fish draws a trail. Fins that are broken are marked, see ``place_robots``.
 """
 
 from __future__ import annotations
@@ -8,21 +8,19 @@ from __future__ import annotations
 import itertools
 import os
 import tempfile
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.camera import Camera, Frame, View
-from aquafish_gym.rendering.scene import Colour, Floats
+from aquafish_gym.rendering.course import FISH, FilmedSwim, lay_out
+from aquafish_gym.rendering.scene import CM_PER_UNIT, Floats
 from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import (
-    InvalidArgumentError,
     MissingExtraError,
     finite_array,
     integer,
@@ -30,46 +28,7 @@ from aquafish_gym.utils.validation import (
 )
 
 SUFFIXES = (".mp4", ".webp", ".gif")
-CM_PER_UNIT = 5
-_LANE = 3.5  # least distance between the paths of two fish, units
-_FISH = 2.4  # room for a fish around its centre
 _HOLD = 1.5  # s, of the last frame
-# Blue, vermilion, green, purple, orange: distinct for the colour-blind (Okabe and Ito).
-TRAILS = ((0, 114, 178), (213, 94, 0), (0, 130, 95), (150, 60, 120), (180, 120, 0))
-
-
-class Stage(NamedTuple):
-    """The body from a time on, in s, and which of its fins are broken.
-
-    Examples
-    --------
-    >>> Stage(4.0, Morphology.coerce({"caudal": (0.0, 0.0, 0.0)}), ("caudal",)).begin
-    4.0
-    """
-
-    begin: float
-    morphology: Morphology
-    broken: tuple[str, ...] = ()
-
-
-class FilmedSwim(NamedTuple):
-    """A swim in a film: a few words, the body in the order of time, and T samples.
-
-    The film shows it until it diverges.
-
-    Examples
-    --------
-    >>> still = np.zeros((2, 3)), np.tile((0, 0, 0, 1), (2, 1)), np.zeros((2, 3))
-    >>> FilmedSwim("at rest", (Stage(0.0, Morphology.nominal()),), np.array([0, 1]), *still).label
-    'at rest'
-    """
-
-    label: str
-    stages: tuple[Stage, ...]  #: The first begins at 0.
-    time: Floats  #: (T,) s
-    position: Floats  #: (T, 3)
-    quaternion: Floats  #: (T, 4)
-    fin_angles: Floats  #: (T, 3)
 
 
 def film(
@@ -83,38 +42,18 @@ def film(
 ) -> Path:
     """Write a film of swims side by side as .mp4, .webp or .gif; return its path.
 
-    ``speed`` is that of the film relative to the swim; the ``title`` is at the top. An .mp4 needs
-    the extra ``film``, without which MissingExtraError is raised.
+    ``speed`` is that of the film relative to the swim; the ``title`` is at the top. Films as .webp
+    and .gif repeat forever. GIF counts hundredths of a second, so only frame rates of 100 / n are
+    exact. An .mp4 needs the extra ``film``, without which MissingExtraError is raised.
     """
+    suffix = one_of("the film's suffix", Path(path).suffix, SUFFIXES)
     integer("width", width, 64, 4096)
     integer("height", height, 64, 4096)
     finite_array("speed", speed, (), 0.01, 100.0)
     finite_array("fps", fps, (), 0.1, 240.0)
-    if not swims:
-        raise InvalidArgumentError("swims must be at least one; got none")
-    return write_film(film_frames(swims, width, height, fps, speed, title), path, fps)
-
-
-def side_by_side(swims: Sequence[FilmedSwim]) -> list[FilmedSwim]:
-    """Return swims until they diverge in lanes, the first the farthest from the camera."""
-    lanes, x = [], 0.0
-    for swim in swims:
-        good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))
-        time, position, quaternion, angles = (row[good] for row in swim[2:])
-        position = position + np.array([x - position[:, 0].min(), 0.0, 0.0])
-        lanes.append(FilmedSwim(*swim[:2], time, position, quaternion, angles))
-        x = position[:, 0].max() + _LANE
-    return lanes
-
-
-def _robot_at(swim: FilmedSwim, i: int) -> Floats:
-    """Return the robot of sample i, for the caster."""
-    from aquafish_gym.rendering.caster import solid_parts
-
-    now = next(one for one in reversed(swim.stages) if one.begin <= swim.time[i] + 1e-9)
-    pose = (swim.position[[i]], swim.quaternion[[i]], swim.fin_angles[[i]])
-    poses = scene.part_poses(now.morphology, *pose, now.broken)[0]
-    return solid_parts(scene.robot_parts(now.morphology, now.broken), poses)
+    frames = film_frames(swims, width, height, fps, speed, title)
+    write_bytes(path, _encode(frames, fps) if suffix == ".mp4" else _animate(frames, suffix, fps))
+    return Path(path)
 
 
 def film_frames(
@@ -123,38 +62,47 @@ def film_frames(
     """Yield the frames of :func:`film`; the last, at the end of the longest swim, is held."""
     from aquafish_gym.rendering import caster
 
-    lanes = side_by_side(swims)
-    everywhere = np.concatenate([lane.position for lane in lanes])
-    low, high = everywhere.min(axis=0), everywhere.max(axis=0)
-    view = fitting_view(everywhere, width / height)
-    floor = min(scene.FLOOR, low[2] - scene.CLEARANCE)
-    marks = np.arange(0.0, high[1] + _FISH, scene.MAIN_GRID_SPACING)
-    ends = np.array([[(x, y, 0.0) for x in (low[0] - _FISH, high[0] + _FISH)] for y in marks])
-    rulers = [(line, scene.INK if line[0, 1] == 0 else scene.GRID) for line in ends]
-    feet = view.project(ends[:, 1], width, height)
+    course = lay_out(swims)
+    lanes = course.lanes
+    view = fitting_view(np.concatenate([lane.position for lane in lanes]), width / height)
+    rulers = [
+        (np.array([(x, y, 0.0) for x in course.ends]), scene.GRID if y else scene.INK)
+        for y, _ in course.marks
+    ]
     end = max(float(lane.time[-1]) for lane in lanes)
     moments = [*np.arange(0.0, end - 1e-9, speed / fps), *[end] * (1 + round(_HOLD * fps))]
     pace = "" if speed == 1 else f"  (x {speed:g})"
+    size = max(10, height // 24)
+    font, edge = ImageFont.load_default(size), size // 2
     for moment in moments:
-        robots, trails, words = [], [], []
-        for lane, colour in zip(lanes, itertools.cycle(TRAILS), strict=False):
-            i = max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1)
-            robots.append(_robot_at(lane, i))
-            trails.append((lane.position[: i + 1], colour))
+        last = [max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1) for lane in lanes]
+        now = (
+            np.stack([lane[k][i] for lane, i in zip(lanes, last, strict=True)]) for k in range(2, 7)
+        )
+        picture, cover = caster.draw(view, course.floor, scene.place_robots(*now), width, height)
+        image = Image.fromarray(picture)
+        trails = [lane.position[: i + 1] for lane, i in zip(lanes, last, strict=True)]
+        for points, colour in (*rulers, *zip(trails, course.colours, strict=True)):
+            image.paste(colour, mask=_line(view, points, cover))
+        draw = ImageDraw.Draw(image)
+        for lane, trail, colour in zip(lanes, trails, course.colours, strict=True):
             row = view.project(lane.position[0] - (1.7, 0.0, 0.0), width, height)[1]
-            text = f"{lane.label}  {lane.position[i, 1] * CM_PER_UNIT:+.0f} cm"
-            words.append((text, colour, row))
-        picture = caster.draw_water(view, floor, robots, width, height)
-        picture = _draw_lines(picture, view, rulers + trails)
-        caster.draw_robots(picture, view, robots)
-        yield _write(picture, words, (title, f"{moment:.1f} s{pace}"), feet)
+            at = (edge, min(max(row, 3 * size), height - size))
+            text = f"{lane.label}  {trail[-1, 1] * CM_PER_UNIT:+.0f} cm"
+            draw.text(at, text, colour, font, "ls", stroke_width=2, stroke_fill=scene.WATER_ABOVE)
+        for (foot, _), (_, text) in zip(rulers, course.marks, strict=True):
+            x, y, _ = view.project(foot[1], width, height)
+            draw.text((x, min(y + 2, height - size - 2)), text, scene.INK, font, "ma")
+        draw.text((edge, edge), title, scene.INK, font)
+        draw.text((width - edge, edge), f"{moment:.1f} s{pace}", scene.INK, font, "ra")
+        yield np.array(image)
 
 
 def fitting_view(points: Floats, aspect: float) -> View:
     """Return a view from the right and above in which fish at all points (n, 3) are seen."""
     camera = Camera(azimuth=90.0, elevation=54.0, field_of_view=24.0)
     view = camera.look(np.zeros(3))
-    around = np.array(list(itertools.product((-_FISH, _FISH), repeat=3)))
+    around = np.array(list(itertools.product((-FISH, FISH), repeat=3)))
     x, y, z = ((points[:, None] + around).reshape(-1, 3) @ np.array(view[1:4]).T).T
     centre, far = [], []
     for across, slope in ((x, view.slope * aspect), (y, view.slope)):
@@ -166,90 +114,29 @@ def fitting_view(points: Floats, aspect: float) -> View:
     return view._replace(eye=eye, distance=float(max(far)))
 
 
-def _draw_lines(picture: Frame, view: View, lines: Sequence[tuple[Floats, Colour]]) -> Frame:
-    """Return a picture with lines through points (n, 3), each in a colour."""
-    size = 2 * picture.shape[1], 2 * picture.shape[0]  # drawn larger, then averaged
-    image = Image.fromarray(picture)
-    for points, colour in lines:
-        mask = Image.new("L", size)
-        pixels = [(x, y) for x, y, _ in view.project(points, *size)]
-        ImageDraw.Draw(mask).line(pixels, 255, max(2, size[1] // 180), "curve")
-        image.paste(colour, mask=mask.reduce(2))
-    return np.array(image)
+def _line(view: View, points: Floats, cover: Floats) -> Image.Image:
+    """Return the mask of a line through points (n, 3), which robots cover."""
+    height, width = cover.shape
+    mask = Image.new("L", (2 * width, 2 * height))  # drawn larger, then averaged
+    pixels = [(x, y) for x, y, _ in view.project(points, *mask.size)]
+    ImageDraw.Draw(mask).line(pixels, 255, max(2, height // 90), "curve")
+    return Image.fromarray((np.asarray(mask.reduce(2)) * (1 - cover)).astype(np.uint8))
 
 
-def _write(
-    picture: Frame,
-    captions: Sequence[tuple[str, Colour, float]],
-    head: tuple[str, str],
-    feet: Floats,
-) -> Frame:
-    """Return a picture with captions at the left, title and time at the top, and distances."""
-    height, width = picture.shape[:2]
-    image = Image.fromarray(picture)
-    draw, size = ImageDraw.Draw(image), max(10, height // 24)
-    font, edge = ImageFont.load_default(size), size // 2
-    for text, colour, row in captions:
-        at = (edge, min(max(row, 3 * size), height - size))
-        draw.text(at, text, colour, font, "ls", stroke_width=2, stroke_fill=scene.WATER_ABOVE)
-    for i, (x, y, _) in enumerate(feet):
-        text = f"{i * scene.MAIN_GRID_SPACING * CM_PER_UNIT:.0f} cm" if i else "start"
-        draw.text((x, min(y + 2, height - size - 2)), text, scene.INK, font, "ma")
-    draw.text((edge, edge), head[0], scene.INK, font)
-    draw.text((width - edge, edge), head[1], scene.INK, font, "ra")
-    return np.array(image)
-
-
-def write_film(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float = 20.0) -> Path:
-    """Write frames (H, W, 3) of one size as .mp4, .webp or .gif; return the path.
-
-    Films as .webp and .gif repeat forever. GIF counts hundredths of a second, so only frame rates
-    of 100 / n are exact. An .mp4 needs the extra ``film``.
-    """
-    suffix = one_of("the film's suffix", Path(path).suffix, SUFFIXES)
-    finite_array("fps", fps, (), 0.1, 240.0)
-    pictures = _checked(frames)
-    first = next(pictures)
-    write = _encode if suffix == ".mp4" else _animate
-    write_bytes(path, write(first, pictures, suffix, fps))
-    return Path(path)
-
-
-def write_gif(frames: Iterable[Frame], path: str | os.PathLike[str], fps: float = 20.0) -> Path:
-    """Write frames as :func:`write_film` does, as .gif."""
-    one_of("the film's suffix", Path(path).suffix, (".gif",))
-    return write_film(frames, path, fps)
-
-
-def _checked(frames: Iterable[Frame]) -> Iterator[Frame]:
-    """Yield frames; InvalidArgumentError if there are none, or one does not fit."""
-    shape = None
-    for frame in map(np.asarray, frames):
-        if frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
-            found = f"{frame.shape} of {frame.dtype}"
-            raise InvalidArgumentError(f"frames must be (H, W, 3) pictures of uint8; got {found}")
-        if shape not in (None, frame.shape):
-            sizes = f"{shape} and {frame.shape}"
-            raise InvalidArgumentError(f"frames must all be of one size; got {sizes}")
-        shape = frame.shape
-        yield frame
-    if shape is None:
-        raise InvalidArgumentError("frames must hold at least one picture; got none")
-
-
-def _animate(first: Frame, others: Iterator[Frame], suffix: str, fps: float) -> bytes:
+def _animate(frames: Iterator[Frame], suffix: str, fps: float) -> bytes:
     """Return a film as .gif or .webp."""
     pause, content = 1000 / fps, BytesIO()
     if suffix == ".gif":
         pause = 10 * max(2, round(100 / fps))  # viewers slow down anything shorter than 20 ms
-    Image.fromarray(first).save(
-        content, suffix[1:], save_all=True, append_images=map(Image.fromarray, others),
+    pictures = map(Image.fromarray, frames)
+    next(pictures).save(
+        content, suffix[1:], save_all=True, append_images=pictures,
         duration=round(pause), loop=0, quality=70,
     )  # fmt: skip
     return content.getvalue()
 
 
-def _encode(first: Frame, others: Iterator[Frame], _: str, fps: float) -> bytes:
+def _encode(frames: Iterator[Frame], fps: float) -> bytes:
     """Return a film as .mp4, by the program ffmpeg of imageio-ffmpeg."""
     try:
         import imageio_ffmpeg
@@ -258,15 +145,15 @@ def _encode(first: Frame, others: Iterator[Frame], _: str, fps: float) -> bytes:
             f"an .mp4 needs the extra film ({error}): pip install 'aquafish-gym[film]'; "
             "or write a .webp or a .gif"
         ) from None
-    height, width = first.shape[:2]
+    first = next(frames)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "film.mp4"
         writer = imageio_ffmpeg.write_frames(
-            str(path), (width, height), fps=fps, macro_block_size=2, quality=7,
+            str(path), first.shape[1::-1], fps=fps, macro_block_size=2, quality=7,
             output_params=["-movflags", "+faststart"],
         )  # fmt: skip
         writer.send(None)
-        for frame in itertools.chain([first], others):
+        for frame in itertools.chain([first], frames):
             writer.send(np.ascontiguousarray(frame))
         writer.close()
         return path.read_bytes()

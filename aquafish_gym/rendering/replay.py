@@ -1,7 +1,6 @@
 """A replay of swims as one HTML file that opens by itself, without a server or a network.
 
-The page holds the scene's parts, the body's poses in the world and the parts' poses in the body,
-as float32, and a bundle of three.js that draws them.
+The page holds the scene's parts over time as float32, and a bundle of three.js that draws them.
 """
 
 from __future__ import annotations
@@ -13,21 +12,16 @@ import json
 import os
 from collections.abc import Sequence
 from importlib.resources import files
-from itertools import cycle, pairwise
 from pathlib import Path
 from string import Template
-from typing import Any
 
 import numpy as np
 
-from aquafish_gym.physics.robot import RADIUS
 from aquafish_gym.rendering import scene
-from aquafish_gym.rendering.films import CM_PER_UNIT, TRAILS, FilmedSwim, side_by_side
-from aquafish_gym.rendering.scene import Colour, Floats, Part
+from aquafish_gym.rendering.course import FilmedSwim, lay_out
+from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour
 from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError
-
-_BAND = (2 * RADIUS + 0.04, 2 * RADIUS + 0.14, 2 * RADIUS + 0.04)
 
 
 def write_replay(
@@ -44,10 +38,9 @@ def write_replay(
 
     Examples
     --------
-    >>> from aquafish_gym import Morphology
-    >>> from aquafish_gym.rendering import Stage
+    >>> bodies, broken = np.ones((2, 9)), np.zeros((2, 3), bool)
     >>> still = np.zeros((2, 3)), np.tile((0, 0, 0, 1), (2, 1)), np.zeros((2, 3))
-    >>> swim = FilmedSwim("rest", (Stage(0.0, Morphology.nominal()),), np.array([0, 1]), *still)
+    >>> swim = FilmedSwim("rest", np.array([0.0, 1.0]), bodies, broken, *still)
     >>> write_replay([swim], "rest.html").stat().st_size < 500_000
     True
     """
@@ -57,19 +50,19 @@ def write_replay(
 
 def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
     """Return the part of a page that replays swims; :func:`whole_page` has its style."""
-    if not swims:
-        raise InvalidArgumentError("swims must be at least one; got none")
-    lanes = side_by_side(swims)
+    course = lay_out(swims)
+    lanes = course.lanes
     if any(len(lane.time) < 2 for lane in lanes):
         raise InvalidArgumentError("swims must have at least two finite samples")
     step = float(lanes[0].time[1])
     if any(np.abs(np.diff(lane.time, prepend=-step) - step).max() > 1e-4 for lane in lanes):
         raise InvalidArgumentError("swims must be sampled at the same times, from 0 on")
-    deepest = min(float(lane.position[:, 2].min()) for lane in lanes)
     data = {
         "step": step,
         "cmPerUnit": CM_PER_UNIT,
-        "floor": min(scene.FLOOR, deepest - scene.CLEARANCE),
+        "floor": course.floor,
+        "ends": course.ends,
+        "marks": course.marks,
         "grid": (scene.GRID_SPACING, scene.MAIN_GRID_SPACING),
         "colours": {
             "water": css(scene.WATER_ABOVE),
@@ -77,15 +70,22 @@ def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
             "grid": css(scene.GRID),
             "ink": css(scene.INK),
         },
-        "swimmers": [_encode(*each) for each in zip(lanes, cycle(TRAILS), strict=False)],
+        "swimmers": [
+            {
+                "label": lane.label,
+                "colour": css(colour),
+                "samples": len(lane.time),
+                "columns": _pack(_columns(lane)),
+            }
+            for lane, colour in zip(lanes, course.colours, strict=True)
+        ],
     }
     reached = (
         f"{html.escape(lane.label)} {CM_PER_UNIT * lane.position[-1, 1]:.0f} cm" for lane in lanes
     )
-    broken = any(stage.broken for swim in swims for stage in swim.stages)
     return Template(_web_file("replay.html")).substitute(
         summary=", ".join(reached),
-        note="Yellow: a broken fin" if broken else "",
+        note="Yellow: a broken fin" if any(lane.broken.any() for lane in lanes) else "",
         data=json.dumps(data, separators=(",", ":")).replace("<", r"\u003c"),
         library=_pack(_web_file("three.min.js").encode()),
         script=_web_file("replay.js"),
@@ -104,34 +104,18 @@ def css(colour: Colour) -> str:
     return "#{:02x}{:02x}{:02x}".format(*colour)
 
 
-def _encode(lane: FilmedSwim, colour: Colour) -> dict[str, Any]:
-    """Return what the page draws of a swim: the parts of each stage, and a band of its colour."""
+def _columns(lane: FilmedSwim) -> bytes:
+    """Return the body's pose (7) in the world, then pose, size and colour (13) of each part.
+
+    The parts' poses are in the body, and so are constant for most. Column by column, what is
+    constant takes no room.
+    """
     count = len(lane.time)
-    in_the_body = (np.zeros((count, 3)), np.tile((0.0, 0.0, 0.0, 1.0), (count, 1)), lane.fin_angles)
-    solids = [_solid(Part("capsule", _BAND, colour, "band"), 0.0, None)]
-    poses = [np.concatenate(in_the_body[:2], axis=1)]
-    for stage, after in pairwise([*lane.stages, None]):
-        assert stage is not None
-        end = None if after is None else after.begin
-        parts = scene.robot_parts(stage.morphology, stage.broken)
-        solids += [_solid(part, stage.begin, end) for part in parts]
-        local = scene.part_poses(stage.morphology, *in_the_body, stage.broken)
-        poses.append(local.reshape(count, -1))
-    columns: Floats = np.concatenate([lane.position, lane.quaternion, *poses], axis=1)
-    return {
-        "label": lane.label,
-        "colour": css(colour),
-        "parts": solids,
-        "samples": count,
-        # Column by column: a part that does not move takes no room.
-        "columns": _pack(np.ascontiguousarray(columns.T, dtype="<f4").tobytes()),
-    }
-
-
-def _solid(part: Part, begin: float, end: float | None) -> dict[str, Any]:
-    """Return a part that shows from a time until another, in s."""
-    solid = {"kind": part.kind, "size": part.size, "colour": css(part.colour)}
-    return solid | {"begin": begin, "end": end}
+    origin, upright = np.zeros((count, 3)), np.tile((0.0, 0.0, 0.0, 1.0), (count, 1))
+    robots = scene.place_robots(lane.bodies, lane.broken, origin, upright, lane.fin_angles)
+    parts = np.concatenate([robots.poses, robots.sizes, robots.colours / 255], axis=-1)
+    table = np.concatenate([lane.position, lane.quaternion, parts.reshape(count, -1)], axis=1)
+    return np.ascontiguousarray(table.T, dtype="<f4").tobytes()
 
 
 def _web_file(name: str) -> str:

@@ -6,20 +6,19 @@ Lengths are in units of 5 cm. Quaternions are (x, y, z, w). A colour is red, gre
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.morphology import FINS, Morphology
+from aquafish_gym.morphology import FINS
 from aquafish_gym.physics import robot
 from aquafish_gym.physics.kinematics import caudal_angle
 
 Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
-Triple = tuple[float, float, float]
 
+CM_PER_UNIT = 5
 BODY: Colour = (158, 163, 171)
 MOUNT: Colour = (97, 102, 110)
 FIN: Colour = (219, 31, 26)
@@ -36,90 +35,88 @@ CLEARANCE = 2.0  # the floor is at least this far below a robot that dives
 GRID_SPACING = 2.0  # 10 cm
 MAIN_GRID_SPACING = 10.0  # 50 cm
 
+#: The first is a capsule along its y axis, the others are boxes.
+PARTS = ("body", "left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
+FIN_PARTS = slice(3, 6)
+
+_SIZES = np.array(  # of the parts that do not break
+    [
+        (2 * robot.RADIUS, 2 * robot.NOSE, 2 * robot.RADIUS),
+        *[(robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08)] * 2,
+    ]
+)
+_CENTRES = np.array([(0, 0, 0), *((side * robot.MOUNT_X, robot.PECTORAL_Y, 0) for side in (-1, 1))])
+_HINGES = np.array(
+    [
+        *((side * robot.PECTORAL_X, robot.PECTORAL_Y, 0) for side in (-1, 1)),
+        (0, robot.CAUDAL_Y, 0),
+    ]
+)
+_AXES = np.array([(1, 0, 0), (1, 0, 0), (0, 0, 1)])
 _THINNEST = 0.02  # thickness at which a fin of no thickness is drawn
 _RIM = 0.12  # a break stands out of its fin by this much, and is this long
-_JOINTS = {  # fin -> hinge and axis, in body axes
-    "left_pectoral": ((-robot.PECTORAL_X, robot.PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
-    "right_pectoral": ((robot.PECTORAL_X, robot.PECTORAL_Y, 0.0), (1.0, 0.0, 0.0)),
-    "caudal": ((0.0, robot.CAUDAL_Y, 0.0), (0.0, 0.0, 1.0)),
-}
+_LOST = 0.3  # size of the break where a whole fin is missing
 
 
-class Part(NamedTuple):
-    """A solid with a colour: a capsule along its y axis, or a box.
+class Robots(NamedTuple):
+    """The ``PARTS`` of N robots, or of one at N moments.
 
-    ``size`` is the extent along the part's own x, y and z. A capsule's radius is half its x.
+    A fin that has no area, and the break of a whole fin, have size 0.
     """
 
-    kind: Literal["capsule", "box"]
-    size: Triple
-    colour: Colour
-    name: str
+    sizes: (
+        Floats  #: (N, 9, 3) extents along each part's own axes; a capsule's radius is half its x.
+    )
+    colours: Floats  #: (N, 9, 3)
+    poses: Floats  #: (N, 9, 7) position and quaternion in the world.
 
 
-def robot_parts(morphology: Morphology, broken: Collection[str] = ()) -> tuple[Part, ...]:
-    """Return the body, its two mounts and the fins that have an area.
-
-    Fins named in ``broken`` have another colour and a dark edge at their end, a part of its own. Of
-    a broken fin without area only the edge is drawn, at the hinge.
-    """
-    return tuple(part for part, _, _ in _placed_parts(morphology, broken))
-
-
-def part_poses(
-    morphology: Morphology,
+def place_robots(
+    bodies: ArrayLike,
+    broken: ArrayLike,
     positions: ArrayLike,
     quaternions: ArrayLike,
     fin_angles: ArrayLike,
-    broken: Collection[str] = (),
-) -> Floats:
-    """Return position and quaternion (T, n, 7) in the world of each of ``robot_parts``.
+) -> Robots:
+    """Return robots as they are drawn.
+
+    Broken fins have another colour and a dark break at their end. Of a broken fin without area only
+    the break is drawn, at the hinge.
 
     Parameters
     ----------
+    bodies
+        (N, 9) sizes, as of ``Morphology.to_array``.
+    broken
+        (N, 3) bool: which fins are broken.
     positions, quaternions
-        (T, 3) and (T, 4), of the body.
+        (N, 3) and (N, 4), of the bodies.
     fin_angles
-        (T, 3): left and right pectoral angle and caudal phase, rad.
+        (N, 3): left and right pectoral angle and caudal phase, rad.
     """
-    position, quaternion = np.array(positions, float), np.array(quaternions, float)
+    fins, marked = np.array(bodies, float).reshape(-1, 3, 3), np.array(broken)[..., None]
+    shown = np.count_nonzero(fins > 0, axis=-1, keepdims=True) >= 2
+    drawn = np.maximum(fins, _THINNEST)
+    ends = np.where(shown, drawn * (1, 0, 1) + _RIM, _LOST)
+    whole = [np.broadcast_to(each, (len(fins), 3, 3)) for each in (_SIZES, (BODY, MOUNT, MOUNT))]
+    sizes = np.concatenate([whole[0], drawn * shown, ends * marked], axis=1)
+    colours = [whole[1], np.where(marked, BROKEN_FIN, FIN), np.broadcast_to(BREAK, fins.shape)]
+
     left, right, phase = np.array(fin_angles, float).T
-    angles = (left, right, caudal_angle((np.cos(phase), np.sin(phase))))
-    poses = []
-    for _, fin, centre in _placed_parts(morphology, broken):
-        place, turn = np.array(centre), quaternion
-        if fin:
-            hinge, axis = _JOINTS[fin]
-            half = angles[FINS.index(fin)][:, None] / 2
-            joint = np.concatenate([np.sin(half) * axis, np.cos(half)], axis=1)
-            place, turn = hinge + _rotate(joint, place), _multiply(quaternion, joint)
-        poses.append(np.concatenate([position + _rotate(quaternion, place), turn], axis=1))
-    return np.stack(poses, axis=1)
+    angles = np.array([left, right, caudal_angle((np.cos(phase), np.sin(phase)))]).T[..., None]
+    joints = np.concatenate([np.sin(angles / 2) * _AXES, np.cos(angles / 2)], axis=-1)
+    along = [_HINGES + _rotate(joints, fins * shown * (0, -share, 0)) for share in (0.5, 1.0)]
+    centres = np.concatenate([np.broadcast_to(_CENTRES, fins.shape), *along], axis=1)
+    upright = np.broadcast_to((0.0, 0.0, 0.0, 1.0), joints.shape)
+    turns = np.concatenate([upright, joints, joints], axis=1)
+    position, turn = (np.array(each, float)[:, None] for each in (positions, quaternions))
+    poses = [position + _rotate(turn, centres), _multiply(turn, turns)]
+    return Robots(sizes, np.concatenate(colours, axis=1), np.concatenate(poses, axis=-1))
 
 
-def _placed_parts(
-    morphology: Morphology, broken: Collection[str]
-) -> list[tuple[Part, str, Triple]]:
-    """Return each part, the fin whose hinge it turns about or "", and its centre from there."""
-    diameter, mount = 2 * robot.RADIUS, (robot.MOUNT_WIDTH, robot.MOUNT_LENGTH, 0.08)
-    parts: list[tuple[Part, str, Triple]] = [
-        (Part("capsule", (diameter, 2 * robot.NOSE, diameter), BODY, "body"), "", (0, 0, 0))
-    ]
-    for name, x in (("left_mount", -robot.MOUNT_X), ("right_mount", robot.MOUNT_X)):
-        parts.append((Part("box", mount, MOUNT, name), "", (x, robot.PECTORAL_Y, 0)))
-    for fin in FINS:
-        size = getattr(morphology, fin)
-        width, length, thickness = (max(v, _THINNEST) for v in size)
-        shows = sum(v > 0 for v in size) >= 2
-        if shows:
-            colour = BROKEN_FIN if fin in broken else FIN
-            part = Part("box", (width, length, thickness), colour, fin)
-            parts.append((part, fin, (0, -size[1] / 2, 0)))
-        if fin in broken:
-            end = (width + _RIM, _RIM, thickness + _RIM) if shows else (0.3, 0.3, 0.3)
-            part = Part("box", end, BREAK, f"{fin}_break")
-            parts.append((part, fin, (0, -size[1] if shows else 0, 0)))
-    return parts
+def floor_below(positions: Floats) -> float:
+    """Return the height of the floor under robots at positions (N, 3)."""
+    return min(FLOOR, float(positions[:, 2].min()) - CLEARANCE)
 
 
 def _multiply(p: Floats, q: Floats) -> Floats:

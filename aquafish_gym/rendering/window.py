@@ -86,21 +86,21 @@ def why_no_window() -> str | None:
 
 @functools.cache  # opening a window takes 50 ms, and an environment asks whenever it is made
 def _why_no_window(display: str) -> str | None:
-    advice = 'use render_mode="rgb_array" and save the frames'
+    # Elsewhere there is a display, and windows may only be opened by the main thread.
+    screens = not sys.platform.startswith("linux")
     why = "DISPLAY is not set"
-    if display or not sys.platform.startswith("linux"):
+    if display or screens:
         try:
             import tkinter
 
-            # Elsewhere there is a display, and windows may only be opened by the main thread.
-            if sys.platform.startswith("linux"):
+            if not screens:
                 tkinter.Tk().destroy()
             return None
         except ImportError as error:
-            return (
-                f'render_mode="human" needs Python\'s tkinter, which is missing here ({error}): '
-                f"install it, on Debian as python3-tk, or {advice}"
-            )
+            why = f"Python lacks tkinter, on Debian python3-tk: {error}"
         except tkinter.TclError:
             why = f"no X server answers at DISPLAY={display}"
-    return f'render_mode="human" opens a window and there is no display here ({why}); {advice}'
+    return (
+        f'render_mode="human" opens a window, which is not possible here ({why}); '
+        'use render_mode="rgb_array" and save the frames'
+    )

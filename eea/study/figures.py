@@ -97,7 +97,7 @@ def conditions_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figu
     figure = new_figure(4.8, 3.9)
     axes = figure.add_subplot()
     _draw_arms(axes, results, "obj_fit")
-    title = "mean over durations,\nand its 95% interval"
+    title = "mean over durations, and its 95% interval;\nn replicates"
     axes.set_title(title, fontsize="medium")
     _finish_rounds(axes, results, summary)
     legend_below(figure, axes, 2)
@@ -124,7 +124,7 @@ def dimensions_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figu
     for axes in panels[-1]:
         axes.set_xlabel("round")
     figure.supylabel("error of the best model, share of the dimension's range", fontsize="medium")
-    legend_below(figure, panels[0, 0], 4)
+    legend_below(figure, panels[0, 0], 3)
     return figure
 
 
@@ -142,7 +142,7 @@ def angles_figure(results: StudyResults) -> Figure:
     panels[0].set_ylim(bottom=0.0)
     panels[0].yaxis.set_major_locator(MultipleLocator(30))
     panels[0].set_ylabel("error of the angle (degrees)")
-    legend_below(figure, panels[0], 4)
+    legend_below(figure, panels[0], 3)
     return figure
 
 
@@ -175,7 +175,10 @@ def final_figure(results: StudyResults, summary: Mapping[str, Any]) -> Figure:
 
 
 def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = False) -> None:
-    """Draw each arm's mean over durations and its 95% interval; angles in degrees, if inferred."""
+    """Draw each arm's mean over durations and its 95% interval; angles in degrees, if inferred.
+
+    Labels give the number n of replicates, which arms need not share.
+    """
     arms, number = results.arms, np.arange(1, results.rounds + 1)
     if angles:
         arms = [arm for arm in arms if results.conditions[arm] != "ideal"]
@@ -187,6 +190,7 @@ def _draw_arms(axes: Axes, results: StudyResults, column: str, angles: bool = Fa
             curves, label = np.degrees(curves), angle_label(label, results.conditions[arm])
         colour, line = arm_style(arm)
         axes.fill_between(number, *curve_interval(curves), color=colour, alpha=0.15, lw=0)
+        label = f"{label} (n = {len(curves)})"
         axes.plot(number, curves.mean(axis=0), color=colour, ls=line, lw=1.6, label=label)
 
 

@@ -75,7 +75,7 @@ def again(study: Path, tmp_path: Path) -> Path:
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw no figures, which take longer than all else."""
     drawn = [f"{name}.png" for name in PICTURES]
-    svgs = dict.fromkeys(("sizes", "fitness", "distances"), b"<svg/>")
+    svgs = dict.fromkeys(("sizes", "distances"), b"<svg/>")
     monkeypatch.setattr("aquafish.recovery.figures.draw_all", lambda *_: (drawn, svgs))
 
 
@@ -120,11 +120,11 @@ def test_the_page_opens_in_a_browser(study: Path, tmp_path: Path, size: tuple[in
         page.open(address, *size)
         page.wait("document.querySelector('.replay')?.dataset.ready === 'yes'")
         page.wait("[...document.images].every(image => image.naturalWidth > 0)")
-        assert page.value("document.images.length") == 3
+        assert page.value("document.images.length") == 2
         title = page.value("document.querySelector('h1').textContent")
-        assert title.startswith("The left flipper has 50% of its length.")
+        assert title.startswith("The left flipper has lost 50% of its length.")
         assert page.value("document.documentElement.scrollWidth") <= size[0]
-        page.value("document.querySelector('.replay').focus()")
+        page.value("document.querySelector('.replay input').focus()")
         page.key("End")
         page.wait("document.querySelector('.replay button').textContent === 'again'")
         assert page.errors == []

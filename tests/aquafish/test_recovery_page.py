@@ -18,12 +18,16 @@ HEALTHY = Morphology.nominal()
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
-        ("left_pectoral:length=0.5", "The left flipper has 50% of its length"),
+        ("left_pectoral:length=0.5", "The left flipper has lost 50% of its length"),
         ("caudal:missing", "The tail is missing"),
         (
             "right_pectoral:length=0.4;caudal:length=0.45;caudal:width=0.7",
-            "The right flipper has 40% of its length and "
-            "the tail has 45% of its length and 70% of its width",
+            "The right flipper has lost 60% of its length and "
+            "the tail has lost 55% of its length and lost 30% of its width",
+        ),
+        (
+            "caudal:length=1.2;left_pectoral:width=0",
+            "The left flipper has lost 100% of its width and the tail has 120% of its length",
         ),
         ("none", "Nothing is broken"),
     ],

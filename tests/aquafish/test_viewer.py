@@ -24,16 +24,16 @@ from aquafish.viewer.live import (
     LiveSwim,
     Pilot,
     PolicyAgent,
-    RandomAgent,
     gait_pilot,
     imagine_ghost,
     part_forces,
+    random_pilot,
     self_model_pilot,
 )
 from aquafish.viewer.page import FAULTS, Viewer
-from aquafish.viewer.shapes import BOXES
+from aquafish.viewer.shapes import BOXES, robots_in
 from aquafish_gym.envs import AquaFishEnv
-from aquafish_gym.morphology import Morphology
+from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.dynamics import wrench
 from aquafish_gym.physics.hydrodynamics import body_drag, fin_drag
 from aquafish_gym.physics.layout import (
@@ -138,7 +138,7 @@ def test_start_again_restores_the_damage_of_the_start() -> None:
 
 def test_the_forces_are_those_of_the_drag_law() -> None:
     """Each fin's by the law in its own frame, turned by the pose that is drawn."""
-    live = LiveSwim(Pilot(RandomAgent(), 20))
+    live = LiveSwim(random_pilot(0))
     live.strike("left_pectoral:length=0.5")
     live.set_current((0.5, -0.3, 0.2))
     live.advance(50)
@@ -152,9 +152,7 @@ def test_the_forces_are_those_of_the_drag_law() -> None:
     flow = body.inv().apply(np.array(now.velocity) - current)
     force = body_drag(tuple(flow), now.spin)[0]
     np.testing.assert_allclose(found[3], body.apply(force), atol=1e-12)
-    pose = (state[None, POSITION], state[None, QUATERNION], angles_of_rows(state)[None])
-    morphology = Morphology.from_array(live.robots.body[0])
-    poses = scene.part_poses(morphology, *pose)[0][-3:]
+    poses = robots_in(live.states, live.robots.body).poses[0, scene.FIN_PARTS]
     hinges = [(-0.75, 1.0, 0.0), (0.75, 1.0, 0.0), (0.0, -2.0, 0.0)]
     to_part = Rotation.from_matrix([np.eye(3), np.eye(3), [[0, 0, -1], [0, 1, 0], [1, 0, 0]]])
     for k, (place, hinge) in enumerate(zip(poses, hinges, strict=True)):
@@ -172,12 +170,12 @@ def test_the_ghost_is_the_self_model_with_its_uncertainty() -> None:
     assert isinstance(agent, SelfModelAgent)
     live = LiveSwim(pilot, gyro_noise=0.02, seed=1)
     live.advance(402)
-    ghost = imagine_ghost(agent, live.actions, live.held)
-    assert ghost.bodies.shape == (1 + SAMPLES, 9)
+    bodies, states = imagine_ghost(agent, live.actions, live.held)
+    assert bodies.shape == (1 + SAMPLES, 9)
     np.testing.assert_allclose(
-        angles_of_rows(ghost.states)[:, 0], angles_of_rows(live.states)[:, 0], atol=0.1
+        angles_of_rows(states)[:, 0], angles_of_rows(live.states)[:, 0], atol=0.1
     )
-    spread = np.std(ghost.states[QUATERNION, 1:], axis=1).max()
+    spread = np.std(states[QUATERNION, 1:], axis=1).max()
     assert 1e-4 < spread < 0.2
     live.strike("left_pectoral:missing")
     while agent.recognised is None:
@@ -185,8 +183,8 @@ def test_the_ghost_is_the_self_model_with_its_uncertainty() -> None:
     weights = [one.weight for one in agent.recognised.alternatives]
     assert sum(weights) == pytest.approx(1.0)
     assert weights == sorted(weights, reverse=True)
-    ghost = imagine_ghost(agent, live.actions, live.held)
-    sampled = {body.tobytes() for body in ghost.bodies[1:]}
+    bodies, states = imagine_ghost(agent, live.actions, live.held)
+    sampled = {body.tobytes() for body in bodies[1:]}
     assert sampled <= {one.robot.body[0].tobytes() for one in agent.recognised.alternatives}
 
 
@@ -314,18 +312,13 @@ def test_parts_and_forces_are_drawn_where_the_scene_has_them(batch: Viewer) -> N
     for _ in range(20):
         batch.update()
     live = batch.swim
-    for robot in (0, 2):
-        state = live.states[:, robot]
-        body, broken = Morphology.from_array(live.robots.body[robot]), live.broken(robot)
-        place = state[POSITION] + batch._starts[:, robot]
-        pose = (place[None], state[None, QUATERNION], angles_of_rows(state)[None])
-        wanted = scene.part_poses(body, *pose, broken)[0]
-        for part, row in zip(scene.robot_parts(body, broken), wanted, strict=True):
-            if part.kind == "box":
-                box = robot * len(BOXES) + BOXES.index(part.name)
-                at, turn = (batch.robots.boxes.batched_positions, batch.robots.boxes.batched_wxyzs)
-                np.testing.assert_allclose(at[box], row[:3], atol=1e-5)
-                np.testing.assert_allclose(np.roll(turn[box], -1), row[3:], atol=1e-5)
+    states = live.states.copy()
+    states[POSITION] += batch._starts
+    broken = [[fin in live.broken(i) for fin in FINS] for i in range(64)]
+    wanted = robots_in(states, live.robots.body, broken).poses[:, 1:].reshape(-1, 7)
+    boxes = batch.robots.boxes
+    np.testing.assert_allclose(boxes.batched_positions, wanted[:, :3], atol=1e-5)
+    np.testing.assert_allclose(np.roll(boxes.batched_wxyzs, -1, axis=1), wanted[:, 3:], atol=1e-5)
     arrows = np.diff(batch.arrows.points, axis=1)[:, 0]
     np.testing.assert_allclose(
         arrows, part_forces(live.robots.take(2), live.states[:, 2]), atol=2e-3

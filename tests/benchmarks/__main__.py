@@ -27,7 +27,7 @@ _QUICK = {"robots": 64, "steps": 32, "turns": 2}
 
 @dataclass(frozen=True)
 class Bench:
-    """Time engines, bodies, gaits, environments and new processes, and print one table.
+    """Time engines, bodies, gaits, environments, pictures and new processes, and print one table.
 
     A robot-step is one robot for one physics step of 0.01 s. "861 x #1" says: 861 times as fast as
     row 1, which took turns with this row in this same run.
@@ -45,7 +45,7 @@ class Bench:
     """A JSON file to write as well."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="GROUP ...")] = ()
     """Some of the groups: physics, widths, bodies, mujoco, neat, environments,
-    learning, starting, replicate."""
+    learning, pictures, starting, replicate."""
     quick: bool = False
     """At most 64 robots, 32 steps and 2 turns: to see that it runs, not how fast."""
 

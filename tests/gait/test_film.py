@@ -10,7 +10,8 @@ from PIL import Image
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from gait.__main__ import main
-from gait.film import stages
+from gait.film import filmed
+from gait.rollout import swim
 from gait_fakes import make_controller
 
 NOMINAL = Morphology.nominal()
@@ -25,14 +26,15 @@ def controller_file(tmp_path: Path) -> Path:
     return path
 
 
-def test_stages_follow_sizes_and_servos() -> None:
+def test_bodies_and_broken_fins_follow_the_damage() -> None:
     damage = Damage.parse("caudal:missing@4; left_pectoral:weak=0.5@6+2; gyro:noise=0.1")
-    found = stages(NOMINAL, damage)
-    assert [stage.begin for stage in found] == pytest.approx([0.0, 4.0, 6.0, 8.0])
-    tail, both = ("caudal",), ("left_pectoral", "caudal")
-    assert [stage.broken for stage in found] == [(), tail, both, tail]
-    assert found[0].morphology == NOMINAL
-    assert found[-1].morphology.caudal == (0.0, 0.0, 0.0)
+    still = swim(lambda _observation, _time: (0, 0, 0), NOMINAL, engine="numba", seconds=10)
+    found = filmed("", still, NOMINAL, damage)
+    assert (found.broken[:, 2] == (still.time > 3.99)).all()
+    assert (found.broken[:, 0] == (still.time > 5.99) & (still.time < 7.99)).all()
+    assert not found.broken[:, 1].any()
+    assert ((found.bodies[:, 6:] == 0).all(axis=1) == found.broken[:, 2]).all()
+    assert (found.bodies[:, :6] == NOMINAL.to_array()[:6]).all()
 
 
 def test_one_controller_swims_with_several_damages(

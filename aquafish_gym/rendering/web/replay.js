@@ -28,19 +28,24 @@ function play(host, data, three) {
   const scene = new three.Scene();
   const camera = new three.PerspectiveCamera(35, 1, 1, 400);
   const orbit = new three.OrbitControls(camera, renderer.domElement);
-  const stage = host.querySelector(".stage");
+  const [stage, legend] = [".stage", ".legend"].map((name) => host.querySelector(name));
   const [button, slider, clock, speed, view] = host.querySelector(".controls").children;
   const end = step * (Math.max(...swimmers.map((one) => one.samples)) - 1);
-  const shown = [];
+  const shown = []; // points that every view has in its frame
   let time = 0;
   let playing = !matchMedia("(prefers-reduced-motion: reduce)").matches;
   let changed = true;
   let last = 0;
 
   swimmers.forEach(addSwimmer);
+  const marks = data.marks.map(([y, text]) => ({
+    element: addText(stage, "mark", text),
+    place: new three.Vector3(data.ends[1] + 0.3, y, floor),
+  }));
+  shown.push(...marks.map((mark) => mark.place));
   const box = new three.Box3().setFromPoints(shown);
   addLight();
-  const marks = addFloor();
+  addFloor();
   connect();
   stage.prepend(renderer.domElement);
   view.selectedIndex = stage.clientWidth < stage.clientHeight ? 2 : 0;
@@ -48,48 +53,49 @@ function play(host, data, three) {
   resize();
   requestAnimationFrame(frame);
 
+  function add(geometry, color, parent = scene) {
+    const material = new three.MeshStandardMaterial({ color, roughness: 0.6 });
+    const mesh = new three.Mesh(geometry, material);
+    parent.add(mesh);
+    return mesh;
+  }
+
+  function addText(parent, kind, words) {
+    const element = document.createElement("span");
+    element.className = kind;
+    element.textContent = words;
+    parent.append(element);
+    return element;
+  }
+
+  // Columns of a swimmer: the body's pose in the world, then pose, size and colour of each part.
+  function read(one, column, row, count = 3) {
+    return Array.from({ length: count }, (_, i) => one.columns[(column + i) * one.samples + row]);
+  }
+
   function addSwimmer(one) {
+    const [wide, long] = read(one, 14, 0);
+    const capsule = (radius, length) => new three.CapsuleGeometry(radius, length, 16, 40);
     one.body = new three.Group();
-    one.solids = one.parts.map(({ kind, size: [x, y, z], colour }) => {
-      const capsule = kind === "capsule" && new three.CapsuleGeometry(x / 2, y - x, 16, 40);
-      const solid = new three.Mesh(capsule || new three.BoxGeometry(x, y, z), material(colour));
-      solid.castShadow = true;
-      one.body.add(solid);
-      return solid;
+    add(capsule(wide / 2 + 0.02, 0.1), one.colour, one.body); // a band
+    one.parts = Array.from({ length: 9 }, (_, k) => {
+      const cube = k && new three.BoxGeometry(1, 1, 1);
+      const part = add(cube || capsule(wide / 2, long - wide), "white", one.body);
+      part.castShadow = true;
+      return part;
     });
     const flat = new three.MeshBasicMaterial({ color: one.colour });
     one.trail = new three.InstancedMesh(new three.CircleGeometry(0.1, 16), flat, one.samples);
     one.trail.frustumCulled = false;
     for (let row = 0; row < one.samples; row += 1) {
-      const { x, y, z } = pose(one, 0, row).position;
+      const [x, y, z] = read(one, 0, row);
       one.trail.setMatrixAt(row, new three.Matrix4().makeTranslation(x, y, floor + 0.04));
       shown.push(new three.Vector3(x, y + 2, z + 1), new three.Vector3(x + 1.5, y - 1.5, floor));
       shown.push(new three.Vector3(x - 1.5, y, floor));
     }
     scene.add(one.body, one.trail);
-    one.text = addText("label");
+    one.text = addText(legend, "label", one.label);
     one.text.style.borderColor = one.colour;
-  }
-
-  // The body's pose in the world has index 0, its parts' poses in the body follow.
-  function pose(one, index, row) {
-    const value = (offset) => one.columns[(7 * index + offset) * one.samples + row];
-    return {
-      position: new three.Vector3(value(0), value(1), value(2)),
-      quaternion: new three.Quaternion(value(3), value(4), value(5), value(6)),
-    };
-  }
-
-  function material(color) {
-    return new three.MeshStandardMaterial({ color, roughness: 0.6 });
-  }
-
-  function addText(kind, words = "") {
-    const element = document.createElement("span");
-    element.className = kind;
-    element.textContent = words;
-    stage.append(element);
-    return element;
   }
 
   function addLight() {
@@ -108,26 +114,14 @@ function play(host, data, three) {
     scene.add(sun, sun.target, new three.HemisphereLight("#ffffff", "#9fc6d8", 2.2));
   }
 
-  // Adds sand, a grid and the start line; returns the texts of the distances and their places.
   function addFloor() {
-    const sand = new three.Mesh(
-      new three.PlaneGeometry(400, 400),
-      new three.MeshStandardMaterial({ map: gridTexture(400) }),
-    );
-    const line = new three.Mesh(
-      new three.BoxGeometry(box.max.x - box.min.x, 0.15, 0.06),
-      material(colours.ink),
-    );
+    const sand = add(new three.PlaneGeometry(400, 400), "white");
+    sand.material.map = gridTexture(400);
     sand.receiveShadow = true;
     sand.position.z = floor;
-    line.position.set((box.min.x + box.max.x) / 2, 0, floor);
-    scene.add(sand, line);
-    const furthest = data.cmPerUnit * (box.max.y - 2);
-    const spacing = [2, 5, 10, 20, 50].find((each) => furthest < 6.5 * each) || 100;
-    return Array.from({ length: Math.max(1, Math.ceil(furthest / spacing)) }, (_, count) => ({
-      element: addText("mark", count ? `${count * spacing} cm` : "start"),
-      place: new three.Vector3(box.max.x + 0.3, (count * spacing) / data.cmPerUnit, floor),
-    }));
+    const [left, right] = data.ends;
+    const line = add(new three.BoxGeometry(right - left, 0.15, 0.06), colours.ink);
+    line.position.set((left + right) / 2, 0, floor);
   }
 
   // One tile is as wide as the wide grid; a texture is smooth where lines would flicker.
@@ -145,27 +139,13 @@ function play(host, data, three) {
     }
     const texture = new three.CanvasTexture(tile);
     texture.colorSpace = three.SRGBColorSpace;
-    texture.wrapS = three.RepeatWrapping;
-    texture.wrapT = three.RepeatWrapping;
+    texture.wrapS = texture.wrapT = three.RepeatWrapping;
     texture.repeat.set(width / wide, width / wide);
     texture.anisotropy = renderer.capabilities.getMaxAnisotropy();
     return texture;
   }
 
   function connect() {
-    const keys = {
-      " ": () => button.click(),
-      ArrowLeft: () => seek(time - 1),
-      ArrowRight: () => seek(time + 1),
-      Home: () => seek(0),
-      End: () => seek(end),
-    };
-    [...view.options].forEach((option, index) => {
-      keys[index + 1] = () => {
-        view.selectedIndex = index;
-        aim();
-      };
-    });
     slider.max = end;
     slider.addEventListener("input", () => seek(Number(slider.value)));
     button.addEventListener("click", () => {
@@ -177,17 +157,11 @@ function play(host, data, three) {
     orbit.addEventListener("change", () => {
       changed = true;
     });
-    host.addEventListener("keydown", (event) => {
-      if (event.key in keys && event.target === host) {
-        event.preventDefault();
-        keys[event.key]();
-      }
-    });
     host.querySelector(".controls").hidden = false;
   }
 
   function seek(to) {
-    time = Math.min(end, Math.max(0, to));
+    time = to;
     playing = false;
     changed = true;
   }
@@ -224,52 +198,34 @@ function play(host, data, three) {
   }
 
   function move(one) {
-    const row = Math.max(0, Math.min(one.samples - 2, Math.floor(time / step)));
+    const row = Math.min(one.samples - 2, Math.floor(time / step));
     const share = Math.min(1, time / step - row);
-    [one.body, ...one.solids].forEach((object, index) => {
-      const [before, after] = [row, row + 1].map((at) => pose(one, index, at));
-      object.position.lerpVectors(before.position, after.position, share);
-      object.quaternion.slerpQuaternions(before.quaternion, after.quaternion, share);
-    });
-    one.parts.forEach(({ begin, end: until }, index) => {
-      one.solids[index].visible = begin <= time && (until === null || time < until);
+    const place = (object, column) => {
+      const [from, to] = [row, row + 1].map((at) => read(one, column, at, 7));
+      const [before, after] = [from, to].map((pose) => new three.Vector3(...pose));
+      object.position.lerpVectors(before, after, share);
+      const turns = [from, to].map((pose) => new three.Quaternion(...pose.slice(3)));
+      object.quaternion.slerpQuaternions(...turns, share);
+    };
+    place(one.body, 0);
+    one.parts.forEach((part, k) => {
+      const size = read(one, 14 + 13 * k, row);
+      part.visible = size[0] > 0;
+      part.scale.set(...(k ? size : [1, 1, 1]));
+      part.material.color.setRGB(...read(one, 17 + 13 * k, row), three.SRGBColorSpace);
+      place(part, 7 + 13 * k);
     });
     one.trail.count = row + 1;
     const distance = (data.cmPerUnit * one.body.position.y).toFixed(0);
     one.text.textContent = `${one.label} ${distance} cm`;
   }
 
-  // Labels move up from one another; a distance mark that would lie below one is hidden.
-  function placeTexts() {
-    const taken = [];
-    const labels = swimmers.map(({ text, body }) => ({
-      element: text,
-      place: body.position.clone().setZ(body.position.z + 1.2),
-      label: true,
-    }));
-    [...labels, ...marks].forEach(({ element, place, label }) => {
-      const [width, height] = [element.offsetWidth, element.offsetHeight];
-      const { x, y, z } = place.clone().project(camera);
-      const right = stage.clientWidth - width - 4;
-      const middle = ((x + 1) * stage.clientWidth) / 2;
-      const left = label ? Math.min(Math.max(4, middle - width / 2), right) : middle;
-      let top = ((1 - y) * stage.clientHeight - height) / 2;
-      const other = () =>
-        taken.find(
-          (one) =>
-            Math.abs(one.left + one.width / 2 - left - width / 2) < (one.width + width) / 2 &&
-            Math.abs(one.top - top) < height + 2,
-        );
-      while (label && other()) {
-        top = other().top - height - 4;
-      }
-      const visible = z < 1 && !other();
-      element.style.visibility = visible ? "visible" : "hidden";
-      element.style.transform = `translate(${left}px, ${top}px)`;
-      if (visible) {
-        taken.push({ left, top, width });
-      }
-    });
+  function placeMark({ element, place }) {
+    const { x, y, z } = place.clone().project(camera);
+    const left = ((x + 1) * stage.clientWidth) / 2;
+    const top = ((1 - y) * stage.clientHeight - element.offsetHeight) / 2;
+    element.style.transform = `translate(${left}px, ${top}px)`;
+    element.style.visibility = z < 1 ? "visible" : "hidden"; // it may be behind the camera
   }
 
   function frame(now) {
@@ -286,7 +242,7 @@ function play(host, data, three) {
       clock.textContent = `${time.toFixed(1)} / ${end.toFixed(0)} s`;
       swimmers.forEach(move);
       renderer.render(scene, camera);
-      placeTexts();
+      marks.forEach(placeMark);
       host.dataset.ready = "yes";
     }
     requestAnimationFrame(frame);

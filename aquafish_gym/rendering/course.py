@@ -1,0 +1,73 @@
+"""Swims side by side from one start line, as films and replays show them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import cycle, islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour, Floats, floor_below
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+_LANE = 3.5  # least distance between the paths of two fish, units
+FISH = 2.4  # room for a fish around its centre
+# Blue, vermilion, green, purple, orange: distinct for the colour-blind (Okabe and Ito).
+TRAILS = ((0, 114, 178), (213, 94, 0), (0, 130, 95), (150, 60, 120), (180, 120, 0))
+
+
+class FilmedSwim(NamedTuple):
+    """A swim to be shown: a few words, and T samples. It is shown until it diverges.
+
+    Examples
+    --------
+    >>> bodies, broken = np.ones((2, 9)), np.zeros((2, 3), bool)
+    >>> still = np.zeros((2, 3)), np.tile((0, 0, 0, 1), (2, 1)), np.zeros((2, 3))
+    >>> FilmedSwim("at rest", np.array([0.0, 1.0]), bodies, broken, *still).label
+    'at rest'
+    """
+
+    label: str
+    time: Floats  #: (T,) s
+    bodies: Floats  #: (T, 9) sizes
+    broken: NDArray[np.bool_]  #: (T, 3) which fins are broken
+    position: Floats  #: (T, 3)
+    quaternion: Floats  #: (T, 4)
+    fin_angles: Floats  #: (T, 3)
+
+
+class Course(NamedTuple):
+    """Swims in lanes along y, the first the farthest to the left."""
+
+    lanes: list[FilmedSwim]
+    colours: list[Colour]  #: Of the trails.
+    floor: float  #: Height of the floor.
+    ends: tuple[float, float]  #: Where the start line begins and ends, x.
+    marks: list[tuple[float, str]]  #: Distances along y, and their texts.
+
+
+def lay_out(swims: Sequence[FilmedSwim]) -> Course:
+    """Return the course of one swim or more."""
+    if not swims:
+        raise InvalidArgumentError("swims must be at least one; got none")
+    lanes, x = [], 0.0
+    for swim in swims:
+        good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))
+        columns: tuple[Any, ...] = swim[1:]
+        lane = FilmedSwim(swim.label, *(column[good] for column in columns))
+        shift = x - lane.position[:, 0].min()
+        lanes.append(lane._replace(position=lane.position + np.array([shift, 0.0, 0.0])))
+        x = lanes[-1].position[:, 0].max() + _LANE
+    everywhere = np.concatenate([lane.position for lane in lanes])
+    furthest = float(everywhere[:, 1].max())
+    spacing = next((one for one in (2, 4, 10) if furthest < 4.5 * one), 20)  # 10 cm to 1 m
+    places = [float(y) for y in np.arange(0.0, max(furthest, spacing / 2), spacing)]
+    return Course(
+        lanes,
+        list(islice(cycle(TRAILS), len(lanes))),
+        floor_below(everywhere),
+        (-FISH, x - _LANE + FISH),
+        [(y, f"{CM_PER_UNIT * y:.0f} cm" if y else "start") for y in places],
+    )
