@@ -12,6 +12,7 @@ from scipy.special import log_ndtr
 from eea.core.angles import Floats
 from eea.core.checks import choice, finite
 from eea.core.config import FitConfig
+from eea.joint.discrepancy import doubted
 from eea.joint.goodness_of_fit import effective_count
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
@@ -102,7 +103,11 @@ def fit(
     shares /= shares.sum()
     branches = tuple(
         HypothesisPosterior(
-            fitted[i][0], float(shares[i]), fitted[i][1].regression.parameters, mixtures[i]
+            fitted[i][0],
+            float(shares[i]),
+            fitted[i][1].regression.parameters,
+            mixtures[i],
+            _doubted(mixtures[i], fitted[i][1], best),
         )
         for i in np.argsort(-shares, kind="stable")
         if shares[i] > LEAST_PROBABILITY
@@ -219,6 +224,14 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
         cost = 0.5 * weight * optima.fits.squares[k] + parameters.prior_cost(theta[k])
         modes.append(Mode(theta[k], information, float(cost), gradient))
     return Posterior(parameters.names, parameters.low, parameters.high, parameters.circular, modes)
+
+
+def _doubted(inside: Posterior, optima: Optima, best: Optima) -> Posterior:
+    """Return the posterior if the simulator may be wrong; ``inside`` if nobody knows how far."""
+    discrepancy = optima.regression.parameters.joint.discrepancy
+    if discrepancy is None:
+        return inside
+    return replace(inside, modes=doubted(optima, best, discrepancy))
 
 
 def log_prior_constant(parameters: Parameters) -> float:

@@ -107,7 +107,10 @@ class Misfit:
             self._trials = self._trials[only_of : only_of + 1]
             self.movable = np.isin(np.arange(len(parameters)), parameters.own_entries(only_of))
         entries = parameters.slots[self._trials]
-        self._free = np.flatnonzero(((entries != FIXED) & self.movable[entries]).any(axis=0))
+        #: The slots (F,) that a descent may change.
+        self.free: NDArray[np.intp] = np.flatnonzero(
+            ((entries != FIXED) & self.movable[entries]).any(axis=0)
+        )
 
     @property
     def count(self) -> int:
@@ -149,7 +152,7 @@ class Misfit:
 
         The derivatives of a robot that diverged are zero.
         """
-        parameters, free = self.parameters, self._free
+        parameters, free = self.parameters, self.free
         local = parameters.local(theta)[:, self._trials]
         entries = parameters.slots[self._trials][:, free]  # (E, F)
         high = np.where(entries == FIXED, np.inf, parameters.high[entries])
@@ -178,14 +181,14 @@ class Misfit:
         finite = np.where(np.isfinite(signal), signal, 0.0)
         pulls = np.einsum("sefm,sem->sef", slopes, finite)
         pulled = np.zeros((len(slopes), len(self.parameters)))
-        for e, entries in enumerate(self.parameters.slots[self._trials][:, self._free]):
+        for e, entries in enumerate(self.parameters.slots[self._trials][:, self.free]):
             used = entries != FIXED
             pulled[:, entries[used]] += pulls[:, e, used]
         return pulled
 
     def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
         """Return J^T r'' (S, P) of steps (S, P) from vectors (S, P)."""
-        entries = self.parameters.slots[self._trials][:, self._free]
+        entries = self.parameters.slots[self._trials][:, self.free]
         taken = np.where(entries == FIXED, 0.0, step[:, entries])  # (S, E, F)
         straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
         ahead = np.clip(theta + LOOK_AHEAD * step, self.parameters.low, self.parameters.high)

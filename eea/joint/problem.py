@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
@@ -114,6 +115,44 @@ class Part:
     hint: str = ""  #: Which trial would determine them.
 
 
+#: Takes bodies, nuisances, commands and angles of B trials; returns (B, K, T, axes), rad/s.
+Shapes = Callable[[Floats, Floats, NDArray[Any], Floats], Floats]
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Factors on the half widths of intervals, by how noisy the signal is.
+
+    They are of split-conformal prediction: such that on simulated robots 90% intervals hold 90% of
+    each dimension.
+
+    Examples
+    --------
+    >>> Calibration((0.01, 0.1), ((0.5, 0.5), (1.0, 1.0))).factors(0.0316, 2).round(2)
+    array([0.75, 0.75])
+    """
+
+    levels: tuple[float, ...] = ()  #: sigma over the rms of the signal, ascending.
+    rows: tuple[tuple[float, ...], ...] = ()  #: A row for each level, a factor for each dimension.
+
+    def factors(self, level: float, dimensions: int) -> Floats:
+        """Return the factors (n,) at a level, interpolated on a logarithmic scale."""
+        if not self.levels:
+            return np.ones(dimensions)
+        at, knots = np.log(max(level, self.levels[0])), np.log(self.levels)
+        return np.array([np.interp(at, knots, row) for row in np.transpose(self.rows)])
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """How far a simulator may be from the robot; see ``eea.joint.discrepancy``."""
+
+    share: float  #: Standard deviation, as a share of the signal's rms.
+    duration: float  #: After which it has changed by a factor of e, in samples.
+    shapes: Shapes | None = None  #: The differences of known shape, or none.
+    calibration: Calibration = field(default_factory=Calibration)
+
+
 AS_COMMANDED = Hypothesis("every servo does as it is told")
 
 
@@ -164,6 +203,7 @@ class JointProblem:
     prior: Prior | None = None  #: Instead of uniform sizes and the nuisances' own priors.
     #: The hidden angles that are unknown, which alone ``simulate`` takes; None for all.
     hidden: tuple[str, ...] | None = None
+    discrepancy: Discrepancy | None = None  #: How far ``simulate`` may be from the robot.
     stride: int = MOST_STRIDE  #: Early stages of a search compare every n-th sample, at most.
 
     def __post_init__(self) -> None:

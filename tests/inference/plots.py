@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tests.inference.cases import DRAWS, MASSES
-from tests.inference.settings import SETTINGS
+from tests.inference.settings import FOREIGN, SETTINGS
 
 BINS = 20
 NAMED_MASSES = tuple(f"{mass:.0%}" for mass in MASSES)
@@ -19,7 +19,8 @@ NAMED_MASSES = tuple(f"{mass:.0%}" for mass in MASSES)
 def save_pictures(report: Mapping[str, Any], folder: Path) -> list[str]:
     """Write the pictures that a report has the numbers of; return their names."""
     parts = report["settings"]
-    figures = {"coverage": coverage_figure(parts)} if parts else {}
+    known = {name: part for name, part in parts.items() if SETTINGS[name].world not in FOREIGN}
+    figures = {"coverage": coverage_figure(known)} if known else {}
     if "prior" in parts:
         figures["ranks"] = ranks_figure(parts["prior"]["ranks"])
     for name, figure in figures.items():

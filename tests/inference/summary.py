@@ -13,7 +13,7 @@ from scipy.stats import binomtest
 from aquafish_gym.morphology import DIMENSIONS
 from tests.inference.calibration import coverage, rank_uniformity
 from tests.inference.cases import DRAWS, MASSES, WORSE
-from tests.inference.settings import SETTINGS, Target
+from tests.inference.settings import FOREIGN, SETTINGS, Target
 
 Document = Mapping[str, Any]
 Part = dict[str, Any]
@@ -35,6 +35,9 @@ def summarise(setting: str, documents: Sequence[Document]) -> Part:
         "alarms": share([not d["good"] for d in documents]),
         "missed": share([d["excess"] > WORSE for d in known]) if known else None,
     }
+    if SETTINGS[setting].world in FOREIGN:  # 1 where no fit is called good
+        good = [d for d in documents if d["good"]]
+        part["trusted"] = covered(good, NAMES)["90%"]["share"] if good else 1.0
     part |= part["rounds"][str(SETTINGS[setting].trials)]
     if known and SETTINGS[setting].noise:
         others = [d["others"] for d in known]
