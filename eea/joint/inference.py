@@ -175,9 +175,12 @@ def _optimize(
     if plain is None:
         return search(regression, rng, config, starts, once)
     as_commanded = carried_over(plain, parameters)
+    # Where nothing explains the trials, most hypotheses are worse: they are not completed.
+    rival = np.inf if plain.goodness.good else _least(plain)
     if starts is None:
-        return search(regression, rng, config, as_commanded)
-    return search(regression, rng, halved(config), np.concatenate([starts, as_commanded]))
+        return search(regression, rng, config, as_commanded, rival=rival)
+    known = np.concatenate([starts, as_commanded])
+    return search(regression, rng, halved(config), known, rival=rival)
 
 
 def _plausible(

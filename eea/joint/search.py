@@ -25,6 +25,8 @@ HOPS = 3  # maximum number, from the best optimum
 SOON = 8  # iterations after which the worse half of the starting points is dropped
 SAME = 1e-3  # of a range, or rad: closer optima are one
 VALLEY = 0.05  # of a range: bodies that differ by more in a size are kept beside a better one
+AGREE = 1e-3  # of the residuals: two scans that end so near each other have found the optimum
+WORSE = 1.5  # times the squares that another hypothesis leaves: not worth completing
 PROMISING = 1e-3  # rad/s: an exact fit leaves less in single precision
 
 
@@ -57,11 +59,13 @@ def search(
     effort: FitConfig,
     known: Floats | None = None,
     once: bool = True,
+    rival: float = np.inf,
 ) -> Optima:
     """Return the best fits, from ``known`` vectors (K, P) and random starting points.
 
     Unless it is done ``once``, the search is repeated up to ``effort.restarts`` times, until a fit
-    leaves nothing but noise.
+    leaves nothing but noise, or two scans end in the same fit: then it is the model that fails.
+    The search is not completed where it leaves far more than ``rival``, a sum of squares.
     """
     parameters = regression.parameters
     if not parameters.unknowns:
@@ -79,9 +83,10 @@ def search(
             # Known optima are nearly enough, unless they have just failed.
             scanned = effort if attempt else halved(effort)
         starts = np.concatenate([starts, scan(regression, rng, scanned)])
-        found = _refine(regression, starts, rng, effort)
+        found = _refine(regression, starts, rng, effort, rival)
+        same = best is not None and abs(found.sigma / best.sigma - 1.0) < AGREE
         best = found if best is None else _optima(regression, _together(best.fits, found.fits))
-        if once or best.goodness.good:
+        if once or same or best.goodness.good:
             break
     assert best is not None
     return best
@@ -125,9 +130,13 @@ def _exact(regression: Regression, theta: Floats) -> Optima | None:
 
 
 def _refine(
-    regression: Regression, starts: Floats, rng: np.random.Generator, effort: FitConfig
+    regression: Regression,
+    starts: Floats,
+    rng: np.random.Generator,
+    effort: FitConfig,
+    rival: float,
 ) -> Optima:
-    """Descend from vectors (S, P), then hop from the best."""
+    """Descend from vectors (S, P), then hop from the best unless it is far worse than a rival."""
     parameters, fine = regression.parameters, regression.misfit(FINE)
     begun = _downhill(regression, starts, SOON)
     some = _different(parameters, begun, -(-len(starts) // 2))
@@ -136,6 +145,9 @@ def _refine(
     exact = _exact(regression, first)
     if exact is not None:
         return exact
+    squares = fine.squares(first)
+    if squares.min() > WORSE * rival:
+        return _optima(regression, Fitted(first, squares, squares))
     again = pose(regression, first, 2 * effort.poses, rng)[0]
     moved = relined(regression, first, regression.sigma_near(fine, first), 1)
     second = _downhill(regression, np.concatenate([first, again, moved]))

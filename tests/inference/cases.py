@@ -18,7 +18,7 @@ from eea.joint.parameters import Parameters
 from eea.joint.problem import AS_COMMANDED
 from tests.inference.calibration import ranks
 from tests.inference.robots import Floats, Robot, draw_body, draw_world
-from tests.inference.settings import SETTINGS, Setting
+from tests.inference.settings import EVERY, Setting
 from tests.inference.swims import SWIMS, measure_swim
 
 MASSES = (0.5, 0.8, 0.9)
@@ -53,9 +53,9 @@ def measure(case: Case) -> dict[str, Any]:
     if case.setting in SWIMS:
         rng = np.random.default_rng([case.seed, *case.setting.encode(), case.number])
         return measure_swim(case.setting, case.number, rng)
-    which = list(SETTINGS).index(case.setting)
+    which = list(EVERY).index(case.setting)
     rng = np.random.default_rng([case.seed, which, case.number])
-    return examine(SETTINGS[case.setting], case.number, rng)
+    return examine(EVERY[case.setting], case.number, rng)
 
 
 def examine(

@@ -118,10 +118,11 @@ FOREIGN: dict[World, str] = {
     "servo": "servo time constant 0.1 s *",
     "coloured": "coloured noise, AR(1) of 0.9",
 }
-SETTINGS |= {
+FOREIGN_SETTINGS = {
     f"{world}-{noise:g}": Setting(
         title, 20, world=world, noise=noise, asked=(Target("trusted", low=0.8),)
     )
     for world, title in FOREIGN.items()
     for noise in (0.01, 0.03)
 }
+EVERY = {**SETTINGS, **FOREIGN_SETTINGS}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tests.inference.recovery import recovery_table
-from tests.inference.settings import FOREIGN, SETTINGS
+from tests.inference.settings import EVERY, FOREIGN_SETTINGS
 from tests.inference.swims import TITLES
 from tests.verification.tables import Table
 
@@ -43,7 +43,7 @@ class Pictures:
 def make_tables(report: Report) -> dict[str, Table]:
     """Return every table that a report has the numbers of, by the name that a page gives it."""
     parts = report["settings"]
-    foreign = {name: part for name, part in parts.items() if SETTINGS[name].world in FOREIGN}
+    foreign = {name: part for name, part in parts.items() if name in FOREIGN_SETTINGS}
     parts = {name: part for name, part in parts.items() if name not in foreign}
     tables = {"calibration": settings_table(parts), "asked": asked_table(parts)} if parts else {}
     if foreign:
@@ -94,11 +94,11 @@ def settings_table(parts: Mapping[str, Any]) -> Table:
     for name, part in parts.items():
         held = part["coverage"]
         covered = [f"{held[mass]['share']:.1%}" for mass in ("50%", "80%", "90%")]
-        if not SETTINGS[name].noise:
+        if not EVERY[name].noise:
             covered = ["", "", ""]
         missed = "" if part["missed"] is None else f"{part['missed']['share']:.1%}"
         rows.append(
-            (SETTINGS[name].title, str(part["robots"]), f"{part['median']:.4f}",
+            (EVERY[name].title, str(part["robots"]), f"{part['median']:.4f}",
              f"{part['close']:.0%}", f"{part['worst']:.3f}", *covered, missed,
              f"{part['alarms']['share']:.1%}", f"{part['seconds']:.1f} ({part['p95']:.1f})")
         )  # fmt: skip
@@ -116,7 +116,7 @@ def foreign_table(parts: Mapping[str, Any]) -> Table:
         ("world", "rad/s", "robots", "median OBJ_FIT", "said to be bad", "90%", "of good fits",
          "80% of good fits hold"),
         [
-            (SETTINGS[name].title, f"{SETTINGS[name].noise:g}", str(part["robots"]),
+            (EVERY[name].title, f"{EVERY[name].noise:g}", str(part["robots"]),
              f"{part['median']:.3f}", f"{part['alarms']['share']:.0%}",
              f"{part['coverage']['90%']['share']:.0%}",
              f"{part['trusted']:.0%}" if part["alarms"]["share"] < 1.0 else "",
@@ -145,7 +145,7 @@ def asked_table(parts: Mapping[str, Any]) -> Table:
         "asked and found",
         ("setting", "what", "asked", "found", "met"),
         [
-            (SETTINGS[name].title, _words(a["what"]), _bounds(a), _number(a["what"], a["found"]),
+            (EVERY[name].title, _words(a["what"]), _bounds(a), _number(a["what"], a["found"]),
              "yes" if a["met"] else "no")
             for name, part in parts.items()
             for a in part["asked"]
