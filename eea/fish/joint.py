@@ -193,7 +193,9 @@ def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Disc
         table["share"],
         table["seconds"] / seconds,
         partial(fish_discrepancy, simulator=simulator, windows=windows),
-        Calibration(tuple(table["levels"]), tuple(map(tuple, table["factors"]))),
+        Calibration(
+            tuple(table["levels"]), tuple(map(tuple, table["factors"])), tuple(table["floor"])
+        ),
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -10,13 +10,15 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.joint.posterior import Posterior
-from eea.joint.problem import JointProblem
+from eea.joint.problem import Hypothesis, JointProblem
 
 MASS = 0.9  # of the intervals that are judged
 ABSENT = 0.02  # a part is absent if its area's 95% quantile is below this share of the largest
 TIED, TIED_WIDTH = 0.8, 0.1  # correlation, and interval as a share of the range, of a trade-off
 UNTOLD = 0.5  # a wider interval, as a share of the range, says nothing
 LEAST_WEIGHT = 0.05  # less probable bodies are not reported
+LEAST_TOLD = 0.01  # less probable hypotheses are not reported
+ALIKE = 2.0  # in cost: hypotheses that fit nearly equally well
 BEYOND = 4.0  # sd that the best fit lies outside the range
 AT_BOUND = 1e-6  # of a range
 DRAWS = 512  # of a mode, for the place of its body
@@ -85,6 +87,36 @@ def findings(posterior: Posterior, joint: JointProblem) -> list[str]:
                 f"the data do not tell {size.name}: anything from {least:.2g} to {most:.2g}"
                 f"{size.hint}"
             )
+    return said
+
+
+def faults(fits: Mapping[Hypothesis, tuple[float, float]], joint: JointProblem) -> list[str]:
+    """Return sentences on the hypotheses that may hold instead of the nominal one.
+
+    Of each hypothesis ``fits`` has the probability, and by how much its best cost exceeds the least
+    one. Several about one part that fit alike differ in nothing but their prior volume, and are one
+    sentence; so are one and the nominal hypothesis.
+    """
+    likely = [h for h, (p, _) in fits.items() if p > LEAST_TOLD and h.name != joint.nominal.name]
+    alike = [h for h in fits if fits[h][1] < ALIKE]
+    nominal = any(h.name == joint.nominal.name for h in alike)
+    said, done = [], set()
+    for hypothesis in likely:
+        if hypothesis.name in done:
+            continue
+        same = [h for h in likely if h.part and h.part == hypothesis.part and h in alike]
+        if hypothesis in same and len(same) + nominal > 1:
+            done |= {h.name for h in same}
+            hint = joint.parts[hypothesis.part].hint
+            ways = [f"{h.name} ({fits[h][0]:.0%})" for h in same]
+            ways += ["nothing is wrong with it"] * nominal
+            said.append(
+                f"the data do not tell what the {hypothesis.part} does; they fit alike if "
+                + " or ".join(ways)
+                + (f"; {hint}" if hint else "")
+            )
+        else:
+            said.append(f"{hypothesis.name} ({fits[hypothesis][0]:.0%})")
     return said
 
 

@@ -27,6 +27,7 @@ from eea.joint.posterior import Mode
 from eea.joint.problem import Discrepancy
 from eea.joint.search import Optima
 
+FLAT = 0.01  # of the precision of a whole range
 NEGLIGIBLE = 1e-12  # of the largest scaled eigenvalue: directions without information
 
 
@@ -56,8 +57,6 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
     size, count = len(parameters), shapes.shape[2]
     entries = parameters.slots[:, misfit.free]
     level = best.sigma / float(np.sqrt((rms**2).mean()))
-    factors = np.ones(size)
-    factors[: parameters.body] = discrepancy.calibration.factors(level, parameters.body)
     modes = []
     for k, theta in enumerate(optima.fits.theta):
         normal, gradient = np.zeros((size + count, size + count)), np.zeros(size + count)
@@ -65,7 +64,8 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         normal[size:, size:] = np.eye(count)
         away = theta - parameters.prior_mean
         gradient[:size] = parameters.prior_information @ away
-        squares = 0.0
+        alone, squares = normal.copy(), 0.0  # as far as noise alone moves the optimum
+        alone[size:, size:] = 0.0
         for e in range(trials):
             used = entries[e] != FIXED
             columns = np.concatenate([linear.slopes[k, e, used], shapes[k, e]])
@@ -73,6 +73,9 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
             columns, residuals = whitened(columns, e), whitened(linear.residuals[k, e][None], e)[0]
             normal[at[:, None], at] += columns @ columns.T
             gradient[at] += columns @ residuals
+            waves = columns.reshape(len(at), axes, samples) * (weight[e] * best.sigma)
+            waves = waves.reshape(len(at), -1)
+            alone[at[:, None], at] += waves @ waves.T
             squares += float(residuals @ residuals)
         # The shapes' amplitudes are integrated out.
         inner, cross = normal[size:, size:], normal[:size, size:]
@@ -81,7 +84,12 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         cost = 0.5 * squares + float(parameters.prior_cost(theta))
         cost -= 0.5 * float(gradient[size:] @ np.linalg.solve(inner, gradient[size:]))
         cost += 0.5 * float(np.linalg.slogdet(inner)[1])
-        information, slope = _scaled(information, slope, factors)
+        if discrepancy.calibration is not None:
+            to = np.hstack([np.eye(size), -np.linalg.solve(inner, cross.T).T])
+            noise = _share(information, to @ alone @ to.T)[: parameters.body]
+            factors = np.ones(size)
+            factors[: parameters.body] = discrepancy.calibration.factors(level, noise)
+            information, slope = _scaled(information, slope, factors)
         modes.append(Mode(theta, information, cost, slope))
     return modes
 
@@ -98,6 +106,17 @@ def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
     found = discrepancy.shapes(bodies, nuisances, commands, angles).swapaxes(2, 3)
     found = np.where(np.isfinite(found), found, 0.0)
     return found.reshape(*local.shape[:2], found.shape[1], -1)
+
+
+def _share(information: Floats, alone: Floats) -> Floats:
+    """Return the sd (P,) of optima that noise ``alone`` (P, P) moves, over that of the posterior.
+
+    Where there is no information the posterior is the box.
+    """
+    floored = information + FLAT * np.diag(np.maximum(1.0, 1e-8 * np.diag(information)))
+    covariance = np.linalg.inv(floored)
+    moved = np.einsum("ij,jk,ki->i", covariance, alone, covariance)
+    return np.sqrt(np.clip(moved / np.diag(covariance), 0.0, 1.0))
 
 
 def _scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floats, Floats]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import whole
-from eea.joint.diagnostics import findings
+from eea.joint.diagnostics import faults, findings
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, intervals
@@ -149,10 +149,12 @@ class JointPosterior:
         best = self.branches[0]
         nominal = best.parameters.joint.nominal.name
         if self.goodness.good:
-            odd = [b for b in self.branches if b.hypothesis.name != nominal]
-            said = [
-                f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01
-            ]
+            costs = [min(mode.cost for mode in b.posterior.modes) for b in self.branches]
+            fits = {
+                b.hypothesis: (b.probability, cost - min(costs))
+                for b, cost in zip(self.branches, costs, strict=True)
+            }
+            said = faults(fits, best.parameters.joint)
         else:  # where no hypothesis fits, their probabilities mean little
             said = [self.goodness.verdict]
             if best.hypothesis.name != nominal:

@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ LOOK_AHEAD = 0.1  # h, of a step
 MOST_BEND = 0.75  # 2 |a| / |v|, above which the acceleration is ignored
 ENOUGH = 2  # small decreases in a row end a descent
 MOST_ROBOTS = 2**15  # in a batch, which limits memory
-LEAST_SIGMA = 1e-7  # rad/s: smaller residuals are rounding
+LEAST_SIGMA = 3e-7  # of the signal's rms: smaller residuals are rounding
 
 
 class Precision(NamedTuple):
@@ -215,10 +216,20 @@ class Regression:
         """Return every how many samples are compared: all, where they are far apart."""
         return min(precision.stride, self.parameters.joint.stride)
 
+    @cached_property
+    def rms(self) -> float:
+        """The root mean square of the signal, rad/s."""
+        return max(float(np.sqrt((self.observed.signal**2).mean())), 1e-12)
+
+    @property
+    def least_sigma(self) -> float:
+        """The standard deviation of rounding, rad/s."""
+        return LEAST_SIGMA * self.rms
+
     def sigma(self, squares: float, count: int) -> float:
         """Return the noise's standard deviation for the squares of ``count`` residuals."""
         freedom = max(count - self.parameters.unknowns, 1)
-        return self.noise or max(float(np.sqrt(squares / freedom)), LEAST_SIGMA)
+        return self.noise or max(float(np.sqrt(squares / freedom)), self.least_sigma)
 
     def sigma_near(self, misfit: Misfit, theta: Floats) -> float:
         """Return the noise's standard deviation, by default that which the best vector leaves."""

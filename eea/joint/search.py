@@ -15,9 +15,9 @@ import numpy as np
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import FitConfig
-from eea.joint.goodness_of_fit import Goodness, goodness_of_fit
+from eea.joint.goodness_of_fit import FLOOR, Goodness, goodness_of_fit
 from eea.joint.initialization import hop, pose, relined, scan
-from eea.joint.least_squares import COARSE, FINE, LEAST_SIGMA, Fitted, Regression, descend
+from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
 from eea.joint.parameters import Parameters
 
 CLOSE = 10.0  # in cost: optima farther from the best have less than 1/20,000 of its weight
@@ -50,7 +50,8 @@ class Optima:
     def goodness(self) -> Goodness:
         """Whether the best leaves nothing but noise."""
         regression = self.regression
-        return goodness_of_fit(self.residuals, regression.parameters.unknowns, regression.noise)
+        unknowns, floor = regression.parameters.unknowns, FLOOR * regression.rms
+        return goodness_of_fit(self.residuals, unknowns, regression.noise, floor)
 
 
 def search(
@@ -124,7 +125,7 @@ def _exact(regression: Regression, theta: Floats) -> Optima | None:
     if regression.noise is not None or sigma > PROMISING:
         return None
     polished = descend(fine, theta[squares.argmin()][None], sigma, 400, 1e-9)
-    if regression.sigma(polished.squares.min(), fine.count) > LEAST_SIGMA:
+    if regression.sigma(polished.squares.min(), fine.count) > regression.least_sigma:
         return None
     return _optima(regression, polished)
 
@@ -156,7 +157,7 @@ def _refine(
     polished = _best(descend(fine, chosen, sigma, 40, 1e-6), effort.polished)
     for _ in range(HOPS):
         sigma = regression.sigma(polished.squares.min(), fine.count)
-        if sigma <= LEAST_SIGMA:  # there is nothing better
+        if sigma <= regression.least_sigma:  # there is nothing better
             break
         hopped = np.concatenate(
             [

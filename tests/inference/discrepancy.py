@@ -6,7 +6,8 @@ First our simulator is compared with another statement of the same law (``foreig
 trials. Then many random robots are inferred. Those of our own simulator, at several noises, are
 sorted by the noise relative to the signal; for each group and dimension the factor on the half
 width is that of split-conformal prediction, with which 90% of the intervals hold. Without noise the
-simulator's own errors are all there is: those robots swim in the other simulator.
+simulator's own errors are all there is: there the robots swim in the other simulator, and their
+factors are the floor.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ STEPS, LAGS = 256, 100
 MASS = 0.9
 NOISES = (0.01, 0.03, 0.1)  # rad/s
 GROUPS = 4  # of robots, by noise relative to the signal
-LEAST_LEVEL = 1e-3  # below it there is no noise
+LENGTHS = (256, 512)  # steps of a trial
+NEUTRAL = Calibration((1.0,), ((1.0,) * len(SPANS),), (0.0,) * len(SPANS))
 
 
 @dataclass(frozen=True)
@@ -51,8 +53,8 @@ class MeasureDiscrepancy:
     """The file to write."""
     trials: int = 100
     """Random trials that the simulators are compared on."""
-    robots: int = 80
-    """Random robots that are inferred at each noise."""
+    robots: int = 60
+    """Random robots that are inferred at each noise and length of trial."""
     seed: int = 1
     """Seed of all that is random."""
 
@@ -64,16 +66,21 @@ class MeasureDiscrepancy:
         share, seconds = measure(self.trials, np.random.default_rng([self.seed, 0]))
         print(f"discrepancy {share:.4f} of the signal, for {seconds:.2f} s", flush=True)
         foreign = Setting("", self.robots, world="law", noise=0.0)
-        rows = [self._misses(foreign, share, seconds)]
-        noisy = [self._misses(Setting("", self.robots, noise=n), share, seconds) for n in NOISES]
+        floor = conformal(np.array([miss for _, miss in self._misses(foreign, share, seconds)]))
+        noisy = [
+            self._misses(Setting("", self.robots, noise=n, steps=steps), share, seconds, NEUTRAL)
+            for n in NOISES
+            for steps in LENGTHS
+        ]
         ordered = sorted((miss for some in noisy for miss in some), key=lambda miss: miss[0])
-        rows += [ordered[i : i + len(ordered) // GROUPS]
-                 for i in range(0, len(ordered) - GROUPS + 1, len(ordered) // GROUPS)]  # fmt: skip
-        levels = [LEAST_LEVEL] + [float(np.median([level for level, _ in r])) for r in rows[1:]]
+        each = len(ordered) // GROUPS
+        rows = [ordered[i * each : (i + 1) * each] for i in range(GROUPS)]
+        levels = [float(np.median([level for level, _ in row])) for row in rows]
         factors = [conformal(np.array([miss for _, miss in row])) for row in rows]
         table = {
             "share": round(share, 4),
             "seconds": round(seconds, 2),
+            "floor": np.round(floor, 3).tolist(),
             "levels": [round(level, 4) for level in levels],
             "factors": [np.round(row, 3).tolist() for row in factors],
         }
@@ -81,21 +88,28 @@ class MeasureDiscrepancy:
         write_bytes(self.out, (text + "\n").encode())
         print(text)
 
-    def _misses(self, setting: Setting, share: float, seconds: float) -> list[tuple[float, Floats]]:
+    def _misses(
+        self,
+        setting: Setting,
+        share: float,
+        seconds: float,
+        calibration: Calibration | None = None,
+    ) -> list[tuple[float, Floats]]:
         """Return each robot's noise level, and how far each truth is in half widths (9,)."""
-        joint = fish_joint(EngineSimulator(STEPS, threads=1))
+        joint = fish_joint(EngineSimulator(setting.steps, threads=1))
         assert joint.discrepancy is not None
         uncalibrated = replace(
             joint.discrepancy,
             share=share,
             duration=seconds / TIMESTEP,
-            calibration=Calibration(),
+            calibration=calibration,
         )
         joint = replace(joint, discrepancy=uncalibrated)
         effort = FitConfig(alternatives="never", restarts=0)
         found = []
         for number in range(setting.robots):
-            rng = np.random.default_rng([self.seed, 1 + round(1000 * setting.noise), number])
+            stream = [self.seed, 1 + round(1000 * setting.noise), setting.steps, number]
+            rng = np.random.default_rng(stream)
             body = draw_body(setting, number, rng)
             exploring = streams(number)["exploration"]
             robot = Robot(setting, body, draw_world(setting, rng), rng, exploring)
