@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -90,33 +90,38 @@ def findings(posterior: Posterior, joint: JointProblem) -> list[str]:
     return said
 
 
-def faults(fits: Mapping[Hypothesis, tuple[float, float]], joint: JointProblem) -> list[str]:
+class Fit(NamedTuple):
+    """How well a hypothesis explains the data."""
+
+    hypothesis: Hypothesis
+    probability: float
+    excess: float  #: By how much its best cost exceeds the least of all hypotheses.
+
+
+def faults(fits: Sequence[Fit], joint: JointProblem) -> list[str]:
     """Return sentences on the hypotheses that may hold instead of the nominal one.
 
-    Of each hypothesis ``fits`` has the probability, and by how much its best cost exceeds the least
-    one. Several about one part that fit alike differ in nothing but their prior volume, and are one
+    Several about one part that fit alike differ only in the volume of their priors, and are one
     sentence; so are one and the nominal hypothesis.
     """
-    likely = [h for h, (p, _) in fits.items() if p > LEAST_TOLD and h.name != joint.nominal.name]
-    alike = [h for h in fits if fits[h][1] < ALIKE]
-    nominal = any(h.name == joint.nominal.name for h in alike)
-    said, done = [], set()
-    for hypothesis in likely:
-        if hypothesis.name in done:
-            continue
-        same = [h for h in likely if h.part and h.part == hypothesis.part and h in alike]
-        if hypothesis in same and len(same) + nominal > 1:
-            done |= {h.name for h in same}
-            hint = joint.parts[hypothesis.part].hint
-            ways = [f"{h.name} ({fits[h][0]:.0%})" for h in same]
+    odd = [f for f in fits if f.hypothesis.name != joint.nominal.name]
+    odd = [f for f in odd if f.probability > LEAST_TOLD]
+    nominal = len([f for f in fits if f.hypothesis.name == joint.nominal.name and f.excess < ALIKE])
+    said: list[str] = []
+    for fit in odd:
+        name = fit.hypothesis.part
+        same = [f for f in odd if name and f.hypothesis.part == name and f.excess < ALIKE]
+        if fit.excess >= ALIKE or len(same) + nominal < 2 or not same:
+            said.append(f"{fit.hypothesis.name} ({fit.probability:.0%})")
+        elif fit is same[0]:
+            ways = [f"{f.hypothesis.name} ({f.probability:.0%})" for f in same]
             ways += ["nothing is wrong with it"] * nominal
+            hint = joint.parts[name].hint
             said.append(
-                f"the data do not tell what the {hypothesis.part} does; they fit alike if "
+                f"the data do not tell what the {name} does; they fit alike if "
                 + " or ".join(ways)
                 + (f"; {hint}" if hint else "")
             )
-        else:
-            said.append(f"{hypothesis.name} ({fits[hypothesis][0]:.0%})")
     return said
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import whole
-from eea.joint.diagnostics import faults, findings
+from eea.joint.diagnostics import Fit, faults, findings
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, intervals
@@ -150,10 +150,10 @@ class JointPosterior:
         nominal = best.parameters.joint.nominal.name
         if self.goodness.good:
             costs = [min(mode.cost for mode in b.posterior.modes) for b in self.branches]
-            fits = {
-                b.hypothesis: (b.probability, cost - min(costs))
+            fits = [
+                Fit(b.hypothesis, b.probability, cost - min(costs))
                 for b, cost in zip(self.branches, costs, strict=True)
-            }
+            ]
             said = faults(fits, best.parameters.joint)
         else:  # where no hypothesis fits, their probabilities mean little
             said = [self.goodness.verdict]
