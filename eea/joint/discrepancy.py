@@ -116,7 +116,8 @@ def _share(information: Floats, alone: Floats) -> Floats:
     floored = information + FLAT * np.diag(np.maximum(1.0, 1e-8 * np.diag(information)))
     covariance = np.linalg.inv(floored)
     moved = np.einsum("ij,jk,ki->i", covariance, alone, covariance)
-    return np.sqrt(np.clip(moved / np.diag(covariance), 0.0, 1.0))
+    share: Floats = np.sqrt(np.clip(moved / np.diag(covariance), 0.0, 1.0))
+    return share
 
 
 def _scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floats, Floats]:
