@@ -113,9 +113,9 @@ def _share(information: Floats, alone: Floats) -> Floats:
 
     Where there is no information the posterior is the box.
     """
-    floored = information + FLAT * np.diag(np.maximum(1.0, 1e-8 * np.diag(information)))
-    covariance = np.linalg.inv(floored)
-    moved = np.einsum("ij,jk,ki->i", covariance, alone, covariance)
+    floor = FLAT * np.diag(np.maximum(1.0, 1e-8 * np.diag(information)))
+    covariance = np.linalg.inv(information + floor)
+    moved = np.einsum("ij,jk,ki->i", covariance, alone + floor, covariance)
     share: Floats = np.sqrt(np.clip(moved / np.diag(covariance), 0.0, 1.0))
     return share
 

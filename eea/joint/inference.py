@@ -230,7 +230,7 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
 
 
 def _doubted(inside: Posterior, optima: Optima, best: Optima) -> Posterior:
-    """Return the posterior if the simulator may be wrong; ``inside`` if the problem does not say."""
+    """Return the posterior if the simulator may be wrong, which a problem need not say."""
     discrepancy = optima.regression.parameters.joint.discrepancy
     if discrepancy is None:
         return inside

@@ -119,6 +119,7 @@ class Part:
 Shapes = Callable[[Floats, Floats, NDArray[Any], Floats], Floats]
 
 
+LEAST_FACTOR = 1e-3
 NOISELESS, NOISY = 0.003, 0.01  # sigma over the rms of the signal
 
 
@@ -148,7 +149,7 @@ class Calibration:
         knots, at = np.log(self.levels), np.log(max(level, 1e-12))
         scaled = noise * [np.interp(at, knots, row) for row in np.transpose(self.rows)]
         quiet = np.clip((np.log(NOISY) - at) / np.log(NOISY / NOISELESS), 0.0, 1.0)
-        found: Floats = np.maximum(scaled, quiet * np.array(self.floor))
+        found: Floats = np.maximum(np.maximum(scaled, quiet * np.array(self.floor)), LEAST_FACTOR)
         return found
 
 

@@ -102,3 +102,15 @@ def test_hypotheses_that_fit_alike_are_one_statement():
 def test_a_hypothesis_that_alone_fits_is_named():
     fits = [Fit(SEIZED, 0.98, 0.0), Fit(MISSING, 0.02, 9.0), Fit(RIGHT.nominal, 0.0, 40.0)]
     assert faults(fits, FIN) == ["the servo is seized (98%)", "the fin is missing (2%)"]
+
+
+def test_a_size_without_effect_stays_open_when_calibrated():
+    def blind(bodies, _nuisances, _commands, angles, _fine):
+        return ((0.5 + 0.0 * bodies[:, :1]) * np.sin(7.0 * TIME + 0.0 * angles))[:, :, None]
+
+    calibration = Calibration((0.01,), ((1.0,),), (0.5,))
+    joint = replace(RIGHT, simulate=blind, discrepancy=Discrepancy(0.02, 5.0, None, calibration))
+    signal = (0.5 * WAVE + 0.02 * np.random.default_rng(0).normal(size=(2, 128)))[:, :, None]
+    belief = fit(Observed(np.full((2, 1), 0.5), signal), joint, QUICK, np.random.default_rng(1))
+    low, high = belief.interval(0.9)
+    assert high[0] - low[0] > 0.8
