@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -11,11 +13,23 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
-from aquafish_gym.scenario import Change, Scenario
+from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.fish.windows import LogWindows
-from eea.joint.problem import MOST_STRIDE, Hypothesis, JointProblem, Nuisance, Part
+from eea.joint.problem import (
+    MOST_STRIDE,
+    Calibration,
+    Discrepancy,
+    Hypothesis,
+    JointProblem,
+    Nuisance,
+    Part,
+)
+
+FINER = 4  # steps for each of the simulator's, which show the error of its time step
+GYRO_SCALE, TURNED = 0.03, 0.03  # sd of a gyroscope's scale, and of its mounting about an axis, rad
 
 #: The switch of each fin's servo.
 SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
@@ -148,6 +162,54 @@ def fish_signal(
     return found
 
 
+def fish_discrepancy(
+    bodies: Floats,
+    nuisances: Floats,
+    commands: NDArray[Any],
+    angles: Floats,
+    simulator: EngineSimulator,
+    windows: LogWindows | None = None,
+) -> Floats:
+    """Return what the simulator may get wrong in a known way, (B, K, T, 3) in rad/s.
+
+    Each is one standard deviation: the error of its time step, a scale of the gyroscope, and a
+    turn of the gyroscope about each axis.
+    """
+    robots = (bodies, nuisances, commands, angles, True)
+    now = fish_signal(*robots, simulator, windows)
+    finer = replace(simulator, substeps=min(FINER * simulator.substeps, MAXIMUM_SUBSTEPS))
+    # The scheme is of first order: what is left after n times finer steps is 1/n of the error.
+    left = simulator.substeps / finer.substeps
+    step = (fish_signal(*robots, finer, windows) - now) / max(1.0 - left, 0.5)
+    turns = [np.cross(TURNED * axis, now) for axis in np.eye(3)]
+    return np.stack([step, GYRO_SCALE * now, *turns], axis=1)
+
+
+def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Discrepancy:
+    """Return how far the simulator may be from the robot, as measured."""
+    table = discrepancy_table()
+    seconds = TIMESTEP if windows is None else float(np.diff(windows.time[0]).mean())
+    return Discrepancy(
+        table["share"],
+        table["seconds"] / seconds,
+        partial(fish_discrepancy, simulator=simulator, windows=windows),
+        Calibration(
+            tuple(table["levels"]), tuple(map(tuple, table["factors"])), tuple(table["floor"])
+        ),
+    )
+
+
+@cache
+def discrepancy_table() -> dict[str, Any]:
+    """Return the measured discrepancy and the factors of the intervals.
+
+    ``python -m tests.inference.discrepancy`` makes the file.
+    """
+    text = files("eea.fish").joinpath("discrepancy.json").read_text(encoding="utf-8")
+    table: dict[str, Any] = json.loads(text)
+    return table
+
+
 def _at_known_start(nuisance: Nuisance) -> Nuisance:
     """Return a nuisance as it is where the initial state is known, in still water."""
     if nuisance.group == "current":
@@ -181,5 +243,6 @@ def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) ->
             for fin, word in FIN_WORDS.items()
         },
         hidden=() if known else None,
+        discrepancy=_discrepancy(simulator, windows),
         stride=MOST_STRIDE if windows is None else min(MOST_STRIDE, windows.stride),
     )

@@ -63,7 +63,7 @@ def known_body(
         parameters.names, parameters.low, parameters.high, parameters.circular, [mode]
     )
     goodness = Goodness(noise, 1.0, 1.0, 1.0, 1.0, good=True, verdict="the body is known")
-    branch = HypothesisPosterior(known, 1.0, parameters, posterior)
+    branch = HypothesisPosterior(known, 1.0, parameters, posterior, posterior)
     return JointPosterior((branch,), goodness, noise, 0)
 
 
@@ -72,7 +72,8 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
 
     Of a posterior the most probable hypothesis is used. Each fin has a chance of 0.1 of having
     changed: its sizes, its servo's speed, or it is missing. At most two fins change. Two are only
-    tried where no change of one explains the trials.
+    tried where no change of one explains the trials. The simulator is not doubted: the body that
+    it was given is one that this simulator explains.
     """
     if not isinstance(prior, JointPosterior):
         prior = known_body(Morphology.coerce(prior), 1.0, ())
@@ -85,7 +86,9 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
         for fins in combinations(FINS, count)
         for ways in product(*map(_changes, fins))
     ]
-    return replace(joint, nominal=was, hypotheses=tuple(hypotheses), prior=best.prior())
+    return replace(
+        joint, nominal=was, hypotheses=tuple(hypotheses), prior=best.prior(), discrepancy=None
+    )
 
 
 def _changes(fin: str) -> list[Hypothesis]:

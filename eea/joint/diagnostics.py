@@ -10,13 +10,15 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.joint.posterior import Posterior
-from eea.joint.problem import JointProblem
+from eea.joint.problem import Hypothesis, JointProblem
 
 MASS = 0.9  # of the intervals that are judged
 ABSENT = 0.02  # a part is absent if its area's 95% quantile is below this share of the largest
 TIED, TIED_WIDTH = 0.8, 0.1  # correlation, and interval as a share of the range, of a trade-off
 UNTOLD = 0.5  # a wider interval, as a share of the range, says nothing
 LEAST_WEIGHT = 0.05  # less probable bodies are not reported
+LEAST_TOLD = 0.01  # less probable hypotheses are not reported
+ALIKE = 2.0  # in cost: hypotheses that fit nearly equally well
 BEYOND = 4.0  # sd that the best fit lies outside the range
 AT_BOUND = 1e-6  # of a range
 DRAWS = 512  # of a mode, for the place of its body
@@ -84,6 +86,41 @@ def findings(posterior: Posterior, joint: JointProblem) -> list[str]:
             said.append(
                 f"the data do not tell {size.name}: anything from {least:.2g} to {most:.2g}"
                 f"{size.hint}"
+            )
+    return said
+
+
+class Fit(NamedTuple):
+    """How well a hypothesis explains the data."""
+
+    hypothesis: Hypothesis
+    probability: float
+    excess: float  #: By how much its best cost exceeds the least of all hypotheses.
+
+
+def faults(fits: Sequence[Fit], joint: JointProblem) -> list[str]:
+    """Return sentences on the hypotheses that may hold instead of the nominal one.
+
+    Several about one part that fit alike differ only in the volume of their priors, and are one
+    sentence; so are one and the nominal hypothesis.
+    """
+    odd = [f for f in fits if f.hypothesis.name != joint.nominal.name]
+    odd = [f for f in odd if f.probability > LEAST_TOLD]
+    nominal = len([f for f in fits if f.hypothesis.name == joint.nominal.name and f.excess < ALIKE])
+    said: list[str] = []
+    for fit in odd:
+        name = fit.hypothesis.part
+        same = [f for f in odd if name and f.hypothesis.part == name and f.excess < ALIKE]
+        if fit.excess >= ALIKE or len(same) + nominal < 2 or not same:
+            said.append(f"{fit.hypothesis.name} ({fit.probability:.0%})")
+        elif fit is same[0]:
+            ways = [f"{f.hypothesis.name} ({f.probability:.0%})" for f in same]
+            ways += ["nothing is wrong with it"] * nominal
+            hint = joint.parts[name].hint
+            said.append(
+                f"the data do not tell what the {name} does; they fit alike if "
+                + " or ".join(ways)
+                + (f"; {hint}" if hint else "")
             )
     return said
 

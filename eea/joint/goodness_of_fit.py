@@ -13,7 +13,7 @@ from eea.core.checks import ConfigurationError, finite
 
 LAGS = 10  # samples
 ALARM = 1e-3  # rate of false alarms
-FLOOR = 1e-6  # rad/s: residuals of a smaller rms are rounding
+FLOOR = 3e-6  # of the signal's rms: residuals of a smaller rms are rounding
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,9 @@ class Goodness:
     verdict: str  #: In a sentence.
 
 
-def goodness_of_fit(residuals: ArrayLike, parameters: int, sigma: float | None = None) -> Goodness:
+def goodness_of_fit(
+    residuals: ArrayLike, parameters: int, sigma: float | None = None, floor: float = 0.0
+) -> Goodness:
     """Test residuals (E, T, axes), rad/s, for being white noise.
 
     Size: the sum of squares over sigma^2 against chi-square with as many degrees of freedom as
@@ -53,7 +55,8 @@ def goodness_of_fit(residuals: ArrayLike, parameters: int, sigma: float | None =
     false alarms. Peak: the largest residual against normal noise. The three are joined by
     Bonferroni. Of 6000 white residuals 0.10% raised an alarm at a rate of 0.1%.
 
-    ``parameters`` is their number, ``sigma`` the standard deviation of the noise if known, rad/s.
+    ``parameters`` is their number, ``sigma`` the standard deviation of the noise if known, rad/s,
+    and residuals of an rms up to ``floor``, rad/s, are rounding.
 
     Raises
     ------
@@ -69,13 +72,13 @@ def goodness_of_fit(residuals: ArrayLike, parameters: int, sigma: float | None =
         )
     squares = sum(float((trial**2).sum()) for trial in trials)
     rms = (squares / count) ** 0.5
-    if rms <= FLOOR:
+    if rms <= floor:
         words = f"the best fit explains the log up to rounding ({rms:.1g} rad/s)"
         return Goodness(rms, sigma and 1.0, 1.0, 1.0, 1.0, good=True, verdict=words)
-    shares, spread = autocorrelation(trials, LAGS, FLOOR)
+    shares, spread = autocorrelation(trials, LAGS, floor)
     corrected = np.minimum(shares + parameters / (count - parameters), 0.0)
     excess = np.where(shares > 0.0, shares, corrected)
-    peak, off = _largest(trials)
+    peak, off = _largest(trials, floor)
     size_p, tests = None, {}  # what is wrong -> the p-value
     if sigma is not None:
         size_p = float(chdtrc(count - parameters, squares / sigma**2))
@@ -117,12 +120,12 @@ def autocorrelation(residuals: Floats, lags: int, floor: float = 0.0) -> tuple[F
     return above / weight, np.sqrt(variance) / weight
 
 
-def _largest(trials: Floats) -> tuple[float, float]:
+def _largest(trials: Floats, floor: float) -> tuple[float, float]:
     """Return the largest residual, in its axis's rms over all trials, and as it is."""
     samples = np.concatenate(trials)
     rms = np.sqrt(np.mean(samples**2, axis=0))
     most = np.abs(samples).max(axis=0)
-    worst = int(np.argmax(np.where(rms > FLOOR, most / np.maximum(rms, FLOOR), 0.0)))
+    worst = int(np.argmax(most / np.maximum(rms, max(floor, 1e-300))))
     return float(most[worst] / rms[worst]), float(most[worst])
 
 

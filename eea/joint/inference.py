@@ -12,6 +12,7 @@ from scipy.special import log_ndtr
 from eea.core.angles import Floats
 from eea.core.checks import choice, finite
 from eea.core.config import FitConfig
+from eea.joint.discrepancy import doubted
 from eea.joint.goodness_of_fit import effective_count
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
@@ -102,7 +103,11 @@ def fit(
     shares /= shares.sum()
     branches = tuple(
         HypothesisPosterior(
-            fitted[i][0], float(shares[i]), fitted[i][1].regression.parameters, mixtures[i]
+            fitted[i][0],
+            float(shares[i]),
+            fitted[i][1].regression.parameters,
+            mixtures[i],
+            _doubted(mixtures[i], fitted[i][1], best),
         )
         for i in np.argsort(-shares, kind="stable")
         if shares[i] > LEAST_PROBABILITY
@@ -170,9 +175,12 @@ def _optimize(
     if plain is None:
         return search(regression, rng, config, starts, once)
     as_commanded = carried_over(plain, parameters)
+    # Where nothing explains the trials, most hypotheses are worse: they are not completed.
+    rival = np.inf if plain.goodness.good else _least(plain)
     if starts is None:
-        return search(regression, rng, config, as_commanded)
-    return search(regression, rng, halved(config), np.concatenate([starts, as_commanded]))
+        return search(regression, rng, config, as_commanded, rival=rival)
+    known = np.concatenate([starts, as_commanded])
+    return search(regression, rng, halved(config), known, rival=rival)
 
 
 def _plausible(
@@ -219,6 +227,14 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
         cost = 0.5 * weight * optima.fits.squares[k] + parameters.prior_cost(theta[k])
         modes.append(Mode(theta[k], information, float(cost), gradient))
     return Posterior(parameters.names, parameters.low, parameters.high, parameters.circular, modes)
+
+
+def _doubted(inside: Posterior, optima: Optima, best: Optima) -> Posterior:
+    """Return the posterior if the simulator may be wrong, which a problem need not say."""
+    discrepancy = optima.regression.parameters.joint.discrepancy
+    if discrepancy is None:
+        return inside
+    return replace(inside, modes=doubted(optima, best, discrepancy))
 
 
 def log_prior_constant(parameters: Parameters) -> float:

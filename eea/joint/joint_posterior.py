@@ -11,7 +11,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import whole
-from eea.joint.diagnostics import findings
+from eea.joint.diagnostics import Fit, faults, findings
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Posterior, intervals
@@ -40,7 +40,8 @@ class HypothesisPosterior:
     hypothesis: Hypothesis
     probability: float
     parameters: Parameters
-    posterior: Posterior
+    posterior: Posterior  #: Inside the model: if the simulator is right.
+    doubted: Posterior  #: If it may be as wrong as the problem's ``discrepancy`` says.
 
     def prior(self) -> Prior:
         """Return what is known of the body and the nuisances common to all trials.
@@ -60,7 +61,9 @@ class HypothesisPosterior:
 class JointPosterior:
     """A posterior over bodies, nuisances, angles and hypotheses.
 
-    Samples and intervals are of all hypotheses, in proportion to their probabilities.
+    Samples and intervals are of all hypotheses, in proportion to their probabilities, and count
+    that the simulator may be wrong. The median body, the probabilities and the findings are those
+    inside the model: what explains the trials best in this simulator.
     """
 
     branches: tuple[HypothesisPosterior, ...]  #: The most probable first.
@@ -73,11 +76,15 @@ class JointPosterior:
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
         """Return ``count`` bodies (count, n) drawn from the posterior, in natural units."""
         whole("count", count, 1, MAXIMUM_SAMPLES)
+        return self._mixed([branch.doubted for branch in self.branches], count, rng)
+
+    def _mixed(self, parts: list[Posterior], count: int, rng: np.random.Generator) -> Floats:
+        """Return bodies (count, n) drawn from a posterior of each hypothesis."""
         shares = np.array([branch.probability for branch in self.branches])
         bodies = [
-            branch.parameters.models(branch.posterior.sample(int(times), rng))
-            for branch, times in zip(
-                self.branches, rng.multinomial(count, shares / shares.sum()), strict=True
+            branch.parameters.models(part.sample(int(times), rng))
+            for branch, part, times in zip(
+                self.branches, parts, rng.multinomial(count, shares / shares.sum()), strict=True
             )
             if times
         ]
@@ -88,10 +95,11 @@ class JointPosterior:
     def _bodies(self) -> Floats:
         return self.sample(SAMPLES, np.random.default_rng(0))
 
-    @property
+    @cached_property
     def model(self) -> Floats:
-        """The median body (n,)."""
-        median: Floats = np.median(self._bodies, axis=0)
+        """The median body (n,) inside the model."""
+        inside = [branch.posterior for branch in self.branches]
+        median: Floats = np.median(self._mixed(inside, SAMPLES, np.random.default_rng(0)), axis=0)
         return median
 
     @property
@@ -114,7 +122,7 @@ class JointPosterior:
         names, as of the most probable hypothesis. An angle's interval may end beyond pi.
         """
         best = self.branches[0]
-        shares = np.array([best.posterior.median(), *best.posterior.interval(mass)])
+        shares = np.array([best.posterior.median(), *best.doubted.interval(mass)])
         rows = map(tuple, best.parameters.natural(shares).T.tolist())
         return dict(zip(best.parameters.names, rows, strict=True))
 
@@ -141,10 +149,12 @@ class JointPosterior:
         best = self.branches[0]
         nominal = best.parameters.joint.nominal.name
         if self.goodness.good:
-            odd = [b for b in self.branches if b.hypothesis.name != nominal]
-            said = [
-                f"{b.hypothesis.name} ({b.probability:.0%})" for b in odd if b.probability > 0.01
+            costs = [min(mode.cost for mode in b.posterior.modes) for b in self.branches]
+            fits = [
+                Fit(b.hypothesis, b.probability, cost - min(costs))
+                for b, cost in zip(self.branches, costs, strict=True)
             ]
+            said = faults(fits, best.parameters.joint)
         else:  # where no hypothesis fits, their probabilities mean little
             said = [self.goodness.verdict]
             if best.hypothesis.name != nominal:

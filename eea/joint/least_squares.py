@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +38,7 @@ LOOK_AHEAD = 0.1  # h, of a step
 MOST_BEND = 0.75  # 2 |a| / |v|, above which the acceleration is ignored
 ENOUGH = 2  # small decreases in a row end a descent
 MOST_ROBOTS = 2**15  # in a batch, which limits memory
-LEAST_SIGMA = 1e-7  # rad/s: smaller residuals are rounding
+LEAST_SIGMA = 3e-7  # of the signal's rms: smaller residuals are rounding
 
 
 class Precision(NamedTuple):
@@ -107,7 +108,10 @@ class Misfit:
             self._trials = self._trials[only_of : only_of + 1]
             self.movable = np.isin(np.arange(len(parameters)), parameters.own_entries(only_of))
         entries = parameters.slots[self._trials]
-        self._free = np.flatnonzero(((entries != FIXED) & self.movable[entries]).any(axis=0))
+        #: The slots (F,) that a descent may change.
+        self.free: NDArray[np.intp] = np.flatnonzero(
+            ((entries != FIXED) & self.movable[entries]).any(axis=0)
+        )
 
     @property
     def count(self) -> int:
@@ -149,7 +153,7 @@ class Misfit:
 
         The derivatives of a robot that diverged are zero.
         """
-        parameters, free = self.parameters, self._free
+        parameters, free = self.parameters, self.free
         local = parameters.local(theta)[:, self._trials]
         entries = parameters.slots[self._trials][:, free]  # (E, F)
         high = np.where(entries == FIXED, np.inf, parameters.high[entries])
@@ -178,14 +182,14 @@ class Misfit:
         finite = np.where(np.isfinite(signal), signal, 0.0)
         pulls = np.einsum("sefm,sem->sef", slopes, finite)
         pulled = np.zeros((len(slopes), len(self.parameters)))
-        for e, entries in enumerate(self.parameters.slots[self._trials][:, self._free]):
+        for e, entries in enumerate(self.parameters.slots[self._trials][:, self.free]):
             used = entries != FIXED
             pulled[:, entries[used]] += pulls[:, e, used]
         return pulled
 
     def curvature(self, theta: Floats, linear: Linear, step: Floats) -> Floats:
         """Return J^T r'' (S, P) of steps (S, P) from vectors (S, P)."""
-        entries = self.parameters.slots[self._trials][:, self._free]
+        entries = self.parameters.slots[self._trials][:, self.free]
         taken = np.where(entries == FIXED, 0.0, step[:, entries])  # (S, E, F)
         straight = np.einsum("sefm,sef->sem", linear.slopes, taken)
         ahead = np.clip(theta + LOOK_AHEAD * step, self.parameters.low, self.parameters.high)
@@ -212,10 +216,20 @@ class Regression:
         """Return every how many samples are compared: all, where they are far apart."""
         return min(precision.stride, self.parameters.joint.stride)
 
+    @cached_property
+    def rms(self) -> float:
+        """The root mean square of the signal, rad/s."""
+        return max(float(np.sqrt((self.observed.signal**2).mean())), 1e-12)
+
+    @property
+    def least_sigma(self) -> float:
+        """The standard deviation of rounding, rad/s."""
+        return LEAST_SIGMA * self.rms
+
     def sigma(self, squares: float, count: int) -> float:
         """Return the noise's standard deviation for the squares of ``count`` residuals."""
         freedom = max(count - self.parameters.unknowns, 1)
-        return self.noise or max(float(np.sqrt(squares / freedom)), LEAST_SIGMA)
+        return self.noise or max(float(np.sqrt(squares / freedom)), self.least_sigma)
 
     def sigma_near(self, misfit: Misfit, theta: Floats) -> float:
         """Return the noise's standard deviation, by default that which the best vector leaves."""

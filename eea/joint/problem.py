@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
@@ -114,6 +115,54 @@ class Part:
     hint: str = ""  #: Which trial would determine them.
 
 
+#: Takes bodies, nuisances, commands and angles of B trials; returns (B, K, T, axes), rad/s.
+Shapes = Callable[[Floats, Floats, NDArray[Any], Floats], Floats]
+
+
+LEAST_FACTOR = 1e-3
+NOISELESS, NOISY = 0.003, 0.01  # sigma over the rms of the signal
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Factors on the half widths of intervals, of split-conformal prediction.
+
+    With ``rows`` times the share of a dimension's sd that noise alone explains, 90% intervals hold
+    90% of that dimension in robots that the simulator describes exactly. Without noise nothing is
+    left of that, and the ``floor`` holds 90% of it in robots of another simulator.
+
+    Examples
+    --------
+    >>> calibration = Calibration((0.01, 0.1), ((1.2, 1.2), (1.0, 1.0)), (0.5, 0.6))
+    >>> calibration.factors(0.0316, np.array([0.4, 0.5])).round(2)
+    array([0.44, 0.55])
+    >>> calibration.factors(1e-6, np.array([0.0, 0.0]))
+    array([0.5, 0.6])
+    """
+
+    levels: tuple[float, ...]  #: sigma over the rms of the signal, ascending.
+    rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each dimension.
+    floor: tuple[float, ...]  #: For each dimension, without noise.
+
+    def factors(self, level: float, noise: Floats) -> Floats:
+        """Return the factors (n,) at a level, where ``noise`` (n,) is the share of the sd."""
+        knots, at = np.log(self.levels), np.log(max(level, 1e-12))
+        scaled = noise * [np.interp(at, knots, row) for row in np.transpose(self.rows)]
+        quiet = np.clip((np.log(NOISY) - at) / np.log(NOISY / NOISELESS), 0.0, 1.0)
+        found: Floats = np.maximum(np.maximum(scaled, quiet * np.array(self.floor)), LEAST_FACTOR)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Discrepancy:
+    """How far a simulator may be from the robot; see ``eea.joint.discrepancy``."""
+
+    share: float  #: Standard deviation, as a share of the signal's rms.
+    duration: float  #: After which it has changed by a factor of e, in samples.
+    shapes: Shapes | None = None  #: The differences of known shape, or none.
+    calibration: Calibration | None = None  #: None leaves the intervals as they are.
+
+
 AS_COMMANDED = Hypothesis("every servo does as it is told")
 
 
@@ -164,6 +213,7 @@ class JointProblem:
     prior: Prior | None = None  #: Instead of uniform sizes and the nuisances' own priors.
     #: The hidden angles that are unknown, which alone ``simulate`` takes; None for all.
     hidden: tuple[str, ...] | None = None
+    discrepancy: Discrepancy | None = None  #: How far ``simulate`` may be from the robot.
     stride: int = MOST_STRIDE  #: Early stages of a search compare every n-th sample, at most.
 
     def __post_init__(self) -> None:

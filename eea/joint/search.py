@@ -15,9 +15,9 @@ import numpy as np
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import FitConfig
-from eea.joint.goodness_of_fit import Goodness, goodness_of_fit
+from eea.joint.goodness_of_fit import FLOOR, Goodness, goodness_of_fit
 from eea.joint.initialization import hop, pose, relined, scan
-from eea.joint.least_squares import COARSE, FINE, LEAST_SIGMA, Fitted, Regression, descend
+from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
 from eea.joint.parameters import Parameters
 
 CLOSE = 10.0  # in cost: optima farther from the best have less than 1/20,000 of its weight
@@ -25,6 +25,8 @@ HOPS = 3  # maximum number, from the best optimum
 SOON = 8  # iterations after which the worse half of the starting points is dropped
 SAME = 1e-3  # of a range, or rad: closer optima are one
 VALLEY = 0.05  # of a range: bodies that differ by more in a size are kept beside a better one
+AGREE = 1e-3  # of the residuals: two scans that end so near each other have found the optimum
+WORSE = 1.5  # times the squares that another hypothesis leaves: not worth completing
 PROMISING = 1e-3  # rad/s: an exact fit leaves less in single precision
 
 
@@ -48,7 +50,8 @@ class Optima:
     def goodness(self) -> Goodness:
         """Whether the best leaves nothing but noise."""
         regression = self.regression
-        return goodness_of_fit(self.residuals, regression.parameters.unknowns, regression.noise)
+        unknowns, floor = regression.parameters.unknowns, FLOOR * regression.rms
+        return goodness_of_fit(self.residuals, unknowns, regression.noise, floor)
 
 
 def search(
@@ -57,11 +60,13 @@ def search(
     effort: FitConfig,
     known: Floats | None = None,
     once: bool = True,
+    rival: float = np.inf,
 ) -> Optima:
     """Return the best fits, from ``known`` vectors (K, P) and random starting points.
 
     Unless it is done ``once``, the search is repeated up to ``effort.restarts`` times, until a fit
-    leaves nothing but noise.
+    leaves nothing but noise, or two scans end in the same fit: then it is the model that fails.
+    The search is not completed where it leaves far more than ``rival``, a sum of squares.
     """
     parameters = regression.parameters
     if not parameters.unknowns:
@@ -79,9 +84,10 @@ def search(
             # Known optima are nearly enough, unless they have just failed.
             scanned = effort if attempt else halved(effort)
         starts = np.concatenate([starts, scan(regression, rng, scanned)])
-        found = _refine(regression, starts, rng, effort)
+        found = _refine(regression, starts, rng, effort, rival)
+        same = best is not None and abs(found.sigma / best.sigma - 1.0) < AGREE
         best = found if best is None else _optima(regression, _together(best.fits, found.fits))
-        if once or best.goodness.good:
+        if once or same or best.goodness.good:
             break
     assert best is not None
     return best
@@ -119,15 +125,19 @@ def _exact(regression: Regression, theta: Floats) -> Optima | None:
     if regression.noise is not None or sigma > PROMISING:
         return None
     polished = descend(fine, theta[squares.argmin()][None], sigma, 400, 1e-9)
-    if regression.sigma(polished.squares.min(), fine.count) > LEAST_SIGMA:
+    if regression.sigma(polished.squares.min(), fine.count) > regression.least_sigma:
         return None
     return _optima(regression, polished)
 
 
 def _refine(
-    regression: Regression, starts: Floats, rng: np.random.Generator, effort: FitConfig
+    regression: Regression,
+    starts: Floats,
+    rng: np.random.Generator,
+    effort: FitConfig,
+    rival: float,
 ) -> Optima:
-    """Descend from vectors (S, P), then hop from the best."""
+    """Descend from vectors (S, P), then hop from the best unless it is far worse than a rival."""
     parameters, fine = regression.parameters, regression.misfit(FINE)
     begun = _downhill(regression, starts, SOON)
     some = _different(parameters, begun, -(-len(starts) // 2))
@@ -136,6 +146,9 @@ def _refine(
     exact = _exact(regression, first)
     if exact is not None:
         return exact
+    squares = fine.squares(first)
+    if squares.min() > WORSE * rival:
+        return _optima(regression, Fitted(first, squares, squares))
     again = pose(regression, first, 2 * effort.poses, rng)[0]
     moved = relined(regression, first, regression.sigma_near(fine, first), 1)
     second = _downhill(regression, np.concatenate([first, again, moved]))
@@ -144,7 +157,7 @@ def _refine(
     polished = _best(descend(fine, chosen, sigma, 40, 1e-6), effort.polished)
     for _ in range(HOPS):
         sigma = regression.sigma(polished.squares.min(), fine.count)
-        if sigma <= LEAST_SIGMA:  # there is nothing better
+        if sigma <= regression.least_sigma:  # there is nothing better
             break
         hopped = np.concatenate(
             [

@@ -25,7 +25,7 @@ from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
-SCHEMA = "eea.posterior/3"
+SCHEMA = "eea.posterior/4"
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
 LEAST_SIGMA, MOST_SLOTS = 1e-300, 10**7  # rad/s; numbers that all trials are simulated with
 
@@ -34,7 +34,8 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
     """Return all of a posterior except its simulator and warm start, for :func:`from_arrays`."""
     parameters = posterior.branches[0].parameters
     joint, problem = parameters.joint, parameters.joint.problem
-    modes = [mode for branch in posterior.branches for mode in branch.posterior.modes]
+    parts = [part for branch in posterior.branches for part in (branch.posterior, branch.doubted)]
+    modes = [mode for part in parts for mode in part.modes]
     header = {
         "schema": SCHEMA,
         "models": [asdict(variable) for variable in problem.models.variables],
@@ -55,7 +56,7 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
                 "hypothesis": branch.hypothesis.name,
                 "probability": branch.probability,
                 "parameters": branch.parameters.names,
-                "modes": len(branch.posterior.modes),
+                "modes": [len(branch.posterior.modes), len(branch.doubted.modes)],
             }
             for branch in posterior.branches
         ],
@@ -122,7 +123,8 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     real("its probabilities' sum", sum(row["probability"] for row in header["branches"]), 0.5, 1.5)
     for row in header["branches"]:
         real("its probability", row["probability"], 0.0, 1.0)
-        whole("its number of modes", row["modes"], 1, arrays["cost"].size)
+        for count in row["modes"]:
+            whole("its number of modes", count, 1, arrays["cost"].size)
     cost = arrays["cost"].tolist()
     theta, gradient = (arrays[name].reshape(len(cost), -1) for name in ("theta", "gradient"))
     information = arrays["information"].reshape(*theta.shape, -1)
@@ -135,16 +137,22 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
         parameters = Parameters.of(joint, trials, inferred, hypothesis, per_trial)
         if list(parameters.names) != names:
             raise ConfigurationError(f"its parameters must be {brief(parameters.names)}")
-        own = slice(len(names))
-        modes = [
-            Mode(theta[i, own], information[i, own, own], cost[i], gradient[i, own])
-            for i in range(first, first + row["modes"])
-        ]
-        first += row["modes"]
-        posterior = Posterior(
-            parameters.names, parameters.low, parameters.high, parameters.circular, modes
+        own, parts = slice(len(names)), []
+        for count in row["modes"]:
+            modes = [
+                Mode(theta[i, own], information[i, own, own], cost[i], gradient[i, own])
+                for i in range(first, first + count)
+            ]
+            first += count
+            parts.append(
+                Posterior(
+                    parameters.names, parameters.low, parameters.high, parameters.circular, modes
+                )
+            )
+        inside, doubted = parts
+        branches.append(
+            HypothesisPosterior(hypothesis, row["probability"], parameters, inside, doubted)
         )
-        branches.append(HypothesisPosterior(hypothesis, row["probability"], parameters, posterior))
     goodness = Goodness(**header["goodness"])
     return JointPosterior(tuple(branches), goodness, header["sigma"], header["samples"])
 

@@ -18,7 +18,7 @@ from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, wr
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from tests.inference.cases import Case, measure
 from tests.inference.plots import save_pictures
-from tests.inference.settings import SETTINGS
+from tests.inference.settings import EVERY, FOREIGN_SETTINGS, SETTINGS
 from tests.inference.summary import summarise
 from tests.inference.swims import SWIMS, summarise_swims
 from tests.inference.tables import Pictures, make_tables
@@ -45,8 +45,9 @@ class Inference:
     seed: int = 0
     """Seed of all that is random."""
     only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SETTING ...")] = ()
-    """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco; and of the
-    swims: window, unchanged, struck, recovery."""
+    """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco, foreign for
+    all foreign worlds or one such as law-0.01; and of the swims: window, unchanged, struck,
+    recovery. By default all but the foreign."""
     workers: int | None = None
     """Processes, of one thread each; a core each by default."""
 
@@ -55,8 +56,12 @@ class Inference:
         integer("seed", self.seed, 0)
         if not 0.0 < self.bodies <= 100.0:
             raise InvalidArgumentError(f"bodies must be over 0, 100 at most; got {self.bodies}")
-        sizes = {name: setting.robots for name, setting in SETTINGS.items()} | SWIMS
-        names = [one_of("only", name, sizes) for name in self.only] or list(sizes)
+        sizes = {name: setting.robots for name, setting in EVERY.items()} | SWIMS
+        names = [
+            each
+            for name in self.only
+            for each in (FOREIGN_SETTINGS if name == "foreign" else [one_of("only", name, sizes)])
+        ] or [*SETTINGS, *SWIMS]
         if "mujoco" in names:
             load_mujoco()
         if self.page is not None and self.only:
@@ -83,7 +88,7 @@ class Inference:
                 "settings": {
                     name: summarise(name, [_read(folder, case) for case in some])
                     for name, some in cases.items()
-                    if name in SETTINGS
+                    if name in EVERY
                 },
                 "swims": {
                     name: summarise_swims(name, [_read(folder, case) for case in some])

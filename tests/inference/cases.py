@@ -18,10 +18,11 @@ from eea.joint.parameters import Parameters
 from eea.joint.problem import AS_COMMANDED
 from tests.inference.calibration import ranks
 from tests.inference.robots import Floats, Robot, draw_body, draw_world
-from tests.inference.settings import SETTINGS, Setting
+from tests.inference.settings import EVERY, Setting
 from tests.inference.swims import SWIMS, measure_swim
 
 MASSES = (0.5, 0.8, 0.9)
+INSIDE = ("plain", "other numbers", "prior")  # the model: worlds with a whole truth
 DRAWS = 99  # that a truth is ranked among
 # In -log posterior: by so much the truth's own valley must be better than what was found.
 WORSE = 1.0
@@ -52,9 +53,9 @@ def measure(case: Case) -> dict[str, Any]:
     if case.setting in SWIMS:
         rng = np.random.default_rng([case.seed, *case.setting.encode(), case.number])
         return measure_swim(case.setting, case.number, rng)
-    which = list(SETTINGS).index(case.setting)
+    which = list(EVERY).index(case.setting)
     rng = np.random.default_rng([case.seed, which, case.number])
-    return examine(SETTINGS[case.setting], case.number, rng)
+    return examine(EVERY[case.setting], case.number, rng)
 
 
 def examine(
@@ -101,7 +102,7 @@ def examine(
 def _all_unknowns(belief: JointPosterior, robot: Robot, rng: np.random.Generator) -> dict[str, Any]:
     """Return what needs the whole truth, nuisances and angles included: where it has one."""
     plain = [b for b in belief.branches if b.hypothesis.name == AS_COMMANDED.name]
-    if not plain or robot.setting.world in ("reactive", "mujoco"):
+    if not plain or robot.setting.world not in INSIDE:
         return {"excess": None, "others": None}
     branch = plain[0]
     posterior, truth = branch.posterior, truth_of(branch.parameters, robot)

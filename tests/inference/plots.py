@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from tests.inference.cases import DRAWS, MASSES
-from tests.inference.settings import SETTINGS
+from tests.inference.settings import EVERY, FOREIGN_SETTINGS
 
 BINS = 20
 NAMED_MASSES = tuple(f"{mass:.0%}" for mass in MASSES)
@@ -19,7 +19,8 @@ NAMED_MASSES = tuple(f"{mass:.0%}" for mass in MASSES)
 def save_pictures(report: Mapping[str, Any], folder: Path) -> list[str]:
     """Write the pictures that a report has the numbers of; return their names."""
     parts = report["settings"]
-    figures = {"coverage": coverage_figure(parts)} if parts else {}
+    known = {name: part for name, part in parts.items() if name not in FOREIGN_SETTINGS}
+    figures = {"coverage": coverage_figure(known)} if known else {}
     if "prior" in parts:
         figures["ranks"] = ranks_figure(parts["prior"]["ranks"])
     for name, figure in figures.items():
@@ -29,7 +30,7 @@ def save_pictures(report: Mapping[str, Any], folder: Path) -> list[str]:
 
 def coverage_figure(parts: Mapping[str, Any]) -> Figure:
     """Return how often intervals held the truth, in each setting, against what they promise."""
-    noisy = [name for name in parts if SETTINGS[name].noise]
+    noisy = [name for name in parts if EVERY[name].noise]
     figure = Figure(figsize=(8.0, 1.4 + 0.42 * len(noisy)), layout="constrained")
     axes = figure.subplots()
     for k, (mass, named) in enumerate(zip(MASSES, NAMED_MASSES, strict=True)):
@@ -40,7 +41,7 @@ def coverage_figure(parts: Mapping[str, Any]) -> Figure:
         rows = np.arange(len(noisy))[::-1] + 0.18 * (k - 1)
         axes.errorbar(shares, rows, xerr=reach, fmt="o", color=f"C{k}", label=named)
         axes.axvline(mass, color=f"C{k}", linestyle=":", linewidth=1.0)
-    axes.set_yticks(np.arange(len(noisy))[::-1], [SETTINGS[name].title for name in noisy])
+    axes.set_yticks(np.arange(len(noisy))[::-1], [EVERY[name].title for name in noisy])
     axes.set_xlabel("share of sizes that their intervals hold")
     axes.set_xlim(0.0, 1.0)
     axes.legend(title="intervals", loc="upper left", fontsize="small")

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation
 from scipy.stats import truncnorm
 
 from aquafish_gym.imu import ImuLog
@@ -15,9 +19,22 @@ from eea.fish.simulator import fish_problem
 from eea.fish.target import EngineTarget
 from eea.joint.least_squares import Observed
 from tests.inference.settings import Setting
+from tests.verification.foreign_law import Defects, simulate_law
 from tests.verification.mujoco_world import simulate_mujoco
 
 Floats = NDArray[np.float64]
+
+#: Worlds that ``simulate_law`` simulates.
+DEFECTS = {
+    "law": Defects(),
+    "exponent": Defects(exponent=1.8),
+    "centre": Defects(centre=(0.0, 0.1, 0.0)),
+    "hull": Defects(hull=1.2),
+    "double": Defects(hull=2.0),
+    "servo": Defects(servo=0.1),
+}
+SCALE, TURN, COLOUR = 1.03, np.radians(3.0), 0.9
+SETTLE = 100  # samples after which coloured noise has forgotten its beginning
 
 SPANS = np.array([d.maximum for d in DIMENSIONS])
 NOMINAL = np.array([n.nominal for n in NUISANCES])
@@ -70,10 +87,15 @@ class Robot(EngineTarget):
             lag=world[LAG].item(),
             reactive=setting.world == "reactive",
             gyro_bias=tuple(world[BIAS]),
-            gyro_noise=setting.noise,
+            gyro_noise=0.0 if setting.world == "coloured" else setting.noise,
+            substeps=4 if setting.world == "quarter" else 1,
         )
         self.setting, self.body, self.world = setting, body, world
-        super().__init__(body, None, rng, setting.steps, "numba", gap=gap)
+        self._aside = rng.spawn(1)[0]  # of the foreign worlds
+        way = self._aside.normal(size=3)
+        self._turned = Rotation.from_rotvec(TURN * way / np.linalg.norm(way)).as_matrix()
+        engine = "pybullet" if setting.world == "quarter" else "numba"
+        super().__init__(body, None, rng, setting.steps, engine, gap=gap)
         self._commanding = commanding
         self.commands: list[Floats] = []
         self.angles: list[Floats] = []
@@ -92,9 +114,23 @@ class Robot(EngineTarget):
         return Performed(log, command)
 
     def _simulate(self, command: Floats, angles: Floats) -> ImuLog:
-        if self.setting.world == "mujoco":
-            return simulate_mujoco(self.body, command, angles, self.setting.steps)
-        return super()._simulate(command, angles)
+        world, steps = self.setting.world, self.setting.steps
+        if world == "mujoco":
+            return simulate_mujoco(self.body, command, angles, steps)
+        log = super()._simulate(command, angles)
+        gyro = log.gyro
+        assert gyro is not None
+        if world in DEFECTS:
+            gyro = simulate_law(self.body, command, angles, steps, DEFECTS[world])[None]
+        elif world == "scale":
+            gyro = SCALE * gyro
+        elif world == "axes":
+            gyro = gyro @ self._turned
+        elif world == "coloured":
+            white = self._aside.normal(size=(1, SETTLE + steps, 3))
+            drawn = lfilter([(1.0 - COLOUR**2) ** 0.5], [1.0, -COLOUR], white, axis=1)
+            gyro = gyro + self.setting.noise * drawn[:, SETTLE:]
+        return replace(log, gyro=gyro)
 
     @property
     def observed(self) -> Observed:

@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 Bodies = Literal["inner", "prior", "edge"]
-World = Literal["plain", "other numbers", "prior", "reactive", "mujoco"]
+World = Literal[
+    "plain", "other numbers", "prior", "reactive", "mujoco", "quarter", "law", "scale", "axes",
+    "exponent", "centre", "hull", "double", "servo", "coloured",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -40,7 +43,7 @@ class Setting:
         and that of the body 20% up or down each, a current of 0.15 units/s in any direction, and a
         servo gain of 0.95. ``"prior"``: every nuisance drawn from its prior. ``"reactive"``: the
         water also resists acceleration, and the hypothesis that says so is taken away.
-        ``"mujoco"``: MuJoCo's own fluid.
+        ``"mujoco"``: MuJoCo's own fluid. The others are in ``FOREIGN``.
     fast
         Whether the commands are the joint condition's own, corners of the range; else random ones.
     noise
@@ -101,3 +104,25 @@ SETTINGS: dict[str, Setting] = {
     ),
     "mujoco": Setting("MuJoCo's water", 30, world="mujoco", asked=(NOTICED,)),
 }  # fmt: skip
+
+#: Worlds that differ from the model, and that no nuisance describes.
+FOREIGN: dict[World, str] = {
+    "quarter": "PyBullet at a quarter of the step",
+    "law": "MuJoCo's mechanics, our law over the whole surface",
+    "scale": "gyroscope's scale 3% off",
+    "axes": "gyroscope turned by 3 degrees",
+    "exponent": "drag exponent 1.8 *",
+    "centre": "centre of mass off by 0.1 *",
+    "hull": "hull 20% heavier *",
+    "double": "hull 100% heavier *",
+    "servo": "servo time constant 0.1 s *",
+    "coloured": "coloured noise, AR(1) of 0.9",
+}
+FOREIGN_SETTINGS = {
+    f"{world}-{noise:g}": Setting(
+        title, 20, world=world, noise=noise, asked=(Target("trusted", low=0.8),)
+    )
+    for world, title in FOREIGN.items()
+    for noise in (0.01, 0.03)
+}
+EVERY = {**SETTINGS, **FOREIGN_SETTINGS}

@@ -13,7 +13,7 @@ from scipy.stats import binomtest
 from aquafish_gym.morphology import DIMENSIONS
 from tests.inference.calibration import coverage, rank_uniformity
 from tests.inference.cases import DRAWS, MASSES, WORSE
-from tests.inference.settings import SETTINGS, Target
+from tests.inference.settings import EVERY, FOREIGN_SETTINGS, Target
 
 Document = Mapping[str, Any]
 Part = dict[str, Any]
@@ -29,23 +29,26 @@ def summarise(setting: str, documents: Sequence[Document]) -> Part:
         "robots": len(documents),
         "rounds": {
             str(e + 1): _of_round([d["rounds"][e] for d in documents])
-            for e in range(SETTINGS[setting].trials)
+            for e in range(EVERY[setting].trials)
         },
         "coverage": covered(documents, NAMES),
         "alarms": share([not d["good"] for d in documents]),
         "missed": share([d["excess"] > WORSE for d in known]) if known else None,
     }
-    part |= part["rounds"][str(SETTINGS[setting].trials)]
-    if known and SETTINGS[setting].noise:
+    if setting in FOREIGN_SETTINGS:  # 1 where no fit is called good
+        good = [d for d in documents if d["good"]]
+        part["trusted"] = covered(good, NAMES)["90%"]["share"] if good else 1.0
+    part |= part["rounds"][str(EVERY[setting].trials)]
+    if known and EVERY[setting].noise:
         others = [d["others"] for d in known]
         part["others"] = covered(others, others[0]["names"], others[0]["circular"])
-    if SETTINGS[setting].world == "prior":
+    if EVERY[setting].world == "prior":
         part["ranks"] = _ranked(known)
-    if SETTINGS[setting].bodies == "edge":
+    if EVERY[setting].bodies == "edge":
         part["named"] = _named(documents)
     part["asked"] = [
         {**asdict(t), "found": lookup(part, t.what), "met": met(part, t)}
-        for t in SETTINGS[setting].asked
+        for t in EVERY[setting].asked
     ]
     return part
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from tests.inference.recovery import recovery_table
-from tests.inference.settings import SETTINGS
+from tests.inference.settings import EVERY, FOREIGN_SETTINGS
 from tests.inference.swims import TITLES
 from tests.verification.tables import Table
 
@@ -22,6 +22,7 @@ WORDS = {
     "coverage.90%.share": "90% intervals that hold",
     "missed": "optimum missed",
     "alarms": "“none of the bodies…”",
+    "trusted": "90% intervals of good fits that hold",
     "named": "a fin without length is said to be absent or missing",
     "seconds": "mean CPU seconds",
 }
@@ -42,7 +43,11 @@ class Pictures:
 def make_tables(report: Report) -> dict[str, Table]:
     """Return every table that a report has the numbers of, by the name that a page gives it."""
     parts = report["settings"]
+    foreign = {name: part for name, part in parts.items() if name in FOREIGN_SETTINGS}
+    parts = {name: part for name, part in parts.items() if name not in foreign}
     tables = {"calibration": settings_table(parts), "asked": asked_table(parts)} if parts else {}
+    if foreign:
+        tables["foreign"] = foreign_table(foreign)
     if "exact" in parts:
         tables["exact"] = exact_table(parts["exact"])
     swims = dict(report.get("swims", {}))
@@ -89,11 +94,11 @@ def settings_table(parts: Mapping[str, Any]) -> Table:
     for name, part in parts.items():
         held = part["coverage"]
         covered = [f"{held[mass]['share']:.1%}" for mass in ("50%", "80%", "90%")]
-        if not SETTINGS[name].noise:
+        if not EVERY[name].noise:
             covered = ["", "", ""]
         missed = "" if part["missed"] is None else f"{part['missed']['share']:.1%}"
         rows.append(
-            (SETTINGS[name].title, str(part["robots"]), f"{part['median']:.4f}",
+            (EVERY[name].title, str(part["robots"]), f"{part['median']:.4f}",
              f"{part['close']:.0%}", f"{part['worst']:.3f}", *covered, missed,
              f"{part['alarms']['share']:.1%}", f"{part['seconds']:.1f} ({part['p95']:.1f})")
         )  # fmt: skip
@@ -102,6 +107,23 @@ def settings_table(parts: Mapping[str, Any]) -> Table:
         "missed", "alarms", "CPU s (95%)",
     )  # fmt: skip
     return Table("joint inference, after three trials", columns, rows)
+
+
+def foreign_table(parts: Mapping[str, Any]) -> Table:
+    """Return what was found in the worlds that no nuisance describes."""
+    return Table(
+        "swims that the model does not describe, after three trials",
+        ("world", "rad/s", "robots", "median OBJ_FIT", "said to be bad", "90%", "of good fits",
+         "80% of good fits hold"),
+        [
+            (EVERY[name].title, f"{EVERY[name].noise:g}", str(part["robots"]),
+             f"{part['median']:.3f}", f"{part['alarms']['share']:.0%}",
+             f"{part['coverage']['90%']['share']:.0%}",
+             f"{part['trusted']:.0%}" if part["alarms"]["share"] < 1.0 else "",
+             "yes" if part["asked"][0]["met"] else "no")
+            for name, part in parts.items()
+        ],
+    )  # fmt: skip
 
 
 def exact_table(part: Mapping[str, Any]) -> Table:
@@ -123,7 +145,7 @@ def asked_table(parts: Mapping[str, Any]) -> Table:
         "asked and found",
         ("setting", "what", "asked", "found", "met"),
         [
-            (SETTINGS[name].title, _words(a["what"]), _bounds(a), _number(a["what"], a["found"]),
+            (EVERY[name].title, _words(a["what"]), _bounds(a), _number(a["what"], a["found"]),
              "yes" if a["met"] else "no")
             for name, part in parts.items()
             for a in part["asked"]

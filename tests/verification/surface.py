@@ -44,9 +44,12 @@ class Surface:
         Sizes.
     points
         Along each side of each plate; the capsule has six times as many strips.
+    exponent
+        The power of speed that drag is proportional to; the law's is 2.
     """
 
-    def __init__(self, robot: Robot, points: int = 12) -> None:
+    def __init__(self, robot: Robot, points: int = 12, exponent: float = 2.0) -> None:
+        self._power = exponent - 1.0
         self._fins = []
         for i, fin in enumerate(robot[:3]):
             plates = [
@@ -92,7 +95,7 @@ class Surface:
         at, v = np.concatenate(places), np.concatenate(moving)
         e, area = np.concatenate(faces), np.concatenate(sizes)
         normal = (v * e).sum(axis=1, keepdims=True) * e
-        speed = np.sqrt((v * v).sum(axis=1))
+        speed = (v * v).sum(axis=1) ** (0.5 * self._power)
         law = NORMAL_DRAG * normal + 2 * SKIN_FRICTION * (v - normal)
         force = -0.5 * DENSITY * (area * speed)[:, None] * law
         total, torque = force.sum(axis=0), _moment(at, force).sum(axis=0)
@@ -101,13 +104,13 @@ class Surface:
         at = np.stack([0 * y, y, 0 * y], axis=1)
         v = velocity + _cross(spin, at)
         v[:, 1] = 0.0
-        force = (
-            -0.5 * DENSITY * CROSS_FLOW_DRAG * (areas * np.sqrt((v * v).sum(axis=1)))[:, None] * v
-        )
+        speed = (v * v).sum(axis=1) ** (0.5 * self._power)
+        force = -0.5 * DENSITY * CROSS_FLOW_DRAG * (areas * speed)[:, None] * v
         total, torque = total + force.sum(axis=0), torque + _moment(at, force).sum(axis=0)
         axial = 0.5 * DENSITY * AXIAL_DRAG * math.pi * RADIUS**2
-        total[1] -= axial * abs(velocity[1]) * velocity[1]
-        torque[1] -= 0.5 * DENSITY * SKIN_FRICTION * ROLL_AREA * abs(spin[1]) * spin[1]
+        total[1] -= axial * abs(velocity[1]) ** self._power * velocity[1]
+        rolling = 0.5 * DENSITY * SKIN_FRICTION * ROLL_AREA
+        torque[1] -= rolling * abs(spin[1]) ** self._power * spin[1]
         return total, torque
 
 

@@ -80,8 +80,8 @@ def test_what_another_hypothesis_found_is_tried_as_commanded_too(
 ) -> None:
     """Or a better search would pass for evidence."""
 
-    def worse(regression: Regression, *args: Any) -> Optima:
-        found = search(regression, *args)
+    def worse(regression: Regression, *args: Any, **settings: Any) -> Optima:
+        found = search(regression, *args, **settings)
         if regression.parameters.prior_precision[1] == SURE:  # the arm has no friction
             return found
         missed = found.fits.theta[:1].copy()

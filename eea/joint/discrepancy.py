@@ -1,0 +1,144 @@
+"""Model discrepancy: what a simulator may get wrong, as a term of the likelihood.
+
+A simulator differs from the robot by more than noise. The difference is not white: it scales with
+the signal, lasts for many samples, and part of it has a known shape, such as the error of the time
+step. The signal y of a trial, simulated as f, therefore has the covariance C about f (M. C. Kennedy
+and A. O'Hagan, "Bayesian calibration of computer models", 2001)::
+
+    C = sigma^2 I + share^2 s^2 R + D D^T
+
+with s the rms of f, R the correlation exp(-|t - t'| / duration) within an axis, and in the columns
+of D the known shapes, each as large as one standard deviation. They are common to all trials.
+
+The search minimises the white misfit, which is exact inside the model. Here the normal equations
+are solved again at its optima with C instead of sigma^2 I, to first order: one step moves each
+optimum and widens its covariance.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.fft import dct
+
+from eea.core.angles import Floats
+from eea.joint.least_squares import FINE
+from eea.joint.parameters import FIXED
+from eea.joint.posterior import Mode
+from eea.joint.problem import Discrepancy
+from eea.joint.search import Optima
+
+FLAT = 0.01  # of the precision of a whole range
+NEGLIGIBLE = 1e-12  # of the largest scaled eigenvalue: directions without information
+
+
+def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode]:
+    """Return the modes at the optima, given that the simulator may be wrong.
+
+    ``best`` is the best fit of all hypotheses.
+    """
+    regression = optima.regression
+    misfit = regression.misfit(FINE)
+    linear = misfit.linearise(optima.fits.theta)
+    parameters, observed = regression.parameters, regression.observed
+    trials, samples, axes = observed.signal.shape
+    simulated = observed.signal + best.residuals
+    rms = np.sqrt((simulated**2).mean(axis=(1, 2)))
+    power = np.full((trials, samples), best.sigma**2)
+    power += (discrepancy.share * rms[:, None]) ** 2 * spectrum(samples, discrepancy.duration)
+    weight = power**-0.5  # (E, T), of each frequency
+
+    def whitened(signals: Floats, trial: int) -> Floats:
+        """Return signals (n, axes T) of a trial as independent numbers of variance 1."""
+        waves = signals.reshape(len(signals), axes, samples)
+        found: Floats = (dct(waves, axis=-1, norm="ortho") * weight[trial]).reshape(waves.shape)
+        return found.reshape(len(signals), -1)
+
+    shapes = _shapes(optima, discrepancy)
+    size, count = len(parameters), shapes.shape[2]
+    entries = parameters.slots[:, misfit.free]
+    level = best.sigma / float(np.sqrt((rms**2).mean()))
+    modes = []
+    for k, theta in enumerate(optima.fits.theta):
+        normal, gradient = np.zeros((size + count, size + count)), np.zeros(size + count)
+        normal[:size, :size] = parameters.prior_information
+        normal[size:, size:] = np.eye(count)
+        away = theta - parameters.prior_mean
+        gradient[:size] = parameters.prior_information @ away
+        alone, squares = normal.copy(), 0.0  # as far as noise alone moves the optimum
+        alone[size:, size:] = 0.0
+        for e in range(trials):
+            used = entries[e] != FIXED
+            columns = np.concatenate([linear.slopes[k, e, used], shapes[k, e]])
+            at = np.concatenate([entries[e, used], size + np.arange(count)])
+            columns, residuals = whitened(columns, e), whitened(linear.residuals[k, e][None], e)[0]
+            normal[at[:, None], at] += columns @ columns.T
+            gradient[at] += columns @ residuals
+            waves = columns.reshape(len(at), axes, samples) * (weight[e] * best.sigma)
+            waves = waves.reshape(len(at), -1)
+            alone[at[:, None], at] += waves @ waves.T
+            squares += float(residuals @ residuals)
+        # The shapes' amplitudes are integrated out.
+        inner, cross = normal[size:, size:], normal[:size, size:]
+        information = normal[:size, :size] - cross @ np.linalg.solve(inner, cross.T)
+        slope = gradient[:size] - cross @ np.linalg.solve(inner, gradient[size:])
+        cost = 0.5 * squares + float(parameters.prior_cost(theta))
+        cost -= 0.5 * float(gradient[size:] @ np.linalg.solve(inner, gradient[size:]))
+        cost += 0.5 * float(np.linalg.slogdet(inner)[1])
+        if discrepancy.calibration is not None:
+            to = np.hstack([np.eye(size), -np.linalg.solve(inner, cross.T).T])
+            noise = _share(information, to @ alone @ to.T)[: parameters.body]
+            factors = np.ones(size)
+            factors[: parameters.body] = discrepancy.calibration.factors(level, noise)
+            information, slope = _scaled(information, slope, factors)
+        modes.append(Mode(theta, information, cost, slope))
+    return modes
+
+
+def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
+    """Return the differences of known shape (S, E, K, axes T) at the optima."""
+    regression = optima.regression
+    parameters, observed = regression.parameters, regression.observed
+    local = parameters.local(optima.fits.theta)  # (S, E, W)
+    if discrepancy.shapes is None:
+        return np.empty((*local.shape[:2], 0, observed.signal[0].size))
+    bodies, nuisances, angles = parameters.inputs(local.reshape(-1, local.shape[-1]))
+    commands = np.concatenate([observed.commands] * len(local))
+    found = discrepancy.shapes(bodies, nuisances, commands, angles).swapaxes(2, 3)
+    found = np.where(np.isfinite(found), found, 0.0)
+    return found.reshape(*local.shape[:2], found.shape[1], -1)
+
+
+def _share(information: Floats, alone: Floats) -> Floats:
+    """Return the sd (P,) of optima that noise ``alone`` (P, P) moves, over that of the posterior.
+
+    Where there is no information the posterior is the box.
+    """
+    floor = FLAT * np.diag(np.maximum(1.0, 1e-8 * np.diag(information)))
+    covariance = np.linalg.inv(information + floor)
+    moved = np.einsum("ij,jk,ki->i", covariance, alone + floor, covariance)
+    share: Floats = np.sqrt(np.clip(moved / np.diag(covariance), 0.0, 1.0))
+    return share
+
+
+def _scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floats, Floats]:
+    """Return information and gradient with the same centre and sd times ``factors`` (P,)."""
+    information = 0.5 * (information + information.T)
+    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    unit = information / np.outer(scale, scale)
+    step = np.linalg.pinv(unit, rcond=NEGLIGIBLE, hermitian=True) @ (gradient / scale) / scale
+    scaled: Floats = information / np.outer(factors, factors)
+    return scaled, scaled @ step
+
+
+def spectrum(samples: int, duration: float) -> Floats:
+    """Return the variances (T,) of the cosine transform of noise with exp(-t / duration).
+
+    Examples
+    --------
+    >>> spectrum(4, 1e-3).round(6)
+    array([1., 1., 1., 1.])
+    """
+    kept = np.exp(-1.0 / duration)
+    angle = np.pi * np.arange(samples) / samples
+    variances: Floats = (1.0 - kept**2) / (1.0 - 2.0 * kept * np.cos(angle) + kept**2)
+    return variances

@@ -1,0 +1,116 @@
+"""Intervals count what the simulator may get wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.fft import dct
+from scipy.signal import lfilter
+
+from eea import FitConfig
+from eea.core.genome import action_layout, model_layout
+from eea.core.problem import Problem
+from eea.joint.diagnostics import Fit, faults
+from eea.joint.discrepancy import spectrum
+from eea.joint.inference import fit
+from eea.joint.least_squares import Observed
+from eea.joint.problem import Calibration, Discrepancy, Hypothesis, JointProblem, Nuisance, Part
+
+TIME = 0.01 * np.arange(1, 129)
+WAVE = np.sin(7.0 * TIME)
+QUICK = FitConfig(bodies=8, poses=4, descents=4, polished=2, restarts=0)
+
+
+def wheel(bodies, _nuisances, _commands, angles, _fine):
+    return (bodies[:, :1] * np.sin(7.0 * TIME + 0.0 * angles))[:, :, None]
+
+
+def wave(bodies, *rest):
+    return 0.05 * wheel(bodies, *rest, True)[:, None]
+
+
+PROBLEM = Problem(model_layout([("size", 1.0, 6)]), action_layout([("speed", 0.0, 1.0)]), ("a",), 1)
+RIGHT = JointProblem(PROBLEM, wheel)
+
+
+def inferred(discrepancy, noise):
+    joint = replace(RIGHT, discrepancy=discrepancy)
+    rng = np.random.default_rng(0)
+    signal = (0.5 * WAVE + noise * rng.normal(size=(2, 128)))[:, :, None]
+    return fit(Observed(np.full((2, 1), 0.5), signal), joint, QUICK, rng)
+
+
+def test_an_unknown_scale_widens_the_interval_to_what_the_simulator_is_worth():
+    for noise in (0.0, 0.01):
+        belief = inferred(Discrepancy(1e-4, 5.0, wave), noise)
+        low, high = belief.interval(0.9)
+        # The wave is proportional to the size: its sd of 5% is that of the size.
+        assert high[0] - low[0] == pytest.approx(2 * 1.645 * 0.05 * 0.5, rel=0.15)
+        assert belief.model[0] == pytest.approx(0.5, abs=0.01)
+
+
+def test_the_median_body_is_that_inside_the_model():
+    inside, doubted = inferred(None, 0.0), inferred(Discrepancy(0.02, 20.0), 0.0)
+    assert doubted.model.tolist() == inside.model.tolist()
+    (low,), (high,) = doubted.interval(0.9)
+    assert low < 0.5 < high
+    assert high - low > 1e-3
+    assert np.ptp(inside.interval(0.9)) < 1e-5
+
+
+def test_a_longer_discrepancy_costs_more():
+    widths = [np.ptp(inferred(Discrepancy(0.02, t), 0.001).interval(0.9)) for t in (1.0, 5.0)]
+    assert widths[1] > 1.3 * widths[0]
+
+
+def test_calibration_scales_the_part_of_the_noise():
+    calibration = Calibration((0.01,), ((2.0,),), (0.0,))
+    plain = inferred(Discrepancy(1e-6, 5.0), 0.02)
+    scaled = inferred(Discrepancy(1e-6, 5.0, None, calibration), 0.02)
+    ratio = np.ptp(scaled.interval(0.9)) / np.ptp(plain.interval(0.9))
+    assert ratio == pytest.approx(2.0, rel=0.1)
+
+
+def test_spectrum_is_that_of_an_autoregression():
+    rng, kept, count = np.random.default_rng(0), np.exp(-1.0 / 4.0), 4000
+
+    white = rng.normal(size=(count, 164)) * np.sqrt(1.0 - kept**2)
+    drawn = lfilter([1.0], [1.0, -kept], white, axis=1)[:, 100:]
+    found = (dct(drawn, axis=1, norm="ortho") ** 2).mean(axis=0)
+    assert found[2:] == pytest.approx(spectrum(64, 4.0)[2:], rel=0.2)
+
+
+FIN = replace(
+    RIGHT,
+    nuisances=(Nuisance("servo", 0.0, 1.0, 1.0, switch=True),),
+    parts={"fin": Part({"size": "size"}, hint="a faster fin would tell")},
+)
+SEIZED = Hypothesis("the servo is seized", {"servo": 0.0}, part="fin")
+MISSING = Hypothesis("the fin is missing", {"size": 0.0}, part="fin")
+
+
+def test_hypotheses_that_fit_alike_are_one_statement():
+    fits = [Fit(SEIZED, 0.6, 0.0), Fit(MISSING, 0.3, 0.1), Fit(RIGHT.nominal, 0.1, 0.5)]
+    assert faults(fits, FIN) == [
+        "the data do not tell what the fin does; they fit alike if the servo is seized (60%) or "
+        "the fin is missing (30%) or nothing is wrong with it; a faster fin would tell"
+    ]
+
+
+def test_a_hypothesis_that_alone_fits_is_named():
+    fits = [Fit(SEIZED, 0.98, 0.0), Fit(MISSING, 0.02, 9.0), Fit(RIGHT.nominal, 0.0, 40.0)]
+    assert faults(fits, FIN) == ["the servo is seized (98%)", "the fin is missing (2%)"]
+
+
+def test_a_size_without_effect_stays_open_when_calibrated():
+    def blind(bodies, _nuisances, _commands, angles, _fine):
+        return ((0.5 + 0.0 * bodies[:, :1]) * np.sin(7.0 * TIME + 0.0 * angles))[:, :, None]
+
+    calibration = Calibration((0.01,), ((1.0,),), (0.5,))
+    joint = replace(RIGHT, simulate=blind, discrepancy=Discrepancy(0.02, 5.0, None, calibration))
+    signal = (0.5 * WAVE + 0.02 * np.random.default_rng(0).normal(size=(2, 128)))[:, :, None]
+    belief = fit(Observed(np.full((2, 1), 0.5), signal), joint, QUICK, np.random.default_rng(1))
+    low, high = belief.interval(0.9)
+    assert high[0] - low[0] > 0.8
