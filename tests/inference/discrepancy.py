@@ -112,7 +112,9 @@ class MeasureDiscrepancy:
             rng = np.random.default_rng(stream)
             body = draw_body(setting, number, rng)
             exploring = streams(number)["exploration"]
-            robot = Robot(setting, body, draw_world(setting, rng), rng, exploring)
+            # A user's water and servos may be nominal or not: every other robot's are drawn.
+            drawn = replace(setting, world="prior") if calibration and number % 2 else setting
+            robot = Robot(setting, body, draw_world(drawn, rng), rng, exploring)
             for _ in range(setting.trials):
                 performed = np.array(robot.commands).reshape(-1, 3)
                 robot.perform(fast_command(fish_problem().actions, performed, exploring))
