@@ -132,7 +132,7 @@ class Channels:
             self._change(changed)
 
     def act(self, actions: Floats) -> NDArray[Any] | None:
-        """Return what actuators make of finite actions (B, *shape); None where none is broken."""
+        """Return what actuators make of finite actions (B, ...); None where none is broken."""
         asked = actions.reshape(self._gain.shape)
         done = self._done = np.clip(asked, self._low, self._high)
         if not self._acts:
@@ -150,7 +150,7 @@ class Channels:
         rngs: Sequence[np.random.Generator] | np.random.Generator,
         rows: Rows,
     ) -> NDArray[Any]:
-        """Return what the robots ``rows`` observe, (n, *shape), where whole ones ``observations``.
+        """Return what the robots ``rows`` observe, (n, ...), where whole ones ``observations``.
 
         ``rngs`` as in :meth:`Sensors.observe`. Where no sensor is broken nothing is copied.
         """
