@@ -53,7 +53,7 @@ class MeasureDiscrepancy:
     """The file to write."""
     trials: int = 100
     """Random trials that the simulators are compared on."""
-    robots: int = 60
+    robots: int = 40
     """Random robots that are inferred at each noise and length of trial."""
     seed: int = 1
     """Seed of all that is random."""
