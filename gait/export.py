@@ -33,7 +33,8 @@ from gait.network import OUTPUTS, Senses
 VECTORS = 1000
 FIN_ANGLES = (0.5, -1.0, 2.0)  # rad, at the start of the test vectors
 SERVO_GAIN = (1.0, 0.75, 1.25)
-_FIRST_LINE = b"/* Written by `aquafish export`"
+_FIRST_LINE = re.compile(rb"/\* Written by `aquafish export`")
+_HEADER = re.compile(rf"[\w,]*{','.join(OUTPUTS)}\n".encode())
 
 
 @dataclass(frozen=True)
@@ -47,7 +48,7 @@ class Export:
     controller: Annotated[Positional[Path], arg(metavar="FILE")]
     """A controller.json, as evolve and baseline write it."""
     c: Annotated[Path, arg(metavar="FILE.c")]
-    """The C file. Its name begins the names of its functions."""
+    """The C file. Its name is the prefix of its functions: fish.c has fish_step."""
 
     def execute(self) -> None:
         """Write both files."""
@@ -71,9 +72,8 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
             "c must be a file name FILE.c, where FILE is a letter and then letters, digits and _, "
             f"because it begins the names of the functions; got {brief(source.name)}"
         )
-    ours = source.is_file() and source.read_bytes().startswith(_FIRST_LINE)
-    for file in () if ours else (source, table):
-        if file.exists():
+    for file, ours in ((source, _FIRST_LINE), (table, _HEADER)):
+        if file.exists() and not (file.is_file() and ours.match(file.read_bytes())):
             raise InvalidArgumentError(
                 f"c must not overwrite a file that no export wrote; {file} exists"
             )

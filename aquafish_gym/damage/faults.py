@@ -208,6 +208,12 @@ def _words(part: object) -> Mapping[str, Range | None]:
         return dict.fromkeys(TIERS)
     if isinstance(part, str) and (found := _CHANNEL.fullmatch(part)):
         return CHANNEL_WORDS[found[1]]
+    for side in CHANNEL_WORDS:
+        if str(part).lower().startswith(side[:3]):
+            raise InvalidArgumentError(
+                f"damage part must be {side}, {side}_0 or {side}_0-2 to be of the {side}; "
+                f"got {brief(part)}"
+            )
     return PARTS[one_of("damage part", part, (*PARTS, RANDOM, *CHANNEL_WORDS))]
 
 

@@ -207,9 +207,10 @@ class Channels:
 
 def _box(name: str, space: Space[Any]) -> Box[Any]:
     if not isinstance(space, Box) or space.dtype.kind not in "iuf":
+        remedy = ": flatten it first by gymnasium.wrappers.FlattenObservation"
         raise InvalidArgumentError(
-            f"the {name} space must be a Box of numbers; got {brief(space)}: flatten it first, "
-            "as gymnasium.wrappers.FlattenObservation does"
+            f"the {name} space must be a Box of numbers; got {brief(space)}"
+            + (remedy if name == "observation" else "")
         )
     return space
 

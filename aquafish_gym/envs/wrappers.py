@@ -234,8 +234,12 @@ def _time_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], dt: object) ->
     """Return the length of a step in s: as given, or as the environment tells; or None."""
     if dt is not None:
         return float(finite_array("dt", dt, (), SHORTEST, LONGEST, "s"))  # type: ignore[arg-type]
-    first = getattr(env.unwrapped, "envs", [env])[0].unwrapped
-    step, rate = getattr(first, "dt", None), env.metadata.get("render_fps")
+    one, step = env.unwrapped, None
+    if hasattr(one, "get_attr"):  # of Gymnasium's vector environments, also of worker processes
+        step = one.get_attr("dt")[0] if all(one.call("has_wrapper_attr", "dt")) else None
+    else:
+        step = getattr(one, "dt", None)
+    rate = env.metadata.get("render_fps")
     for number, power in ((step, 1), (rate, -1)):
         if isinstance(number, int | float | np.number) and 0 < number < math.inf:
             return float(number) ** power

@@ -516,3 +516,23 @@ def test_nothing_that_is_returned_is_kept() -> None:
     seen, *_, info = envs.step(np.ones((2, 2), np.float32))
     assert (seen[:, :3] == 0.0).all()
     assert info["faults"].tolist() == [2, 2]
+
+
+def test_a_step_is_as_long_in_every_vectorization_mode() -> None:
+    """Pendulum's dt is 0.05 s, and its films have 30 frames a second."""
+    for mode in ("sync", "async"):
+        envs = gym.make_vec("Pendulum-v1", num_envs=2, vectorization_mode=mode)
+        envs = VectorFaultWrapper(envs, "action_0:dead@0.1")
+        envs.reset(seed=0)
+        active = [envs.step(np.zeros((2, 1), np.float32))[-1]["faults"].tolist() for _ in range(3)]
+        envs.close()
+        assert active == [[0, 0], [1, 1], [1, 1]]
+
+
+@pytest.mark.parametrize("part", ["action0", "actoin_0", "ACTION_0", "observation_3-"])
+def test_a_mistyped_channel_is_answered_with_channels(part: str) -> None:
+    with pytest.raises(
+        InvalidArgumentError, match=r"damage part must be (action|observation), "
+    ) as it:
+        FaultWrapper(Echo(), f"{part}:dead")
+    assert "caudal" not in str(it.value)

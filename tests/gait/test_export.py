@@ -13,6 +13,7 @@ from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import export
 from gait.__main__ import main
 from gait.controller import Controller, program_of
@@ -108,6 +109,36 @@ def test_the_self_test_sees_a_wrong_number(tmp_path: Path) -> None:
     ran = build(source)
     assert ran.returncode == 1
     assert ran.stdout.startswith("1000 steps, 1 numbers differ, by at most ")
+
+
+@needs_cc
+def test_the_self_test_refuses_what_is_no_test_vector(tmp_path: Path) -> None:
+    source, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
+    text = table.read_text(encoding="utf-8")
+    lines = text.splitlines()
+    for broken, row in (
+        ("", 1),
+        (lines[0], 1),
+        (text[: -len(lines[-1]) // 2], 1000),
+        (text + "a", 1001),
+    ):
+        table.write_text(broken, encoding="utf-8")
+        ran = build(source)
+        assert (ran.returncode, ran.stdout) == (
+            1, f"row {row} on standard input is no test vector\n"
+        )  # fmt: skip
+
+
+def test_exported_files_are_replaced_and_no_others(tmp_path: Path) -> None:
+    source, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
+    before = source.read_bytes()
+    source.unlink()
+    export.export_c(KINDS["neat"], source)
+    assert source.read_bytes() == before
+    table.write_text("mine", encoding="utf-8")
+    with pytest.raises(InvalidArgumentError, match=r"fish\.csv exists"):
+        export.export_c(KINDS["neat"], source)
+    assert table.read_text(encoding="utf-8") == "mine"
 
 
 @needs_cc
