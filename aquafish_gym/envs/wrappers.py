@@ -234,7 +234,8 @@ def _time_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], dt: object) ->
     """Return the length of a step in s: as given, or as the environment tells; or None."""
     if dt is not None:
         return float(finite_array("dt", dt, (), SHORTEST, LONGEST, "s"))  # type: ignore[arg-type]
-    one, step = env.unwrapped, None
+    one: Any = env.unwrapped
+    step = None
     if hasattr(one, "get_attr"):  # of Gymnasium's vector environments, also of worker processes
         step = one.get_attr("dt")[0] if all(one.call("has_wrapper_attr", "dt")) else None
     else:
