@@ -19,7 +19,6 @@ UNTOLD = 0.5  # a wider interval, as a share of the range, says nothing
 LEAST_WEIGHT = 0.05  # less probable bodies are not reported
 LEAST_TOLD = 0.01  # less probable hypotheses are not reported
 ALIKE = 2.0  # in cost: hypotheses that fit nearly equally well
-CLEAR = 0.8  # probability of a hypothesis that is named though others fit alike
 BEYOND = 4.0  # sd that the best fit lies outside the range
 AT_BOUND = 1e-6  # of a range
 DRAWS = 512  # of a mode, for the place of its body
@@ -103,8 +102,7 @@ def faults(fits: Sequence[Fit], joint: JointProblem) -> list[str]:
     """Return sentences on the hypotheses that may hold instead of the nominal one.
 
     Several about one part that fit alike differ only in the volume of their priors, and are one
-    sentence, which begins with one that is clearly the most probable; so are one and the nominal
-    hypothesis.
+    sentence, the most probable first; so are one and the nominal hypothesis.
     """
     odd = [f for f in fits if f.hypothesis.name != joint.nominal.name]
     odd = [f for f in odd if f.probability > LEAST_TOLD]
@@ -119,11 +117,7 @@ def faults(fits: Sequence[Fit], joint: JointProblem) -> list[str]:
             ways = [f"{f.hypothesis.name} ({f.probability:.0%})" for f in same]
             ways += ["nothing is wrong with it"] * nominal
             hint = joint.parts[name].hint
-            if fit.probability > CLEAR:
-                text = f"{ways[0]}, though the data fit alike if " + " or ".join(ways[1:])
-            else:
-                text = f"the data do not tell what the {name} does; they fit alike if "
-                text += " or ".join(ways)
+            text = f"{ways[0]}, but the data fit alike if " + " or ".join(ways[1:])
             said.append(text + (f"; {hint}" if hint else ""))
     return said
 

@@ -94,8 +94,8 @@ MISSING = Hypothesis("the fin is missing", {"size": 0.0}, part="fin")
 def test_hypotheses_that_fit_alike_are_one_statement():
     fits = [Fit(SEIZED, 0.6, 0.0), Fit(MISSING, 0.3, 0.1), Fit(RIGHT.nominal, 0.1, 0.5)]
     assert faults(fits, FIN) == [
-        "the data do not tell what the fin does; they fit alike if the servo is seized (60%) or "
-        "the fin is missing (30%) or nothing is wrong with it; a faster fin would tell"
+        "the servo is seized (60%), but the data fit alike if the fin is missing (30%) or "
+        "nothing is wrong with it; a faster fin would tell"
     ]
 
 

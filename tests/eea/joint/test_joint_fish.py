@@ -61,6 +61,8 @@ def test_one_line_finds_the_body_and_how_sure_it_is(estimate):
     low, high = estimate.interval(0.9)
     assert (low <= estimate.model).all()
     assert (estimate.model <= high).all()
+    inside = estimate.belief.branches[0].posterior.interval(0.9)
+    assert np.max(inside[1][:9] - inside[0][:9]) < 0.01  # if the simulator is right
     assert 0.01 < estimate.width() < 0.5  # no noise, yet no more than the simulator is worth
     bodies = estimate.sample(7, seed=3)
     assert bodies.shape == (7, 9)
