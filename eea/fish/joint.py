@@ -189,13 +189,15 @@ def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Disc
     """Return how far the simulator may be from the robot, as measured."""
     table = discrepancy_table()
     seconds = TIMESTEP if windows is None else float(np.diff(windows.time[0]).mean())
+    calibration = Calibration(
+        tuple(table["levels"]), tuple(map(tuple, table["factors"])), tuple(table["floor"])
+    )
     return Discrepancy(
         table["share"],
         table["seconds"] / seconds,
         partial(fish_discrepancy, simulator=simulator, windows=windows),
-        Calibration(
-            tuple(table["levels"]), tuple(map(tuple, table["factors"])), tuple(table["floor"])
-        ),
+        # Measured in trials from rest: intervals of windows in mid-swim are left as wide.
+        calibration if windows is None or not windows.begun else None,
     )
 
 
