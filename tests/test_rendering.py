@@ -105,7 +105,6 @@ def test_a_robot_far_away_is_drawn_like_one_at_the_origin() -> None:
     assert np.abs(picture(pose=far) - picture()).max() <= 2
 
 
-@pytest.mark.slow
 def test_a_picture_has_the_same_bytes_on_every_cpu(tmp_path: Path) -> None:
     """Compiled for this machine's CPU and for any of its architecture."""
     code = (
