@@ -65,10 +65,8 @@ _KERNELS = (_LANES.format(dtype="float32"), _LANES.format(dtype="float64"), _ONE
 def pytest_sessionstart(session: pytest.Session) -> None:
     """Compile before processes share the tests, so that none waits for another's kernels."""
     if session.config.getoption("numprocesses", None):
-        # One after the other: two processes that add to one index of numba's cache at the same time
-        # may both write the same file, and a kernel is then called as another.
-        for code in _KERNELS:
-            subprocess.run([sys.executable, "-c", code], check=True)
+        processes = [subprocess.Popen([sys.executable, "-c", code]) for code in _KERNELS]
+        assert [process.wait() for process in processes] == [0] * len(processes)
 
 
 @pytest.fixture(scope="session", autouse=True)

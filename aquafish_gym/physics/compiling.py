@@ -17,6 +17,7 @@ import pkgutil
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -24,6 +25,7 @@ from typing import Any
 
 from numba import njit
 from numba.core import event
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from aquafish_gym.physics.simd import PRIMITIVES, inlined
 
@@ -74,14 +76,40 @@ def compiled(function: Callable[..., Any], slow: bool = False, **options: Any) -
     The first compilation of a ``slow`` function in a process prints a notice on stderr.
     ``options`` are those of ``numba.njit``.
     """
-    try:
-        found = njit(cache=True, **options)(function)
-    except RuntimeError:  # nowhere to keep a cache: compile in every process
-        found = njit(**options)(function)
+    found = njit(**options)(function)
+    with suppress(RuntimeError):  # nowhere to keep a cache: compile in every process
+        found._cache = _Cache(function)
     if slow:
         _slow.add(function)
         _listen()
     return found
+
+
+class _Cache(FunctionCache):  # type: ignore[misc]
+    """A cache whose kernels have an index each, so that processes may compile at the same time.
+
+    numba keeps one index for all kernels that are defined at one line. Two processes that add to
+    it at once may give their kernels the same file, and one is then called as the other.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        super().__init__(function)
+        self._cache_file = _IndexOfEach(
+            self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
+        )
+
+
+class _IndexOfEach(IndexDataCacheFile):  # type: ignore[misc]
+    def save(self, key: Any, data: Any) -> None:
+        self._of(key).save(key, data)
+
+    def load(self, key: Any) -> Any:
+        return self._of(key).load(key)
+
+    def _of(self, key: Any) -> IndexDataCacheFile:
+        name = hashlib.sha256(repr((self._source_stamp, key)).encode()).hexdigest()[:16]
+        base = self._index_name.removesuffix(".nbi")
+        return IndexDataCacheFile(self._cache_path, f"{base}.{name}", self._source_stamp)
 
 
 NOTICE = "compiling the physics for this machine, once: up to a minute in all ..."

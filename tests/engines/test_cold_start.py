@@ -11,9 +11,12 @@ import subprocess
 import sys
 import time
 import types
+from typing import Any
 
+import numba
 import pytest
 from numba.core import event
+from numba.core.caching import IndexDataCacheFile
 
 from aquafish_gym.physics import compiling
 
@@ -93,3 +96,28 @@ def test_what_one_process_prepared_its_workers_find(
     )
     assert done.stdout == "1 0 0\n"
     assert done.stderr == NOTICE, "printed once, and not by the workers"
+
+
+def test_kernels_that_two_processes_compile_at_once_are_not_mixed_up(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: pathlib.Path
+) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+
+    def kernel(number: int) -> Any:
+        return compiling.compiled(lambda: number)
+
+    save = IndexDataCacheFile._save_data
+    first, second = kernel(1), kernel(2)
+
+    def save_after_second(cache: IndexDataCacheFile, name: str, data: Any) -> None:
+        monkeypatch.setattr(IndexDataCacheFile, "_save_data", save)
+        assert second() == 2
+        save(cache, name, data)
+
+    with monkeypatch.context() as race:  # neither sees what the other has added to an index
+        race.setattr(IndexDataCacheFile, "_load_index", lambda _: {})
+        race.setattr(IndexDataCacheFile, "_save_data", save_after_second)
+        assert first() == 1
+    found = [kernel(1), kernel(2)]  # as in a new process
+    assert [one() for one in found] == [1, 2]
+    assert all(one.stats.cache_hits for one in found)
