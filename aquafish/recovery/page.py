@@ -142,11 +142,9 @@ def damage_in_words(before: Morphology, after: Morphology) -> str:
         whole, left = getattr(before, fin), getattr(after, fin)
         sizes = [(d.size, d.axis) for d in DIMENSIONS if d.fin == fin and whole[d.axis]]
         shares = {size: left[i] / whole[i] for size, i in sizes}
-        parts = [
-            f"lost {1 - share:.0%} of its {size}" if share < 1 else f"{share:.0%} of its {size}"
-            for size, share in shares.items()
-            if share != 1
-        ]
+        lost = [f"{1 - share:.0%} of its {size}" for size, share in shares.items() if share < 1]
+        grown = [f"{share:.0%} of its {size}" for size, share in shares.items() if share > 1]
+        parts = [*grown, *(["lost " + " and ".join(lost)] if lost else [])]
         if parts and np.count_nonzero(left) < 2:
             clauses.append(f"the {FIN_WORDS[fin]} is missing")
         elif parts:

@@ -23,11 +23,15 @@ HEALTHY = Morphology.nominal()
         (
             "right_pectoral:length=0.4;caudal:length=0.45;caudal:width=0.7",
             "The right flipper has lost 60% of its length and "
-            "the tail has lost 55% of its length and lost 30% of its width",
+            "the tail has lost 55% of its length and 30% of its width",
         ),
         (
             "caudal:length=1.2;left_pectoral:width=0",
             "The left flipper has lost 100% of its width and the tail has 120% of its length",
+        ),
+        (
+            "caudal:length=0.4;caudal:width=1.2",
+            "The tail has 120% of its width and lost 60% of its length",
         ),
         ("none", "Nothing is broken"),
     ],
