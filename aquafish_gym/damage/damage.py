@@ -81,9 +81,11 @@ class Damage:
                 return cls(tuple(map(_fault_from, value)))
             case {"faults": faults}:  # as Gymnasium writes a dataclass in a specification
                 return cls.coerce(faults)
+        texts = isinstance(value, list | tuple) and all(isinstance(one, str) for one in value)
         raise InvalidArgumentError(
-            "damage must be one text, such as 'left_pectoral:length=0.5; caudal:missing', a "
-            f"Damage, or a list of faults of one robot; got {brief(value)}"
+            "damage must be one text, such as 'left_pectoral:length=0.5; caudal:missing' or "
+            "'action_0:dead', a Damage, or a list of faults of one robot; "
+            f"got {brief(value)}{': join texts of one robot by ;' if texts else ''}"
         )
 
     @classmethod
@@ -284,7 +286,7 @@ def _fault_from(value: Fault | Mapping[str, Any]) -> Fault:
 
 _TIME = r"\s*(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?\s*"
 _FAULT = re.compile(
-    r"(?P<part>[^:=@]+):(?P<word>[^:=@]+)(?:=(?P<number>[^:=@]*))?"
+    r"(?P<part>[^:=@]+):(?P<word>[^:=@+]+)(?:=(?P<number>[^:=@]*))?"
     rf"(?:@(?P<onset>{_TIME})(?:-(?P<latest>{_TIME}))?(?:\+(?P<duration>{_TIME}))?)?"
 )
 
@@ -299,10 +301,15 @@ def _fault_from_text(text: str) -> Fault:
             for digits in found.group("number", "onset", "latest", "duration")
         )
     except ValueError:
+        said = text.strip()
+        timed = re.sub(r"(?=\+[^+@]*$)", "@0", said)  # a duration needs its onset
+        hint = (
+            f"; did you mean {brief(timed)}?" if timed != said and _FAULT.fullmatch(timed) else ""
+        )
         raise InvalidArgumentError(
-            "damage must be written part:word=number, as left_pectoral:length=0.5 or "
-            "caudal:missing, with @onset+duration in s where it does not last throughout; got "
-            f"{brief(text.strip())}"
+            "damage must be written part:word=number, as left_pectoral:length=0.5, caudal:missing "
+            "or action_0:dead, with @onset+duration in s where it does not last throughout; got "
+            f"{brief(said)}{hint}"
         ) from None
     begin = onset or 0.0
     return Fault(

@@ -207,7 +207,13 @@ def _words(part: object) -> Mapping[str, Range | None]:
     if part == RANDOM:
         return dict.fromkeys(TIERS)
     if isinstance(part, str) and (found := _CHANNEL.fullmatch(part)):
-        return CHANNEL_WORDS[found[1]]
+        side, first, last = found.groups()
+        if last is not None and int(first) > int(last):
+            raise InvalidArgumentError(
+                f"damage part must name its lowest channel first; got {part!r}; "
+                f"did you mean '{side}_{last}-{first}'?"
+            )
+        return CHANNEL_WORDS[side]
     for side in CHANNEL_WORDS:
         if str(part).lower().startswith(side[:3]):
             raise InvalidArgumentError(

@@ -103,7 +103,7 @@ class Channels:
             return
         side, where = fault.channels or ("", slice(0, 0))
         size = self._sizes.get(side, 0)
-        if where != slice(None) and not where.start < where.stop <= size:
+        if where != slice(None) and not 0 < where.stop <= size:
             known = [f"{side}, {side}_0 to {side}_{n - 1}" for side, n in self._sizes.items()]
             raise InvalidArgumentError(
                 f"damage part must be one of {', '.join(known)} and {RANDOM} in this environment; "

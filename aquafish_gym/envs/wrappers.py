@@ -23,6 +23,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 Array = NDArray[Any]
 Info = dict[str, Any]
 ONLY = np.zeros(1, np.intp)
+TWICE = "env must have no FaultWrapper yet; got one that has: join the faults by ';' in one wrapper"
 
 
 class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArgs):
@@ -53,7 +54,8 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
     ------
     InvalidArgumentError
         If a space is no ``Box``, or the damage does not fit: there is no such channel, an action
-        lies outside of its space, an onset after the end, or the length of a step is unknown.
+        lies outside of its space, an onset after the end, or the length of a step is unknown. If
+        the environment has a FaultWrapper already.
 
     Examples
     --------
@@ -71,6 +73,7 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         neutral: ArrayLike | None = None,
     ) -> None:
         gym.Wrapper.__init__(self, env)
+        _refuse_twice(env)
         spaces = env.action_space, env.observation_space
         self._channels = Channels(1, *spaces, _time_step(env, dt), _last_step(env), neutral)
         self._damage = self._channels.check(damage)
@@ -85,7 +88,6 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         given = check_options(options)
         damage = self._channels.check(given.pop("damage", self._damage))
         observation, info = self.env.reset(seed=seed, options=given or None)
-        _refuse_twice(info)
         self._channels.start(ONLY, [damage.sample(self.np_random, self._channels.parts)])
         return self._observe(observation), self._with_truth(info)
 
@@ -142,6 +144,7 @@ class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
         neutral: ArrayLike | None = None,
     ) -> None:
         VectorWrapper.__init__(self, env)
+        _refuse_twice(env)
         if "autoreset_mode" not in env.metadata:
             raise InvalidArgumentError('env must state its metadata["autoreset_mode"]; got none')
         self._mode = AutoresetMode(env.metadata["autoreset_mode"])
@@ -168,7 +171,8 @@ class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
         damages = self._check(given.pop("damage")) if "damage" in given else self._damages
         mask = np.array(given.get("reset_mask", self._everyone >= 0))
         observations, info = self.env.reset(seed=seed, options=given or None)  # type: ignore[arg-type]
-        _refuse_twice(info)
+        if "action_gain" in info:  # of environments that are wrapped inside of the vector
+            raise InvalidArgumentError(TWICE)
         if seed is not None:
             seeds = [int(one) for one in np.atleast_1d(np.array(seed)) if one is not None]
             # Not the streams of the environments, which the seeds themselves begin.
@@ -221,9 +225,11 @@ class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
         return [made[id(one)] for one in each]
 
 
-def _refuse_twice(info: Info) -> None:
-    if "action_gain" in info:
-        raise InvalidArgumentError("env has a FaultWrapper already: join the faults by ';' in one")
+def _refuse_twice(env: object) -> None:
+    while isinstance(env, gym.Wrapper | VectorWrapper):
+        if isinstance(env, FaultWrapper | VectorFaultWrapper):
+            raise InvalidArgumentError(TWICE)
+        env = env.env
 
 
 def _last_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> int | None:

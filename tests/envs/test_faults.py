@@ -425,7 +425,9 @@ def test_whole_channels_pass_unchanged_even_outside_of_their_space() -> None:
         ),
         ("action_2:dead", "action_0 to action_1.*; got 'action_2'"),
         ("observation_3-9:stuck", "got 'observation_3-9'"),
-        ("observation_3-1:stuck", "got 'observation_3-1'"),
+        ("observation_3-1:stuck", "got 'observation_3-1'; did you mean 'observation_1-3'"),
+        ("action_0:dead+3", "got 'action_0:dead[+]3'; did you mean 'action_0:dead@0[+]3'"),
+        ("action_0:weak=0.5+3", "did you mean 'action_0:weak=0.5@0[+]3'"),
         ("action_0:stuck", "damage must be one of weak, reversed, seized, dead; got 'stuck'"),
         ("action_0:weak=nan", "must be finite"),
         ("action_0:weak", "needs a number"),
@@ -433,7 +435,7 @@ def test_whole_channels_pass_unchanged_even_outside_of_their_space() -> None:
         ("observation:noise=-1", "must lie in"),
         ("action_0:dead@1", "does not say how long a step is: give dt in s, or dt=1"),
         ("random:mild@1-2", "does not say how long a step is"),
-        (["action:dead", "none"], "damage must be one text"),
+        (["action:dead", "none"], "damage must be one text.*'action_0:dead'.*: join texts .* by ;"),
     ],
 )
 def test_damage_that_does_not_fit_is_refused(damage: Any, message: str) -> None:
@@ -452,7 +454,11 @@ def test_what_cannot_be_wrapped_is_refused() -> None:
     with pytest.raises(InvalidArgumentError, match="the observation space must be a Box"):
         FaultWrapper(env)
     with pytest.raises(InvalidArgumentError, match="join the faults"):
-        FaultWrapper(FaultWrapper(Echo(), "action:dead")).reset()
+        FaultWrapper(gym.wrappers.TimeLimit(FaultWrapper(Echo(), "action:dead"), 5))
+    with pytest.raises(InvalidArgumentError, match="join the faults"):
+        VectorFaultWrapper(VectorFaultWrapper(SyncVectorEnv([Echo])))
+    with pytest.raises(InvalidArgumentError, match="join the faults"):
+        VectorFaultWrapper(SyncVectorEnv([lambda: FaultWrapper(Echo())])).reset()
     with pytest.raises(InvalidArgumentError, match="before the episode ends at 40 s"):
         FaultWrapper(gym.make("Swimmer-v5"), "action:dead@40")
     for neutral in (11.0, [0.0], "no", np.nan):
