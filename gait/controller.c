@@ -133,7 +133,7 @@ void NAME_reset(NAME_state *state$RESET_PARAMETERS)
 //.
 //? fins
     for (int i = 0; i < 3; i++) {
-        state->fins[i] = (float)(fin_angles[i] / 6.283185307179586);
+        state->fins[i] = (float)((double)fin_angles[i] / 6.283185307179586);
         state->gain[i] = servo_gain[i];
     }
 //.
@@ -227,7 +227,8 @@ int main(void)
                     printf("row %ld on standard input is no test vector\n", steps + 1);
                     return 1;
                 }
-                printf("%ld steps, %ld numbers differ, by at most %g\n", steps, different, worst);
+                printf("%ld steps, %ld numbers differ, by at most %g\n",
+                       steps, different, (double)worst);
                 return different != 0;
             }
         NAME_step(&state$STEP_TEST, command);

@@ -92,23 +92,39 @@ def trials(**options: Any) -> Any:
     return [log.rpy, log.gyro, log.position, log.quaternion, log.fin_angles]
 
 
-def swims(dtype: str) -> Any:
-    """Return how far two networks swim on two bodies, in the lanes and alone."""
+def random_networks() -> list[Any]:
+    """Return two linear controllers."""
     from aquafish_gym import Morphology
-    from gait import Controller, swim, swim_all
+    from gait import Controller
 
     rng, body = np.random.default_rng(3), Morphology.nominal()
-    networks = [
+    return [
         Controller(
             np.pad(rng.normal(size=(3, 11)), ((0, 0), (0, 3))), rng.normal(size=3), np.ones(3), 0.7,
             body, seed=0,
         )
         for _ in range(2)
     ]  # fmt: skip
+
+
+def swims(dtype: str) -> Any:
+    """Return how far two networks swim on two bodies, in the lanes and alone."""
+    from aquafish_gym import Morphology
+    from gait import swim, swim_all
+
+    networks, body = random_networks(), Morphology.nominal()
     broken = [body, {"left_pectoral": (0.4, 0.8, 0.1)}]
     far = swim_all(networks, broken, [(0.1, 0.2, 0.3), (1.0, -2.0, 0.5)], seconds=2, dtype=dtype)
     paths = [swim(network, body, engine="numba", seconds=2).position for network in networks]
     return [far, paths]
+
+
+def exported() -> Any:
+    """Return a controller's C file and its test vectors, as written."""
+    from gait.export import export_c
+
+    with tempfile.TemporaryDirectory() as folder:
+        return [path.read_text() for path in export_c(random_networks()[0], f"{folder}/fish.c")]
 
 
 # Commands
@@ -286,6 +302,7 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
     "simulate reactive": partial(trials, dtype="float32", reactive=True),
     "swims float32": partial(swims, "float32"),
     "swims float64": partial(swims, "float64"),
+    "export": exported,
 }  # fmt: skip
 
 NAMES = (*ENVIRONMENTS, *COMMANDS)

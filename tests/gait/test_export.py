@@ -23,7 +23,9 @@ from gait.search.templates import Template
 from gait_fakes import make_controller
 
 BODY = Morphology.nominal()
-STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-std=c99")
+STRICT = (
+    "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror", "-pedantic", "-std=c99"
+)  # fmt: skip
 CC = shutil.which("cc")
 needs_cc = pytest.mark.skipif(CC is None, reason="there is no C compiler, cc")
 
