@@ -145,17 +145,14 @@ def course_table(report: Report) -> Table:
     )
 
 
-REACTIVE_TABLES = {
-    "reactive_added_mass": added_mass_table,
-    "reactive_added_inertia": added_inertia_table,
-    "reactive_body": body_table,
-    "reactive_convergence": convergence_table,
-    "reactive_held": held_table,
-    "reactive_swimming": swimming_table,
-    "reactive_course": course_table,
-}
-
-
 def make_tables(report: Report) -> dict[str, Table]:
     """Return every table of what :func:`study` found."""
-    return {name: make(report) for name, make in REACTIVE_TABLES.items()}
+    return {
+        "reactive_added_mass": added_mass_table(report),
+        "reactive_added_inertia": added_inertia_table(report),
+        "reactive_body": body_table(report),
+        "reactive_convergence": convergence_table(report),
+        "reactive_held": held_table(report),
+        "reactive_swimming": swimming_table(report),
+        "reactive_course": course_table(report),
+    }

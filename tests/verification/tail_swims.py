@@ -55,12 +55,8 @@ def beat_tails(
 
     Parameters
     ----------
-    bodies
-        (B, 9) sizes.
-    frequency
-        Of the tail, Hz.
-    reactive
-        Whether with the reactive terms.
+    bodies, frequency, reactive
+        As of :func:`~tests.verification.propulsion.swim_straight`.
     beats
         How many.
     amplitude, bias
