@@ -45,6 +45,7 @@ _FIELDS: dict[str, _Field] = {
     "spin": _Field((3,), -MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s", 0.0),
     "current": _Field((3,), -MAXIMUM_CURRENT, MAXIMUM_CURRENT, "units/s", 0.0),
     "drag": _Field((2,), 0.0, 10.0, "", 1.0),
+    "fin_density": _Field((), 0.0, 100.0, "", 1.0),
     "servo_gain": _Field((3,), -2.0, 2.0, "", 1.0),
     "servo_lag": _Field((), 0.0, 1.0, "s", 0.0),
     "gyro_noise": _Field((), 0.0, MAXIMUM_SPIN, "rad/s", 0.0),
@@ -72,6 +73,9 @@ class Scenario:
     spin: Floats  # (B, 3) angular velocity at the start, body axes, rad/s
     current: Floats  # (B, 3) velocity of the water in the world, units/s
     drag: Floats  # (B, 2) factors on the drag of the fins and on that of the body
+    fin_density: (
+        Floats  # (B,) factor on the mass of the fins, such as 0.5 under a twice heavier hull
+    )
     servo_gain: Floats  # (B, 3) servo speed over command; 0 is seized, -1 reversed
     servo_lag: Floats  # (B,) delay from a command to the servos' motion, s
     gyro_noise: Floats  # (B,) standard deviation in each observation and axis, rad/s

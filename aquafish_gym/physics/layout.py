@@ -133,12 +133,15 @@ def robot_from_column(column: NDArray[np.float64]) -> Robot:
 
 
 def robot_parameters(
-    morphologies: NDArray[np.float64], drag: ArrayLike = (1.0, 1.0)
+    morphologies: NDArray[np.float64],
+    drag: ArrayLike = (1.0, 1.0),
+    fin_density: ArrayLike = 1.0,
 ) -> NDArray[np.float64]:
     """Return the parameters of bodies (B, 9), in the order of ``DIMENSIONS``, for the dynamics.
 
     (25, B): for each fin width, length, thickness, mass, the three inertias and the scale of its
     drag; and that of the body's. ``drag`` is (2,) or (B, 2): of the fins, and of the body.
+    ``fin_density`` (B,) multiplies the fins' mass.
     """
     fins, body = np.moveaxis(np.asarray(drag, dtype=np.float64), -1, 0)
     table = np.empty((ROBOT_ROWS, len(morphologies)))
@@ -146,7 +149,8 @@ def robot_parameters(
     # Filled in place: this is most of what packing a batch takes.
     sizes, mass, inertia = rows[:, 0:3], rows[:, 3], rows[:, 4:7]
     sizes[:] = morphologies.T[_COLUMNS]
-    np.maximum(sizes[:, 0] * sizes[:, 1] * sizes[:, 2], MINIMUM_FIN_MASS, out=mass)
+    volume = sizes[:, 0] * sizes[:, 1] * sizes[:, 2]
+    np.maximum(volume * np.asarray(fin_density), MINIMUM_FIN_MASS, out=mass)
     squares = sizes**2 / 12
     np.add(squares[:, 1], squares[:, 2], out=inertia[:, 0])
     np.add(squares[:, 0], squares[:, 2], out=inertia[:, 1])

@@ -30,6 +30,7 @@ from eea.joint.problem import (
 
 FINER = 4  # steps for each of the simulator's, which show the error of its time step
 GYRO_SCALE, TURNED = 0.03, 0.03  # sd of a gyroscope's scale, and of its mounting about an axis, rad
+HULL, HEAVIER = 1.0, 1.1  # sd of the mass of the hull, of which little is known; and one to try
 
 #: The switch of each fin's servo.
 SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
@@ -101,11 +102,13 @@ def fish_signal(
     fine: bool,
     simulator: EngineSimulator,
     windows: LogWindows | None = None,
+    hull: float = 1.0,
 ) -> NDArray[np.floating]:
     """Return the gyroscope's readings (B, T, 3) in rad/s; see ``eea.joint.problem.Simulate``.
 
     ``nuisances`` (B, n) has the columns of ``NUISANCES``, or in mid-swim those of ``fish_joint``.
-    With the ``windows`` of a log, ``commands`` (B,) are the windows' numbers.
+    With the ``windows`` of a log, ``commands`` (B,) are the windows' numbers. ``hull`` is a factor
+    on the hull's mass.
     """
     start = None if windows is None else windows.start
     reactive = nuisances[:, REACTIVE] > 0.5
@@ -119,6 +122,7 @@ def fish_signal(
                 fine,
                 simulator,
                 windows,
+                hull,
             )
             for rows in (~reactive, reactive)
         ]
@@ -129,7 +133,9 @@ def fish_signal(
         "body": bodies,
         "fin_angles": angles,
         "current": np.asarray(simulator.current) + nuisances[:, CURRENT],
-        "drag": nuisances[:, DRAG],
+        # A heavier hull moves as if all else weighed less and met less drag.
+        "drag": nuisances[:, DRAG] / hull,
+        "fin_density": np.full(len(bodies), 1.0 / hull),
         "servo_gain": nuisances[:, GAIN] * nuisances[:, SERVOS],
         "servo_lag": nuisances[:, LAG],
     }
@@ -172,8 +178,8 @@ def fish_discrepancy(
 ) -> Floats:
     """Return what the simulator may get wrong in a known way, (B, K, T, 3) in rad/s.
 
-    Each is one standard deviation: the error of its time step, a scale of the gyroscope, and a
-    turn of the gyroscope about each axis.
+    Each is one standard deviation: the error of its time step, the mass of the hull, a scale of
+    the gyroscope, and a turn of the gyroscope about each axis.
     """
     robots = (bodies, nuisances, commands, angles, True)
     now = fish_signal(*robots, simulator, windows)
@@ -181,17 +187,16 @@ def fish_discrepancy(
     # The scheme is of first order: what is left after n times finer steps is 1/n of the error.
     left = simulator.substeps / finer.substeps
     step = (fish_signal(*robots, finer, windows) - now) / max(1.0 - left, 0.5)
+    heavier = (fish_signal(*robots, simulator, windows, HEAVIER) - now) * HULL / (HEAVIER - 1.0)
     turns = [np.cross(TURNED * axis, now) for axis in np.eye(3)]
-    return np.stack([step, GYRO_SCALE * now, *turns], axis=1)
+    return np.stack([step, heavier, GYRO_SCALE * now, *turns], axis=1)
 
 
 def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Discrepancy:
     """Return how far the simulator may be from the robot, as measured."""
     table = discrepancy_table()
     seconds = TIMESTEP if windows is None else float(np.diff(windows.time[0]).mean())
-    calibration = Calibration(
-        tuple(table["levels"]), tuple(map(tuple, table["factors"])), tuple(table["floor"])
-    )
+    calibration = Calibration(tuple(table["levels"]), tuple(map(tuple, table["factors"])))
     return Discrepancy(
         table["share"],
         table["seconds"] / seconds,

@@ -26,9 +26,7 @@ from eea.joint.parameters import FIXED
 from eea.joint.posterior import Mode
 from eea.joint.problem import Discrepancy
 from eea.joint.search import Optima
-
-FLAT = 0.01  # of the precision of a whole range
-NEGLIGIBLE = 1e-12  # of the largest scaled eigenvalue: directions without information
+from eea.joint.slow_errors import NEGLIGIBLE, spectrum
 
 
 def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode]:
@@ -64,8 +62,7 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         normal[size:, size:] = np.eye(count)
         away = theta - parameters.prior_mean
         gradient[:size] = parameters.prior_information @ away
-        alone, squares = normal.copy(), 0.0  # as far as noise alone moves the optimum
-        alone[size:, size:] = 0.0
+        squares = 0.0
         for e in range(trials):
             used = entries[e] != FIXED
             columns = np.concatenate([linear.slopes[k, e, used], shapes[k, e]])
@@ -73,9 +70,6 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
             columns, residuals = whitened(columns, e), whitened(linear.residuals[k, e][None], e)[0]
             normal[at[:, None], at] += columns @ columns.T
             gradient[at] += columns @ residuals
-            waves = columns.reshape(len(at), axes, samples) * (weight[e] * best.sigma)
-            waves = waves.reshape(len(at), -1)
-            alone[at[:, None], at] += waves @ waves.T
             squares += float(residuals @ residuals)
         # The shapes' amplitudes are integrated out.
         inner, cross = normal[size:, size:], normal[:size, size:]
@@ -85,10 +79,8 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         cost -= 0.5 * float(gradient[size:] @ np.linalg.solve(inner, gradient[size:]))
         cost += 0.5 * float(np.linalg.slogdet(inner)[1])
         if discrepancy.calibration is not None:
-            to = np.hstack([np.eye(size), -np.linalg.solve(inner, cross.T).T])
-            noise = _share(information, to @ alone @ to.T)[: parameters.body]
             factors = np.ones(size)
-            factors[: parameters.body] = discrepancy.calibration.factors(level, noise)
+            factors[: parameters.body] = discrepancy.calibration.factors(level)
             information, slope = _scaled(information, slope, factors)
         modes.append(Mode(theta, information, cost, slope))
     return modes
@@ -108,18 +100,6 @@ def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
     return found.reshape(*local.shape[:2], found.shape[1], -1)
 
 
-def _share(information: Floats, alone: Floats) -> Floats:
-    """Return the sd (P,) of optima that noise ``alone`` (P, P) moves, over that of the posterior.
-
-    Where there is no information the posterior is the box.
-    """
-    floor = FLAT * np.diag(np.maximum(1.0, 1e-8 * np.diag(information)))
-    covariance = np.linalg.inv(information + floor)
-    moved = np.einsum("ij,jk,ki->i", covariance, alone + floor, covariance)
-    share: Floats = np.sqrt(np.clip(moved / np.diag(covariance), 0.0, 1.0))
-    return share
-
-
 def _scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floats, Floats]:
     """Return information and gradient with the same centre and sd times ``factors`` (P,)."""
     information = 0.5 * (information + information.T)
@@ -128,17 +108,3 @@ def _scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Flo
     step = np.linalg.pinv(unit, rcond=NEGLIGIBLE, hermitian=True) @ (gradient / scale) / scale
     scaled: Floats = information / np.outer(factors, factors)
     return scaled, scaled @ step
-
-
-def spectrum(samples: int, duration: float) -> Floats:
-    """Return the variances (T,) of the cosine transform of noise with exp(-t / duration).
-
-    Examples
-    --------
-    >>> spectrum(4, 1e-3).round(6)
-    array([1., 1., 1., 1.])
-    """
-    kept = np.exp(-1.0 / duration)
-    angle = np.pi * np.arange(samples) / samples
-    variances: Floats = (1.0 - kept**2) / (1.0 - 2.0 * kept * np.cos(angle) + kept**2)
-    return variances

@@ -40,10 +40,15 @@ class Goodness:
     p: float  #: Of all together (Bonferroni).
     good: bool  #: Whether ``p`` is at least the rate of false alarms.
     verdict: str  #: In a sentence.
+    slow_p: float | None = None  #: The p-value of slow errors, which a simulator's are.
 
 
 def goodness_of_fit(
-    residuals: ArrayLike, parameters: int, sigma: float | None = None, floor: float = 0.0
+    residuals: ArrayLike,
+    parameters: int,
+    sigma: float | None = None,
+    floor: float = 0.0,
+    slow_p: float | None = None,
 ) -> Goodness:
     """Test residuals (E, T, axes), rad/s, for being white noise.
 
@@ -52,8 +57,9 @@ def goodness_of_fit(
     autocorrelations, averaged over trials and axes, where a model's errors add up. A fit of P
     parameters leaves N white samples with correlations of -P / (N - P) at most on average, by
     which negative correlations are corrected: otherwise 27 parameters of 3072 samples triple the
-    false alarms. Peak: the largest residual against normal noise. The three are joined by
-    Bonferroni. Of 6000 white residuals 0.10% raised an alarm at a rate of 0.1%.
+    false alarms. Peak: the largest residual against normal noise. They are joined by Bonferroni,
+    with ``slow_p`` of :mod:`eea.joint.slow_errors` where it is given. Of 6000 white residuals 0.10%
+    raised an alarm at a rate of 0.1%.
 
     ``parameters`` is their number, ``sigma`` the standard deviation of the noise if known, rad/s,
     and residuals of an rms up to ``floor``, rad/s, are rounding.
@@ -87,6 +93,8 @@ def goodness_of_fit(
     tests[f"not noise: neighbouring samples correlate by {shares[0]:.2f}"] = whiteness_p
     peak_p = min(1.0, float(2.0 * count * np.exp(log_ndtr(-peak))))
     tests[f"not noise: a sample is off by {off:.2g} rad/s"] = peak_p
+    if slow_p is not None:
+        tests["not noise: it changes slowly"] = slow_p
     worst = min(tests, key=lambda name: tests[name])
     p = min(1.0, len(tests) * tests[worst])
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
@@ -95,7 +103,7 @@ def goodness_of_fit(
         words += f", as noise would ({how_sure})"
     else:
         words = f"no body explains the log: {words}, which is {worst} ({how_sure})"
-    return Goodness(rms, size_p, whiteness_p, peak_p, p, p >= ALARM, words)
+    return Goodness(rms, size_p, whiteness_p, peak_p, p, p >= ALARM, words, slow_p)
 
 
 def autocorrelation(residuals: Floats, lags: int, floor: float = 0.0) -> tuple[Floats, Floats]:

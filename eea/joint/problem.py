@@ -119,38 +119,26 @@ class Part:
 Shapes = Callable[[Floats, Floats, NDArray[Any], Floats], Floats]
 
 
-LEAST_FACTOR = 1e-3
-NOISELESS, NOISY = 0.003, 0.01  # sigma over the rms of the signal
-
-
 @dataclass(frozen=True)
 class Calibration:
     """Factors on the half widths of intervals, of split-conformal prediction.
 
-    With ``rows`` times the share of a dimension's sd that noise alone explains, 90% intervals hold
-    90% of that dimension in robots that the simulator describes exactly. Without noise nothing is
-    left of that, and the ``floor`` holds 90% of it in robots of another simulator.
+    With them, 90% intervals hold 90% of each dimension in the robots that they were made with.
 
     Examples
     --------
-    >>> calibration = Calibration((0.01, 0.1), ((1.2, 1.2), (1.0, 1.0)), (0.5, 0.6))
-    >>> calibration.factors(0.0316, np.array([0.4, 0.5])).round(2)
-    array([0.44, 0.55])
-    >>> calibration.factors(1e-6, np.array([0.0, 0.0]))
-    array([0.5, 0.6])
+    >>> calibration = Calibration((0.01, 0.1), ((0.8, 0.9), (1.0, 0.7)))
+    >>> calibration.factors(0.0316).round(2)
+    array([0.9, 0.8])
     """
 
     levels: tuple[float, ...]  #: sigma over the rms of the signal, ascending.
     rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each dimension.
-    floor: tuple[float, ...]  #: For each dimension, without noise.
 
-    def factors(self, level: float, noise: Floats) -> Floats:
-        """Return the factors (n,) at a level, where ``noise`` (n,) is the share of the sd."""
-        knots, at = np.log(self.levels), np.log(max(level, 1e-12))
-        scaled = noise * [np.interp(at, knots, row) for row in np.transpose(self.rows)]
-        quiet = np.clip((np.log(NOISY) - at) / np.log(NOISY / NOISELESS), 0.0, 1.0)
-        found: Floats = np.maximum(np.maximum(scaled, quiet * np.array(self.floor)), LEAST_FACTOR)
-        return found
+    def factors(self, level: float) -> Floats:
+        """Return the factors (n,) at a level; beyond the first and last they are as there."""
+        at, knots = np.log(max(level, 1e-12)), np.log(self.levels)
+        return np.array([np.interp(at, knots, row) for row in zip(*self.rows, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,6 +19,7 @@ from eea.joint.goodness_of_fit import FLOOR, Goodness, goodness_of_fit
 from eea.joint.initialization import hop, pose, relined, scan
 from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
 from eea.joint.parameters import Parameters
+from eea.joint.slow_errors import slow_errors
 
 CLOSE = 10.0  # in cost: optima farther from the best have less than 1/20,000 of its weight
 HOPS = 3  # maximum number, from the best optimum
@@ -50,8 +51,10 @@ class Optima:
     def goodness(self) -> Goodness:
         """Whether the best leaves nothing but noise."""
         regression = self.regression
-        unknowns, floor = regression.parameters.unknowns, FLOOR * regression.rms
-        return goodness_of_fit(self.residuals, unknowns, regression.noise, floor)
+        parameters, floor = regression.parameters, FLOOR * regression.rms
+        discrepancy = parameters.joint.discrepancy
+        slow_p = discrepancy and slow_errors(regression, self.fits.theta[0], discrepancy.duration)
+        return goodness_of_fit(self.residuals, parameters.unknowns, regression.noise, floor, slow_p)
 
 
 def search(

@@ -17,6 +17,7 @@ from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, STATE_ROWS
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from tests.verification.foreign_law import Defects, simulate_law
 from tests.verification.trials import lane_batch, one_world, random_trials, rotations
 
 COUNT = 21  # no multiple of a register's robots
@@ -66,6 +67,21 @@ def test_many_conditions_spread_one_robot() -> None:
 
 
 # --- known answers -------------------------------------------------------------------------------
+
+
+@engines
+def test_a_heavier_hull_is_lighter_fins_and_less_drag(engine: str) -> None:
+    """Against MuJoCo's mechanics, where it is the hull that weighs twice as much."""
+    body, command, angles = np.full(9, 0.4), np.array([0.2, 0.4, 0.7]), np.array([0.3, -0.6, 1.0])
+    fields = {"fin_angles": angles, "drag": (0.5, 0.5), "fin_density": 0.5}
+    logs = []
+    for changed in ({"fin_angles": angles}, fields):
+        scenario = Scenario.create(body, **changed)
+        logs.append(simulate_scenario(scenario, command[None], 64, engine, "float64").gyro[0])  # type: ignore[index]
+    plain, heavy = logs
+    for found, hull in ((plain, 1.0), (heavy, 2.0)):
+        other = simulate_law(body, command, angles, 64, Defects(hull=hull))
+        assert np.abs(found - other).max() < 0.05 * np.abs(plain - heavy).max()
 
 
 def test_current_is_a_start_with_the_opposite_velocity() -> None:

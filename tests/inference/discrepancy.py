@@ -3,23 +3,28 @@
     python -m tests.inference.discrepancy --seed 1
 
 First our simulator is compared with another statement of the same law (``foreign_law``) over random
-trials. Then many random robots are inferred. Those of our own simulator, at several noises, are
-sorted by the noise relative to the signal; for each group and dimension the factor on the half
-width is that of split-conformal prediction, with which 90% of the intervals hold. Without noise the
-simulator's own errors are all there is: there the robots swim in the other simulator, and their
-factors are the floor.
+trials. Then many random robots are inferred, at several noises. Half of them swim in our simulator,
+of which half have nuisances drawn from their priors; the others in the other simulator, with
+defects drawn too. Those with a good fit are sorted by the noise relative to the signal; for each
+group and dimension the factor on the half width is that of split-conformal prediction, with which
+90% of the intervals hold.
 """
 
 from __future__ import annotations
 
 import json
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import cycle
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 import tyro
+from rich.progress import track
 
 from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import TIMESTEP, simulate
@@ -32,17 +37,16 @@ from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.commands import fast_command
 from eea.joint.goodness_of_fit import autocorrelation
 from eea.joint.inference import fit
-from eea.joint.problem import Calibration
 from tests.inference.robots import SPANS, Floats, Robot, draw_body, draw_world
-from tests.inference.settings import Setting
+from tests.inference.settings import Setting, World
 from tests.verification.foreign_law import simulate_law
 
 STEPS, LAGS = 256, 100
 MASS = 0.9
-NOISES = (0.01, 0.03, 0.1)  # rad/s
-GROUPS = 4  # of robots, by noise relative to the signal
+NOISES = (0.003, 0.01, 0.03, 0.1)  # rad/s
 LENGTHS = (256, 512)  # steps of a trial
-NEUTRAL = Calibration((1.0,), ((1.0,) * len(SPANS),), (0.0,) * len(SPANS))
+WORLDS: tuple[World, ...] = ("plain", "drawn", "prior", "drawn")  # of the robots, in turn
+GROUPS = 5  # of robots, by noise relative to the signal
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,7 @@ class MeasureDiscrepancy:
     """The file to write."""
     trials: int = 100
     """Random trials that the simulators are compared on."""
-    robots: int = 40
+    robots: int = 60
     """Random robots that are inferred at each noise and length of trial."""
     seed: int = 1
     """Seed of all that is random."""
@@ -65,67 +69,62 @@ class MeasureDiscrepancy:
         integer("seed", self.seed, 0)
         share, seconds = measure(self.trials, np.random.default_rng([self.seed, 0]))
         print(f"discrepancy {share:.4f} of the signal, for {seconds:.2f} s", flush=True)
-        foreign = Setting("", self.robots, world="law", noise=0.0)
-        floor = conformal(np.array([miss for _, miss in self._misses(foreign, share, seconds)]))
-        noisy = [
-            self._misses(Setting("", self.robots, noise=n, steps=steps), share, seconds, NEUTRAL)
-            for n in NOISES
+        jobs = [
+            (self.seed, number, Setting("", 1, world=world, noise=noise, steps=steps))
+            for noise in NOISES
             for steps in LENGTHS
+            for number, world in zip(range(self.robots), cycle(WORLDS), strict=False)
         ]
-        ordered = sorted((miss for some in noisy for miss in some), key=lambda miss: miss[0])
-        each = len(ordered) // GROUPS
-        rows = [ordered[i * each : (i + 1) * each] for i in range(GROUPS)]
-        levels = [float(np.median([level for level, _ in row])) for row in rows]
-        factors = [conformal(np.array([miss for _, miss in row])) for row in rows]
+        judge = partial(miss, share=share, seconds=seconds)
+        with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
+            found = list(track(pool.map(judge, jobs), "robots", len(jobs)))
+        good = sorted((one for one in found if one is not None), key=lambda one: one[0])
+        groups = [
+            good[i * len(good) // GROUPS : (i + 1) * len(good) // GROUPS] for i in range(GROUPS)
+        ]
+        factors = [conformal(np.array([misses for _, misses in group])) for group in groups]
         table = {
             "share": round(share, 4),
             "seconds": round(seconds, 2),
-            "floor": np.round(floor, 3).tolist(),
-            "levels": [round(level, 4) for level in levels],
+            "levels": [round(float(np.median([level for level, _ in g])), 4) for g in groups],
             "factors": [np.round(row, 3).tolist() for row in factors],
         }
         text = json.dumps(table, indent=1)
         write_bytes(self.out, (text + "\n").encode())
+        print(f"{len(good)} of {len(found)} robots have a good fit")
         print(text)
 
-    def _misses(
-        self,
-        setting: Setting,
-        share: float,
-        seconds: float,
-        calibration: Calibration | None = None,
-    ) -> list[tuple[float, Floats]]:
-        """Return each robot's noise level, and how far each truth is in half widths (9,)."""
-        joint = fish_joint(EngineSimulator(setting.steps, threads=1))
-        assert joint.discrepancy is not None
-        uncalibrated = replace(
-            joint.discrepancy,
-            share=share,
-            duration=seconds / TIMESTEP,
-            calibration=calibration,
-        )
-        joint = replace(joint, discrepancy=uncalibrated)
-        effort = FitConfig(alternatives="never", restarts=0)
-        found = []
-        for number in range(setting.robots):
-            stream = [self.seed, 1 + round(1000 * setting.noise), setting.steps, number]
-            rng = np.random.default_rng(stream)
-            body = draw_body(setting, number, rng)
-            exploring = streams(number)["exploration"]
-            # A user's water and servos may be nominal or not: every other robot's are drawn.
-            drawn = replace(setting, world="prior") if calibration and number % 2 else setting
-            robot = Robot(setting, body, draw_world(drawn, rng), rng, exploring)
-            for _ in range(setting.trials):
-                performed = np.array(robot.commands).reshape(-1, 3)
-                robot.perform(fast_command(fish_problem().actions, performed, exploring))
-            belief = fit(robot.observed, joint, effort, rng)
-            low, high = belief.interval(MASS)
-            middle = belief.branches[0].doubted.median()[: len(body)] * SPANS
-            side = np.where(body > middle, high - middle, middle - low)
-            signal = float(np.sqrt((robot.observed.signal**2).mean()))
-            level = belief.sigma / max(np.sqrt(max(signal**2 - belief.sigma**2, 0.0)), 1e-9)
-            found.append((level, np.abs(body - middle) / np.maximum(side, 1e-6 * SPANS)))
-        return found
+
+def miss(
+    job: tuple[int, int, Setting], share: float, seconds: float
+) -> tuple[float, Floats] | None:
+    """Return a robot's noise level, and how far each truth is in half widths (9,).
+
+    None if its fit is not good.
+    """
+    seed, number, setting = job
+    joint = fish_joint(EngineSimulator(setting.steps, threads=1))
+    assert joint.discrepancy is not None
+    discrepancy = replace(
+        joint.discrepancy, share=share, duration=seconds / TIMESTEP, calibration=None
+    )
+    joint = replace(joint, discrepancy=discrepancy)
+    rng = np.random.default_rng([seed, 1 + round(1000 * setting.noise), setting.steps, number])
+    body = draw_body(setting, number, rng)
+    exploring = streams(number)["exploration"]
+    robot = Robot(setting, body, draw_world(setting, rng), rng, exploring)
+    for _ in range(setting.trials):
+        performed = np.array(robot.commands).reshape(-1, 3)
+        robot.perform(fast_command(fish_problem().actions, performed, exploring))
+    effort = FitConfig(alternatives="never", restarts=0)
+    belief = fit(robot.observed, joint, effort, rng)
+    if not belief.good:
+        return None
+    low, high = belief.interval(MASS)
+    middle = belief.branches[0].doubted.median()[: len(body)] * SPANS
+    side = np.where(body > middle, high - middle, middle - low)
+    rms = float(np.sqrt((robot.observed.signal**2).mean()))
+    return belief.sigma / rms, np.abs(body - middle) / np.maximum(side, 1e-6 * SPANS)
 
 
 def measure(trials: int, rng: np.random.Generator) -> tuple[float, float]:

@@ -134,6 +134,8 @@ def test_an_environment_breaks_in_mujocos_water() -> None:
 
 
 def test_mujocos_water_has_no_options_of_ours() -> None:
-    for other in ({"reactive": True}, {"drag": (1.0, 0.5)}):
-        with pytest.raises(InvalidArgumentError, match=r"reactive must be False and drag 1; got"):
+    for other in ({"reactive": True}, {"drag": (1.0, 0.5)}, {"fin_density": 0.5}):
+        with pytest.raises(
+            InvalidArgumentError, match=r"reactive must be False and drag and fin density 1;"
+        ):
             BoxWorld().reset(Scenario.create(**other))

@@ -78,10 +78,11 @@ class MujocoWorld(World):
 
     def _build(self, scenario: Scenario) -> None:
         """Make the model of the scenario's body, at rest."""
-        if scenario.reactive or (scenario.drag != 1.0).any():
+        ours = (*scenario.drag[0].tolist(), scenario.fin_density.item())
+        if scenario.reactive or set(ours) != {1.0}:
             raise InvalidArgumentError(
-                "MuJoCo's water has a law of its own: reactive must be False and drag 1; "
-                f"got {scenario.reactive} and {scenario.drag[0].tolist()}"
+                "MuJoCo's water has a law of its own: reactive must be False and drag and fin "
+                f"density 1; got {scenario.reactive} and {ours}"
             )
         self._body = scenario.body[0].copy()
         self.model = mujoco_model(self._body, TIMESTEP / self._count, self.water)

@@ -146,7 +146,9 @@ class BulletWorld(World):
 
     def _set(self, scenario: Scenario) -> None:
         """Take over the robot's parameters, its current and its gains."""
-        self._column = np.ascontiguousarray(robot_parameters(scenario.body, scenario.drag)[:, 0])
+        self._column = np.ascontiguousarray(
+            robot_parameters(scenario.body, scenario.drag, scenario.fin_density)[:, 0]
+        )
         self._current, self._gains = triple(scenario.current[0]), triple(scenario.servo_gain[0])
         # A new robot's motors, or other gains, need the command again.
         self._command: Vector | None = None

@@ -104,7 +104,9 @@ class LaneBatch:
         self._no_loop = (nothing, nothing, False)
         pack = functools.partial(pack_rows, dtype=dtype, width=self.width)
         # One table after the other: each is packed while the cache holds it.
-        self._parameters = pack(robot_parameters(scenario.body, scenario.drag))
+        self._parameters = pack(
+            robot_parameters(scenario.body, scenario.drag, scenario.fin_density)
+        )
         self._conditions = pack(condition_rows(scenario.current, scenario.servo_gain))
         self._states = pack(_states(scenario, rates))
 
@@ -119,7 +121,7 @@ class LaneBatch:
         They stay where they are and keep their velocities; with ``keep_current`` their water also
         moves on as it does.
         """
-        parameters = robot_parameters(scenario.body, scenario.drag)
+        parameters = robot_parameters(scenario.body, scenario.drag, scenario.fin_density)
         self._table(self._parameters, ROBOT_ROWS)[:, rows] = parameters
         first = SERVO_GAIN if keep_current else CURRENT
         conditions = condition_rows(scenario.current, scenario.servo_gain)

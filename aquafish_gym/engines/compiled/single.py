@@ -94,7 +94,9 @@ class CompiledWorld(World):
         self.update(scenario)
 
     def update(self, scenario: Scenario) -> None:
-        self._numbers[ROBOT] = robot_parameters(scenario.body, scenario.drag)[:, 0]
+        self._numbers[ROBOT] = robot_parameters(scenario.body, scenario.drag, scenario.fin_density)[
+            :, 0
+        ]
         self._numbers[CURRENT] = scenario.current[0]
         left, right, caudal = scenario.servo_gain[0].tolist()
         self._gains = (left, right, caudal)

@@ -13,10 +13,12 @@ from eea import FitConfig
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
 from eea.joint.diagnostics import Fit, faults
-from eea.joint.discrepancy import spectrum
+from eea.joint.goodness_of_fit import goodness_of_fit
 from eea.joint.inference import fit
-from eea.joint.least_squares import Observed
+from eea.joint.least_squares import FINE, Observed, Regression, descend
+from eea.joint.parameters import Parameters
 from eea.joint.problem import Calibration, Discrepancy, Hypothesis, JointProblem, Nuisance, Part
+from eea.joint.slow_errors import slow_errors, spectrum
 
 TIME = 0.01 * np.arange(1, 129)
 WAVE = np.sin(7.0 * TIME)
@@ -65,12 +67,46 @@ def test_a_longer_discrepancy_costs_more():
     assert widths[1] > 1.3 * widths[0]
 
 
-def test_calibration_scales_the_part_of_the_noise():
-    calibration = Calibration((0.01,), ((2.0,),), (0.0,))
-    plain = inferred(Discrepancy(1e-6, 5.0), 0.02)
-    scaled = inferred(Discrepancy(1e-6, 5.0, None, calibration), 0.02)
+def test_calibration_scales_the_intervals():
+    calibration = Calibration((0.01,), ((2.0,),))
+    plain = inferred(Discrepancy(0.02, 5.0), 0.02)
+    scaled = inferred(Discrepancy(0.02, 5.0, None, calibration), 0.02)
     ratio = np.ptp(scaled.interval(0.9)) / np.ptp(plain.interval(0.9))
     assert ratio == pytest.approx(2.0, rel=0.1)
+
+
+def fitted(signal, duration=20.0):
+    """Return the regression of a signal (2, 128) on the wheel, and its optimum (P,)."""
+    joint = replace(RIGHT, discrepancy=Discrepancy(0.02, duration))
+    parameters = Parameters.of(joint, 2, ())
+    observed = Observed(np.full((2, 1), 0.5), signal[:, :, None])
+    regression = Regression(parameters, observed, None)
+    starts = np.array([[0.5, 0.0, 0.0]])
+    return regression, descend(regression.misfit(FINE), starts, 0.01, 10, 1e-9).theta[0]
+
+
+def test_noise_is_found_slow_as_often_as_stated():
+    rng = np.random.default_rng(3)
+    found = [
+        slow_errors(*fitted(0.5 * WAVE + 0.02 * rng.normal(size=(2, 128))), 20.0)
+        for _ in range(400)
+    ]
+    assert 0.02 < np.mean(np.array(found) < 0.05) < 0.09
+    assert 0.3 < np.mean(np.array(found) < 0.5) < 0.6
+
+
+def test_a_slow_error_is_found_where_neighbouring_samples_say_little():
+    rng, slow = np.random.default_rng(4), 0.01 * np.sin(3.0 * TIME)
+    seen = []
+    for _ in range(30):
+        signal = 0.5 * WAVE + slow + 0.02 * rng.normal(size=(2, 128))
+        regression, theta = fitted(signal)
+        left = regression.misfit(FINE).residuals(theta[None])[0].reshape(2, 128, 1)
+        found = slow_errors(regression, theta, 20.0)
+        seen.append((found < 1e-3, goodness_of_fit(left, 3).whiteness_p < 1e-3))
+    slowly, next_to = np.mean(seen, axis=0)
+    assert slowly > 0.85
+    assert slowly > next_to + 0.2
 
 
 def test_spectrum_is_that_of_an_autoregression():
@@ -108,7 +144,7 @@ def test_a_size_without_effect_stays_open_when_calibrated():
     def blind(bodies, _nuisances, _commands, angles, _fine):
         return ((0.5 + 0.0 * bodies[:, :1]) * np.sin(7.0 * TIME + 0.0 * angles))[:, :, None]
 
-    calibration = Calibration((0.01,), ((1.0,),), (0.5,))
+    calibration = Calibration((0.01,), ((0.5,),))
     joint = replace(RIGHT, simulate=blind, discrepancy=Discrepancy(0.02, 5.0, None, calibration))
     signal = (0.5 * WAVE + 0.02 * np.random.default_rng(0).normal(size=(2, 128)))[:, :, None]
     belief = fit(Observed(np.full((2, 1), 0.5), signal), joint, QUICK, np.random.default_rng(1))

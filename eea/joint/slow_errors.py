@@ -1,0 +1,88 @@
+"""Slow errors in residuals: a test for what a simulator may get wrong.
+
+A simulator's errors last for many samples, so they show at low frequencies, where noise is no
+stronger than elsewhere. A fit takes most of its degrees of freedom from the same frequencies, which
+has to be counted: residuals of J's least squares have the covariance sigma^2 (I - H), with
+H = J (J^T J + sigma^2 Lambda)^-1 J^T and Lambda the prior's precision.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.fft import dct
+from scipy.special import gammaincc
+
+from eea.core.angles import Floats
+from eea.joint.least_squares import FINE, Regression
+from eea.joint.parameters import FIXED
+
+NEGLIGIBLE = 1e-12  # of the largest scaled eigenvalue: directions without information
+AT_BOUND = 1e-9  # of a range
+
+
+def slow_errors(regression: Regression, theta: Floats, duration: float) -> float:
+    """Return the chance of residuals as slow as those at an optimum ``theta`` (P,) if it is noise.
+
+    The statistic is the score of errors that are correlated by exp(-|t - t'| / duration), in
+    samples, and as large in each trial as its signal: the residuals' power in the cosine transform,
+    weighted by the :func:`spectrum` of such errors and divided by their whole power. It is compared
+    with a gamma distribution of the mean and variance that white noise would give it after the fit
+    (F. E. Satterthwaite, 1946).
+    """
+    parameters, observed = regression.parameters, regression.observed
+    trials, samples, axes = observed.signal.shape
+    misfit = regression.misfit(FINE)
+    linear = misfit.linearise(theta[None])
+    entries = parameters.slots[:, misfit.free]
+    # What a bound holds takes nothing from the residuals.
+    inner = (theta > parameters.low + AT_BOUND) & (theta < parameters.high - AT_BOUND)
+    loud = (observed.signal**2).mean(axis=(1, 2))
+    sums = np.zeros((3, len(parameters), len(parameters)))  # J^T W^n J for n = 0, 1, 2
+    power, weight = np.zeros(2), np.zeros(3)
+    for e in range(trials):
+        used = entries[e] != FIXED
+        used[used] = inner[entries[e, used]]
+        at = entries[e, used]
+        waves = np.concatenate([linear.slopes[0, e, used], linear.residuals[0, e][None]])
+        waves = dct(waves.reshape(len(waves), axes, samples), axis=-1, norm="ortho")
+        each = spectrum(samples, duration) * loud[e] / loud.max()  # (T,)
+        columns, residuals = waves[:-1], waves[-1]
+        for n in range(3):
+            moved = (columns * each**n).reshape(len(at), -1)
+            sums[n][at[:, None], at] += moved @ columns.reshape(len(at), -1).T
+            weight[n] += axes * float((each**n).sum())
+        power += (residuals**2).sum(), (each * residuals**2).sum()
+    if not power[0]:
+        return 1.0
+    taken, slow, slower = _taken(sums, parameters.prior_information * power[0] / weight[0])
+    left = weight[0] - np.trace(taken)
+    mean = weight[1] - float(np.trace(slow))
+    square = weight[2] - 2.0 * float(np.trace(slower)) + float(np.sum(slow * slow.T))
+    variance = 2.0 * (square - mean**2 / left)
+    if not min(mean, variance) > 0.0:  # the fit has taken all that is slow
+        return 1.0
+    found = left * power[1] / power[0]
+    return float(gammaincc(mean**2 / variance, found * mean / variance))
+
+
+def _taken(sums: Floats, prior: Floats) -> Floats:
+    """Return (J^T J + prior)^-1 J^T W^n J, (3, P, P), without directions of no information."""
+    whole = sums[0] + prior
+    scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
+    inverse = np.linalg.pinv(whole / np.outer(scale, scale), rcond=NEGLIGIBLE, hermitian=True)
+    found: Floats = (inverse / np.outer(scale, scale)) @ sums
+    return found
+
+
+def spectrum(samples: int, duration: float) -> Floats:
+    """Return the variances (T,) of the cosine transform of noise with exp(-t / duration).
+
+    Examples
+    --------
+    >>> spectrum(4, 1e-3).round(6)
+    array([1., 1., 1., 1.])
+    """
+    kept = np.exp(-1.0 / duration)
+    angle = np.pi * np.arange(samples) / samples
+    variances: Floats = (1.0 - kept**2) / (1.0 - 2.0 * kept * np.cos(angle) + kept**2)
+    return variances
