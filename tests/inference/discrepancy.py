@@ -3,11 +3,10 @@
     python -m tests.inference.discrepancy --seed 1
 
 First our simulator is compared with another statement of the same law (``foreign_law``) over random
-trials. Then many random robots are inferred, at several noises. Half of them swim in our simulator,
-of which half have nuisances drawn from their priors; the others in the other simulator, with
-defects drawn too. Those with a good fit are sorted by the noise relative to the signal; for each
-group and dimension the factor on the half width is that of split-conformal prediction, with which
-90% of the intervals hold.
+trials. Then many random robots of our own simulator are inferred, at several noises; every other
+one has nuisances drawn from their priors. They are sorted by the noise relative to the signal. For
+each group and dimension the factor on the half width is that of split-conformal prediction, with
+which 90% of the intervals hold.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ STEPS, LAGS = 256, 100
 MASS = 0.9
 NOISES = (0.003, 0.01, 0.03, 0.1)  # rad/s
 LENGTHS = (256, 512)  # steps of a trial
-WORLDS: tuple[World, ...] = ("plain", "drawn", "prior", "drawn")  # of the robots, in turn
+WORLDS: tuple[World, ...] = ("plain", "prior")  # of the robots, in turn
 GROUPS = 5  # of robots, by noise relative to the signal
 
 

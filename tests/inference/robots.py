@@ -33,8 +33,6 @@ DEFECTS = {
     "double": Defects(hull=2.0),
     "servo": Defects(servo=0.1),
 }
-# Of the world "drawn", sd about what our simulator assumes.
-EXPONENT, CENTRE, HULL = 0.1, 0.05, 0.2
 SCALE, TURN, COLOUR = 1.03, np.radians(3.0), 0.9
 SETTLE = 100  # samples after which coloured noise has forgotten its beginning
 
@@ -68,15 +66,6 @@ def draw_world(setting: Setting, rng: np.random.Generator) -> Floats:
     return values
 
 
-def _draw_defects(rng: np.random.Generator) -> Defects:
-    exponent, hull, *centre = rng.normal(size=5)
-    return Defects(
-        exponent=2.0 + EXPONENT * exponent,
-        centre=tuple(CENTRE * np.array(centre)),
-        hull=float(np.exp(HULL * hull)),
-    )
-
-
 class Robot(EngineTarget):
     """A robot that keeps its commands, hidden angles and logs.
 
@@ -104,9 +93,6 @@ class Robot(EngineTarget):
         self.setting, self.body, self.world = setting, body, world
         self._aside = rng.spawn(1)[0]  # of the foreign worlds
         way = self._aside.normal(size=3)
-        self._defects = DEFECTS.get(setting.world)
-        if setting.world == "drawn":
-            self._defects = _draw_defects(self._aside)
         self._turned = Rotation.from_rotvec(TURN * way / np.linalg.norm(way)).as_matrix()
         engine = "pybullet" if setting.world == "quarter" else "numba"
         super().__init__(body, None, rng, setting.steps, engine, gap=gap)
@@ -134,8 +120,8 @@ class Robot(EngineTarget):
         log = super()._simulate(command, angles)
         gyro = log.gyro
         assert gyro is not None
-        if self._defects is not None:
-            gyro = simulate_law(self.body, command, angles, steps, self._defects)[None]
+        if world in DEFECTS:
+            gyro = simulate_law(self.body, command, angles, steps, DEFECTS[world])[None]
         elif world == "scale":
             gyro = SCALE * gyro
         elif world == "axes":

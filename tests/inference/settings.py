@@ -8,7 +8,7 @@ from typing import Literal
 Bodies = Literal["inner", "prior", "edge"]
 World = Literal[
     "plain", "other numbers", "prior", "reactive", "mujoco", "quarter", "law", "scale", "axes",
-    "drawn", "exponent", "centre", "hull", "double", "servo", "coloured",
+    "exponent", "centre", "hull", "double", "servo", "coloured",
 ]  # fmt: skip
 
 
@@ -111,7 +111,6 @@ FOREIGN: dict[World, str] = {
     "law": "MuJoCo's mechanics, our law over the whole surface",
     "scale": "gyroscope's scale 3% off",
     "axes": "gyroscope turned by 3 degrees",
-    "drawn": "exponent, centre of mass and hull drawn *",
     "exponent": "drag exponent 1.8 *",
     "centre": "centre of mass off by 0.1 *",
     "hull": "hull 20% heavier *",
