@@ -54,7 +54,7 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
     shapes = _shapes(optima, discrepancy)
     size, count = len(parameters), shapes.shape[2]
     entries = parameters.slots[:, misfit.free]
-    level = best.sigma / float(np.sqrt((rms**2).mean()))
+    level = best.sigma / float(np.sqrt((rms**2).sum() * samples * axes))
     modes = []
     for k, theta in enumerate(optima.fits.theta):
         normal, gradient = np.zeros((size + count, size + count)), np.zeros(size + count)
@@ -81,7 +81,7 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         if discrepancy.calibration is not None:
             factors = np.ones(size)
             factors[: parameters.body] = discrepancy.calibration.factors(level)
-            information, slope = _scaled(information, slope, factors)
+            information, slope = scaled(information, slope, factors)
         modes.append(Mode(theta, information, cost, slope))
     return modes
 
@@ -100,7 +100,7 @@ def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
     return found.reshape(*local.shape[:2], found.shape[1], -1)
 
 
-def _scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floats, Floats]:
+def scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floats, Floats]:
     """Return information and gradient with the same centre and sd times ``factors`` (P,)."""
     information = 0.5 * (information + information.T)
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))

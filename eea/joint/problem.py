@@ -132,7 +132,9 @@ class Calibration:
     array([0.9, 0.8])
     """
 
-    levels: tuple[float, ...]  #: sigma over the rms of the signal, ascending.
+    #: sigma over the root of the sum of the signal's squares, ascending: by so much noise alone
+    #: leaves the size of the whole signal open.
+    levels: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each dimension.
 
     def factors(self, level: float) -> Floats:

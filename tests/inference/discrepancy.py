@@ -4,9 +4,9 @@
 
 First our simulator is compared with another statement of the same law (``foreign_law``) over random
 trials. Then many random robots of our own simulator are inferred, at several noises; every other
-one has nuisances drawn from their priors. They are sorted by the noise relative to the signal. For
-each group and dimension the factor on the half width is that of split-conformal prediction, with
-which 90% of the intervals hold.
+one has nuisances drawn from their priors. They are sorted by the noise relative to the signal and
+its length. For each group and dimension the factor on the half width is that of split-conformal
+prediction for nested sets (Gupta et al., 2022), with which 90% of the intervals hold.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from eea.core.session import streams
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.commands import fast_command
+from eea.joint.discrepancy import scaled
 from eea.joint.goodness_of_fit import autocorrelation
 from eea.joint.inference import fit
 from tests.inference.robots import SPANS, Floats, Robot, draw_body, draw_world
@@ -45,7 +46,8 @@ MASS = 0.9
 NOISES = (0.003, 0.01, 0.03, 0.1)  # rad/s
 LENGTHS = (256, 512)  # steps of a trial
 WORLDS: tuple[World, ...] = ("plain", "prior")  # of the robots, in turn
-GROUPS = 5  # of robots, by noise relative to the signal
+GROUPS = 5  # of robots, by noise
+FACTORS = np.geomspace(0.15, 3.0, 40)  # on the half widths, that are tried
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ class MeasureDiscrepancy:
         table = {
             "share": round(share, 4),
             "seconds": round(seconds, 2),
-            "levels": [round(float(np.median([level for level, _ in g])), 4) for g in groups],
+            "levels": [float(f"{np.median([level for level, _ in g]):.3g}") for g in groups],
             "factors": [np.round(row, 3).tolist() for row in factors],
         }
         text = json.dumps(table, indent=1)
@@ -97,7 +99,7 @@ class MeasureDiscrepancy:
 def miss(
     job: tuple[int, int, Setting], share: float, seconds: float
 ) -> tuple[float, Floats] | None:
-    """Return a robot's noise level, and how far each truth is in half widths (9,).
+    """Return a robot's noise level, and the least factors (9,) whose intervals hold its sizes.
 
     None if its fit is not good.
     """
@@ -119,11 +121,23 @@ def miss(
     belief = fit(robot.observed, joint, effort, rng)
     if not belief.good:
         return None
-    low, high = belief.interval(MASS)
-    middle = belief.branches[0].doubted.median()[: len(body)] * SPANS
-    side = np.where(body > middle, high - middle, middle - low)
-    rms = float(np.sqrt((robot.observed.signal**2).mean()))
-    return belief.sigma / rms, np.abs(body - middle) / np.maximum(side, 1e-6 * SPANS)
+    doubted, held = belief.branches[0].doubted, []
+    for factor in FACTORS:
+        every = np.full(len(doubted.names), factor)
+        modes = [
+            mode._replace(information=information, gradient=gradient)
+            for mode in doubted.modes
+            for information, gradient in [scaled(mode.information, mode.gradient, every)]
+        ]
+        low, high = (
+            end[: len(body)] * SPANS for end in replace(doubted, modes=modes).interval(MASS)
+        )
+        held.append((low <= body) & (body <= high))
+    # The least factor from which on every interval holds.
+    holding = np.cumprod(held[::-1], axis=0).sum(axis=0)
+    least = FACTORS[-np.maximum(holding, 1)]
+    level = belief.sigma / float(np.sqrt((robot.observed.signal**2).sum()))
+    return level, least
 
 
 def measure(trials: int, rng: np.random.Generator) -> tuple[float, float]:
