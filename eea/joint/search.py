@@ -53,7 +53,9 @@ class Optima:
         regression = self.regression
         parameters, floor = regression.parameters, FLOOR * regression.rms
         discrepancy = parameters.joint.discrepancy
-        slow_p = discrepancy and slow_errors(regression, self.fits.theta[0], discrepancy.duration)
+        slow_p = None
+        if discrepancy is not None:
+            slow_p = slow_errors(regression, self.fits.theta[0], discrepancy.duration)
         return goodness_of_fit(self.residuals, parameters.unknowns, regression.noise, floor, slow_p)
 
 

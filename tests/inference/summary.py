@@ -32,6 +32,7 @@ def summarise(setting: str, documents: Sequence[Document]) -> Part:
             for e in range(EVERY[setting].trials)
         },
         "coverage": covered(documents, NAMES),
+        "width": _width(documents),
         "alarms": share([not d["good"] for d in documents]),
         "missed": share([d["excess"] > WORSE for d in known]) if known else None,
     }
@@ -71,6 +72,12 @@ def share(held: Sequence[bool]) -> Part:
     """Return the share of those that hold, with its exact 95% interval."""
     interval = binomtest(sum(held), len(held)).proportion_ci(0.95)
     return {"share": sum(held) / len(held), "interval": [interval.low, interval.high]}
+
+
+def _width(documents: Sequence[Document]) -> float:
+    """Return the median width of the widest intervals, as a share of the range."""
+    ends = np.array([[d["low"][-1], d["high"][-1]] for d in documents])
+    return float(np.median(np.ptp(ends, axis=1) / [d.maximum for d in DIMENSIONS]))
 
 
 def _of_round(rounds: Sequence[Document]) -> Part:
