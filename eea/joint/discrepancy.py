@@ -54,7 +54,9 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
     shapes = _shapes(optima, discrepancy)
     size, count = len(parameters), shapes.shape[2]
     entries = parameters.slots[:, misfit.free]
-    level = best.sigma / float(np.sqrt((rms**2).sum() * samples * axes))
+    level = best.sigma / float(np.sqrt((observed.signal**2).sum()))
+    # The factors are of good fits.
+    calibration = discrepancy.calibration if best.goodness.good else None
     modes = []
     for k, theta in enumerate(optima.fits.theta):
         normal, gradient = np.zeros((size + count, size + count)), np.zeros(size + count)
@@ -78,9 +80,9 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         cost = 0.5 * squares + float(parameters.prior_cost(theta))
         cost -= 0.5 * float(gradient[size:] @ np.linalg.solve(inner, gradient[size:]))
         cost += 0.5 * float(np.linalg.slogdet(inner)[1])
-        if discrepancy.calibration is not None:
+        if calibration is not None:
             factors = np.ones(size)
-            factors[: parameters.body] = discrepancy.calibration.factors(level)
+            factors[: parameters.body] = calibration.factors(level)
             information, slope = scaled(information, slope, factors)
         modes.append(Mode(theta, information, cost, slope))
     return modes
@@ -106,5 +108,5 @@ def scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floa
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     unit = information / np.outer(scale, scale)
     step = np.linalg.pinv(unit, rcond=NEGLIGIBLE, hermitian=True) @ (gradient / scale) / scale
-    scaled: Floats = information / np.outer(factors, factors)
-    return scaled, scaled @ step
+    narrowed: Floats = information / np.outer(factors, factors)
+    return narrowed, narrowed @ step

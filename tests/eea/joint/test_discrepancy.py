@@ -75,6 +75,18 @@ def test_calibration_scales_the_intervals():
     assert ratio == pytest.approx(2.0, rel=0.1)
 
 
+def test_a_bad_fit_keeps_its_width():
+    widths = []
+    for calibration in (None, Calibration((0.01,), ((0.3,),))):
+        joint = replace(RIGHT, discrepancy=Discrepancy(0.02, 5.0, None, calibration))
+        noise = 0.01 * np.random.default_rng(0).normal(size=(2, 128))
+        signal = (0.5 * WAVE + 0.1 * np.sin(12.0 * TIME) + noise)[:, :, None]
+        belief = fit(Observed(np.full((2, 1), 0.5), signal), joint, QUICK, np.random.default_rng(0))
+        assert not belief.good
+        widths.append(np.ptp(belief.interval(0.9)))
+    assert widths[1] == pytest.approx(widths[0])
+
+
 def fitted(signal, duration=20.0):
     """Return the regression of a signal (2, 128) on the wheel, and its optimum (P,)."""
     joint = replace(RIGHT, discrepancy=Discrepancy(0.02, duration))
