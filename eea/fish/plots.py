@@ -112,7 +112,7 @@ def posterior_figure(result: Result) -> Figure:
     _finish(sizes, list(result.layout.names), most, "sizes")
 
     for axes in others:
-        theta = best.parameters.natural(best.posterior.sample(DRAWS, np.random.default_rng(0)))
+        theta = best.parameters.natural(best.doubted.sample(DRAWS, np.random.default_rng(0)))
         wide, half = belief.table(0.9), belief.table(0.5)
         for i, n in enumerate(nuisances):
             middle, first, last = wide[n.name]
