@@ -5,10 +5,12 @@ import pathlib
 import re
 
 from docutils import nodes
+from numpy.typing import ArrayLike
 from sphinx import addnodes
 from sphinx.application import Sphinx
 from sphinx.transforms.post_transforms import SphinxPostTransform
 from sphinx.util.nodes import make_refnode
+from sphinx.util.typing import stringify_annotation
 
 from aquafish_gym.damage import TIERS
 
@@ -76,6 +78,7 @@ autodoc_member_order = "bysource"
 # Modules that need the extra "rl" are described without it.
 autodoc_mock_imports = ["sb3_contrib", "stable_baselines3", "torch"]
 autodoc_typehints_format = "short"
+autodoc_type_aliases = {"ArrayLike": "ArrayLike"}  # of attributes; else ten types
 default_role = "code"
 napoleon_attr_annotations = False  # an array's shape says more than its type
 napoleon_use_ivar = True
@@ -117,7 +120,11 @@ def with_short_types(
     _app: Sphinx, _what: str, _name: str, _object: object, _options: object, *signature: str | None
 ) -> tuple[str | None, ...]:
     """Shorten the types of arrays to those of the sources."""
-    return tuple(part and ARRAY.sub(r"NDArray[\1]", part) for part in signature)
+    written = [stringify_annotation(ArrayLike, "smart"), "TypeAliasForwardRef('ArrayLike')"]
+    array_like = re.compile("|".join(map(re.escape, written)))
+    return tuple(
+        part and ARRAY.sub(r"NDArray[\1]", array_like.sub("ArrayLike", part)) for part in signature
+    )
 
 
 class LinkedNames(SphinxPostTransform):

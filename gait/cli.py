@@ -205,7 +205,7 @@ class BaselineCommand:
                     labels = ("score (fixed poses)", "training", "actions of all robots")
                     plot_progress(self.out / "curve.png", x, score, training, labels)
         over = f"{len(bodies)} bodies" if len(bodies) > 1 else f"{FINAL_POSES} random poses"
-        result = f"swims {learned.score:.2f} units in 20 s"
+        result = f"swims {learned.score:z.2f} units in 20 s"
         if config.task != "forward" or schedule:
             result = f"earns {learned.score:.2f} in {config.seconds:g} s"
         print(
@@ -250,4 +250,4 @@ def _result_text(evolved: Evolved, config: EvolveConfig) -> str:
     if len(evolved.distances) > 1:
         worst, half = np.quantile(evolved.distances, (0.0, 0.5))
         what = f"{len(evolved.distances)} bodies: {worst:.2f} on the worst, median {half:.2f}"
-    return f"{evolved.fitness:.2f} units in {config.seconds:g} s on the mean over {what}"
+    return f"{evolved.fitness:z.2f} units in {config.seconds:g} s on the mean over {what}"

@@ -93,7 +93,7 @@ class Film:
             film(swims, out, self.width, self.height, self.fps, self.speed, self.title)
         for swim in swims:
             far = swim.position[-1, 1]
-            print(f"{swim.label}: {far:.2f} units in {self.seconds:g} s")
+            print(f"{swim.label}: {far:z.2f} units in {self.seconds:g} s")
         print(f"{'Replay' if self.html else 'Film'}: {out}")
 
     def _swim(

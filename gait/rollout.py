@@ -71,7 +71,7 @@ class Swim:
         return float(self.position[-1, 1] - self.current[1] * self.time[-1])
 
     def __repr__(self) -> str:
-        return f"Swim(distance {self.distance:.2f} units in {self.time[-1]:g} s)"
+        return f"Swim(distance {self.distance:z.2f} units in {self.time[-1]:g} s)"
 
 
 def stream(seed: int, *key: int) -> np.random.SeedSequence:

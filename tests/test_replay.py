@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import hashlib
 import json
 import re
 import time
@@ -121,6 +122,28 @@ def test_a_replay_is_one_small_file_of_the_same_bytes(replay: Path, tmp_path: Pa
     assert "<title>&lt;Two&gt; fish</title>" in text
     assert "three.js authors, MIT" in text
     assert not re.search(r'(src|href)="(?!data:)', text)
+
+
+def test_the_page_allows_its_own_style_and_scripts_alone(replay: Path) -> None:
+    text = replay.read_text()
+    found = re.search(r'Content-Security-Policy" content="(.*?)"', text)
+    assert found
+    policy = dict(part.strip().split(" ", 1) for part in found[1].split(";"))
+    assert policy["default-src"] == "'none'"
+    assert "unsafe" not in found[1]
+
+    def digest(content: str) -> str:
+        return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
+
+    script, style = (
+        re.search("<script>(.*?)</script>", text, re.S),
+        re.search("<style>(.*?)</style>", text, re.S),
+    )
+    assert script
+    assert style
+    assert digest(script[1]) in policy["script-src"].split()
+    assert policy["style-src"] == digest(style[1])
+    assert not re.search(r"<[^>]* (style|on\w+)=", text)
 
 
 def test_a_swim_that_diverged_ends_there(tmp_path: Path) -> None:

@@ -282,4 +282,4 @@ def _settings(jobs: Sequence[Treatment]) -> dict[str, Any]:
 def _distances(outcome: dict[str, Any]) -> str:
     """Return the distances that a treatment's gait swims, for the progress bar."""
     native, target = outcome["native_distance"], outcome["target_distance"]
-    return f"{native:.1f} units on its model, {target:.1f} on the damaged robot"
+    return f"{native:z.1f} units on its model, {target:z.1f} on the damaged robot"

@@ -193,7 +193,7 @@ def distances_figure(outcomes: Outcomes) -> Figure:
             axes.plot(ends, (place, place), color=colour, lw=2)
         axes.plot(values.mean(), place, "o", color=colour, ms=8)
         axes.plot(zero, place, "D", mfc="none", mec=colour, ms=6)
-        text = f"{values.mean():.0f} cm"
+        text = f"{values.mean():z.0f} cm"
         axes.annotate(text, (1.01, place), xycoords=("axes fraction", "data"), va="center")
     swum = "mean of a replicate" if count > 1 else "swim from a random pose"
     axes.plot([], [], "o", ms=8, label="mean over random poses", color="0.3", ls="")

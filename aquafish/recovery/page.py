@@ -21,19 +21,25 @@ from aquafish_gym.rendering.scene import CM_PER_UNIT
 from gait.film import filmed
 
 SWIMS = ("healthy", "damaged, old gait", "damaged, new gait")
-_STYLE = """
+_STYLE = Template("""
 main { max-width: 1060px; margin: auto; padding: 0 16px 32px; }
 h1 { font-size: clamp(1.5em, 4vw, 2.2em); line-height: 1.2; margin: 0.6em 0 0.3em; }
 h2 { margin: 1.4em 0 0.4em; }
 .replay { height: min(600px, 85dvh); border-radius: 12px; overflow: hidden; }
 .numbers { display: grid; gap: 12px; grid-template-columns: repeat(auto-fit, minmax(190px, 1fr)); }
-.numbers div { padding: 10px 14px; border-left: 6px solid; border-radius: 8px; background: #fff; }
+.numbers div { padding: 10px 14px; border-left: 6px solid $known; border-radius: 8px;
+  background: #fff; }
+.numbers div:nth-child(1) { border-color: $healthy; }
+.numbers div:nth-child(2) { border-color: $damaged; }
+.numbers div:nth-child(3) { border-color: $recovered; }
 .numbers b { display: block; font-size: 1.8em; line-height: 1.3; }
-figure { margin: 0 0 12px; padding: 12px; border-radius: 12px; background: #fff; overflow: auto; }
-figure img { width: 100%; min-width: 620px; }
+figure { margin: 0 0 12px; padding: 12px; border-radius: 12px; background: #fff; }
+figure img { width: 100%; }
 pre { padding: 12px; border-radius: 8px; background: #fff; white-space: pre-wrap; }
 @media print { .replay { display: none; } }
-"""
+""").substitute(
+    healthy=css(TRAILS[0]), damaged=css(TRAILS[1]), recovered=css(TRAILS[2]), known="#882255"
+)
 _BODY = Template("""<main>
 <h1>$title</h1>
 <p>$lead</p>
@@ -82,47 +88,48 @@ def report_page(
     seconds, count = job.transfer.seconds, len(report["seeds"])
     trials, duration = report["config"]["joint_rounds"], report["config"]["eea"]["steps"] / 100
     distances = (old["native_distance"], old["target_distance"], ours["target_distance"])
-    healthy, damaged, recovered = (f"{CM_PER_UNIT * each:.0f}\u00a0cm" for each in distances)
+    healthy, damaged, recovered = (f"{CM_PER_UNIT * each:z.0f}\u00a0cm" for each in distances)
     title = (
-        f"{damage_in_words(job.morphology, job.target)}. With a new gait the robot swims "
-        f"{recovered} in {seconds:g}\u00a0s instead of {damaged}."
+        f"{damage_in_words(job.morphology, job.target)}. With the gait of joint inference "
+        f"(joint-fins) the robot swims {recovered} in {seconds:g}\u00a0s instead of {damaged}."
     )
     numbers = (
-        (css(TRAILS[0]), healthy, f"healthy, in {seconds:g} s"),
-        (css(TRAILS[1]), damaged, "damaged, with its old gait"),
-        (css(TRAILS[2]), recovered, "damaged, with the gait for its self-model"),
-        ("#882255", f"{trials * duration:.1f} s", f"of movement in {trials} trials"),
+        (healthy, f"healthy, in {seconds:g} s"),
+        (damaged, "damaged, with its old gait"),
+        (recovered, "damaged, with the gait for its self-model"),
+        (f"{trials * duration:.1f} s", f"of movement in {trials} trials"),
     )
     rule = (
         f"Shown is seed {job.seed} of {count} replicates, by a rule: the one with the median gain "
         "of the new gait (joint-fins) over the old one, from the zero pose on the damaged robot."
     )
     estimates, knowledge = _self_knowledge(job, ours)
-    text = {
+    plain = {
         "title": title,
         "lead": "The robot does not see its fins; it measures how its body turns. From "
         f"{trials} trials of {duration:g} s it estimates {estimates}. "
         "It then searches a gait for that body in simulation, without further trials.",
-        "numbers": "".join(
-            f'<div style="border-color: {colour}"><b>{value}</b>{label}</div>'
-            for colour, value, label in numbers
-        ),
-        "replay": replay_fragment(shown_swims(job, outcomes)),
         "shown": rule if count > 1 else f"Shown is seed {job.seed}, the only replicate.",
         "knowledge": knowledge,
+        "commands": "\n".join(commands),
+        "versions": ", ".join(f"{name} {of}" for name, of in report["code"][0].items()),
+    }
+    parts = {name: html.escape(text) for name, text in plain.items()} | {
+        "numbers": "".join(
+            f"<div><b>{value}</b>{html.escape(label)}</div>" for value, label in numbers
+        ),
+        "replay": replay_fragment(shown_swims(job, outcomes)),
         "sentences": "".join(
             re.sub("[*][*](.+?)[*][*]", r"<b>\1</b>", f"<p>{html.escape(sentence)}</p>")
             for sentence in headline(dict(report))
         ),
-        "commands": html.escape("\n".join(commands)),
-        "versions": ", ".join(f"{name} {of}" for name, of in report["code"][0].items()),
     }
     pictures = {
         name: f'<img alt="{caption}" src="data:image/svg+xml;base64,'
         f'{base64.b64encode(figures[name]).decode()}">'
         for name, caption in _PICTURES.items()
     }
-    return whole_page(title, _BODY.substitute(text | pictures), _STYLE)
+    return whole_page(title, _BODY.substitute(parts | pictures), _STYLE)
 
 
 def shown_swims(job: Treatment, outcomes: Outcomes) -> list[FilmedSwim]:
@@ -168,5 +175,5 @@ def _self_knowledge(job: Treatment, outcome: Mapping[str, Any]) -> tuple[str, st
     held = np.count_nonzero((low <= true) & (true <= high))
     return ", ".join(estimates), (
         f"The {interval['mass']:.0%} intervals of joint inference hold the true size for {held} "
-        f"of {len(true)} sizes. Fit: {html.escape(outcome['verdict'])}."
+        f"of {len(true)} sizes. Fit: {outcome['verdict']}."
     )

@@ -31,6 +31,7 @@ from gait.policy import ControllerLike, new_policy
 Floats = NDArray[np.float64]
 
 MAXIMUM_ROBOTS = 64
+MAXIMUM_FAULTS = 30  # of a robot
 UPDATE = 5  # steps of 0.01 s in an update
 HORIZON = 20.0  # s ahead for which the self-model agent chooses a gait
 POLICY_INTERVAL = 5  # steps of 0.01 s that an action of a policy is held
@@ -167,6 +168,10 @@ class LiveSwim:
             drawn = wanted.sample(self._rng)
             later = [replace(f, onset=f.span[0] + self.seconds) for f in drawn]
             damages[robot] = Damage((*damages[robot].faults, *later))
+            if len(damages[robot].faults) > MAXIMUM_FAULTS:
+                raise InvalidArgumentError(
+                    f"a robot may have at most {MAXIMUM_FAULTS} faults; repair it first"
+                )
             damages[robot].body(Morphology.from_array(self._sizes))  # raises if it does not fit
         self._damages = damages
 

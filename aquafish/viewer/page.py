@@ -9,6 +9,7 @@ import queue
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from aquafish.online import SelfModelAgent
 from aquafish.online.watch import CALIBRATION
 from aquafish.viewer import live
+from aquafish.viewer.door import as_code, checked_message, guarded
 from aquafish.viewer.live import SAMPLES, UPDATE, Floats, LiveSwim, Pilot
 from aquafish.viewer.shapes import BOXES, Shapes, robots_in
 from aquafish_gym.damage import Fault
@@ -30,6 +32,7 @@ from eea.fish.self_model import ATTITUDE, VELOCITY
 from eea.fish.self_model import FINS as FIN_ANGLES
 
 MN_PER_UNIT = 6.25
+MOST_TODO = 20  # requests between two updates
 PERIOD = UPDATE * TIMESTEP  # s, of an update
 ROW, LANE = 9.0, 5.0  # between the start places of a batch, along y and x, units
 BESIDE = 3.5  # the ghost is drawn this far to the right of the fish
@@ -71,9 +74,12 @@ class Viewer:
     def __init__(self, swim: LiveSwim, pilots: Mapping[str, Pilot], port: int = 8080) -> None:
         self.swim, self._pilots, self._chosen = swim, dict(pilots), next(iter(pilots))
         self._viser = viser_module()
-        self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._todo: queue.Queue[Callable[[], None]] = queue.Queue(MOST_TODO)
         self._updates, self._owed = 0, 0.0
-        with contextlib.redirect_stdout(io.StringIO()):  # a banner
+        self._controls: dict[str, Any] = {}  # by the identifiers that the page sends
+        self._clickable: dict[str, int] = {}
+        check = partial(checked_message, controls=self._controls, clickable=self._clickable)
+        with contextlib.redirect_stdout(io.StringIO()), guarded(check):  # without a banner
             self.server = self._viser.ViserServer("127.0.0.1", port, "AquaFish", verbose=False)
         self.url = f"http://127.0.0.1:{self.server.get_port()}"
         columns = math.ceil(math.sqrt(swim.count))
@@ -114,6 +120,7 @@ class Viewer:
         )
         self.robots = Shapes(api, "/world/robots", several)
         self.robots.boxes.on_click(self._clicked)
+        self._clickable[self.robots.boxes.name] = self.swim.count * len(BOXES)
         self.ghost = Shapes(api, "/world/ghost", alike, GHOST, 0.5)
         self.samples = Shapes(api, "/world/samples", samples, GHOST, 0.12)
         self.ghost_name = api.add_label("/world/ghost/name", "self-model")
@@ -183,13 +190,26 @@ class Viewer:
             (self.break_text, lambda: self.strike(self.text.value)),
             (self.repair, lambda: self.swim.repair(self._targets())),
         ):
-            button.on_click(lambda _, do=do: self._todo.put(do))
+            button.on_click(lambda _, do=do: self._ask(do))
+        inputs = (
+            *(self.pilot, self.play, self.speed, self.restart, self.number, self.fin, self.fault),
+            *(self.amount, self.everyone, self.break_it, self.text, self.break_text, self.repair),
+            *(*self.sizes, *self.current, self.follow, self.show_forces, self.show_trail),
+            self.show_ghost,
+        )
+        self._controls |= {handle._impl.uuid: handle for handle in inputs}
 
     @property
     def agent(self) -> SelfModelAgent | None:
         """The agent with a self-model that steers the robot, if it does."""
         agent = self.swim.pilot.agent
         return agent if isinstance(agent, SelfModelAgent) else None
+
+    @property
+    def calibrates_for(self) -> float:
+        """How long the self-model still measures its error, in which nothing may break, s."""
+        agent = self.agent
+        return 0.0 if agent is None else max(0.0, CALIBRATION * agent.dt - self.swim.seconds)
 
     def _targets(self) -> list[int] | None:
         return None if self.everyone.value else [self.number.value - 1]
@@ -209,15 +229,24 @@ class Viewer:
             self.strike(str(self._chosen_fault()))
 
         if fin in FINS:
-            self._todo.put(strike)
+            self._ask(strike)
+
+    def _ask(self, do: Callable[[], None]) -> None:
+        """Let the next update do something, unless it has more to do than a user can ask."""
+        with contextlib.suppress(queue.Full):
+            self._todo.put_nowait(do)
 
     def strike(self, damage: str) -> None:
         """Break the chosen robot, or all, in mid-swim; what is wrong is shown on the page."""
         self._problem = ""
         try:
+            if (left := self.calibrates_for) > 0:
+                raise InvalidArgumentError(
+                    f"the self-model measures its own error: break it in {math.ceil(left)} s"
+                )
             self.swim.strike(damage, self._targets())
         except InvalidArgumentError as error:
-            self._problem = f"\n\n**{error}**"
+            self._problem = f"\n\n{as_code(error)}"
 
     def _restart(self) -> None:
         self.swim.reset(self._pilots[self._chosen])
@@ -312,11 +341,16 @@ class Viewer:
         tail = 30 * math.sin(math.radians(phase))
         push = MN_PER_UNIT * live.part_forces(swim.robots.take(me), state)[:, 1].sum()
         self.reading.content = (
-            f"**{far:+.0f} cm** forward after **{swim.seconds:.1f} s**\n\n"
-            f"fins: left {left:.0f}°, right {right:.0f}°, tail {tail:+.0f}°\n\n"
-            f"the water pushes forward by {push:+.1f} mN"
+            f"**{far:+z.0f} cm** forward after **{swim.seconds:.1f} s**\n\n"
+            f"fins: left {left:z.0f}°, right {right:z.0f}°, tail {tail:+z.0f}°\n\n"
+            f"the water pushes forward by {push:+z.1f} mN"
         )
-        self.damage.content = f"broken: {swim.damage_now(me)}{self._problem}"
+        for button in (self.break_it, self.break_text):
+            button.disabled = self.calibrates_for > 0
+        waits = ""
+        if self.calibrates_for > 0:
+            waits = f"\n\nIn {math.ceil(self.calibrates_for)} s: the self-model measures its error."
+        self.damage.content = f"broken: {as_code(swim.damage_now(me))}{waits}{self._problem}"
         self.thoughts.content = self._thoughts()
 
     def _thoughts(self) -> str:
@@ -329,15 +363,18 @@ class Viewer:
             f"± {attitude:.2g}° attitude, ± {fins:.2g}° fins, "
             f"± {CM_PER_UNIT * sd[VELOCITY].max():.2g} cm/s (1 sd)"
         ]
-        left = CALIBRATION * agent.dt - self.swim.seconds
-        if left > 0:
-            lines.append(f"measures its own error for {left:.0f} s more; break nothing")
+        if (left := self.calibrates_for) > 0:
+            lines.append(f"measures its own error for {left:.0f} s more")
         if agent.recognised is not None:
             several = agent.recognised.alternatives[:3]
             lines += [
-                f"{one.weight:.0%} `{one.hypothesis}`" for one in several if one.weight > 0.005
+                f"{one.weight:.0%} {as_code(one.hypothesis)}"
+                for one in several
+                if one.weight > 0.005
             ]
-        lines += [f"`{e.seconds:5.1f} s` {e.what}: {e.about}" for e in reversed(agent.events[-6:])]
+        lines += [
+            as_code(f"{e.seconds:.1f} s {e.what}: {e.about}") for e in reversed(agent.events[-6:])
+        ]
         return "\n\n".join(lines)
 
     def run(self) -> None:

@@ -69,5 +69,5 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
         list(islice(cycle(TRAILS), len(lanes))),
         floor_below(everywhere),
         (-FISH, x - _LANE + FISH),
-        [(y, f"{CM_PER_UNIT * y:.0f} cm" if y else "start") for y in places],
+        [(y, f"{CM_PER_UNIT * y:z.0f} cm" if y else "start") for y in places],
     )

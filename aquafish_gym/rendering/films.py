@@ -88,7 +88,7 @@ def film_frames(
         for lane, trail, colour in zip(lanes, trails, course.colours, strict=True):
             row = view.project(lane.position[0] - (1.7, 0.0, 0.0), width, height)[1]
             at = (edge, min(max(row, 3 * size), height - size))
-            text = f"{lane.label}  {trail[-1, 1] * CM_PER_UNIT:+.0f} cm"
+            text = f"{lane.label}  {trail[-1, 1] * CM_PER_UNIT:+z.0f} cm"
             draw.text(at, text, colour, font, "ls", stroke_width=2, stroke_fill=scene.WATER_ABOVE)
         for (foot, _), (_, text) in zip(rulers, course.marks, strict=True):
             x, y, _ = view.project(foot[1], width, height)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import gzip
+import hashlib
 import html
 import json
 import os
@@ -81,7 +82,7 @@ def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
         ],
     }
     reached = (
-        f"{html.escape(lane.label)} {CM_PER_UNIT * lane.position[-1, 1]:.0f} cm" for lane in lanes
+        f"{html.escape(lane.label)} {CM_PER_UNIT * lane.position[-1, 1]:z.0f} cm" for lane in lanes
     )
     return Template(_web_file("replay.html")).substitute(
         summary=", ".join(reached),
@@ -93,10 +94,25 @@ def replay_fragment(swims: Sequence[FilmedSwim]) -> str:
 
 
 def whole_page(title: str, body: str, style: str = "") -> str:
-    """Return an HTML page with the style of replays, then ``style``."""
-    return Template(_web_file("page.html")).substitute(
-        title=html.escape(title), body=body, style=_web_file("replay.css") + style
+    """Return an HTML page with the style of replays, then ``style``.
+
+    Its Content-Security-Policy allows this style, the replay's scripts and pictures within the
+    page. Nothing else runs or loads, whatever the body contains.
+    """
+    style = _web_file("replay.css") + style
+    scripts = " ".join(map(_digest, (_web_file("replay.js"), _web_file("three.min.js"))))
+    policy = (
+        f"default-src 'none'; script-src {scripts}; style-src {_digest(style)}; img-src data:; "
+        "base-uri 'none'; form-action 'none'"
     )
+    return Template(_web_file("page.html")).substitute(
+        title=html.escape(title), body=body, style=style, policy=policy
+    )
+
+
+def _digest(content: str) -> str:
+    """Return the source expression by which a policy allows an inline script or style."""
+    return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode()}'"
 
 
 def css(colour: Colour) -> str:

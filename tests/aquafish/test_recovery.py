@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import html
 import io
 import json
 import os
+import re
 import runpy
 import shutil
 import signal
@@ -13,7 +15,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -21,6 +23,7 @@ from PIL import Image
 
 from aquafish.cli import main
 from aquafish.online.gaits import load_library
+from aquafish.recovery.page import report_page
 from aquafish.recovery.treatment import BODIES, TREATMENTS
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.command_line import read_morphology
@@ -113,6 +116,28 @@ def test_the_command_ends_with_the_path_of_one_small_page(study: Path, again: Pa
     assert page.read_bytes() == (study / "report.html").read_bytes()
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_nothing_that_a_report_holds_is_markup_of_its_page(
+    again: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hostile = "<script>alert(1)</script>"
+
+    def page_of_hostile(job: Any, outcomes: Any, report: Any, *rest: Any) -> str:
+        report["code"][0]["numpy"] = hostile
+        for several in outcomes.values():
+            for one in several:
+                one["verdict"] = hostile
+        return str(report_page(job, outcomes, report, *rest))
+
+    monkeypatch.setattr("aquafish.recovery.page.report_page", page_of_hostile)
+    assert recover(again, *SMALL, "--replicates", "2", "--redraw").returncode == 0
+    text = (again / "report.html").read_text()
+    assert hostile not in text
+    assert text.count(html.escape(hostile)) == 2
+    assert "default-src 'none'" in text
+    assert not re.search(r"<[^>]* (style|on\w+)=", text)
+
+
 @pytest.mark.parametrize("size", [(1100, 800), (390, 800)])
 def test_the_page_opens_in_a_browser(study: Path, tmp_path: Path, size: tuple[int, int]) -> None:
     address = (study / "report.html").as_uri()
@@ -123,6 +148,9 @@ def test_the_page_opens_in_a_browser(study: Path, tmp_path: Path, size: tuple[in
         assert page.value("document.images.length") == 2
         title = page.value("document.querySelector('h1').textContent")
         assert title.startswith("The left flipper has lost 50% of its length.")
+        assert "joint-fins" in title  # a row of the plot below
+        edges = "[...document.images].map(image => image.getBoundingClientRect().right)"
+        assert max(page.value(edges)) <= size[0]  # whole, not cut off
         assert page.value("document.documentElement.scrollWidth") <= size[0]
         page.value("document.querySelector('.replay input').focus()")
         page.key("End")
