@@ -45,7 +45,7 @@ bench: $(VENV)/.installed-test
 	$(PY) -m tests.benchmarks $(ARGS)
 
 docs: $(VENV)/.installed-docs
-	$(VENV)/bin/sphinx-build -q -W -j auto $(ARGS) docs docs/_build
+	$(VENV)/bin/sphinx-build -W -j auto $(ARGS) docs docs/_build
 
 wheel:
 	.ci/wheel

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -12,7 +9,6 @@ from typing import Annotated
 import numpy as np
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish_gym.bodies import read_bodies
 from aquafish_gym.command_line import (
@@ -27,6 +23,7 @@ from aquafish_gym.command_line import (
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.progress import show_progress
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import Controller
@@ -81,7 +78,7 @@ class Evolve:
 
         bodies = _bodies(self.morphology, Damage.parse(self.damage))
         rows: list[Generation] = []
-        with _progress("evolving", self.config.plan.rows) as show:
+        with show_progress("evolving", self.config.plan.rows) as show:
 
             def report(row: Generation) -> None:
                 rows.append(row)
@@ -186,7 +183,7 @@ class BaselineCommand:
         config, points = self.config, list[CurvePoint]()
         own, schedule = Damage.parse(self.damage).split()
         bodies = _bodies(self.morphology, own)
-        with _progress("PPO", config.epochs) as show:
+        with show_progress("PPO", config.epochs) as show:
 
             def report(point: CurvePoint) -> None:
                 points.append(point)
@@ -218,30 +215,6 @@ def _bodies(file: Path | None, damage: Damage) -> list[Morphology]:
     """Return the bodies in a file, or the nominal one, with damage."""
     bodies = [None] if file is None else read_bodies(file, "morphology")
     return [damage.apply(Morphology.coerce(body)) for body in bodies]
-
-
-@contextmanager
-def _progress(label: str, total: int) -> Iterator[Callable[[int, str], None]]:
-    """Show a progress bar, or ten lines on stderr without a terminal.
-
-    The function that it yields takes how much is done, and a line about it.
-    """
-    console, tenths = Console(stderr=True), 0
-    columns = TextColumn("{task.description}"), BarColumn(bar_width=10), MofNCompleteColumn()
-    live = console.is_terminal
-    with Progress(
-        *columns, TimeElapsedColumn(), console=console, transient=True, disable=not live
-    ) as bar:
-        task = bar.add_task(label, total=total)
-
-        def show(done: int, text: str) -> None:
-            nonlocal tenths
-            bar.update(task, completed=done, description=text)
-            if not live and done * 10 // total > tenths:
-                tenths = done * 10 // total
-                print(f"{done}/{total}  {text}", file=sys.stderr, flush=True)
-
-        yield show
 
 
 def _result_text(evolved: Evolved, config: EvolveConfig) -> str:

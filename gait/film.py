@@ -20,6 +20,7 @@ from aquafish_gym.rendering.films import SUFFIXES, film
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
+from aquafish_gym.runs.progress import show_share
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
@@ -90,7 +91,10 @@ class Film:
         if self.html:
             write_replay(swims, out, self.title or "AquaFish")
         else:
-            film(swims, out, self.width, self.height, self.fps, self.speed, self.title)
+            with show_share("film", "frames") as show:
+                film(
+                    swims, out, self.width, self.height, self.fps, self.speed, self.title, show
+                )  # fmt: skip
         for swim in swims:
             far = swim.position[-1, 1]
             print(f"{swim.label}: {far:z.2f} units in {self.seconds:g} s")

@@ -14,6 +14,7 @@ from PIL import Image
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering import FilmedSwim, film
 from aquafish_gym.rendering.films import film_frames, fitting_view
+from aquafish_gym.runs.progress import show_share
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, UnknownNameError
 
 NOMINAL = Morphology.nominal()
@@ -103,6 +104,18 @@ def test_an_mp4_is_readable(tmp_path: Path) -> None:
     count, seconds = encoder.count_frames_and_secs(str(path))
     assert count == 26
     assert seconds == pytest.approx(2.6, abs=0.1)
+
+
+def test_a_film_tells_how_far_it_is(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    told: list[tuple[int, int]] = []
+    film([straight(1.0)], tmp_path / "a.webp", *SIZE, fps=10, progress=lambda *x: told.append(x))
+    assert told == [(i, 26) for i in range(1, 27)]
+    with show_share("film", "frames") as show:
+        for done, total in told:
+            show(done, total)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 10
+    assert lines[-1] == "100/100  film: 26 of 26 frames"
 
 
 def test_an_mp4_without_its_extra_names_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -19,6 +19,7 @@ from aquafish_gym.morphology import FIN_WORDS, FINS
 from aquafish_gym.rendering import Camera, film, render_pose
 from aquafish_gym.rendering.pictures import encode_figure, new_figure, save_figure
 from aquafish_gym.rendering.scene import CM_PER_UNIT
+from aquafish_gym.runs.progress import show_share
 from eea.core.fitness import chance_level, mid_range_level
 from eea.fish import fish_problem
 from eea.study.statistics import interval
@@ -221,8 +222,10 @@ def write_film(folder: Path, job: Treatment, outcomes: Outcomes) -> list[str]:
     They are film.webp and, where imageio-ffmpeg is installed, film.mp4.
     """
     swims, title = shown_swims(job, outcomes), damage_in_words(job.morphology, job.target)
-    film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title)
+    with show_share("film.webp", "frames") as show:
+        film(swims, folder / "film.webp", *FILM_PIXELS, FILM_FPS, FILM_SPEED, title, show)
     if find_spec("imageio_ffmpeg") is None:
         return ["film.webp"]
-    film(swims, folder / "film.mp4", 1920, 1080, speed=FILM_SPEED, title=title)
+    with show_share("film.mp4", "frames") as show:
+        film(swims, folder / "film.mp4", 1920, 1080, speed=FILM_SPEED, title=title, progress=show)
     return ["film.webp", "film.mp4"]

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import os
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 
@@ -39,25 +39,33 @@ def film(
     fps: float = 20.0,
     speed: float = 1.0,
     title: str = "",
+    progress: Callable[[int, int], None] | None = None,
 ) -> Path:
     """Write a film of swims side by side as .mp4, .webp or .gif; return its path.
 
     ``speed`` is that of the film relative to the swim; the ``title`` is at the top. Films as .webp
     and .gif repeat forever. GIF counts hundredths of a second, so only frame rates of 100 / n are
-    exact. An .mp4 needs the extra ``film``, without which MissingExtraError is raised.
+    exact. An .mp4 needs the extra ``film``, without which MissingExtraError is raised. ``progress``
+    is called with the number of frames drawn and of all.
     """
     suffix = one_of("the film's suffix", Path(path).suffix, SUFFIXES)
     integer("width", width, 64, 4096)
     integer("height", height, 64, 4096)
     finite_array("speed", speed, (), 0.01, 100.0)
     finite_array("fps", fps, (), 0.1, 240.0)
-    frames = film_frames(swims, width, height, fps, speed, title)
+    frames = film_frames(swims, width, height, fps, speed, title, progress)
     write_bytes(path, _encode(frames, fps) if suffix == ".mp4" else _animate(frames, suffix, fps))
     return Path(path)
 
 
 def film_frames(
-    swims: Sequence[FilmedSwim], width: int, height: int, fps: float, speed: float, title: str
+    swims: Sequence[FilmedSwim],
+    width: int,
+    height: int,
+    fps: float,
+    speed: float,
+    title: str,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Iterator[Frame]:
     """Yield the frames of :func:`film`; the last, at the end of the longest swim, is held."""
     from aquafish_gym.rendering import caster
@@ -74,7 +82,7 @@ def film_frames(
     pace = "" if speed == 1 else f"  (x {speed:g})"
     size = max(10, height // 24)
     font, edge = ImageFont.load_default(size), size // 2
-    for moment in moments:
+    for number, moment in enumerate(moments, 1):
         last = [max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1) for lane in lanes]
         now = (
             np.stack([lane[k][i] for lane, i in zip(lanes, last, strict=True)]) for k in range(2, 7)
@@ -95,6 +103,8 @@ def film_frames(
             draw.text((x, min(y + 2, height - size - 2)), text, scene.INK, font, "ma")
         draw.text((edge, edge), title, scene.INK, font)
         draw.text((width - edge, edge), f"{moment:.1f} s{pace}", scene.INK, font, "ra")
+        if progress is not None:
+            progress(number, len(moments))
         yield np.array(image)
 
 
