@@ -1,10 +1,12 @@
-"""Write examples/logs: a swim as a robot's logger would record it, and the body that swam.
+"""Write examples/logs: two swims as a robot's logger would record them, and the body that swam.
 
     python examples/recorded_swim.py --out examples/logs
-    aquafish infer --log examples/logs/swim.csv --truth examples/logs/body.json
+    aquafish infer --log examples/logs/swim.csv --truth examples/logs/body.json --out out/infer
+    aquafish watch --log examples/logs/later.csv --posterior out/infer/posterior.npz
 
-A fish whose left flipper broke in the middle performs three commands, each from rest, from fin
-hidden angles. Its gyroscope, with noise of 0.01 rad/s, is sampled at 100 Hz.
+A fish whose left flipper broke in the middle performs three commands, each from rest, from hidden
+fin angles: swim.csv. In later.csv it swims for 12 s, and after 6 s its right flipper breaks, too.
+Its gyroscope, with noise of 0.01 rad/s, is sampled at 100 Hz.
 """
 
 from __future__ import annotations
@@ -17,21 +19,27 @@ import numpy as np
 
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.command_line import Out, run_command_line
+from aquafish_gym.rollout import rollout
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
+from aquafish_gym.scenario import TIMESTEP, Scenario
 from eea import RecordedLog, SwimLog, write_log
 
 COMMANDS = [(0.5, -0.5, 1.0), (-0.5, -0.5, 0.5), (0.5, 0.5, 1.0)]  # rev/s, rev/s, Hz
 STEPS = 300  # of 0.01 s
 DIGITS = 4  # of a gyroscope's reading in rad/s
+LATER_SECONDS = 12.0
+HELD = 150  # steps for which the later swim holds a command
 
 
 @dataclass(frozen=True)
 class RecordedSwim:
-    """Write swim.csv, and the body that swam as body.json."""
+    """Write swim.csv, the body that swam as body.json, and a later swim, later.csv."""
 
     out: Out = Path("examples/logs")
     damage: str = "left_pectoral:length=0.5"
-    """What broke."""
+    """What broke before both swims."""
+    later: str = "right_pectoral:length=0.5@6"
+    """What breaks in the later swim."""
     noise: float = 0.01
     """Standard deviation of the gyroscope's noise, rad/s."""
     seed: int = 0
@@ -49,7 +57,23 @@ class RecordedSwim:
         log = SwimLog.of_trials(COMMANDS, [RecordedLog(gyro) for gyro in felt])
         write_log(folder / "swim.csv", log)
         write_document(folder / "body.json", body.to_dict())
+        write_log(folder / "later.csv", self._swim_later(body, rng))
         print(f"written to {folder}: {len(log)} trials, {sum(log.seconds):g} s of swimming")
+
+    def _swim_later(self, body: Morphology, rng: np.random.Generator) -> SwimLog:
+        """Return the log of a swim of random commands in which something breaks."""
+        broken = Damage.parse(self.later).edit(Scenario.create(body), HELD)
+        (path,) = rollout(
+            [lambda *_: np.round(rng.uniform(-1.0, 1.0, 3), 2)],
+            broken,
+            engine="numba",
+            seconds=LATER_SECONDS,
+            interval=HELD,
+        ).paths
+        turned = np.vstack([np.zeros(3), path.gyro])
+        felt = np.round(turned + rng.normal(0.0, self.noise, turned.shape), DIGITS)
+        commands = np.vstack([path.commands, path.commands[-1]])
+        return SwimLog(TIMESTEP * np.arange(len(felt)), felt, commands)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,96 @@
+"""The shell blocks of README, tutorial and how-tos can be pasted in the order of the pages."""
+
+from __future__ import annotations
+
+import pathlib
+import re
+import runpy
+import shlex
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+from aquafish.cli import main
+
+ROOT = pathlib.Path(__file__).parents[2]
+BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+INDEX = (ROOT / "docs" / "howto" / "index.md").read_text(encoding="utf-8")
+HOW_TOS = INDEX.partition(":hidden:")[2].replace("`", "").split()
+PAGES = ["README.md", "docs/tutorial.md", *(f"docs/howto/{name}.md" for name in HOW_TOS)]
+#: Commands that are not run, by how they begin, and why.
+NOT_RUN = {
+    "make": "the case study and these tests",
+    "pip install": "installs",
+    "ssh": "needs another computer",
+    "aquafish view": "serves until Ctrl-C; tests/aquafish/test_viewer.py",
+    "dask": "needs other computers; tests/runs/test_jobs.py",
+    "aquafish recover --out out/recovery --replicates": "nine times as long as the line before",
+    "aquafish study --figure all": "hours, on the computers above",
+    "python -m rl_zoo3.train": "tests/envs/test_trainers.py",
+    "python examples/minari_dataset.py": "tests/envs/test_trainers.py",
+}
+TINY = "--generations 1 --random-candidates 6 --restarts 1 --poses 2"
+#: What makes commands shorter, by how they begin.
+SHORTER = {
+    "aquafish recover": (
+        "--rounds 2 --joint-rounds 1 --steps 64 --models 6 --angle-sets 6 --generations 3 "
+        "--population 12 --gait-poses 1 --search-generations 3 --search-restarts 1 "
+        "--random-candidates 10 --search-population 10 --direct-generations 2 --poses 2 "
+        "--seconds 2 --target-engine numba --no-film"
+    ),
+    "aquafish run": "--rounds 1 --target-engine numba",
+    "aquafish evolve": TINY,
+    "aquafish baseline": "--steps 1600 --environments 16",
+    "aquafish film": "--seconds 1 --engine numba",
+    "aquafish transfer": "--poses 2 --target-engine numba",
+    "aquafish study": "--replicates 1 --rounds 1 --workers 1 --steps 32",
+}
+
+
+def commands(page: str) -> list[str]:
+    """Return the commands of a page's shell blocks."""
+    blocks = "".join(BLOCK.findall((ROOT / page).read_text(encoding="utf-8")))
+    lines = (
+        re.sub(r"(^|\s)#.*", "", line).strip() for line in blocks.replace("\\\n", "").split("\n")
+    )
+    return [line for line in lines if line]
+
+
+ALL = {page: commands(page) for page in PAGES}
+
+
+def run(line: str) -> int:
+    """Run a command as a shell would, the packages' own within this process."""
+    line = " ".join([line, *(more for begin, more in SHORTER.items() if line.startswith(begin))])
+    program, *words = shlex.split(line)
+    if program == "aquafish":
+        return main(words)
+    if program == "python" and words[0].startswith("examples/"):
+        sys.argv[:] = words
+        with pytest.raises(SystemExit) as ended:
+            runpy.run_path(words[0], run_name="__main__")
+        return int(ended.value.code or 0)
+    return subprocess.run(line, shell=True, check=False).returncode
+
+
+def test_pages_can_be_pasted_one_after_another(
+    tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", list(sys.argv))
+    monkeypatch.syspath_prepend(tmp_path / "examples")
+    for page, lines in ALL.items():
+        for line in lines:
+            if not line.startswith(tuple(NOT_RUN)):
+                assert run(line) == 0, f"{page}: {line}\n{capfd.readouterr().err}"
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written == {"examples", "out"}, "pages write into out/"
+
+
+def test_what_is_not_run_or_shorter_is_on_a_page() -> None:
+    everything = [line for lines in ALL.values() for line in lines]
+    for begin in (*NOT_RUN, *SHORTER):
+        assert any(line.startswith(begin) for line in everything), begin
