@@ -97,8 +97,8 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
         else:
             self._added[name] = each
 
-    @property
-    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override, misc]
+    @property  # type: ignore[misc]
+    def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each robot."""
         return tuple(rng for rng, _ in self._generators())
 

@@ -252,6 +252,11 @@ class Setting:
         self._limits = limits(self._observe_fins, self.task.has_goal)
 
     @property
+    def episode_steps(self) -> int:
+        """How many steps an episode has at most."""
+        return self._last
+
+    @property
     def spec(self) -> EnvSpec | None:
         """Gymnasium's description, with the length of an episode of this task and frame_skip.
 

@@ -147,14 +147,15 @@ def read_task(description: Mapping[str, Any]) -> Task:
 
 def _rebuilt(kind: Any, state: Mapping[str, Any]) -> Task:
     """Return a task in a state; as if made anew where it says what it is made of."""
-    if is_dataclass(kind):
-        given = {one.name for one in fields(kind) if one.init}
-        try:
-            return kind(**{name: value for name, value in state.items() if name in given})
-        except TypeError as error:
-            raise InvalidArgumentError(f"task {kind.__name__} cannot be made: {error}") from None
-    task = object.__new__(kind)
-    vars(task).update(state)
+    task: Task = object.__new__(kind)
+    if not is_dataclass(kind):
+        vars(task).update(state)
+        return task
+    given = {one.name for one in fields(kind) if one.init}
+    try:
+        task.__init__(**{name: one for name, one in state.items() if name in given})  # type: ignore[misc]
+    except TypeError as error:
+        raise InvalidArgumentError(f"task cannot be made as its spec says: {error}") from None
     return task
 
 

@@ -17,7 +17,7 @@ from aquafish_gym.damage.faults import LONGEST, SHORTEST
 from aquafish_gym.damage.sensors import Rows
 from aquafish_gym.envs.batching import masked, of_each
 from aquafish_gym.envs.channels import Channels
-from aquafish_gym.envs.episode import check_options
+from aquafish_gym.envs.episode import Setting, check_options
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 
 Array = NDArray[Any]
@@ -269,6 +269,7 @@ def _last_step(env: object) -> int | None:
         spec = getattr(env, "spec", None)
         limits += [spec.max_episode_steps] if spec and spec.max_episode_steps else []
         if not isinstance(env, gym.Wrapper | VectorWrapper):
+            limits += [env.episode_steps] if isinstance(env, Setting) else []
             return min(limits, default=None)
         env = env.env
 
