@@ -193,7 +193,9 @@ class Channels:
         """
         if not self._senses:
             return observations
-        truth = observations.reshape(len(rows), -1).astype(self._sensors.readings.bias.dtype)
+        truth = observations.reshape(len(rows), self._sizes["observation"]).astype(
+            self._sensors.readings.bias.dtype
+        )
         sensed = self._sensors.observe(truth, *self._ends, rngs, rows)
         seen = np.where(self._broken[rows], sensed, truth)
         return _as(self.observation, seen).reshape(observations.shape)
@@ -209,7 +211,7 @@ class Channels:
             ("observation_lost", now.stuck | now.dropped, observations),
             *self._late_tables(),
         ]
-        found = {name: table.reshape(-1, *space.shape) for name, table, space in tables}
+        found = {name: table.reshape(len(table), *space.shape) for name, table, space in tables}
         return {"faults": self._faults.copy(), **found}
 
     def _late_tables(self) -> list[tuple[str, NDArray[Any], Box[Any]]]:
