@@ -86,7 +86,8 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     `diverged`, and hidden truth in numbers: `fin_angles` (left, right angle and tail phase, rad),
     `faults` (how many are active), `morphology` (the nine sizes of the present body), `servo_gain`
     (speed over command), `sensor_noise` (of the gyro, rad/s), and for channels 0-8 `sensor_bias`
-    and `sensor_lost` (stuck or dropped).
+    and `sensor_lost` (stuck or dropped); with late, slow or scaled channels also `sensor_scale`,
+    `sensor_delay`, `sensor_hold`, `servo_delay` and `servo_hold` (s).
 
     ## Starting State
 

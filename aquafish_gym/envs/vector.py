@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,6 +17,7 @@ from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS, NAMES
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.attributes import RobotAttributes
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
 from aquafish_gym.envs.specification import check_limit
 from aquafish_gym.envs.tasks import Step

@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any
 import gymnasium as gym
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.faults import LONGEST, SHORTEST
 from aquafish_gym.damage.sensors import Rows
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.batching import masked, of_each
 from aquafish_gym.envs.channels import Channels
 from aquafish_gym.envs.episode import Setting, check_options
@@ -38,8 +39,9 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
     reward is the environment's, for what was done. The policy does not observe the faults; ``info``
     has ``faults`` (how many are active, the environment's own included), ``action_gain`` and
     ``action_seized`` in an action's shape, ``observation_noise``, ``observation_bias`` and
-    ``observation_lost`` (stuck or dropped) in an observation's. Random faults and noise are drawn
-    from the environment's ``np_random``.
+    ``observation_lost`` (stuck or dropped) in an observation's; with late, slow or scaled channels
+    also ``action_scale``, ``action_delay``, ``action_hold`` (s) and the same of ``observation``.
+    Random faults and noise are drawn from the environment's ``np_random``.
 
     Parameters
     ----------
