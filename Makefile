@@ -15,7 +15,7 @@ PARALLEL ?= --numprocesses auto --dist worksteal
 test test-slow: export OPENBLAS_NUM_THREADS ?= 1
 test test-slow: export OMP_NUM_THREADS ?= 1
 
-.PHONY: recover test test-slow lint verify verify-inference bench docs wheel clean
+.PHONY: recover test test-slow lint verify verify-inference bench docs wheel lowest clean
 .DEFAULT_GOAL := recover
 
 recover: $(VENV)/.installed
@@ -49,6 +49,9 @@ docs: $(VENV)/.installed-docs
 
 wheel:
 	.ci/wheel
+
+lowest:
+	.ci/lowest
 
 clean:
 	rm -rf $(VENV) build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache \

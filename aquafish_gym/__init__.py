@@ -4,11 +4,13 @@ Importing the package registers ``AquaFish-v0``. The engines' packages, numba an
 are loaded when they are first used.
 """
 
+import multiprocessing as _multiprocessing
+
 import gymnasium as _gymnasium
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import simulate
-from aquafish_gym.envs import tasks
+from aquafish_gym.envs import AquaFishEnv, AquaFishVectorEnv, tasks
 from aquafish_gym.envs.wrappers import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, Dimension, Morphology
@@ -16,6 +18,8 @@ from aquafish_gym.world_config import WorldConfig
 
 __all__ = [
     "DIMENSIONS",
+    "AquaFishEnv",
+    "AquaFishVectorEnv",
     "Damage",
     "Dimension",
     "FaultWrapper",
@@ -41,7 +45,17 @@ for _id, _kwargs in IDS.items():
     if _id not in _gymnasium.registry:
         _gymnasium.register(
             id=_id,
-            entry_point="aquafish_gym.envs.env:AquaFishEnv",
-            vector_entry_point="aquafish_gym.envs.vector:AquaFishVectorEnv",
+            entry_point="aquafish_gym:AquaFishEnv",
+            vector_entry_point="aquafish_gym:AquaFishVectorEnv",
             kwargs=_kwargs,
         )
+
+# A trainer's worker is a new Python, which knows no ids of ours if it cannot import the program
+# that started it, such as a notebook. Gymnasium reads no entry points of installed packages; but
+# the fork server, from which workers come, imports what it is told, unless it runs already.
+if "forkserver" in _multiprocessing.get_all_start_methods():
+    from multiprocessing.forkserver import _forkserver
+
+    _known = getattr(_forkserver, "_preload_modules", ["__main__"])
+    if __name__ not in _known:
+        _multiprocessing.set_forkserver_preload([*_known, __name__])

@@ -45,8 +45,9 @@ _FIN_DAMAGE = (
 )
 _ANY_DAMAGE = (
     f"{_FIN_DAMAGE} Or FIN:weak=GAIN, reversed, seized, seized=ANGLE, dead, of its servo; "
-    "gyro:noise=SD; CHANNEL:bias=BY, stuck, dropped, CHANNEL being up_x to gyro_z. Each may end in "
-    "@ONSET+DURATION, in s of every trial."
+    "gyro:noise=SD; CHANNEL:bias=BY, stuck, dropped, CHANNEL being up_x to gyro_z. FIN, gyro and "
+    "CHANNEL: scale=FACTOR, delay=SECONDS, hold=SECONDS. Each may end in @ONSET+DURATION, in s of "
+    "every trial."
 )
 _BODY = (
     'an object from fin to [x, y, z], or one with a "morphology", as a result.json; '

@@ -24,6 +24,8 @@ Flags = NDArray[np.bool_]
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s
 MAXIMUM_SPIN = 100.0  # rad/s
+LARGEST_SCALE = 100.0  # factor of a sensor
+LONGEST_DELAY = 100.0  # s, of a channel of the robot
 #: What the inertial measurement unit observes: two directions and the angular velocity.
 CHANNELS = tuple(f"{sense}_{axis}" for sense in ("up", "north", "gyro") for axis in "xyz")
 
@@ -50,7 +52,16 @@ _FIELDS: dict[str, _Field] = {
     "servo_lag": _Field((), 0.0, 1.0, "s", 0.0),
     "gyro_noise": _Field((), 0.0, MAXIMUM_SPIN, "rad/s", 0.0),
     "sensor_bias": _Field((9,), -MAXIMUM_SPIN, MAXIMUM_SPIN, "", 0.0),
+    "sensor_scale": _Field((9,), -LARGEST_SCALE, LARGEST_SCALE, "", 1.0),
+    "sensor_delay": _Field((9,), 0.0, LONGEST_DELAY, "s", 0.0),
+    "sensor_hold": _Field((9,), 0.0, LONGEST_DELAY, "s", 0.0),
+    "servo_delay": _Field((3,), 0.0, LONGEST_DELAY, "s", 0.0),
+    "servo_hold": _Field((3,), 0.0, LONGEST_DELAY, "s", 0.0),
 }
+
+
+#: The fields of late, slow and scaled channels.
+LATE = ("sensor_scale", "sensor_delay", "sensor_hold", "servo_delay", "servo_hold")
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,6 +89,11 @@ class Scenario:
     servo_lag: Floats  # (B,) delay from a command to the servos' motion, s
     gyro_noise: Floats  # (B,) standard deviation in each observation and axis, rad/s
     sensor_bias: Floats  # (B, 9) added to each of ``CHANNELS``; of the gyro in rad/s
+    sensor_scale: Floats  # (B, 9) factor on each channel
+    sensor_delay: Floats  # (B, 9) age of what each channel is observed to say, s
+    sensor_hold: Floats  # (B, 9) for how long each channel repeats a reading, s; 0 is not at all
+    servo_delay: Floats  # (B, 3) age of the action that each servo follows, s
+    servo_hold: Floats  # (B, 3) for how long each servo keeps to an action, s; 0 is not at all
     sensor_stuck: Flags  # (B, 9) whether each channel repeats its first observation
     sensor_dropped: Flags  # (B, 9) whether each channel is observed as 0
     faults: NDArray[np.int64]  # (B,) how many faults each robot has
@@ -125,6 +141,12 @@ class Scenario:
 
     def __len__(self) -> int:
         return len(self.body)
+
+    @property
+    def is_late(self) -> bool:
+        """Whether a channel of any robot, as they are now, is late, slow or scaled."""
+        scaled = bool((self.sensor_scale != 1.0).any())
+        return scaled or any(vars(self)[name].any() for name in LATE if name != "sensor_scale")
 
     def __repr__(self) -> str:
         return f"Scenario(B={len(self)}, {len(self.schedule)} changes)"

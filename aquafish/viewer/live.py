@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage, Fault, edit_each
+from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.envs import episode
@@ -33,6 +34,7 @@ Floats = NDArray[np.float64]
 MAXIMUM_ROBOTS = 64
 MAXIMUM_FAULTS = 30  # of a robot
 UPDATE = 5  # steps of 0.01 s in an update
+LONGEST_STRIKE = 2.0  # s of delay for which what was before a strike is kept
 HORIZON = 20.0  # s ahead for which the self-model agent chooses a gait
 POLICY_INTERVAL = 5  # steps of 0.01 s that an action of a policy is held
 SAMPLES = 12  # of what the self-model may be
@@ -128,7 +130,13 @@ class LiveSwim:
         self._key: tuple[object, ...] = ()
         self._damages = [self._damage.sample(self._rng) for _ in self._everyone]
         self._angles = self._rng.uniform(-math.pi, math.pi, (self.count, 3))
-        self._sensors = Sensors(self.count)
+        # A fault that strikes in mid-swim finds what was said and asked before.
+        self._stride = math.gcd(self.pilot.interval, UPDATE)
+        dt = TIMESTEP * self._stride
+        self._sensors = Sensors(self.count, dt=dt)
+        self._sensors.remember(LONGEST_STRIKE)
+        self._servos = DelayLines(self.count, 3, first=np.zeros(3))
+        self._servos.remember(longest(LONGEST_STRIKE, dt))
         self.robots = self._present()
         lost = np.isnan(self.robots.fin_angles)  # of servos without power
         self._angles = np.where(lost, self._angles, self.robots.fin_angles)
@@ -193,13 +201,13 @@ class LiveSwim:
 
         All begin again if one diverges.
         """
-        interval = self.pilot.interval
-        stride = math.gcd(interval, UPDATE)
+        interval, stride = self.pilot.interval, self._stride
         self._become()
         for _ in range(updates * UPDATE // stride):
             if self.steps % interval == 0:
                 self._steer()
-            self._lanes.advance(scale_action(self.actions), stride)
+            asked = scale_action(self.actions)
+            self._lanes.advance(self._servos.carry(asked, self._everyone), stride)
             self.steps += stride
             self.held += stride
             if self._lanes.diverged().any():
@@ -223,6 +231,9 @@ class LiveSwim:
             self._key, self.robots = key, self._present()
             self._lanes.update(self._everyone, self.robots)
             self._sensors.update(self._everyone, Readings.of(self.robots))
+            now, dt = self.robots, TIMESTEP * self._stride
+            delays = delay_steps(now.servo_delay, dt)
+            self._servos.update(self._everyone, delays, now.servo_hold / dt)
 
     def _present(self) -> Scenario:
         rows = (self.count, 1)

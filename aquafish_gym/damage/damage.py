@@ -124,6 +124,11 @@ class Damage:
                     f"damage must strike before the episode ends at {seconds:g} s; got {fault}"
                 )
 
+    def check_steps(self, dt: float) -> None:
+        """Raise InvalidArgumentError if a delay or hold fits no steps of ``dt`` s."""
+        for fault in self.faults:
+            fault.check_steps(dt)
+
     def edit(self, scenario: Scenario, hold: int = 1) -> Scenario:
         """Return a scenario with this damage: faults at the start, the others in its schedule.
 
@@ -143,6 +148,7 @@ class Damage:
         if not self.faults:
             return scenario
         rows = np.arange(len(scenario))
+        self.check_steps(TIMESTEP * hold)
         (_, start), *later = (
             (step, _break(scenario, active)) for step, active in self.stages(TIMESTEP * hold)
         )

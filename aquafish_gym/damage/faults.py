@@ -14,10 +14,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.damage.sensors import Readings, break_sensor
+from aquafish_gym.damage.delays import MAXIMUM_DELAY_STEPS, ROUNDING
+from aquafish_gym.damage.sensors import GYRO, Readings, break_link, break_sensor
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
-from aquafish_gym.scenario import CHANNELS, MAXIMUM_SPIN, Scenario
+from aquafish_gym.scenario import CHANNELS, LARGEST_SCALE, LONGEST_DELAY, MAXIMUM_SPIN, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, one_of
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s
@@ -42,6 +43,12 @@ _BODY: dict[str, Range | None] = {
 }
 
 
+def _link(scale: float, longest: float) -> dict[str, Range | None]:
+    """Return the words about what a channel carries, and when."""
+    late = Range(SHORTEST, longest, "s")
+    return {"scale": Range(-scale, scale), "delay": late, "hold": late}
+
+
 def _actuator(held: Range) -> dict[str, Range | None]:
     """Return the words about an actuator, which may be seized where ``held`` says."""
     return {"weak": Range(-2.0, 2.0), "reversed": None, "seized": held, "dead": None}
@@ -52,20 +59,27 @@ def _sensor(bias: Range) -> dict[str, Range | None]:
     return {"bias": bias, "stuck": None, "dropped": None}
 
 
-_FIN = _BODY | _actuator(Range(-np.pi, np.pi, "rad", optional=True))
-_DIRECTION = _sensor(Range(-2.0, 2.0))
-_RATE = _sensor(Range(-MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s"))
+_FISH_LINK = _link(LARGEST_SCALE, LONGEST_DELAY)
+_FIN = (
+    _BODY
+    | _actuator(Range(-np.pi, np.pi, "rad", optional=True))
+    | _link(2.0, LONGEST_DELAY)  # of the servo's speed, as "weak"
+)
+_DIRECTION = _sensor(Range(-2.0, 2.0)) | _FISH_LINK
+_RATE = _sensor(Range(-MAXIMUM_SPIN, MAXIMUM_SPIN, "rad/s")) | _FISH_LINK
 #: Part -> word -> its number, or None where it takes none.
 PARTS: Mapping[str, Mapping[str, Range | None]] = {
     **dict.fromkeys(FINS, _FIN),
-    "gyro": {"noise": Range(0.0, MAXIMUM_SPIN, "rad/s")},
+    "gyro": {"noise": Range(0.0, MAXIMUM_SPIN, "rad/s")} | _FISH_LINK,
     **{name: _RATE if name.startswith("gyro") else _DIRECTION for name in CHANNELS},
 }
 #: The same about the channels of any environment, such as ``action_0``, ``observation_3-5``
 #: (from 3 to 5) or ``observation`` (all of them).
 CHANNEL_WORDS: Mapping[str, Mapping[str, Range | None]] = {
-    "action": _actuator(Range(-LARGEST, LARGEST, optional=True)),
-    "observation": {"noise": Range(0.0, LARGEST), **_sensor(Range(-LARGEST, LARGEST))},
+    "action": _actuator(Range(-LARGEST, LARGEST, optional=True)) | _link(LARGEST, LONGEST),
+    "observation": {"noise": Range(0.0, LARGEST)}
+    | _sensor(Range(-LARGEST, LARGEST))
+    | _link(LARGEST, LONGEST),
 }
 _CHANNEL = re.compile(r"(action|observation)(?:_([0-9]{1,9})(?:-([0-9]{1,9}))?)?")
 
@@ -165,6 +179,26 @@ class Fault:
         return first, None if math.isinf(end) else max(first + 1, math.ceil(end / dt - 1e-9))
 
     @property
+    def is_timed(self) -> bool:
+        """Whether it takes the length of a step to say what it does."""
+        late = self.word in ("delay", "hold")
+        return late or self.onset != 0.0 or self.duration is not None
+
+    def check_steps(self, dt: float) -> None:
+        """Raise InvalidArgumentError for a delay or hold that fits no steps of ``dt`` s."""
+        if self.word not in ("delay", "hold") or self.number is None:
+            return
+        steps, wanted = self.number / dt, f"at least a step, {dt:g} s"
+        if self.word == "hold":
+            wanted = f"longer than a step, {dt:g} s"
+        short = steps < 1.0 - ROUNDING if self.word == "delay" else steps <= 1.0 + ROUNDING
+        if short or steps > MAXIMUM_DELAY_STEPS:
+            wanted = wanted if short else f"at most {MAXIMUM_DELAY_STEPS} steps of {dt:g} s"
+            raise InvalidArgumentError(
+                f"damage {self.part}:{self.word} must be {wanted}; got {self.number:g} s"
+            )
+
+    @property
     def channels(self) -> tuple[str, slice] | None:
         """Of a fault of channels: "action" or "observation", and which of them; else None."""
         found = _CHANNEL.fullmatch(self.part)
@@ -189,10 +223,10 @@ class Fault:
                 f"damage {self} is of an environment's channels: give it to FaultWrapper"
             )
         else:
-            bias, stuck, dropped = robots.sensor_bias, robots.sensor_stuck, robots.sensor_dropped
-            sensors = Readings(robots.gyro_noise[:, None], bias, stuck, dropped)
-            channel = 0 if self.part == "gyro" else CHANNELS.index(self.part)
-            break_sensor(sensors, channel, self.word, number)
+            # Its tables are the robots' own, but for noise, which all axes of the gyro share.
+            sensors = Readings.of(robots)._replace(noise=robots.gyro_noise[:, None])
+            channels = GYRO if self.part == "gyro" else CHANNELS.index(self.part)
+            break_sensor(sensors, 0 if self.word == "noise" else channels, self.word, number)
 
     def __str__(self) -> str:
         text = f"{self.part}:{self.word}" + ("" if self.number is None else f"={self.number!r}")
@@ -228,7 +262,7 @@ def break_servo(
 ) -> None:
     """Break the servos that an index or a slice selects of (B, n) gains, in place."""
     match word:
-        case "weak":
+        case "weak" | "scale":
             gain[:, servos] *= number
         case "reversed":
             gain[:, servos] *= -1.0
@@ -250,7 +284,9 @@ def break_fin(
         case "entangled":
             column = _COLUMNS[part, "width"]
             body[:, column] += number * (DIMENSIONS[column].maximum - body[:, column])
-        case "weak" | "reversed" | "seized" | "dead":
+        case "delay" | "hold":
+            break_link(robots.servo_delay, robots.servo_hold, fin, word, number)
+        case "weak" | "scale" | "reversed" | "seized" | "dead":
             break_servo(robots.servo_gain, fin, word, number)
             if word == "dead":
                 robots.fin_angles[:, fin] = np.nan  # random at the start

@@ -1,4 +1,4 @@
-"""The observations of broken sensors: the one statement of noise, bias, stuck and dropped."""
+"""The observations of broken sensors: the one statement of each word about a sensor."""
 
 from __future__ import annotations
 
@@ -8,12 +8,14 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
+from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Observations = NDArray[np.floating]
 Rows = NDArray[np.intp]
+LARGEST_PRODUCT = 1e200  # of factors: times any reading it stays finite
 GYRO = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
 
 
@@ -24,20 +26,32 @@ class Readings(NamedTuple):
     bias: NDArray[np.floating]  #: (n, C) added
     stuck: Flags  #: (n, C) whether each repeats its first observation
     dropped: Flags  #: (n, C) whether each reads 0
+    scale: Floats  #: (n, C) by which the truth is multiplied
+    delay: Floats  #: (n, C) by which each is late, s
+    hold: Floats  #: (n, C) for how long each repeats a reading, s; 0 is not at all
 
     @classmethod
     def whole(cls, count: int, channels: int, dtype: type[np.floating] = np.float64) -> Self:
         """Return the tables of whole sensors, with biases of type ``dtype``."""
         shape = (count, channels)
         noise, bias = np.zeros(shape), np.zeros(shape, dtype)
-        return cls(noise, bias, np.zeros(shape, np.bool_), np.zeros(shape, np.bool_))
+        stuck, dropped = np.zeros((2, *shape), np.bool_)
+        return cls(noise, bias, stuck, dropped, np.ones(shape), *np.zeros((2, *shape)))
 
     @classmethod
     def of(cls, robots: Scenario) -> Self:
         """Return how the sensors ``CHANNELS`` of robots read; the gyro alone has noise."""
         noise = np.zeros(robots.sensor_bias.shape)
         noise[:, GYRO] = robots.gyro_noise[:, None]
-        return cls(noise, robots.sensor_bias, robots.sensor_stuck, robots.sensor_dropped)
+        return cls(
+            noise,
+            robots.sensor_bias,
+            robots.sensor_stuck,
+            robots.sensor_dropped,
+            robots.sensor_scale,
+            robots.sensor_delay,
+            robots.sensor_hold,
+        )
 
     def take(self, rows: Any) -> Self:
         """Return the robots that ``rows`` selects; views of them if it is a slice."""
@@ -46,8 +60,9 @@ class Readings(NamedTuple):
     @property
     def broken(self) -> Flags:
         """Which channels (n, C) may observe something else than the truth."""
-        read: Flags = (self.noise != 0.0) | (self.bias != 0.0)
-        return read | self.stuck | self.dropped
+        read: Flags = (self.noise != 0.0) | (self.bias != 0.0) | (self.scale != 1.0)
+        late: Flags = (self.delay != 0.0) | (self.hold != 0.0)
+        return read | late | self.stuck | self.dropped
 
 
 def break_sensor(robots: Readings, channels: Any, word: str, number: float) -> None:
@@ -61,35 +76,73 @@ def break_sensor(robots: Readings, channels: Any, word: str, number: float) -> N
             robots.stuck[:, channels] = True
         case "dropped":
             robots.dropped[:, channels] = True
+        case "scale":
+            product = robots.scale[:, channels] * number
+            robots.scale[:, channels] = np.clip(product, -LARGEST_PRODUCT, LARGEST_PRODUCT)
+        case "delay" | "hold":
+            break_link(robots.delay, robots.hold, channels, word, number)
+
+
+def break_link(
+    delay: Floats, hold: Floats, channels: Any, word: str, number: float | Floats
+) -> None:
+    """Let the channels that an index selects deliver late or seldom, in place.
+
+    One late link follows another; of two slow ones the slower counts.
+    """
+    if word == "delay":
+        delay[:, channels] += number
+    else:
+        hold[:, channels] = np.maximum(hold[:, channels], number)
 
 
 class Sensors:
     """The sensors of B robots, C channels each, which may observe something else than the truth.
 
     ``readings`` is how they read. ``broken`` is whether any of them ever was; where none was,
-    nothing is computed. They observe numbers of type ``dtype``.
+    nothing is computed. They observe numbers of type ``dtype``, every ``dt`` s.
     """
 
     def __init__(
-        self, count: int, dtype: type[np.floating] = np.float32, channels: int = len(CHANNELS)
+        self,
+        count: int,
+        dtype: type[np.floating] = np.float32,
+        channels: int = len(CHANNELS),
+        dt: float = TIMESTEP,
     ) -> None:
         self.broken = False
         self.readings = Readings.whole(count, channels, dtype)
         self._fresh = np.zeros((count, channels), np.bool_)  # stuck from the next observation on
         self._held = np.zeros((count, channels), dtype)
+        self._dt, self._lines = dt, DelayLines(count, channels, dtype)
+
+    @property
+    def remembers(self) -> bool:
+        """Whether readings must pass, also of whole sensors: a channel ever is or will be late."""
+        return self._lines.active
+
+    def remember(self, seconds: ArrayLike) -> None:
+        """Keep readings from now on, for delays of up to so many s that come later."""
+        steps = longest(seconds, self._dt)
+        if steps:
+            self.broken = True
+            self._lines.remember(steps)
 
     def update(self, rows: Rows, readings: Readings) -> None:
         """Set how the robots ``rows`` (n,) read in later observations."""
-        if not self.broken and not any(table.any() for table in readings):
+        if not self.broken and not readings.broken.any():
             return
         self.broken = True
         self._fresh[rows] = readings.stuck & ~self.readings.stuck[rows]
         for table, new in zip(self.readings, readings, strict=True):
             table[rows] = new
+        delay = delay_steps(readings.delay, self._dt)
+        self._lines.update(rows, delay, readings.hold / self._dt)
 
     def reset(self, rows: Rows) -> None:
         """Forget the observations of these robots: an episode begins."""
         self.readings.stuck[rows] = False
+        self._lines.reset(rows)
 
     def observe(
         self,
@@ -113,10 +166,14 @@ class Sensors:
         now = self.readings.take(rows)
         observed = truth.copy()
         felt = observed[:, : now.bias.shape[1]]  # a view
+        if (now.scale != 1.0).any():
+            with np.errstate(over="ignore"):  # it saturates
+                felt *= now.scale
         felt += now.bias
         noisy = now.noise > 0.0
         if noisy.any():
             felt[noisy] += now.noise[noisy] * _draw(rngs, rows, noisy.sum(axis=1))
+        felt[:] = self._lines.carry(felt, rows)
         self._held[rows] = np.where(self._fresh[rows], felt, self._held[rows])
         self._fresh[rows] = False
         np.copyto(felt, self._held[rows], where=now.stuck)

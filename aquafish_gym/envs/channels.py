@@ -10,8 +10,17 @@ from gymnasium.spaces import Box, Space
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage.damage import Damage, ways_to_break
+from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.faults import CHANNEL_WORDS, RANDOM, Fault, break_servo
-from aquafish_gym.damage.sensors import Floats, Rows, Sensors, break_sensor
+from aquafish_gym.damage.sensors import (
+    LARGEST_PRODUCT,
+    Floats,
+    Readings,
+    Rows,
+    Sensors,
+    break_link,
+    break_sensor,
+)
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
@@ -67,33 +76,43 @@ class Channels:
         }
         actuators, dtype = (count, len(self._low)), self.observation.dtype
         self._gain = np.ones(actuators)
+        self._scale = np.ones(actuators)
+        self._delay, self._hold = np.zeros((2, *actuators))  # s
+        self._lines = DelayLines(count, len(self._low), first=self._neutral)
         self._seized = np.zeros(actuators, np.bool_)
         self._held = np.zeros(actuators)  # what seized actuators do
         self._done = np.tile(self._neutral, (count, 1))  # what all did in the last step
-        real = dtype.type if dtype.kind == "f" else np.float64
-        self._sensors = Sensors(count, real, self._sizes["observation"])
+        # Half precision has too small a range for the numbers of faults.
+        real = dtype.type if dtype in (np.float32, np.float64) else np.float64
+        self._sensors = Sensors(count, real, self._sizes["observation"], dt or 1.0)
         self._broken = self._sensors.readings.broken
         self._acts = self._senses = False  # whether any actuator, any sensor is broken
+        self._late = False  # whether any channel ever was or will be late, slow or scaled
         self._faults, self._step = np.zeros((2, count), np.int64)
         # Per robot: the steps at which other faults are active, and the next of them.
         self._stages: list[list[tuple[int, tuple[Fault, ...]]]] = [[] for _ in range(count)]
         self._next = np.full(count, NEVER)
+        self._everyone = np.arange(count)
 
-    def check(self, value: object) -> Damage:
+    def check(self, value: object, last_step: int | None = None) -> Damage:
         """Return what ``Damage.coerce`` does; InvalidArgumentError if these robots cannot have it.
 
         It may be of unknown channels, begin after the end, or have times where ``dt`` is unknown.
+        ``last_step`` is the length of an episode of one robot, if it has its own.
         """
         damage = Damage.coerce(value)
         for fault in damage:
             self._check_part(fault)
-            if self._dt is None and (fault.onset != 0.0 or fault.duration is not None):
+            if self._dt is None and fault.is_timed:
                 raise InvalidArgumentError(
                     f"damage {fault} is timed in s, and the environment does not say how long a "
                     "step is: give dt in s, or dt=1 to count in steps"
                 )
-        if self._dt is not None and self._last_step is not None:
-            damage.check_onsets(self._last_step * self._dt)
+        if self._dt is not None:
+            damage.check_steps(self._dt)
+            last = self._last_step if last_step is None else last_step
+            if last is not None:
+                damage.check_onsets(last * self._dt)
         return damage
 
     def _check_part(self, fault: Fault) -> None:
@@ -103,8 +122,8 @@ class Channels:
             return
         side, where = fault.channels or ("", slice(0, 0))
         size = self._sizes.get(side, 0)
-        if where != slice(None) and not 0 < where.stop <= size:
-            known = [f"{side}, {side}_0 to {side}_{n - 1}" for side, n in self._sizes.items()]
+        if not 0 < (size if where == slice(None) else where.stop) <= size:
+            known = [f"{side}, {side}_0 to {side}_{n - 1}" for side, n in self._sizes.items() if n]
             raise InvalidArgumentError(
                 f"damage part must be one of {', '.join(known)} and {RANDOM} in this environment; "
                 f"got {fault.part!r}"
@@ -120,9 +139,23 @@ class Channels:
         self._done[rows] = self._neutral
         self._seized[rows] = False
         self._sensors.reset(rows)
+        self._lines.reset(rows)
+        self._expect(damages)
         for i, damage in zip(rows.tolist(), damages, strict=True):
             self._stages[i] = damage.stages(self._dt or 1.0)
         self._change(rows)
+
+    def _expect(self, damages: Sequence[Damage]) -> None:
+        """Let channels keep their numbers, where one will be late in an episode."""
+        dt = self._dt or 1.0
+        delays = {"action": 0.0, "observation": 0.0}  # all of a robot's may add up, s
+        for damage in damages:
+            for side in delays:
+                late = [f.number or 0.0 for f in damage if f.word == "delay" and _side(f) == side]
+                delays[side] = max(delays[side], sum(late))
+            self._late = self._late or any(f.word in ("scale", "delay", "hold") for f in damage)
+        self._sensors.remember(delays["observation"])
+        self._lines.remember(longest(delays["action"], dt))
 
     def advance(self) -> None:
         """Count a step, after which other faults may be active."""
@@ -134,11 +167,15 @@ class Channels:
     def act(self, actions: Floats) -> NDArray[Any] | None:
         """Return what actuators make of finite actions (B, ...); None where none is broken."""
         asked = actions.reshape(self._gain.shape)
+        if self._lines.active:
+            asked = self._lines.carry(asked, self._everyone)
         done = self._done = np.clip(asked, self._low, self._high)
-        if not self._acts:
+        if not self._acts and not self._lines.active:
             return None
-        scaled = np.clip(self._neutral + self._gain * (done - self._neutral), self._low, self._high)
-        turned = self._gain != 1.0
+        whole = np.clip(self._scale * done, self._low, self._high)
+        scaled = self._neutral + self._gain * (whole - self._neutral)
+        scaled = np.clip(scaled, self._low, self._high)
+        turned = (self._gain != 1.0) | (self._scale != 1.0)
         self._done = np.where(self._seized, self._held, np.where(turned, scaled, done))
         # What whole channels are asked outside of the space is left to the environment.
         acted = np.where(self._seized | turned, self._done, asked)
@@ -156,7 +193,9 @@ class Channels:
         """
         if not self._senses:
             return observations
-        truth = observations.reshape(len(rows), -1).astype(self._sensors.readings.bias.dtype)
+        truth = observations.reshape(len(rows), self._sizes["observation"]).astype(
+            self._sensors.readings.bias.dtype
+        )
         sensed = self._sensors.observe(truth, *self._ends, rngs, rows)
         seen = np.where(self._broken[rows], sensed, truth)
         return _as(self.observation, seen).reshape(observations.shape)
@@ -170,15 +209,29 @@ class Channels:
             ("observation_noise", now.noise.copy(), observations),
             ("observation_bias", now.bias.astype(np.float64), observations),
             ("observation_lost", now.stuck | now.dropped, observations),
+            *self._late_tables(),
         ]
-        found = {name: table.reshape(-1, *space.shape) for name, table, space in tables}
+        found = {name: table.reshape(len(table), *space.shape) for name, table, space in tables}
         return {"faults": self._faults.copy(), **found}
+
+    def _late_tables(self) -> list[tuple[str, NDArray[Any], Box[Any]]]:
+        """Return what is late, slow or scaled; nothing where nothing ever is."""
+        if not self._late:
+            return []
+        now, actions, observations = self._sensors.readings, self.action, self.observation
+        return [
+            ("action_scale", self._scale.copy(), actions),
+            ("action_delay", self._delay.copy(), actions),
+            ("action_hold", self._hold.copy(), actions),
+            ("observation_scale", now.scale.copy(), observations),
+            ("observation_delay", now.delay.copy(), observations),
+            ("observation_hold", now.hold.copy(), observations),
+        ]
 
     def _change(self, rows: Rows) -> None:
         """Let robots be broken by the faults of their next stage."""
-        readings = self._sensors.readings.take(rows)
-        for table in readings:
-            table[:] = 0
+        bias = self._sensors.readings.bias
+        readings = Readings.whole(len(rows), bias.shape[1], bias.dtype.type)
         for i, robot in enumerate(rows.tolist()):
             stages = self._stages[robot]
             _, faults = stages.pop(0)
@@ -186,11 +239,19 @@ class Channels:
             self._faults[robot] = len(faults)
             stood = self._seized[robot].copy()  # and stands there still
             self._gain[robot], self._seized[robot] = 1.0, False
+            self._scale[robot] = 1.0
+            self._delay[robot] = self._hold[robot] = 0.0
             for fault in faults:
                 side, where = fault.channels or ("", slice(0, 0))
                 number = 0.0 if fault.number is None else fault.number
                 if side == "observation":
                     break_sensor(readings.take(slice(i, i + 1)), where, fault.word, number)
+                elif fault.word in ("delay", "hold"):
+                    one = slice(robot, robot + 1)
+                    break_link(self._delay[one], self._hold[one], where, fault.word, number)
+                elif fault.word == "scale":
+                    product = self._scale[robot, where] * number
+                    self._scale[robot, where] = np.clip(product, -LARGEST_PRODUCT, LARGEST_PRODUCT)
                 elif fault.word != "seized":
                     break_servo(self._gain[robot : robot + 1], where, fault.word, number)
                 else:
@@ -200,9 +261,16 @@ class Channels:
             fresh = self._seized[robot] & ~stood
             self._held[robot, fresh] = self._done[robot, fresh]
         self._sensors.update(rows, readings)
+        dt = self._dt or 1.0
+        self._lines.update(rows, delay_steps(self._delay[rows], dt), self._hold[rows] / dt)
         self._broken = self._sensors.readings.broken
-        self._acts = bool((self._seized | (self._gain != 1.0)).any())
-        self._senses = bool(self._broken.any())
+        self._acts = bool((self._seized | (self._gain != 1.0) | (self._scale != 1.0)).any())
+        self._senses = self._sensors.remembers or bool(self._broken.any())
+
+
+def _side(fault: Fault) -> str:
+    """Return "action", "observation" or, of the robot's own parts, nothing."""
+    return "" if fault.channels is None else fault.channels[0]
 
 
 def _box(name: str, space: Space[Any]) -> Box[Any]:
@@ -216,7 +284,11 @@ def _box(name: str, space: Space[Any]) -> Box[Any]:
 
 
 def _bounds(space: Box[Any]) -> tuple[Floats, Floats]:
-    return space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)
+    low, high = space.low.ravel().astype(np.float64), space.high.ravel().astype(np.float64)
+    if space.dtype.kind == "f":  # what is larger would not be finite in the space's type
+        most = float(np.finfo(space.dtype).max)
+        low, high = low.clip(-most, most), high.clip(-most, most)
+    return low, high
 
 
 def _as(space: Box[Any], values: NDArray[np.floating]) -> NDArray[Any]:

@@ -13,6 +13,7 @@ from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import episode
+from aquafish_gym.envs.specification import read_class
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector
@@ -85,7 +86,8 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     `diverged`, and hidden truth in numbers: `fin_angles` (left, right angle and tail phase, rad),
     `faults` (how many are active), `morphology` (the nine sizes of the present body), `servo_gain`
     (speed over command), `sensor_noise` (of the gyro, rad/s), and for channels 0-8 `sensor_bias`
-    and `sensor_lost` (stuck or dropped).
+    and `sensor_lost` (stuck or dropped); with late, slow or scaled channels also `sensor_scale`,
+    `sensor_delay`, `sensor_hold`, `servo_delay` and `servo_hold` (s).
 
     ## Starting State
 
@@ -160,7 +162,11 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         reactive: bool = False,
     ) -> None:
         super().__init__(task, frame_skip, observe_fins)
-        self._config = episode.check_episode(self.task, morphology, damage, current, fin_angles)
+        self._config = episode.check_episode(
+            self.task, morphology, damage, current, fin_angles, self.frame_skip
+        )
+        if isinstance(engine, str) and ":" in engine:  # as a specification in JSON has a class
+            engine = read_class("engine", engine, World)
         own = isinstance(engine, type) and issubclass(engine, World)
         self._engine: str | type[World] = engine if own else check_engine(engine)
         self._reactive = flag("reactive", reactive)
@@ -243,7 +249,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
             x, y, z = map(float, water)
             world.set_current((x, y, z))
         speeds = servo_speeds(action)
-        world.advance(speeds, self.frame_skip)
+        world.advance(self._robots.drive(speeds), self.frame_skip)
         self._steps += 1
         diverged = world.diverged
         if not diverged:

@@ -14,13 +14,15 @@ from gymnasium.spaces import Box
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage, edit_each
+from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.sensors import Readings, Sensors
+from aquafish_gym.envs.specification import FishSpec, check_limit, limit_asked_for
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector, subtract
 from aquafish_gym.physics.kinematics import State
-from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
+from aquafish_gym.scenario import LATE, TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -42,7 +44,8 @@ OPTIONS = ("fin_angles", "morphology", "damage")
 class EpisodeConfig:
     """What an episode begins with; made by :func:`check_episode`.
 
-    ``fin_angles`` is ``"random"`` or three angles in rad.
+    ``fin_angles`` is ``"random"`` or three angles in rad; ``hold`` is for how many steps of 0.01 s
+    an action is held.
     """
 
     task: Task
@@ -50,6 +53,7 @@ class EpisodeConfig:
     morphology: Morphology
     damage: Damage
     fin_angles: str | Triple
+    hold: int = 1
 
     def with_options(self, options: Mapping[str, Any]) -> EpisodeConfig:
         """Return it with the options of ``reset``."""
@@ -64,9 +68,10 @@ class EpisodeConfig:
             fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
         )
         found.damage.check_onsets(self.task.seconds)
+        found.damage.check_steps(TIMESTEP * self.hold)
         if not found.damage.is_random:
             body = found.morphology.to_array()[None]
-            found.damage.edit(Scenario.fill({"body": body}))  # raises if it does not fit
+            found.damage.edit(Scenario.fill({"body": body}), self.hold)  # raises if it does not fit
         return found
 
 
@@ -76,6 +81,7 @@ def check_episode(
     damage: object = None,
     current: ArrayLike = (0.0, 0.0, 0.0),
     fin_angles: object = "zero",
+    hold: int = 1,
 ) -> EpisodeConfig:
     """Return the configuration of an environment's arguments, for a checked task."""
     x, y, z = check_row("current", current).tolist()
@@ -84,7 +90,7 @@ def check_episode(
             f"current must be 0 where the task has a current of its own; got {(x, y, z)} with "
             f"{type(task).__name__}"
         )
-    whole = EpisodeConfig(task, (x, y, z), Morphology.nominal(), Damage(), (0.0, 0.0, 0.0))
+    whole = EpisodeConfig(task, (x, y, z), Morphology.nominal(), Damage(), (0.0, 0.0, 0.0), hold)
     return whole.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )
@@ -142,8 +148,10 @@ class Robots:
     def __init__(self, scenario: Scenario, hold: int) -> None:
         self.now = scenario.copy()
         self.next_change = np.full(len(scenario), NEVER)
-        self.sensors = Sensors(len(scenario))
+        self.sensors = Sensors(len(scenario), dt=TIMESTEP * hold)
+        self._servos = DelayLines(len(scenario), 3, first=np.zeros(3))
         self._hold = hold
+        self._late = False  # whether a channel ever was or will be late, slow or scaled
         # For each robot: control step, scenario and row in it, of the changes to come.
         self._changes: list[list[tuple[int, Scenario, int]]] = [[] for _ in range(len(scenario))]
 
@@ -151,10 +159,16 @@ class Robots:
         """Let the robots ``rows`` (n,) begin a scenario of n."""
         for robot in rows.tolist():
             self._changes[robot] = []
+        self.sensors.reset(rows)
+        self._servos.reset(rows)
+        dt = TIMESTEP * self._hold
+        for stage in (scenario, *(change.to for change in scenario.schedule)):
+            self._late = self._late or stage.is_late
+            self.sensors.remember(stage.sensor_delay)
+            self._servos.remember(longest(stage.servo_delay, dt))
         for step, changed, to in scenario.schedule:
             for i, robot in enumerate(rows[changed].tolist()):
                 self._changes[robot].append((step // self._hold, to, i))
-        self.sensors.reset(rows)
         self._set(rows, scenario)
 
     def change(self, rows: Rows) -> None:
@@ -172,12 +186,29 @@ class Robots:
         for name, table in self.now.arrays().items():
             table[rows] = vars(scenario)[name]
         self.sensors.update(rows, Readings.of(scenario))
+        dt = TIMESTEP * self._hold
+        delays = delay_steps(scenario.servo_delay, dt)
+        self._servos.update(rows, delays, scenario.servo_hold / dt)
         changes = self._changes
         self.next_change[rows] = [changes[i][0][0] if changes[i] else NEVER for i in rows.tolist()]
+
+    def drive(self, speeds: Vector) -> Vector:
+        """Return the speeds that servos follow in this step, which may be those of earlier ones.
+
+        Numbers of one robot, or rows (B,). Until the first action arrives, servos stand.
+        """
+        if not self._servos.active:
+            return speeds
+        asked = np.reshape(np.array(speeds, np.float64), (3, -1)).T
+        left, right, caudal = self._servos.carry(asked, np.arange(len(asked))).T
+        if isinstance(speeds[0], float):
+            return (float(left[0]), float(right[0]), float(caudal[0]))
+        return (left, right, caudal)
 
     def truth(self) -> dict[str, NDArray[Any]]:
         """Return copies of what damage makes of the robots, by its names in ``info``."""
         now = self.now
+        late = {name: vars(now)[name].copy() for name in LATE} if self._late else {}
         return {
             "faults": now.faults.copy(),
             "morphology": now.body.copy(),
@@ -185,6 +216,7 @@ class Robots:
             "sensor_noise": now.gyro_noise.copy(),
             "sensor_bias": now.sensor_bias.copy(),
             "sensor_lost": now.sensor_stuck | now.sensor_dropped,
+            **late,
         }
 
 
@@ -220,16 +252,23 @@ class Setting:
         self._limits = limits(self._observe_fins, self.task.has_goal)
 
     @property
+    def episode_steps(self) -> int:
+        """How many steps an episode has at most."""
+        return self._last
+
+    @property
     def spec(self) -> EnvSpec | None:
         """Gymnasium's description, with the length of an episode of this task and frame_skip.
 
-        A limit in the registry would also cut off episodes of another ``frame_skip`` or task.
+        A limit in the registry would also cut off episodes of another ``frame_skip`` or task. One
+        that no episode reaches is refused.
         """
         return self._spec
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        self._spec = spec and replace(spec, max_episode_steps=self._last)
+        check_limit(limit_asked_for(), self._last, self.task, self.dt)
+        self._spec = spec and FishSpec.of(spec, self._last)
 
 
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:

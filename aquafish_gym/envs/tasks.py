@@ -7,12 +7,13 @@ register of robots' numbers.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from aquafish_gym.envs.specification import read_task
 from aquafish_gym.envs.task import Memory as Memory
 from aquafish_gym.envs.task import Step as Step
 from aquafish_gym.envs.task import Task as Task
@@ -303,9 +304,11 @@ def compiled_task(task: Task | None) -> tuple[TaskFunctions, TaskNumbers] | None
 
 
 def check_task(task: object) -> Task:
-    """Return a task from its name or itself."""
+    """Return a task from its name, from what a specification in JSON says of it, or itself."""
     if isinstance(task, str):
         return TASKS[one_of("task", task, TASKS)]
+    if isinstance(task, Mapping):
+        task = read_task(task)
     if not isinstance(task, Task):
         raise InvalidArgumentError(
             f"task must be a Task or one of {', '.join(TASKS)}; got {brief(task)}"

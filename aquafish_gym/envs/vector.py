@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
-from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
@@ -17,7 +16,10 @@ from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS, NAMES
 from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import batching, episode
+from aquafish_gym.envs.attributes import RobotAttributes
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
+from aquafish_gym.envs.specification import check_limit
 from aquafish_gym.envs.tasks import Step
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector
@@ -40,7 +42,7 @@ SPEEDS = slice(FIELDS["velocity"].start, FIELDS["spin"].stop)
 
 
 class AquaFishVectorEnv(
-    episode.Setting, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
+    episode.Setting, RobotAttributes, VectorEnv[Observations, NDArray[np.float32], NDArray[Any]]
 ):
     """Many of :class:`~aquafish_gym.envs.env.AquaFishEnv` in the lanes of one engine.
 
@@ -64,7 +66,7 @@ class AquaFishVectorEnv(
     autoreset_mode
         An ``AutoresetMode`` or its name: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
     max_episode_steps
-        Steps after which an episode is truncated, if the task is longer.
+        Steps after which an episode is truncated; at most as many as the task's.
 
     The others are as the single environment's, for all.
 
@@ -124,7 +126,7 @@ class AquaFishVectorEnv(
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
-        start = episode.check_episode(self.task, current=current)
+        start = episode.check_episode(self.task, current=current, hold=self.frame_skip)
         self._everyone = np.arange(self.num_envs)
         self._configs = batching.with_options(
             [start] * self.num_envs,
@@ -146,7 +148,9 @@ class AquaFishVectorEnv(
         # The present states (25, num_envs), or the last ones before a robot diverged.
         self._now = self._lanes.rows()
         if max_episode_steps is not None:
-            self._last = min(self._last, integer("max_episode_steps", max_episode_steps, 1))
+            limit = integer("max_episode_steps", max_episode_steps, 1)
+            check_limit(limit, self._last, self.task, self.dt)
+            self._last = limit
         self._steps: Counts = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
@@ -173,11 +177,7 @@ class AquaFishVectorEnv(
             raise ResetNeeded("the first reset must be of every robot")
         rows = np.flatnonzero(mask)
         configs = batching.with_options(self._configs, given, rows)  # may refuse
-        if not self._rngs:
-            self._rngs = [seeding.np_random(s)[0] for s in seeds]
-        for i in rows.tolist():
-            if seeds[i] is not None:
-                self._rngs[i] = seeding.np_random(seeds[i])[0]
+        self._seed(seeds, rows)
         self._begin(rows, configs)
         self._look(rows)
         return self._seen.copy(), batching.masked(self._first_info(), mask)
@@ -235,7 +235,8 @@ class AquaFishVectorEnv(
         # The lanes' own gains are 1: their product would be of single precision.
         gains = batching.three(self._robots.now.servo_gain.T)
         speeds = servo_speeds(action)
-        turned = [gain * speed for gain, speed in zip(gains, speeds, strict=True)]
+        driven = self._robots.drive(speeds)
+        turned = [gain * speed for gain, speed in zip(gains, driven, strict=True)]
         lost = self._lanes.advance(np.array(turned).T, self.frame_skip).diverged
         before, now = self._now, self._lanes.rows()
         with np.errstate(over="ignore", invalid="ignore"):

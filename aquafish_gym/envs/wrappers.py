@@ -4,25 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.utils import RecordConstructorArgs
-from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.faults import LONGEST, SHORTEST
 from aquafish_gym.damage.sensors import Rows
+from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.batching import masked, of_each
 from aquafish_gym.envs.channels import Channels
-from aquafish_gym.envs.episode import check_options
+from aquafish_gym.envs.episode import Setting, check_options
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
 
 Array = NDArray[Any]
 Info = dict[str, Any]
 ONLY = np.zeros(1, np.intp)
+if TYPE_CHECKING:
+    _VectorWrapper = VectorWrapper[Array, Array, Array, Array, Array]
+else:
+    _VectorWrapper = VectorWrapper  # generic from Gymnasium 1.4 on
 TWICE = "env must have no FaultWrapper yet; got one that has: join the faults by ';' in one wrapper"
 
 
@@ -34,8 +39,9 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
     reward is the environment's, for what was done. The policy does not observe the faults; ``info``
     has ``faults`` (how many are active, the environment's own included), ``action_gain`` and
     ``action_seized`` in an action's shape, ``observation_noise``, ``observation_bias`` and
-    ``observation_lost`` (stuck or dropped) in an observation's. Random faults and noise are drawn
-    from the environment's ``np_random``.
+    ``observation_lost`` (stuck or dropped) in an observation's; with late, slow or scaled channels
+    also ``action_scale``, ``action_delay``, ``action_hold`` (s) and the same of ``observation``.
+    Random faults and noise are drawn from the environment's ``np_random``.
 
     Parameters
     ----------
@@ -78,8 +84,8 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         self._channels = Channels(1, *spaces, _time_step(env, dt), _last_step(env), neutral)
         self._damage = self._channels.check(damage)
         # As gym.make reads it back from a specification in JSON.
-        plain = None if neutral is None else np.asarray(neutral).tolist()
-        RecordConstructorArgs.__init__(self, damage=str(self._damage), dt=dt, neutral=plain)
+        step, plain = (None if one is None else np.asarray(one).tolist() for one in (dt, neutral))
+        RecordConstructorArgs.__init__(self, damage=str(self._damage), dt=step, neutral=plain)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -96,21 +102,22 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         asked = finite_array("action", action, self._channels.action.shape)
         done = self._channels.act(asked[None])
         observation, reward, terminated, truncated, info = self.env.step(
-            action if done is None else done[0]
+            action if done is None else done.reshape(asked.shape)
         )
         self._channels.advance()
         return self._observe(observation), reward, terminated, truncated, self._with_truth(info)
 
     def _observe(self, observation: Array) -> Array:
-        seen: Array = self._channels.observe(observation[None], [self.np_random], ONLY)[0]
-        return seen
+        batch = np.asarray(observation)[None]
+        seen: Array = self._channels.observe(batch, [self.np_random], ONLY)
+        return observation if seen is batch else seen.reshape(self._channels.observation.shape)
 
     def _with_truth(self, info: Info) -> Info:
         truth = {name: rows[0] for name, rows in self._channels.truth().items()}
         return info | truth | {"faults": int(truth["faults"]) + info.get("faults", 0)}
 
 
-class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
+class VectorFaultWrapper(_VectorWrapper):
     """:class:`FaultWrapper` for vector environments, in any autoreset mode.
 
     ``damage`` is one for all environments or a list of one for each, also in ``options``. Keys of
@@ -150,6 +157,7 @@ class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
         self._mode = AutoresetMode(env.metadata["autoreset_mode"])
         count, spaces = self.num_envs, (env.single_action_space, env.single_observation_space)
         self._channels = Channels(count, *spaces, _time_step(env, dt), _last_step(env), neutral)
+        self._last_steps = _last_steps(env)
         self._damages = self._check(damage)
         self._everyone = np.arange(count)
         self._over = np.zeros(count, np.bool_)  # whose episode ended in the last step
@@ -221,8 +229,32 @@ class VectorFaultWrapper(VectorWrapper[Array, Array, Array, Array, Array]):
 
     def _check(self, damage: object) -> list[Damage]:
         each = of_each("damage", damage, self.num_envs)
-        made = {id(one): self._channels.check(one) for one in each}
-        return [made[id(one)] for one in each]
+        pairs = list(zip(each, self._last_steps, strict=True))
+        made = {(id(one), last): self._channels.check(one, last) for one, last in pairs}
+        return [made[id(one), last] for one, last in pairs]
+
+    def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
+        """Return what a method or attribute of each environment gives, without the faults."""
+        found: tuple[Any, ...] = self.env.call(name, *args, **kwargs)  # type: ignore[attr-defined]
+        return found
+
+    def get_attr(self, name: str) -> tuple[Any, ...]:
+        """Return an attribute of each environment."""
+        return self.call(name)
+
+    def set_attr(self, name: str, values: Any) -> None:
+        """Set an attribute of each environment: a list or tuple of them, or one for all."""
+        self.env.set_attr(name, values)  # type: ignore[attr-defined]
+
+    @property
+    def np_random_seed(self) -> Any:
+        """The seeds of the environments, as they say."""
+        return self.env.np_random_seed
+
+    @property
+    def render_mode(self) -> str | None:  # type: ignore[override]
+        """What the environments render."""
+        return self.env.render_mode
 
 
 def _refuse_twice(env: object) -> None:
@@ -232,8 +264,23 @@ def _refuse_twice(env: object) -> None:
         env = env.env
 
 
-def _last_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any]) -> int | None:
-    return None if env.spec is None else env.spec.max_episode_steps
+def _last_step(env: object) -> int | None:
+    """Return the fewest steps after which a specification of the environment says it ends."""
+    limits: list[int] = []
+    while True:
+        spec = getattr(env, "spec", None)
+        limits += [spec.max_episode_steps] if spec and spec.max_episode_steps else []
+        if not isinstance(env, gym.Wrapper | VectorWrapper):
+            limits += [env.episode_steps] if isinstance(env, Setting) else []
+            return min(limits, default=None)
+        env = env.env
+
+
+def _last_steps(env: VectorEnv[Any, Any, Any]) -> list[int | None]:
+    """Return the same of each environment, which may have a limit of its own."""
+    base: Any = env.unwrapped
+    specs = base.get_attr("spec") if hasattr(base, "get_attr") else [None] * env.num_envs
+    return [None if spec is None else spec.max_episode_steps for spec in specs]
 
 
 def _time_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], dt: object) -> float | None:

@@ -16,7 +16,7 @@ from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task, compiled_task
 from aquafish_gym.rollout.many import swim_all
 from aquafish_gym.rollout.one import act_alone, swim_one
-from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever
+from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever, is_ever_late
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -50,7 +50,8 @@ def rollout(
         Robots, water and faults. Servo lags need a policy that is no program.
     task
         What is rewarded; it may have a goal, a current, and a memory. Only the built-in tasks are
-        compiled: in a task of another class a program swims one robot at a time, much slower.
+        compiled: in a task of another class a program swims one robot at a time, much slower. So
+        do robots with late, slow or scaled channels.
     engine
         As of :func:`~aquafish_gym.simulate`.
     seconds
@@ -106,11 +107,14 @@ def rollout(
     if isinstance(policy, Program):
         first = scenario.fin_angles if believed is None else believed
         fins, gains = (np.broadcast_to(one, (batch, 3)) for one in (first, believed_gain))
-        if engine == "numba" and (task is None or compiled_task(task) is not None):
+        known = task is None or compiled_task(task) is not None
+        if engine == "numba" and known and not is_ever_late(scenario):
             return swim_all(policy, plan, fins, gains, dtype, threads, start)
         policy = [act_alone(policy, b, fins[b], gains[b]) for b in range(batch)]
     if start is not None:
-        raise InvalidArgumentError("start must be None, except for programs on the engine numba")
+        raise InvalidArgumentError(
+            "start must be None, except for programs on the engine numba without late channels"
+        )
     swum = [swim_one(act, plan, b, engine) for b, act in enumerate(policy)]
     returns, diverged, paths = zip(*swum, strict=True)
     end = np.array([path.position[-1] for path in paths])

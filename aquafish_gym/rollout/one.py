@@ -8,8 +8,9 @@ import math
 import numpy as np
 
 from aquafish_gym.command import lane_servo_speeds, reckon, scale_action
+from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.sensors import Readings, Sensors
-from aquafish_gym.engines.worlds import World, make_world
+from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.tasks import Memory, Step, Task
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.physics.arithmetic import TAU, Number, Vector, subtract
@@ -40,13 +41,17 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
     total = 0.0
     path = np.full((-(-plan.steps // plan.interval) + 1, 10), math.nan)
     gyro, commands = np.full((2, plan.steps, 3), math.nan)
-    sensors = Sensors(1, np.float64)
-    sensors.update(_ONLY, Readings.of(now))
+    sensors, servos = Sensors(1, np.float64, dt=plan.dt), DelayLines(1, 3, first=np.zeros(3))
+    for stage in (now, *changes.values()):
+        sensors.remember(stage.sensor_delay)
+        servos.remember(longest(stage.servo_delay, plan.dt))
+    _set_channels(now, sensors, servos, plan.dt)
     world = make_world(engine, now, plan.substeps)
     try:
         for count, t in enumerate(range(0, plan.steps, plan.interval)):
             if t in changes:
-                _change(world, changes[t], sensors)
+                world.update(changes[t])
+                _set_channels(changes[t], sensors, servos, plan.dt)
             state = world.state()
             path[count] = _sample(state)
             water = task.current(memory, t * TIMESTEP)
@@ -63,12 +68,14 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
                 observation = np.concatenate([observation, limited])
             action = finite_array("action", act(observation, t * TIMESTEP), (3,))
             left, right, caudal = scale_action(action).tolist()
+            follow = servos.carry(np.array([[left, right, caudal]]), _ONLY)[0].tolist()
             for k in range(t, min(t + plan.interval, plan.steps)):
                 if k > t and k in changes:
-                    _change(world, changes[k], sensors)
+                    world.update(changes[k])
+                    _set_channels(changes[k], sensors, servos, plan.dt)
                     if water is not None:
                         world.set_current(water)
-                world.advance((left, right, caudal))
+                world.advance((follow[0], follow[1], follow[2]))
                 gyro[k], commands[k] = world.state().spin, (left, right, caudal)
             if world.diverged:
                 break
@@ -92,10 +99,10 @@ def _sample(state: State) -> tuple[float, ...]:
     return (*state.position, *state.orientation, *angles)
 
 
-def _change(world: World, to: Scenario, sensors: Sensors) -> None:
-    """Let the robot and its sensors become what a schedule says."""
-    world.update(to)
-    sensors.update(_ONLY, Readings.of(to))
+def _set_channels(robot: Scenario, sensors: Sensors, servos: DelayLines, dt: float) -> None:
+    """Let a robot's sensors and the links to its servos become what a scenario says."""
+    sensors.update(_ONLY, Readings.of(robot))
+    servos.update(_ONLY, delay_steps(robot.servo_delay, dt), robot.servo_hold / dt)
 
 
 def act_alone(program: Program, robot: int, fins: Floats, gains: Floats) -> Act:

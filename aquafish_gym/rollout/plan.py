@@ -108,6 +108,11 @@ class Plan:
         return self.interval * TIMESTEP
 
 
+def is_ever_late(scenario: Scenario) -> bool:
+    """Return whether a channel of a scenario's robots is ever late, slow or scaled."""
+    return scenario.is_late or any(change.to.is_late for change in scenario.schedule)
+
+
 def ever(scenario: Scenario, *fields: str) -> bool:
     """Return whether one of these fields of a scenario is ever other than 0."""
     stages = [scenario, *(change.to for change in scenario.schedule)]

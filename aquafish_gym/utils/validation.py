@@ -44,7 +44,9 @@ def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
         return name
     said = name.lower() if isinstance(name, str) else ""
     lowered = {one.lower(): one for one in known}
-    close = difflib.get_close_matches(said, lowered, n=1, cutoff=0.4)
+    # What is not near is no help: "dead" has two letters in three of "delay".
+    close = difflib.get_close_matches(said, lowered, n=1, cutoff=0.7)
+    close = close or [one for one in lowered if len(said) > 2 and said in one]
     hint = f"; did you mean {lowered[close[0]]!r}?" if close else ""
     # Commas may be within a name.
     listed = ("; " if any("," in one for one in known) else ", ").join(known)

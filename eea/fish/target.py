@@ -83,6 +83,11 @@ class EngineTarget:
         self._scenario = self.damage.edit(world)
         for stage in (self._scenario, *(change.to for change in self._scenario.schedule)):
             check_row("servo_gain", stage.servo_gain[0])
+            if stage.servo_delay.any() or stage.servo_hold.any():
+                raise InvalidArgumentError(
+                    "damage of a target must not be delay or hold of a servo, whose command is the "
+                    f"same throughout a trial: use RealityGap(lag=...); got {self.damage}"
+                )
         self._simulate(np.zeros(3), np.zeros(3))  # refuses wrong settings
         for fault in self.damage.faults:
             if fault.span[0] >= steps * TIMESTEP:
@@ -144,6 +149,8 @@ class EngineTarget:
         truth = np.zeros((gyro.shape[1] + 1, len(CHANNELS)))
         truth[0, GYRO], truth[1:, GYRO] = self._gap.gyro_bias, gyro[0]  # it begins at rest
         observed = np.empty_like(truth)
+        for stage in stages.values():
+            sensors.remember(stage.sensor_delay)
         for step in range(len(truth)):
             if step in stages:
                 sensors.update(_ONLY, Readings.of(stages[step]))

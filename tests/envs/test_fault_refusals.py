@@ -29,7 +29,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
         ("observation_3-1:stuck", "got 'observation_3-1'; did you mean 'observation_1-3'"),
         ("action_0:dead+3", "got 'action_0:dead[+]3'; did you mean 'action_0:dead@0[+]3'"),
         ("action_0:weak=0.5+3", "did you mean 'action_0:weak=0.5@0[+]3'"),
-        ("action_0:stuck", "damage must be one of weak, reversed, seized, dead; got 'stuck'"),
+        ("action_0:stuck", "damage must be one of weak, reversed, seized, dead, .*; got 'stuck'"),
         ("action_0:weak=nan", "must be finite"),
         ("action_0:weak", "needs a number"),
         ("action:seized=11", r"damage action:seized\[0\] must lie in \[-10, 10\]; got 11"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 import pickle
 from dataclasses import replace
 from typing import Any
@@ -13,10 +14,12 @@ import pytest
 from fault_fakes import Echo, play, swim
 from gymnasium.spaces import Box
 from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import SyncVectorEnv
 
-from aquafish_gym import FaultWrapper
+from aquafish_gym import FaultWrapper, VectorFaultWrapper
 from aquafish_gym.damage import Damage
 from aquafish_gym.envs.env import AquaFishEnv
+from aquafish_gym.utils.validation import InvalidArgumentError
 
 
 class Camera(gym.Env[Any, Any]):
@@ -56,6 +59,53 @@ def test_observations_and_actions_stay_in_their_spaces(make: Any) -> None:
     assert info["observation_bias"].shape == env.observation_space.shape
     if make is Camera:
         assert (seen[0, 0], seen[0, 1], seen[0, 2]) == (255, 5, seen[0, 2])
+
+
+class Sized(gym.Env[Any, Any]):
+    """Acts and observes in Boxes of some shape and type: what was done, times 100."""
+
+    def __init__(self, shape: tuple[int, ...], dtype: Any, most: float) -> None:
+        self.action_space = Box(-1.0, 1.0, shape, dtype)
+        self.observation_space = Box(-most, most, shape, dtype)
+
+    def reset(self, *, seed: Any = None, options: Any = None) -> Any:  # noqa: ARG002
+        super().reset(seed=seed)
+        return np.zeros(self.observation_space.shape, self.observation_space.dtype), {}
+
+    def step(self, action: Any) -> Any:
+        self.acted = action
+        assert self.action_space.contains(np.asarray(action))
+        seen = np.asarray(100 * action, self.observation_space.dtype)
+        return seen, 0.0, False, False, {}
+
+
+@pytest.mark.filterwarnings("ignore:.*is different from the unwrapped version")
+@pytest.mark.filterwarnings("ignore:.*value is -?infinity")
+@pytest.mark.parametrize("most", [100.0, np.inf])
+@pytest.mark.parametrize("dtype", [np.float16, np.float32, np.float64])
+@pytest.mark.parametrize("shape", [(), (0,), (2, 1), (1, 0, 2)])
+def test_boxes_of_any_shape_and_precision(shape: Any, dtype: Any, most: float) -> None:
+    size = math.prod(shape)
+    text = "observation:bias=1e30; action:scale=1e30" if size else "none"
+    env = FaultWrapper(Sized(shape, dtype, most), text)
+    check_env(env, skip_render_check=True)
+    env.reset(seed=0)
+    seen, *_, info = env.step(np.full(shape, 0.5, dtype))
+    assert type(seen) is type(env.unwrapped.acted) is np.ndarray
+    assert (seen.shape, seen.dtype) == (shape, dtype)
+    assert env.observation_space.contains(seen)
+    assert np.isfinite(seen).all()
+    assert (seen >= 100.0).all()
+    assert np.shape(info["observation_bias"]) == np.shape(info["action_gain"]) == shape
+    envs = VectorFaultWrapper(SyncVectorEnv([lambda: Sized(shape, dtype, most)] * 2), text)
+    envs.reset(seed=0)
+    batch, *_, info = envs.step(np.full((2, *shape), 0.5, dtype))
+    assert (batch == seen).all()
+    assert info["observation_bias"].shape == (2, *shape)
+    if not size:
+        for damage in ("observation:bias=1", "action:dead", "action_0:dead", "random:mild"):
+            with pytest.raises(InvalidArgumentError, match=r"one of|fits no"):
+                FaultWrapper(Sized(shape, dtype, most), damage)
 
 
 def test_whole_channels_pass_unchanged_even_outside_of_their_space() -> None:

@@ -1,0 +1,290 @@
+"""A specification is true, and what is written of it makes the same environment, or is refused."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from enum import IntEnum, StrEnum
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from fault_fakes import swim
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import TimeLimit
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tasks_of_ones_own import Along, Axis, Engine, Kept, Plain
+
+import aquafish_gym
+from aquafish_gym import Damage, FaultWrapper, Morphology, VectorFaultWrapper, tasks
+from aquafish_gym.envs.env import AquaFishEnv
+from aquafish_gym.envs.tasks import TASKS, SwimForward
+from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.utils.validation import InvalidArgumentError
+
+
+class Which(StrEnum):
+    NUMBA = "numba"
+    FORWARD = "forward"
+
+
+class Skip(IntEnum):
+    TEN = 10
+
+
+def read_again(env: Any) -> EnvSpec:
+    return EnvSpec.from_json(json.dumps(json.loads(env.spec.to_json())))
+
+
+KWARGS: list[dict[str, Any]] = [
+    {"morphology": Morphology.coerce({"caudal": (0.1, 2.0, 1.0)})},
+    {"morphology": Morphology.nominal().to_array() * np.float32(0.9)},
+    {"morphology": {"caudal": np.array([0.1, 2.0, 1.0])}},
+    {"damage": Damage.parse("random:severe@2-10; gyro_x:delay=0.4@1")},
+    {"damage": list(Damage.parse("caudal:seized@1+2;gyro_z:bias=0.1"))},
+    {"damage": Damage.parse("caudal:seized@1+2;gyro_z:bias=0.1").to_list()},
+    {"engine": Engine},
+    {"engine": Which.NUMBA, "task": Which.FORWARD},
+    {"current": np.array([0.1, 0.0, -0.1], np.float32)},
+    {"current": (np.float32(0.1), 0, np.float64(0.2))},
+    {"fin_angles": np.array([0.1, 0.2, 0.3])},
+    {"fin_angles": range(3)},
+    {"observe_fins": np.bool_(True), "reactive": np.bool_(True)},
+    {"frame_skip": np.int64(40)},
+    {"frame_skip": Skip.TEN, "observe_fins": np.str_("reckoned")},
+    *({"task": task} for task in TASKS.values()),
+    {"task": SwimForward(seconds=np.float64(6), forward_weight=2, ctrl_weight=np.float32(0.5))},  # type: ignore[arg-type]
+    {"task": tasks.HoldStation(turning=0.2), "damage": "caudal:missing@30"},
+    {"task": Along((1, 2.5, 0), axis=Axis.X)},
+    {"task": Along(np.array([1.0, 0.0, 2.0]))},  # type: ignore[arg-type]
+    {"task": Plain(0.1)},
+    {"task": Kept(given={"a": [1, None, "b"]}, seconds=4.0)},
+]
+
+
+@pytest.mark.parametrize("kwargs", KWARGS, ids=str)
+def test_what_is_written_makes_the_same_environment(kwargs: dict[str, Any]) -> None:
+    made = {"engine": "numba", **kwargs}
+    env = gym.make("AquaFish-v0", **made)
+    spec = read_again(env)
+    again = gym.make(spec)
+    assert swim(env, 12) == swim(again, 12)
+    assert vars(env.unwrapped.task) == vars(again.unwrapped.task)
+    assert type(env.unwrapped.task) is type(again.unwrapped.task)
+    assert spec.max_episode_steps == env.spec.max_episode_steps
+    assert read_again(again) == spec
+    several = FaultWrapper(env, "observation:noise=0.1", dt=np.float32(0.5), neutral=np.zeros(3))
+    assert swim(several, 12) == swim(gym.make(read_again(several)), 12)
+
+
+def test_a_batch_is_read_again_too() -> None:
+    bodies = np.array([Morphology.nominal().to_array()] * 2) * [[1.0], [0.9]]
+    envs = gym.make_vec(
+        "AquaFish-v0",
+        num_envs=2,
+        morphology=bodies,
+        task=Along(),
+        autoreset_mode=AutoresetMode.SAME_STEP,
+        damage=[Damage.parse("gyro_x:hold=0.5@1"), "none"],
+        threads=np.int64(1),
+        max_episode_steps=7,
+    )
+    again = gym.make_vec(read_again(envs))
+    for each in (envs, again):
+        each.reset(seed=0)
+    assert again.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
+    for _ in range(9):
+        one, two = (each.step(np.full((2, 3), 0.3)) for each in (envs, again))
+        np.testing.assert_array_equal(one[0], two[0])
+        np.testing.assert_array_equal(one[3], two[3])
+
+
+def local_task() -> Any:
+    class Hidden(Plain):
+        pass
+
+    return Hidden(0.1)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (local_task, "task cannot be written into a spec, as no other program could import"),
+        (lambda: Kept(given=(1, 2)), r"task.given would be .* as \[1, 2\].*got \(1, 2\)"),
+        (lambda: Kept(given=np.zeros(2)), "task.given would be read"),
+        (lambda: Kept(given=np.sin), "task.given cannot be written as JSON"),
+        (lambda: Kept(given=Axis.X), "task.given would be read"),
+    ],
+)  # fmt: skip
+def test_what_could_not_be_read_is_refused_when_it_is_written(make: Any, message: str) -> None:
+    env = gym.make("AquaFish-v0", engine="numba", task=make())
+    assert env.spec is not None
+    with pytest.raises(InvalidArgumentError, match=message):
+        env.spec.to_json()
+    assert swim(env, 5) == swim(gym.make(env.spec), 5)  # by itself it serves as before
+
+
+def test_a_class_of_the_main_program_is_refused() -> None:
+    code = (
+        "import gymnasium as gym, aquafish_gym\n"
+        "class Mine(aquafish_gym.tasks.SwimForward): pass\n"
+        "env = gym.make('AquaFish-v0', engine='numba', task=Mine())\n"
+        "try: env.spec.to_json()\n"
+        "except ValueError as error: print(error)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "no other program could import __main__:Mine" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "message"),
+    [
+        ({"task": {"radius": 3.0}}, "task must be a Task, its name, or an object of class and"),
+        ({"task": {"class": "os:PathLike", "fields": {}}}, "must be the place of a Task"),
+        ({"task": {"class": "no.such:Task", "fields": {}}}, "'no.such:Task' cannot be imported"),
+        ({"task": {"class": "tasks_of_ones_own:Along", "fields": {"way": 1}}}, "cannot be made"),
+        ({"engine": "no.such:World"}, "engine 'no.such:World' cannot be imported"),
+        ({"engine": "os:PathLike"}, "engine must be the place of a World"),
+    ],
+)
+def test_a_bad_specification_is_refused(kwargs: dict[str, Any], message: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=message):
+        AquaFishEnv(**kwargs)
+
+
+@given(
+    weight=st.floats(-1e6, 1e6),
+    seconds=st.integers(1, 18000).map(lambda steps: steps * 0.2),
+    angles=st.tuples(*[st.floats(-9, 9, width=32)] * 3),
+    current=st.lists(st.floats(-20, 20), min_size=3, max_size=3),
+)
+@settings(max_examples=30, deadline=None)
+def test_numbers_are_read_to_the_last_bit(
+    weight: float, seconds: float, angles: Any, current: list[float]
+) -> None:
+    task = SwimForward(seconds=seconds, forward_weight=weight)
+    env = AquaFishEnv(task=task, fin_angles=np.float32(angles), current=current)
+    env.spec = EnvSpec(
+        "AquaFish-v0", "aquafish_gym:AquaFishEnv", disable_env_checker=True,
+        kwargs={"task": task, "fin_angles": np.float32(angles), "current": current},
+    )  # fmt: skip
+    again = gym.make(read_again(env)).unwrapped
+    assert again.task == task
+    assert again._config == env._config
+
+
+@pytest.mark.parametrize("entry", ["env:AquaFishEnv", "aquafish:AquaFishEnv", "AquaFishEnv"])
+def test_entry_points_outlive_moves(entry: str) -> None:
+    """Of specifications that were written before, and of those of today."""
+    public = {spec.entry_point for name, spec in gym.registry.items() if name in aquafish_gym.IDS}
+    assert public == {"aquafish_gym:AquaFishEnv"}
+    place = f"aquafish_gym{'.envs.' if entry[0] != 'A' else ':'}{entry}"
+    spec = {"id": "AquaFish-v0", "entry_point": place, "additional_wrappers": [], "kwargs": {
+        "engine": "numba", "damage": {"faults": Damage.parse("caudal:missing@2").to_list()}
+    }}  # fmt: skip
+    env = gym.make(EnvSpec.from_json(json.dumps(spec)))
+    assert type(env.unwrapped) is AquaFishEnv
+    assert swim(env, 12) == swim(AquaFishEnv(engine="numba", damage="caudal:missing@2"), 12)
+
+
+@pytest.mark.parametrize("mode", [None, "sync"])
+@pytest.mark.parametrize("name", aquafish_gym.IDS)
+def test_an_episode_longer_than_the_task_is_refused(name: str, mode: str | None) -> None:
+    lasts = gym.make(name, engine="numba").spec.max_episode_steps
+    assert lasts == (100 if name == "AquaFish-v0" else 300)
+    for asked in (lasts, lasts + 1):
+        kwargs = {"engine": "numba", "max_episode_steps": asked}
+        makes = (
+            lambda kwargs: gym.make(name, **kwargs),
+            lambda kwargs: gym.make_vec(name, 2, mode, **kwargs),
+        )  # fmt: skip
+        for make in makes:
+            if asked > lasts:
+                with pytest.raises(
+                    InvalidArgumentError, match=rf"at most {lasts}.*got {asked}: .*"
+                ):
+                    make(kwargs)
+            else:
+                make(kwargs)
+
+
+def test_a_limit_is_asked_for_in_several_ways() -> None:
+    """By a specification, by an id of one's own, by another frame_skip; -1 asks for none."""
+    gym.register("MyFish-v0", "aquafish_gym:AquaFishEnv", max_episode_steps=200)
+    try:
+        with pytest.raises(InvalidArgumentError, match="at most 100"):
+            gym.make("MyFish-v0", engine="numba")
+        assert gym.make("MyFish-v0", frame_skip=5).spec.max_episode_steps == 200
+        assert gym.make("MyFish-v0", max_episode_steps=7).spec.max_episode_steps == 7
+    finally:
+        del gym.registry["MyFish-v0"]
+    slow = gym.make("AquaFish-v0", frame_skip=5)
+    with pytest.raises(InvalidArgumentError, match=r"at most 100.*got 400.*seconds=80"):
+        gym.make(slow.spec, frame_skip=20)
+    assert gym.make("AquaFish-v0", max_episode_steps=-1).spec.max_episode_steps == 100
+    longer = gym.make("AquaFish-v0", task=SwimForward(seconds=100.0), max_episode_steps=500)
+    assert longer.spec.max_episode_steps == 500
+
+
+def length(env: gym.Env[Any, Any]) -> int:
+    env.reset(seed=0)
+    for step in range(1, 400):
+        *_, over, _ = env.step(np.zeros(env.action_space.shape, np.float32))
+        if over:
+            return step
+    return 400
+
+
+def test_a_specification_says_how_long_an_episode_is() -> None:
+    for env in (
+        gym.make("AquaFish-v0", engine="numba"),
+        gym.make("AquaFish-v0", engine="numba", max_episode_steps=50),
+        gym.make("AquaFish-v0", engine="numba", frame_skip=50),
+        TimeLimit(gym.make("AquaFish-v0", engine="numba"), 500),
+        TimeLimit(gym.make("AquaFish-v0", engine="numba"), 30),
+    ):
+        assert env.spec.max_episode_steps == length(env)
+
+
+def test_an_onset_that_never_comes_is_refused() -> None:
+    """Where several limits are, the first to come counts; in a batch, each environment's own."""
+    for env in (
+        TimeLimit(gym.make("AquaFish-v0", engine="numba"), 500),
+        TimeLimit(gym.make("Pendulum-v1", max_episode_steps=400), 500),
+        gym.make("Pendulum-v1", max_episode_steps=400),
+    ):
+        FaultWrapper(env, "action_0:dead@19")
+        with pytest.raises(InvalidArgumentError, match="before the episode ends at 20 s"):
+            FaultWrapper(env, "action_0:dead@20")
+    for mode in ("sync", "async"):
+        envs = gym.make_vec("Pendulum-v1", 2, mode, max_episode_steps=400)
+        VectorFaultWrapper(envs, "action_0:dead@19")
+        with pytest.raises(InvalidArgumentError, match="before the episode ends at 20 s"):
+            VectorFaultWrapper(envs, "action_0:dead@20")
+        envs.close()
+    both = gym.vector.SyncVectorEnv(
+        [lambda n=n: gym.make("Pendulum-v1", max_episode_steps=n) for n in (20, 400)]
+    )
+    VectorFaultWrapper(both, ["none", "action_0:dead@19"])
+    with pytest.raises(InvalidArgumentError, match="before the episode ends at 1 s"):
+        VectorFaultWrapper(both, ["action_0:dead@19", "none"])
+    batch = AquaFishVectorEnv(2, max_episode_steps=50)
+    with pytest.raises(InvalidArgumentError, match="before the episode ends at 10 s"):
+        VectorFaultWrapper(batch, "action_0:dead@10")
+    with pytest.raises(InvalidArgumentError, match="before the episode ends at 20 s"):
+        FaultWrapper(AquaFishEnv(), "action_0:dead@20")
+
+
+def test_a_worker_of_the_fork_server_knows_the_ids() -> None:
+    """As a trainer's workers that cannot import the program which started them."""
+    code = (
+        "import multiprocessing as m, aquafish_gym, gymnasium as gym\n"
+        "workers = m.get_context('forkserver').Pool(1)\n"
+        "print(workers.apply(gym.spec, ['AquaFish-v0']).entry_point)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout.strip() == "aquafish_gym:AquaFishEnv", done.stderr
