@@ -21,7 +21,9 @@ class Bunches(NamedTuple):
 
     starts: NDArray[np.intp]  #: The first row of each bunch.
     last: int  #: The last row of the last one.
-    loose: bool  #: Whether the bunches are so long that evenly sampled rows may look alike.
+    #: Whether it matters little how the rows are stamped: bunches are nearly as long as the
+    #: waits, or these are shorter than 0.01 s.
+    loose: bool
 
     @property
     def first(self) -> int:
@@ -32,7 +34,7 @@ class Bunches(NamedTuple):
 def bunches_of(time: Floats) -> list[Bunches]:
     """Return the stretches of a trial's times (T,), s, that come in bunches.
 
-    A gap, and a change of rate, makes no bunches; a wait of at most 0.01 s does not matter.
+    A gap, and a change of rate, makes no bunches; a wait of at most 0.005 s does not matter.
 
     Examples
     --------
@@ -45,7 +47,7 @@ def bunches_of(time: Floats) -> list[Bunches]:
     """
     steps = np.diff(time)
     near = np.minimum(np.append(np.inf, steps[:-1]), np.append(steps[1:], np.inf))
-    waits = np.flatnonzero((steps > APART * near) & (steps > TIMESTEP))
+    waits = np.flatnonzero((steps > APART * near) & (steps > 0.5 * TIMESTEP))
     if len(waits) < FEWEST - 1:
         return []
     starts, ends = np.append(0, waits + 1), np.append(waits, len(time) - 1)
@@ -56,6 +58,7 @@ def bunches_of(time: Floats) -> list[Bunches]:
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         rows = ends[end - 1] + 1 - starts[begin]
         if end - begin >= FEWEST and rows >= FEWEST_ROWS * (end - begin):
-            loose = bool(np.median(length[begin:end] / wait[begin:end]) > NARROW)
+            long = np.median(length[begin:end] / wait[begin:end]) > NARROW
+            loose = bool(long or np.median(wait[begin:end]) < TIMESTEP)
             found.append(Bunches(starts[begin:end], int(ends[end - 1]), loose))
     return found

@@ -45,14 +45,17 @@ class Readings:
         start = rows.start or 0
         base = self.base if start == 0 else int(self.ends[start - 1])
         base_time = self.base_time if start == 0 else float(self.end_times[start - 1])
-        parts = (self.time, self.gyro, self.weight, self.ends, self.end_times)
-        return Readings(base, base_time, *(part[rows] for part in parts))
+        return self._some(rows, base, base_time)
 
     def after(self, time: float) -> Readings:
         """Return the readings from a time on, with the same base."""
-        late = self.time >= time
-        parts = (self.time, self.gyro, self.weight, self.ends, self.end_times)
-        return Readings(self.base, self.base_time, *(part[late] for part in parts))
+        return self._some(self.time >= time, self.base, self.base_time)
+
+    def _some(self, rows: slice | NDArray[np.bool_], base: int, base_time: float) -> Readings:
+        return Readings(
+            base, base_time, self.time[rows], self.gyro[rows], self.weight[rows], self.ends[rows],
+            self.end_times[rows],
+        )  # fmt: skip
 
 
 def readings_of(log: SwimLog, rows: NDArray[np.intp], since: float) -> Readings:
@@ -101,9 +104,9 @@ def _whiteness(single: Floats, mean: Floats, counts: NDArray[np.intp]) -> float:
     ``single`` (T, 3) is one reading of each group. Where the samples are 0.01 s apart, differences
     of the fourth order leave noise alone.
     """
-    several = np.lib.stride_tricks.sliding_window_view(counts > 1, ORDER + 1).all(axis=1) if (
-        len(counts) > ORDER
-    ) else np.zeros(0, dtype=np.bool_)  # fmt: skip
+    if len(counts) <= ORDER:
+        return 0.0
+    several = np.lib.stride_tricks.sliding_window_view(counts > 1, ORDER + 1).all(axis=1)
     if several.sum() < FEWEST_DIFFERENCES:
         return 0.0
     one, less = (

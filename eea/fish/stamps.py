@@ -20,6 +20,7 @@ from eea.fish.bunches import Bunches, bunches_of
 from eea.fish.swim_log import GYRO, MOST_GAP, SwimLog
 
 FAST = 0.9  # quantile of the squared changes of a signal: those in the fastest motion
+LASTING = 9  # bunches: if most of them are late, packets are missing; a single one may be late
 QUANTA = 4.0  # of a gyroscope's resolution: a repeated reading that then jumps by more is stale
 
 
@@ -90,7 +91,8 @@ def _even(found: Bunches, time: Floats) -> Floats | None:
     ends = np.append(found.starts[1:] - 1, found.last) - found.first
     pace, begun = np.polyfit(ends[:-1], arrived[:-1], 1)  # the last may be incomplete
     late = arrived[:-1] - (begun + pace * ends[:-1])
-    lasting = np.median(np.lib.stride_tricks.sliding_window_view(late, min(5, len(late))), axis=1)
+    some = min(LASTING, len(late))
+    lasting = np.median(np.lib.stride_tricks.sliding_window_view(late, some), axis=1)
     if np.abs(lasting).max() > 0.5 * max(pace, TIMESTEP):
         return None
     even = time[found.first] + begun + pace * np.arange(found.last + 1 - found.first)
@@ -124,8 +126,7 @@ def new_readings(log: SwimLog, index: int) -> NewReadings:
     quantum = np.where(steps > 0.0, steps, np.inf).min(axis=0)
     starts = np.flatnonzero(np.append(True, ~same))
     lengths = np.diff(np.append(starts, len(gyro)))
-    still = ~log.commands[block][starts].any(axis=1)
-    still[0] = True
+    still = (log.commands[block][starts] == 0.0).all(axis=1) | (starts == 0)
     moving = (lengths[:-1] > 1) & ~still[:-1]
     jumps = (np.abs(gyro[starts[1:]] - gyro[starts[:-1]]) > QUANTA * quantum).any(axis=1)
     if 2 * (moving & jumps).sum() <= moving.sum():  # none, or the gyroscope's resolution

@@ -39,14 +39,14 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
     parameters, observed = regression.parameters, regression.observed
     axes = observed.signal.shape[2]
     bases = [observed.slow_basis(e, discrepancy.duration) for e in range(len(observed))]
-    weight = []  # (T,) of each trial, of each coefficient
+    weight: list[Floats] = []  # (T,) of each trial, of each coefficient
     for basis, one in zip(bases, observed.simulated(best.residuals), strict=True):
         rms = np.sqrt((one**2).mean())
         weight.append((best.sigma**2 + (discrepancy.share * rms) ** 2 * basis.variances) ** -0.5)
 
     def whitened(signals: Floats, trial: int) -> Floats:
         """Return signals (n, axes T) of a trial as independent numbers of variance 1."""
-        waves = bases[trial].transform(signals, axes) * weight[trial]
+        waves: Floats = bases[trial].transform(signals, axes) * weight[trial]
         return waves.reshape(len(signals), -1)
 
     shapes = _shapes(optima, discrepancy)

@@ -60,11 +60,11 @@ class Observed:
     @property
     def size(self) -> int:
         """The number of samples of all trials and axes."""
-        return sum(self.counts) * self.signal.shape[2]
+        return int(sum(self.counts) * self.signal.shape[2])
 
     def sampled(self, trials: Iterable[int], stride: int) -> int:
         """Return the number of samples of some trials and all axes if every n-th is taken."""
-        return sum(-(-self.counts[e] // stride) for e in trials) * self.signal.shape[2]
+        return int(sum(-(-self.counts[e] // stride) for e in trials) * self.signal.shape[2])
 
     @cached_property
     def weighted(self) -> Floats:
