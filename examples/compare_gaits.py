@@ -71,7 +71,7 @@ def compare(job: Job) -> dict[str, Any]:
         for record in method:
             fitness = record.objective_fitness
         found = method.result
-        bodies = found.model[None] if job.kind == ONE else found.sample(BODIES, job.seed)
+        bodies = found.body[None] if job.kind == ONE else found.sample(BODIES, job.seed)
     gait = evolve_gait(bodies, job.gait)
     far = distances([gait.controller], truth, random_poses(POSES, 10**6), threads=1)
     return {"distance": float(far[0, 0]), "objective_fitness": fitness}

@@ -130,7 +130,7 @@ def run_job(job: GapJob) -> dict[str, Any]:
     if job.method != ORACLE:
         warm_up((job,))
         result, seconds = _model(job)
-        bodies["body"] = result.model[None]
+        bodies["body"] = result.body[None]
         outcome |= {
             "morphology": result.model.tolist(),
             "objective_fitness": [record.objective_fitness for record in result.rounds],
@@ -226,4 +226,4 @@ def _warm_up(world: str, method: str, settings: Settings) -> None:
     )
     small = GapJob(world, method, 0, quick)
     result, _ = _model(small)
-    _swim(small, evolve_gait(result.model, replace(brief, threads=1)).controller)
+    _swim(small, evolve_gait(result.body, replace(brief, threads=1)).controller)

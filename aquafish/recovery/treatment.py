@@ -245,7 +245,7 @@ def _model(job: Treatment) -> Model:
         for record in method
     ]
     result = method.result
-    body = Morphology.from_array(result.model)
+    body = Morphology.from_array(result.body)
     if result.belief is None:
         return Model(body, [body], rounds)
     bodies = [Morphology.from_array(sizes) for sizes in result.sample(BODIES, job.seed)]

@@ -26,7 +26,7 @@ def write_outcome(folder: Path, result: Result) -> None:
     write_document(folder / RESULT, document, SCHEMA)
     write_document(folder / TIMES, {"seconds": seconds})
     if result.rounds:
-        write_document(folder / MODEL, Morphology.from_array(result.model).to_dict())
+        write_document(folder / MODEL, Morphology.from_array(result.body).to_dict())
     if result.rounds and result.belief is not None:
         save_posterior(folder / POSTERIOR, result.belief)
         write_bodies(folder / BODIES, result.sample(SAMPLED, result.seed))

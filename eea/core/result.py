@@ -21,6 +21,23 @@ from eea.core.fitness import (
 from eea.core.genome import BitLayout
 
 SCHEMA = "eea.result/1"
+DECIMALS = 4  # of a share of a range: an inferred size is handed on to other searches with as many
+
+
+def handed_on(bodies: Floats, layout: BitLayout) -> Floats:
+    """Return inferred bodies (..., n) to 1e-4 of each range, as other searches take them.
+
+    The last digits of least squares depend on the processor, by the kernels of its linear algebra.
+    They mean nothing, but a search for a gait would magnify them.
+
+    Examples
+    --------
+    >>> from eea.core.genome import model_layout
+    >>> handed_on(np.array([0.800000221]), model_layout([("length", 1.6, 6)]))
+    array([0.8])
+    """
+    shares = np.round((bodies - layout.low) / layout.span, DECIMALS)
+    return np.asarray(layout.low + shares * layout.span)
 
 
 class RoundFit(NamedTuple):
@@ -129,6 +146,11 @@ class Result:
         return np.array(self.rounds[-1].morphology)
 
     @property
+    def body(self) -> Floats:
+        """The best model (n,) for other searches; of joint inference to 1e-4 of each range."""
+        return self.model if self.belief is None else handed_on(self.model, self.layout)
+
+    @property
     def objective_fitness(self) -> float | None:
         """OBJ_FIT (Eq. 4) of the last round's model; None if the truth or a round is missing."""
         return self.rounds[-1].objective_fitness if self.rounds else None
@@ -150,7 +172,10 @@ class Result:
         return float(((high - low) / self.layout.span).mean())
 
     def sample(self, count: int, seed: int = 0) -> Floats:
-        """Return bodies (count, n) drawn from the posterior; raises as :meth:`interval`."""
+        """Return bodies (count, n) drawn from the posterior, each size to 1e-4 of its range.
+
+        Raises as :meth:`interval`.
+        """
         bodies: Floats = self._known_belief().sample(count, np.random.default_rng(seed))
         return bodies
 

@@ -195,11 +195,11 @@ def fish_discrepancy(
 def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Discrepancy:
     """Return how far the simulator may be from the robot, as measured."""
     table = discrepancy_table()
-    seconds = TIMESTEP if windows is None else float(np.diff(windows.time[0]).mean())
+    unit = TIMESTEP if windows is None else 1.0  # s: trials that were commanded have no times
     calibration = Calibration(tuple(table["levels"]), tuple(map(tuple, table["factors"])))
     return Discrepancy(
         table["share"],
-        table["seconds"] / seconds,
+        table["seconds"] / unit,
         partial(fish_discrepancy, simulator=simulator, windows=windows),
         # Measured in trials from rest: intervals of windows in mid-swim are left as wide.
         calibration if windows is None or not windows.begun else None,

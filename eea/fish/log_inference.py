@@ -25,7 +25,6 @@ from eea.fish.windows import Start, log_windows
 from eea.joint.change_detection import ALARM, ChangeDetector, WindowTest
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import Observed
 from eea.joint.session import round_fit
 
 WINDOW = 1.0  # s: a change shows in the first window that is all after it
@@ -95,8 +94,7 @@ def infer_log(
     fish = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:
         config, fish = replace(config, noise=_known_noise(config, prior)), since(fish, prior)
-    observed = Observed(np.arange(len(windows.gyro)), windows.gyro)
-    posterior = fit(observed, fish, config, streams(seed)["estimation"])
+    posterior = fit(windows.observed, fish, config, streams(seed)["estimation"])
     command = windows.series[-1, windows.begun // windows.interval :].mean(axis=0)
     seconds, layout = time.monotonic() - began, fish.problem.models
     record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
@@ -181,7 +179,8 @@ def watch_swim(
     detector = ChangeDetector(joint, belief, alarm, seed)
     looks: list[WindowTest] = []
     for i, gyro in enumerate(windows.gyro):
-        looks.append(detector.look(np.array([i]), gyro))
+        weight = None if windows.weight is None else windows.weight[i]
+        looks.append(detector.look(np.array([i]), gyro, weight))
         if progress is not None:
             progress(i + 1, len(windows.gyro))
         if until_noticed and not looks[-1].same:

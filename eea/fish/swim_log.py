@@ -19,6 +19,7 @@ from aquafish_gym.runs.storage import DamagedFileError, read_bytes, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, fits
 from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
+from eea.fish.bunches import bunches_of
 
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
 COLUMNS = ("time", *GYRO, *SERVOS)  # of a table; "trial" may follow
@@ -245,7 +246,20 @@ def _check_time(time: Floats, rows: slice, name: str) -> None:
             f"{name} must have at least {1.0 / MOST_GAP:g} rows a second, with time in s; it has "
             f"one in {typical:g} s"
         )
-    wrong = np.zeros(len(time), dtype=np.bool_)
-    wrong[rows.start + 1 : rows.stop] = (steps <= 0.0) | (steps > MOST_GAP)
-    wanted = f"later than the row before within {name}, by at most {MOST_GAP:g} s"
-    _refuse(wrong, time, ("time",), wanted)
+    wrong = np.flatnonzero((steps <= 0.0) | (steps > MOST_GAP))
+    if not len(wrong):
+        return
+    row, step = rows.start + int(wrong[0]) + 2, float(steps[wrong[0]])
+    got = f"{abs(step):.3g} s {'later' if step > 0.0 else 'earlier'} than" if step else "that of"
+    hint = ""
+    if bunches_of(np.maximum.accumulate(time[rows])):
+        hint = (
+            "; the times come in bunches, as of packets stamped on arrival: restamp the rows "
+            "evenly, as they were sampled"
+        )
+    elif not step:
+        hint = "; if a row was written twice, leave one out"
+    raise InvalidArgumentError(
+        f"row {row}: time must be later than the row before within {name}, by at most "
+        f"{MOST_GAP:g} s; it is {got} row {row - 1}{hint}"
+    )

@@ -6,6 +6,7 @@ that would correlate the noise of neighbouring samples, which looks like a wrong
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import gcd
@@ -21,13 +22,15 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, flag, instance
 from eea.core.angles import Floats
+from eea.fish.readings import NEAR, Readings, readings_of
+from eea.fish.stamps import new_readings, restamped
 from eea.fish.swim_log import FEWEST, SwimLog
+from eea.joint.observed import Observed
 
 #: Samples of the commands before a window that its servos may still obey: a lag of 0.2 s.
 BEFORE = 20
 LONGEST = {False: 1024, True: 512}  # samples of a trial from rest, and of a window of a swim
 MOST_WINDOWS = 8  # of swims: more tell little, slowly
-NEAR = 1e-4  # s between a sample and the end of a step that counts as its time
 POINTS = 4  # of a cubic
 SLOWEST = 0.2  # s between the readings that the early stages of a search compare
 
@@ -68,7 +71,10 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class LogWindows:
-    """E windows of T samples of a log, to be simulated for ``steps`` steps of 0.01 s."""
+    """E windows of at most T samples of a log, to be simulated for ``steps`` steps of 0.01 s.
+
+    A window that has fewer is filled up with its last sample, without weight.
+    """
 
     steps: int
     series: Floats  #: (E, K, 3) commands.
@@ -77,6 +83,9 @@ class LogWindows:
     interval: int  #: Samples that each command is held.
     begun: int  #: Samples of a series before its window; if any, the robot is in mid-swim.
     time: Floats  #: (E, T) of the readings, s after each window's beginning.
+    #: (E, T), factors that give all samples the noise of one reading, 0 after a window's end; None
+    #: for 1.
+    weight: Floats | None
     stride: int  #: Every how many readings show the swim, at 5 Hz.
     ends: Floats  #: (E,) when each ends, s of swimming since the record began, over all trials.
     remarks: tuple[str, ...]  #: The parts that are not used, in sentences.
@@ -86,7 +95,13 @@ class LogWindows:
     def regular(self) -> bool:
         """Whether the samples are at the ends of the steps."""
         ends = TIMESTEP * np.arange(1, self.time.shape[1] + 1)
-        return bool((np.abs(self.time - ends) < NEAR).all())
+        near = np.abs(self.time - ends) < NEAR
+        return bool((near if self.weight is None else near | (self.weight == 0.0)).all())
+
+    @property
+    def observed(self) -> Observed:
+        """The trials of an inference, whose commands are the windows' numbers."""
+        return Observed(np.arange(len(self.gyro)), self.gyro, self.weight, self.time)
 
     def sampled(self, signal: NDArray[Any], windows: NDArray[np.intp]) -> NDArray[Any]:
         """Return simulated signals (B, K, axes) of ``windows`` (B,) at the times of the readings.
@@ -110,11 +125,13 @@ def log_windows(
     seconds: float | None = None,
     start: Start | None = None,
 ) -> LogWindows:
-    """Cut a log into windows of equally many samples, which joint inference compares.
+    """Cut a log into windows, which joint inference compares.
 
     Each trial from rest, or from a known start, is a window of at most 1024 samples. A record in
     mid-swim is cut into at most eight windows of at most 512; the first 0.2 s only show how the
-    servos move. More than 100 rows a second are averaged.
+    servos move. Readings closer than 0.01 s are averaged, rows that repeat a driver's last reading
+    are left out, and rows that were stamped on arrival in packets are stamped evenly; see
+    ``eea.fish.readings`` and ``eea.fish.stamps``.
 
     Parameters
     ----------
@@ -123,15 +140,16 @@ def log_windows(
     moving
         Whether each trial's record begins in mid-swim, in an unknown state.
     seconds
-        Approximate length of a window, of which there are then as many as fit; one has at least 16
-        readings. None for the above.
+        Length of a window, of which there are then as many as fit; one has at least 16 readings,
+        and lasts as long as these take. None for the above.
     start
         The state in which each trial begins, if it is known.
 
     Raises
     ------
     InvalidArgumentError
-        If an argument has the wrong type, a trial is too short, or no servo or reading ever moves.
+        If an argument has the wrong type, a trial is too short, no servo or reading ever moves, or
+        it is not certain when the rows were read.
     """
     instance("log", log, SwimLog)
     if flag("moving", moving) and start is not None:
@@ -139,16 +157,30 @@ def log_windows(
     if start is not None:
         instance("start", start, Start)
     lead = BEFORE if moving else 0
-    typical = float(np.median([np.median(np.diff(log.time[rows])) for rows in log.blocks]))
-    averaged = max(1, int(TIMESTEP / typical + 1e-6))
-    wanted = None if seconds is None else max(FEWEST, round(seconds / (typical * averaged)))
-    trial, first, count = _cuts(log, lead, averaged, wanted)
-    rows = first[:, None] + 1 + np.arange(count * averaged)
-    time = (log.time[rows] - log.time[first, None]).reshape(-1, count, averaged).mean(axis=2)
-    gyro = log.gyro[rows].reshape(-1, count, averaged, 3).mean(axis=2)
+    log, remarks = restamped(log)
+    windows: list[tuple[int, Readings]] = []
+    for index in range(len(log)):
+        new = new_readings(log, index)
+        if new.repeated:
+            remarks.append(
+                f"in {log.name(index)} {new.repeated} rows repeat the reading of the row before: "
+                "they are left out"
+            )
+        readings = readings_of(log, new.rows, lead * TIMESTEP - NEAR)
+        if len(readings) < FEWEST:
+            raise InvalidArgumentError(
+                f"{log.name(index)} must have at least {FEWEST} readings, 0.01 s or more apart, "
+                f"after the first {lead * TIMESTEP:g} s; it has {len(readings)}"
+            )
+        windows += [(index, each) for each in _cut(readings, moving, seconds)]
+    windows = windows[: MOST_WINDOWS if moving and seconds is None else None]
+    trial = np.array([index for index, _ in windows])
+    first = np.array([readings.base for _, readings in windows])
     # The simulation has no sample before its first step.
-    early = int((time < TIMESTEP - NEAR).sum(axis=1).max())
-    time, gyro = time[:, early:], gyro[:, early:]
+    parts = [one.after(log.time[one.base] + TIMESTEP - NEAR) for _, one in windows]
+    time = _filled([one.time - log.time[one.base] for one in parts])
+    gyro = _filled([one.gyro for one in parts])
+    weight = _filled([one.weight for one in parts], 0.0)
     steps = max(POINTS, int(np.ceil((time.max() - NEAR) / TIMESTEP)))
     begin = log.time[first] - lead * TIMESTEP
     series = np.array([
@@ -164,15 +196,16 @@ def log_windows(
         raise InvalidArgumentError("log must contain motion: its gyroscope never changes")
     changes = np.flatnonzero((np.diff(series, axis=1) != 0.0).any(axis=(0, 2))) + 1
     interval = gcd(*changes.tolist()) or series.shape[1]
-    used = log.time[rows[:, -1]] - log.time[[log.blocks[i].start for i in trial]]
+    used = log.time[[one.last for _, one in windows]]
+    used = used - log.time[[log.blocks[index].start for index in trial]]
     earlier = np.cumsum([0.0, *log.seconds])  # s of swimming before each trial
-    remarks = []
     for i, whole in enumerate(log.seconds):
         most = used[trial == i].max(initial=0.0)
         if most < 0.9 * whole:
             remarks.append(f"of the {whole:.3g} s of {log.name(i)} the first {most:.3g} s are used")
         if not moving and not series[i].any():
             remarks.append(f"in {log.name(i)} no servo moves: it tells little about the body")
+    slowest = max(float(np.median(np.diff(one.time))) for _, one in windows)
     return LogWindows(
         steps=steps,
         series=series[:, ::interval],
@@ -181,42 +214,42 @@ def log_windows(
         interval=interval,
         begun=lead,
         time=time,
-        stride=max(1, int(SLOWEST / (typical * averaged) + 1e-6)),
+        weight=None if (weight == 1.0).all() else weight,
+        stride=max(1, int(SLOWEST / slowest + 1e-6)),
         ends=earlier[trial] + used,
         remarks=tuple(remarks),
         start=start,
     )
 
 
-def _cuts(
-    log: SwimLog, lead: int, averaged: int, wanted: int | None
-) -> tuple[NDArray[np.intp], NDArray[np.intp], int]:
-    """Return the trial (E,) and first row (E,) of each window, and the number of its samples.
+def _cut(readings: Readings, moving: bool, seconds: float | None) -> list[Readings]:
+    """Return the windows of a trial's readings."""
+    whole = len(readings)
+    if seconds is None:
+        count = min(LONGEST[moving], whole)
+        return [
+            readings[count * i : count * (i + 1)] for i in range(whole // count if moving else 1)
+        ]
+    found: list[Readings] = []
+    first, times = 0, readings.end_times
+    while first + FEWEST <= whole:
+        end = readings[first:].base_time + seconds + NEAR
+        stop = max(int(np.searchsorted(times, end, "right")), first + FEWEST)
+        if found and stop == whole and 2.0 * times[-1] - times[-2] <= end:
+            break  # one more reading would still be within
+        found.append(readings[first:stop])
+        first = stop
+    return found
 
-    ``wanted`` is that number, if given, and then all windows count.
-    """
-    moving, seconds = lead > 0, lead * TIMESTEP
-    begins = [
-        rows.start + int(np.searchsorted(log.time[rows], log.time[rows.start] + seconds - NEAR))
-        for rows in log.blocks
-    ]
-    lengths = [
-        (rows.stop - 1 - begin) // averaged for rows, begin in zip(log.blocks, begins, strict=True)
-    ]
-    count = min(wanted or LONGEST[moving], *lengths)
-    if count < FEWEST:
-        raise InvalidArgumentError(
-            f"{log.name(int(np.argmin(lengths)))} must have at least {FEWEST} readings, 0.01 s or "
-            f"more apart, after the first {seconds:g} s; it has {max(min(lengths), 0)}"
-        )
-    windows = [length // count if moving else 1 for length in lengths]
-    trial = np.repeat(np.arange(len(windows)), windows)
-    first = np.concatenate([
-        begin + count * averaged * np.arange(many)
-        for begin, many in zip(begins, windows, strict=True)
-    ])  # fmt: skip
-    most = MOST_WINDOWS if moving and not wanted else None
-    return trial[:most], first[:most], count
+
+def _filled(parts: Sequence[Floats], last: float | None = None) -> Floats:
+    """Return arrays (T, ...) as rows of one, filled up with their last entries or a number."""
+    longest = max(map(len, parts))
+    rows = []
+    for part in parts:
+        more = part[-1:] if last is None else np.full_like(part[-1:], last)
+        rows.append(np.concatenate([part, np.repeat(more, longest - len(part), axis=0)]))
+    return np.stack(rows)
 
 
 def _commands(log: SwimLog, trial: int, begin: float, steps: int) -> Floats:

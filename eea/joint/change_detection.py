@@ -23,7 +23,8 @@ from eea.core.angles import Floats
 from eea.core.checks import finite, real, whole
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import COARSE, FINE, Observed, Regression, descend
+from eea.joint.least_squares import COARSE, FINE, Regression, descend
+from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
 
@@ -70,12 +71,17 @@ class ChangeDetector:
         known = replace(joint, prior=best.prior())
         self._one = Parameters.of(known, 1, groups, best.hypothesis)
 
-    def look(self, commands: NDArray[Any], signal: Floats) -> WindowTest:
-        """Test one window with commands (1, ...) and a finite signal (T, axes)."""
+    def look(
+        self, commands: NDArray[Any], signal: Floats, weight: Floats | None = None
+    ) -> WindowTest:
+        """Test one window with commands (1, ...) and a finite signal (T, axes).
+
+        ``weight`` (T,) is that of its samples; see :class:`eea.joint.observed.Observed`.
+        """
         signal = finite("signal", signal, (None, self._one.joint.problem.axes))
-        observed = Observed(commands, signal[None])
+        observed = Observed(commands, signal[None], None if weight is None else weight[None])
         angles = len(self._one.angle_entries(0))
-        freedom = signal.size - angles
+        freedom = observed.size - angles
         cost = np.inf
         for effort in EFFORTS:
             cost = min(cost, self._explained(observed, effort))

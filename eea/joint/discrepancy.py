@@ -18,7 +18,6 @@ optimum and widens its covariance.
 from __future__ import annotations
 
 import numpy as np
-from scipy.fft import dct
 
 from eea.core.angles import Floats
 from eea.joint.least_squares import FINE
@@ -26,7 +25,7 @@ from eea.joint.parameters import FIXED
 from eea.joint.posterior import Mode
 from eea.joint.problem import Discrepancy
 from eea.joint.search import Optima
-from eea.joint.slow_errors import NEGLIGIBLE, spectrum
+from eea.joint.slow_errors import NEGLIGIBLE
 
 
 def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode]:
@@ -38,23 +37,22 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
     misfit = regression.misfit(FINE)
     linear = misfit.linearise(optima.fits.theta)
     parameters, observed = regression.parameters, regression.observed
-    trials, samples, axes = observed.signal.shape
-    simulated = observed.signal + best.residuals
-    rms = np.sqrt((simulated**2).mean(axis=(1, 2)))
-    power = np.full((trials, samples), best.sigma**2)
-    power += (discrepancy.share * rms[:, None]) ** 2 * spectrum(samples, discrepancy.duration)
-    weight = power**-0.5  # (E, T), of each frequency
+    axes = observed.signal.shape[2]
+    bases = [observed.slow_basis(e, discrepancy.duration) for e in range(len(observed))]
+    weight: list[Floats] = []  # (T,) of each trial, of each coefficient
+    for basis, one in zip(bases, observed.simulated(best.residuals), strict=True):
+        rms = np.sqrt((one**2).mean())
+        weight.append((best.sigma**2 + (discrepancy.share * rms) ** 2 * basis.variances) ** -0.5)
 
     def whitened(signals: Floats, trial: int) -> Floats:
         """Return signals (n, axes T) of a trial as independent numbers of variance 1."""
-        waves = signals.reshape(len(signals), axes, samples)
-        found: Floats = (dct(waves, axis=-1, norm="ortho") * weight[trial]).reshape(waves.shape)
-        return found.reshape(len(signals), -1)
+        waves: Floats = bases[trial].transform(signals, axes) * weight[trial]
+        return waves.reshape(len(signals), -1)
 
     shapes = _shapes(optima, discrepancy)
     size, count = len(parameters), shapes.shape[2]
     entries = parameters.slots[:, misfit.free]
-    level = best.sigma / float(np.sqrt((observed.signal**2).sum()))
+    level = best.sigma / float(np.sqrt((observed.weighted**2).sum()))
     # The factors are of good fits.
     calibration = discrepancy.calibration if best.goodness.good else None
     modes = []
@@ -65,7 +63,7 @@ def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode
         away = theta - parameters.prior_mean
         gradient[:size] = parameters.prior_information @ away
         squares = 0.0
-        for e in range(trials):
+        for e in range(len(observed)):
             used = entries[e] != FIXED
             columns = np.concatenate([linear.slopes[k, e, used], shapes[k, e]])
             at = np.concatenate([entries[e, used], size + np.arange(count)])
@@ -99,6 +97,9 @@ def _shapes(optima: Optima, discrepancy: Discrepancy) -> Floats:
     commands = np.concatenate([observed.commands] * len(local))
     found = discrepancy.shapes(bodies, nuisances, commands, angles).swapaxes(2, 3)
     found = np.where(np.isfinite(found), found, 0.0)
+    if observed.weight is not None:
+        weights = np.concatenate([observed.weight] * len(local))
+        found = found * weights[:, None, None, :]
     return found.reshape(*local.shape[:2], found.shape[1], -1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,13 +45,13 @@ class Goodness:
 
 
 def goodness_of_fit(
-    residuals: ArrayLike,
+    residuals: Sequence[ArrayLike] | Floats,
     parameters: int,
     sigma: float | None = None,
     floor: float = 0.0,
     slow_p: float | None = None,
 ) -> Goodness:
-    """Test residuals (E, T, axes), rad/s, for being white noise.
+    """Test the residuals (T, axes) of each trial, rad/s, for being white noise.
 
     Size: the sum of squares over sigma^2 against chi-square with as many degrees of freedom as
     samples minus parameters. Whiteness: a portmanteau test (Ljung and Box 1978) of the
@@ -69,12 +70,13 @@ def goodness_of_fit(
     ConfigurationError
         If residuals are not finite, not longer than the lags, or fewer than the parameters.
     """
-    trials = finite("residuals", residuals, (None, None, None))
-    count = trials.size
-    if count <= parameters or trials.shape[1] <= LAGS:
+    trials = [finite("residuals", trial, (None, None)) for trial in residuals]
+    count = sum(trial.size for trial in trials)
+    shortest = min(map(len, trials), default=0)
+    if count <= parameters or shortest <= LAGS:
         raise ConfigurationError(
             f"residuals must outnumber parameters, {parameters}, and each trial's lags, {LAGS}; "
-            f"got {count} in trials of {trials.shape[1]} samples"
+            f"got {count} in trials of at least {shortest} samples"
         )
     squares = sum(float((trial**2).sum()) for trial in trials)
     rms = (squares / count) ** 0.5
@@ -106,8 +108,10 @@ def goodness_of_fit(
     return Goodness(rms, size_p, whiteness_p, peak_p, p, p >= ALARM, words, slow_p)
 
 
-def autocorrelation(residuals: Floats, lags: int, floor: float = 0.0) -> tuple[Floats, Floats]:
-    """Return the autocorrelations (lags,) of residuals (E, T, axes), and white noise's sd (lags,).
+def autocorrelation(
+    residuals: Sequence[Floats] | Floats, lags: int, floor: float = 0.0
+) -> tuple[Floats, Floats]:
+    """Return the autocorrelations (lags,) of trials' residuals (T, axes), and white noise's sd.
 
     They are about zero, not the mean: a constant residual is an error. A trial's axis with an rms
     up to ``floor`` is left out.
@@ -128,7 +132,7 @@ def autocorrelation(residuals: Floats, lags: int, floor: float = 0.0) -> tuple[F
     return above / weight, np.sqrt(variance) / weight
 
 
-def _largest(trials: Floats, floor: float) -> tuple[float, float]:
+def _largest(trials: Sequence[Floats], floor: float) -> tuple[float, float]:
     """Return the largest residual, in its axis's rms over all trials, and as it is."""
     samples = np.concatenate(trials)
     rms = np.sqrt(np.mean(samples**2, axis=0))
@@ -137,8 +141,8 @@ def _largest(trials: Floats, floor: float) -> tuple[float, float]:
     return float(most[worst] / rms[worst]), float(most[worst])
 
 
-def effective_count(residuals: Floats) -> float:
-    """Return the effective number of independent samples of residuals (E, T, axes).
+def effective_count(residuals: Sequence[Floats] | Floats) -> float:
+    """Return the effective number of independent samples of the residuals (T, axes) of trials.
 
     It is N / (1 + 2 (r1 + r2 + ...)), with the autocorrelations up to the first that is not
     positive (Geyer 1992).
@@ -150,10 +154,11 @@ def effective_count(residuals: Floats) -> float:
     >>> round(smooth.size / effective_count(smooth))  # sums of five: 1 + 2 (0.8 + ... + 0.2)
     5
     """
-    most = max(residuals.shape[1] // 2, 1)
+    size = sum(trial.size for trial in residuals)
+    most = max(min(map(len, residuals)) // 2, 1)
     lags = min(16, most)
     while (shares := autocorrelation(residuals, lags)[0]).min() > 0.0 and lags < most:
         lags = min(2 * lags, most)
     ends = np.flatnonzero(shares <= 0.0)
     total = float(shares[: ends[0] if len(ends) else len(shares)].sum())
-    return max(residuals.size / (1.0 + 2.0 * total), 1.0)
+    return max(size / (1.0 + 2.0 * total), 1.0)

@@ -16,7 +16,8 @@ from eea.joint.discrepancy import doubted
 from eea.joint.goodness_of_fit import effective_count
 from eea.joint.initialization import pose
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
-from eea.joint.least_squares import FINE, Observed, Regression
+from eea.joint.least_squares import FINE, Regression
+from eea.joint.observed import Observed
 from eea.joint.parameters import SURE, Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem, Simulate
@@ -121,7 +122,7 @@ def fit(
         branches,
         optima[branches[0].hypothesis.name].goodness,
         best.sigma,
-        0 if config.noise else observed.signal.size,
+        0 if config.noise else observed.size,
         WarmStart(optima, frozenset(dropped), explained, counter.robots),
     )
 
@@ -215,7 +216,8 @@ def mixture(optima: Optima, best: Optima) -> Posterior:
     Where its residuals are correlated, only the effective number of samples counts.
     """
     residuals = best.residuals
-    weight = effective_count(residuals) / residuals.size / best.sigma**2
+    size = best.regression.observed.size
+    weight = effective_count(residuals) / size / best.sigma**2
     parameters, theta = optima.regression.parameters, optima.fits.theta
     linear = optima.regression.misfit(FINE).linearise(theta)
     away = theta - parameters.prior_mean

@@ -37,7 +37,7 @@ def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) ->
         kept = pose(regression, kept, effort.poses, rng, rest)[0]
     if not _lined(parameters):
         return kept[: effort.descents]
-    seen = observed.signal[some, :: regression.stride(SCANNED)].size
+    seen = observed.sampled(some, regression.stride(SCANNED))
     sigma = regression.noise or float(np.sqrt(squares.min() / seen))
     kept, cost = aligned(regression, kept, sigma)
     return kept[np.argsort(cost, kind="stable")[: effort.descents]]

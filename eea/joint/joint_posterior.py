@@ -11,6 +11,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.checks import whole
+from eea.core.result import handed_on
 from eea.joint.diagnostics import Fit, faults, findings
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
@@ -74,8 +75,15 @@ class JointPosterior:
     warm_start: WarmStart | None = field(default=None, repr=False)
 
     def sample(self, count: int, rng: np.random.Generator) -> Floats:
-        """Return ``count`` bodies (count, n) drawn from the posterior, in natural units."""
+        """Return ``count`` bodies (count, n) drawn from the posterior, in natural units.
+
+        They are for other searches, so each size is given to 1e-4 of its range.
+        """
         whole("count", count, 1, MAXIMUM_SAMPLES)
+        layout = self.branches[0].parameters.joint.problem.models
+        return handed_on(self._drawn(count, rng), layout)
+
+    def _drawn(self, count: int, rng: np.random.Generator) -> Floats:
         return self._mixed([branch.doubted for branch in self.branches], count, rng)
 
     def _mixed(self, parts: list[Posterior], count: int, rng: np.random.Generator) -> Floats:
@@ -93,7 +101,7 @@ class JointPosterior:
 
     @cached_property
     def _bodies(self) -> Floats:
-        return self.sample(SAMPLES, np.random.default_rng(0))
+        return self._drawn(SAMPLES, np.random.default_rng(0))
 
     @cached_property
     def model(self) -> Floats:

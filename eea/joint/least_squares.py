@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
+from eea.joint.observed import Observed
 from eea.joint.parameters import FIXED, Parameters
 
 FLOOR = 1e-6  # of Marquardt's diagonal, as a share of its greatest entry
@@ -74,17 +75,6 @@ class Linear(NamedTuple):
     slopes: Floats  #: Their derivatives (S, E, F, M) by the free slots.
 
 
-@dataclass(frozen=True, eq=False)
-class Observed:
-    """E trials of the robot."""
-
-    commands: NDArray[Any]  #: (E, c), or another array of E rows that ``Simulate`` takes.
-    signal: Floats  #: (E, T, axes), rad/s.
-
-    def __len__(self) -> int:
-        return len(self.commands)
-
-
 class Misfit:
     """The differences between simulated and observed trials, at one precision."""
 
@@ -101,6 +91,10 @@ class Misfit:
         sampled = observed.signal[:, :: precision.stride]
         # (E, M): one axis after the other, as simulators lay it out.
         self._wanted = sampled.swapaxes(1, 2).reshape(len(observed), -1)
+        self._weight = None  # (E, M)
+        if observed.weight is not None:
+            strided = observed.weight[:, :: precision.stride]
+            self._weight = np.tile(strided, (1, observed.signal.shape[2]))
         self._trials = np.arange(len(observed))
         #: Which entries (P,) a descent may change.
         self.movable: NDArray[np.bool_] = np.ones(len(parameters), dtype=np.bool_)
@@ -116,10 +110,13 @@ class Misfit:
     @property
     def count(self) -> int:
         """Number of samples that are compared, of all trials and axes."""
-        return self._wanted[self._trials].size
+        return self._observed.sampled(self._trials.tolist(), self.precision.stride)
 
     def differences(self, local: Floats, trials: NDArray[np.intp]) -> NDArray[np.floating]:
-        """Return simulated minus observed (S, E, C, M) for slots (S, E, C, W) of ``trials``."""
+        """Return simulated minus observed (S, E, C, M) for slots (S, E, C, W) of ``trials``.
+
+        Each difference is multiplied by its sample's weight.
+        """
         robots = local.reshape(-1, local.shape[-1])
         which = np.broadcast_to(trials[:, None], local.shape[:-1]).reshape(-1)
         parts = []
@@ -135,6 +132,9 @@ class Misfit:
         simulated = parts[0] if len(parts) == 1 else np.concatenate(parts)
         wanted = self._wanted[trials, None].astype(np.result_type(simulated, np.float32))
         apart: NDArray[np.floating] = simulated.reshape(*local.shape[:-1], -1) - wanted
+        if self._weight is not None:
+            with np.errstate(invalid="ignore"):  # a robot that diverged
+                apart *= self._weight[trials, None].astype(apart.dtype)
         return apart
 
     def residuals(self, theta: Floats) -> NDArray[np.floating]:
@@ -219,7 +219,8 @@ class Regression:
     @cached_property
     def rms(self) -> float:
         """The root mean square of the signal, rad/s."""
-        return max(float(np.sqrt((self.observed.signal**2).mean())), 1e-12)
+        mean = (self.observed.weighted**2).sum() / self.observed.size
+        return max(float(np.sqrt(mean)), 1e-12)
 
     @property
     def least_sigma(self) -> float:

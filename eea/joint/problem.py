@@ -148,7 +148,9 @@ class Discrepancy:
     """How far a simulator may be from the robot; see ``eea.joint.discrepancy``."""
 
     share: float  #: Standard deviation, as a share of the signal's rms.
-    duration: float  #: After which it has changed by a factor of e, in samples.
+    #: After which it has changed by a factor of e, in the unit of the trials' times: in samples,
+    #: where those have none.
+    duration: float
     shapes: Shapes | None = None  #: The differences of known shape, or none.
     calibration: Calibration | None = None  #: None leaves the intervals as they are.
 

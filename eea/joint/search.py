@@ -40,12 +40,12 @@ class Optima:
     sigma: float  #: Standard deviation of the noise, as given or from the best fit's residuals.
 
     @cached_property
-    def residuals(self) -> Floats:
-        """Simulated less observed (E, T, axes) of the best."""
+    def residuals(self) -> list[Floats]:
+        """Simulated less observed (T, axes) of the best, times the weights, of each trial."""
         flat = self.regression.misfit(FINE).residuals(self.fits.theta[:1])[0]
         trials, samples, axes = self.regression.observed.signal.shape
-        residuals: Floats = flat.reshape(trials, axes, samples).swapaxes(1, 2)
-        return residuals
+        whole = flat.reshape(trials, axes, samples).swapaxes(1, 2)
+        return [one[:n] for one, n in zip(whole, self.regression.observed.counts, strict=True)]
 
     @cached_property
     def goodness(self) -> Goodness:
@@ -183,7 +183,7 @@ def _refine(
 def _optima(regression: Regression, fitted: Fitted) -> Optima:
     """Return the fits close to the best, at the noise that the best leaves."""
     parameters = regression.parameters
-    sigma = regression.sigma(fitted.squares.min(), regression.observed.signal.size)
+    sigma = regression.sigma(fitted.squares.min(), regression.observed.size)
     cost = 0.5 * fitted.squares / sigma**2 + parameters.prior_cost(fitted.theta)
     found = _unique(parameters, fitted._replace(cost=cost))
     near = found.cost <= found.cost[0] + CLOSE

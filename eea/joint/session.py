@@ -17,7 +17,7 @@ from eea.core.session import Session, Streams, Trial, streams
 from eea.joint.commands import fast_command
 from eea.joint.inference import check_nuisances, fit
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.least_squares import Observed
+from eea.joint.observed import Observed
 from eea.joint.problem import JointProblem
 
 MASS = 0.9  # of the intervals in the records, and of the stop rule
@@ -117,9 +117,12 @@ def round_fit(posterior: JointPosterior) -> RoundFit:
     start = posterior.warm_start
     assert start is not None
     best = start.optima[posterior.branches[0].hypothesis.name]
-    observed = best.regression.observed.signal
-    simulated = summarize(RecordedLog(observed + best.residuals))
-    sim = similarity(simulated, summarize(RecordedLog(observed)))
+    observed = best.regression.observed
+    simulated = observed.simulated(best.residuals)
+    sim = np.concatenate([
+        similarity(summarize(RecordedLog(one)), summarize(RecordedLog(signal[: len(one)])))
+        for one, signal in zip(simulated, observed.signal, strict=True)
+    ])  # fmt: skip
     return RoundFit(
         posterior.model,
         float(model_fitness(sim)),

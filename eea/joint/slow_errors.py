@@ -9,7 +9,6 @@ H = J (J^T J + sigma^2 Lambda)^-1 J^T and Lambda the prior's precision.
 from __future__ import annotations
 
 import numpy as np
-from scipy.fft import dct
 from scipy.special import gammaincc
 
 from eea.core.angles import Floats
@@ -24,28 +23,31 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
     """Return the chance of residuals as slow as those at an optimum ``theta`` (P,) if it is noise.
 
     The statistic is the score of errors that are correlated by exp(-|t - t'| / duration), in
-    samples, and as large in each trial as its signal: the residuals' power in the cosine transform,
-    weighted by the :func:`spectrum` of such errors and divided by their whole power. It is compared
-    with a gamma distribution of the mean and variance that white noise would give it after the fit
-    (F. E. Satterthwaite, 1946).
+    the unit of the trials' times, and as large in each trial as its signal: the residuals' power in
+    their basis, weighted by the variances of such errors and divided by the whole power. It is
+    compared with a gamma distribution of the mean and variance that white noise would give it after
+    the fit (F. E. Satterthwaite, 1946).
     """
     parameters, observed = regression.parameters, regression.observed
-    trials, samples, axes = observed.signal.shape
+    axes = observed.signal.shape[2]
     misfit = regression.misfit(FINE)
     linear = misfit.linearise(theta[None])
     entries = parameters.slots[:, misfit.free]
     # What a bound holds takes nothing from the residuals.
     inner = (theta > parameters.low + AT_BOUND) & (theta < parameters.high - AT_BOUND)
-    loud = (observed.signal**2).mean(axis=(1, 2))
+    loud = np.array(
+        [(one[:n] ** 2).mean() for one, n in zip(observed.signal, observed.counts, strict=True)]
+    )
     sums = np.zeros((3, len(parameters), len(parameters)))  # J^T W^n J for n = 0, 1, 2
     power, weight = np.zeros(2), np.zeros(3)
-    for e in range(trials):
+    for e in range(len(observed)):
         used = entries[e] != FIXED
         used[used] = inner[entries[e, used]]
         at = entries[e, used]
         waves = np.concatenate([linear.slopes[0, e, used], linear.residuals[0, e][None]])
-        waves = dct(waves.reshape(len(waves), axes, samples), axis=-1, norm="ortho")
-        each = spectrum(samples, duration) * loud[e] / loud.max()  # (T,)
+        basis = observed.slow_basis(e, duration)
+        waves = basis.transform(waves, axes)
+        each = basis.variances * loud[e] / loud.max()  # (T,)
         columns, residuals = waves[:-1], waves[-1]
         for n in range(3):
             moved = (columns * each**n).reshape(len(at), -1)
@@ -72,17 +74,3 @@ def _taken(sums: Floats, prior: Floats) -> Floats:
     inverse = np.linalg.pinv(whole / np.outer(scale, scale), rcond=NEGLIGIBLE, hermitian=True)
     found: Floats = (inverse / np.outer(scale, scale)) @ sums
     return found
-
-
-def spectrum(samples: int, duration: float) -> Floats:
-    """Return the variances (T,) of the cosine transform of noise with exp(-t / duration).
-
-    Examples
-    --------
-    >>> spectrum(4, 1e-3).round(6)
-    array([1., 1., 1., 1.])
-    """
-    kept = np.exp(-1.0 / duration)
-    angle = np.pi * np.arange(samples) / samples
-    variances: Floats = (1.0 - kept**2) / (1.0 - 2.0 * kept * np.cos(angle) + kept**2)
-    return variances

@@ -17,7 +17,7 @@ from eea.fish.gap import RealityGap
 from eea.fish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
 from eea.fish.simulator import fish_problem
 from eea.fish.target import EngineTarget
-from eea.joint.least_squares import Observed
+from eea.joint.observed import Observed
 from tests.inference.settings import Setting
 from tests.verification.foreign_law import Defects, simulate_law
 from tests.verification.mujoco_world import simulate_mujoco

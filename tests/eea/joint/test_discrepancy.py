@@ -15,10 +15,11 @@ from eea.core.problem import Problem
 from eea.joint.diagnostics import Fit, faults
 from eea.joint.goodness_of_fit import goodness_of_fit
 from eea.joint.inference import fit
-from eea.joint.least_squares import FINE, Observed, Regression, descend
+from eea.joint.least_squares import FINE, Regression, descend
+from eea.joint.observed import Observed, spectrum
 from eea.joint.parameters import Parameters
 from eea.joint.problem import Calibration, Discrepancy, Hypothesis, JointProblem, Nuisance, Part
-from eea.joint.slow_errors import slow_errors, spectrum
+from eea.joint.slow_errors import slow_errors
 
 TIME = 0.01 * np.arange(1, 129)
 WAVE = np.sin(7.0 * TIME)

@@ -10,7 +10,7 @@ import pytest
 from eea.core.checks import ConfigurationError
 from eea.core.session import streams
 from eea.joint.inference import fit
-from eea.joint.least_squares import Observed
+from eea.joint.observed import Observed
 from eea.joint.session import JointInference
 from swing import CONFIG, SWING, TRUTH, Swinging, infer
 

@@ -1,0 +1,64 @@
+"""Bunches in the times of a trial: rows that follow each other closely, and then a wait."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.api import TIMESTEP
+from eea.core.angles import Floats
+
+APART = 2.5  # times the shorter neighbouring step: a longer one separates bunches
+WIDE, NARROW = 2.0, 0.5  # times the wait: the longest bunch, and one that only packets have
+FEWEST = 4  # bunches in a row
+FEWEST_ROWS = 1.5  # per bunch, on average
+
+
+class Bunches(NamedTuple):
+    """A stretch of a trial whose times come in bunches. Rows count from the trial's first."""
+
+    starts: NDArray[np.intp]  #: The first row of each bunch.
+    last: int  #: The last row of the last one.
+    #: Whether it matters little how the rows are stamped: bunches are nearly as long as the
+    #: waits, or these are shorter than 0.01 s.
+    loose: bool
+
+    @property
+    def first(self) -> int:
+        """The first row of the first bunch."""
+        return int(self.starts[0])
+
+
+def bunches_of(time: Floats) -> list[Bunches]:
+    """Return the stretches of a trial's times (T,), s, that come in bunches.
+
+    A gap, and a change of rate, makes no bunches; a wait of at most 0.005 s does not matter.
+
+    Examples
+    --------
+    >>> row = np.arange(60)
+    >>> packets = 0.01 * (row - row % 3) + 1e-4 * (row % 3)
+    >>> [found.starts[:4].tolist() for found in bunches_of(packets)]
+    [[0, 3, 6, 9]]
+    >>> bunches_of(np.concatenate([0.001 * row, 0.06 + 0.02 * row]))
+    []
+    """
+    steps = np.diff(time)
+    near = np.minimum(np.append(np.inf, steps[:-1]), np.append(steps[1:], np.inf))
+    waits = np.flatnonzero((steps > APART * near) & (steps > 0.5 * TIMESTEP))
+    if len(waits) < FEWEST - 1:
+        return []
+    starts, ends = np.append(0, waits + 1), np.append(waits, len(time) - 1)
+    wait = np.minimum(np.append(np.inf, steps[waits]), np.append(steps[waits], np.inf))
+    length = time[ends] - time[starts]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], length < WIDE * wait, [0]])))
+    found = []
+    for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+        rows = ends[end - 1] + 1 - starts[begin]
+        if end - begin >= FEWEST and rows >= FEWEST_ROWS * (end - begin):
+            long = np.median(length[begin:end] / wait[begin:end]) > NARROW
+            loose = bool(long or np.median(wait[begin:end]) < TIMESTEP)
+            found.append(Bunches(starts[begin:end], int(ends[end - 1]), loose))
+    return found

@@ -1,0 +1,118 @@
+"""The readings of one trial that joint inference compares: at most 100 a second.
+
+Readings closer than 0.01 s, the simulator's step, are averaged. If their noise is white, the mean
+of n has less by the root of n, but many gyroscopes filter their readings so that it has not; so the
+log itself tells how much less. Each sample has a weight that gives it the noise of one reading.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.api import TIMESTEP
+from eea.core.angles import Floats
+from eea.fish.swim_log import SwimLog
+
+NEAR = 1e-4  # s between a sample and the end of a step that counts as its time
+ORDER = 4  # of the differences of samples 0.01 s apart that leave noise and no swimming
+FEWEST_DIFFERENCES = 20  # that show the noise
+
+
+@dataclass(frozen=True, eq=False)
+class Readings:
+    """T readings of a trial, or of a window of it."""
+
+    base: int  #: The log's row just before.
+    base_time: float  #: Its time, s.
+    time: Floats  #: (T,) mean times, s.
+    gyro: Floats  #: (T, 3) means, rad/s.
+    weight: Floats  #: (T,), factors that give each the noise of one reading.
+    ends: NDArray[np.intp]  #: (T,) the last row of each.
+    end_times: Floats  #: (T,) their times, s.
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def last(self) -> int:
+        """The log's row of the last reading."""
+        return int(self.ends[-1])
+
+    def __getitem__(self, rows: slice) -> Readings:
+        start = rows.start or 0
+        base = self.base if start == 0 else int(self.ends[start - 1])
+        base_time = self.base_time if start == 0 else float(self.end_times[start - 1])
+        return self._some(rows, base, base_time)
+
+    def after(self, time: float) -> Readings:
+        """Return the readings from a time on, with the same base."""
+        return self._some(self.time >= time, self.base, self.base_time)
+
+    def _some(self, rows: slice | NDArray[np.bool_], base: int, base_time: float) -> Readings:
+        return Readings(
+            base, base_time, self.time[rows], self.gyro[rows], self.weight[rows], self.ends[rows],
+            self.end_times[rows],
+        )  # fmt: skip
+
+
+def readings_of(log: SwimLog, rows: NDArray[np.intp], since: float) -> Readings:
+    """Return the readings of some rows of a trial, ``since`` s after its first.
+
+    A group is at most 0.01 s long, counting the time from the reading before.
+    """
+    time = log.time[rows]
+    base = int(np.searchsorted(time, time[0] + since))
+    starts = _groups(time[base + 1 :].tolist(), float(time[base])) if base < len(rows) else []
+    if not starts:
+        return Readings(int(rows[-1]), float(time[-1]), *_nothing())
+    at = base + 1 + np.array(starts)
+    counts = np.diff(np.append(at, len(rows)))
+    gyro = np.add.reduceat(log.gyro[rows], at, axis=0) / counts[:, None]
+    ends = at + counts - 1
+    mean = np.add.reduceat(time - time[0], at) / counts + time[0]
+    mean = np.where(counts == 1, time[at], mean)
+    weight = counts ** (0.5 * _whiteness(log.gyro[rows[ends]], gyro, counts))
+    return Readings(int(rows[base]), float(time[base]), mean, gyro, weight, rows[ends], time[ends])
+
+
+def _nothing() -> tuple[Floats, Floats, Floats, NDArray[np.intp], Floats]:
+    none = np.empty(0)
+    return none, np.empty((0, 3)), none, np.empty(0, dtype=np.intp), none
+
+
+def _groups(time: list[float], before: float) -> list[int]:
+    """Return the first place of each group of readings at increasing times."""
+    starts: list[int] = []
+    until = -np.inf
+    for i, now in enumerate(time):
+        if now > until:
+            starts.append(i)
+            own = now - before
+            if i + 1 < len(time):  # after a gap, as long as to the next
+                own = min(own, time[i + 1] - now)
+            until = now + TIMESTEP - own + min(NEAR, 0.5 * own)
+        before = now
+    return starts
+
+
+def _whiteness(single: Floats, mean: Floats, counts: NDArray[np.intp]) -> float:
+    """Return 1 if n averaged readings have 1/n of the variance of one, 0 if they have as much.
+
+    ``single`` (T, 3) is one reading of each group. Where the samples are 0.01 s apart, differences
+    of the fourth order leave noise alone.
+    """
+    if len(counts) <= ORDER:
+        return 0.0
+    several = np.lib.stride_tricks.sliding_window_view(counts > 1, ORDER + 1).all(axis=1)
+    if several.sum() < FEWEST_DIFFERENCES:
+        return 0.0
+    one, less = (
+        float(np.median((np.diff(each, ORDER, axis=0) ** 2).sum(axis=1)[several]))
+        for each in (single, mean)
+    )
+    if not min(one, less) > 0.0:
+        return 0.0
+    return float(np.clip(np.log(one / less) / np.log(np.median(counts[counts > 1])), 0.0, 1.0))

@@ -1,0 +1,145 @@
+"""Which rows of a log are readings of their own, and when each was taken.
+
+A stamp may be that of a packet's arrival, and a reading that of the row before, which a driver
+repeats until the next one. Neither shows in a single row; both show in many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.command import SERVOS
+from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea.core.angles import Floats
+from eea.fish.bunches import Bunches, bunches_of
+from eea.fish.swim_log import GYRO, MOST_GAP, SwimLog
+
+FAST = 0.9  # quantile of the squared changes of a signal: those in the fastest motion
+LASTING = 9  # bunches: if most of them are late, packets are missing; a single one may be late
+QUANTA = 4.0  # of a gyroscope's resolution: a repeated reading that then jumps by more is stale
+
+
+def restamped(log: SwimLog) -> tuple[SwimLog, list[str]]:
+    """Return a log with even times where its rows were stamped on arrival in packets.
+
+    Bunches of times are packets if the signal changes as much between the rows of a bunch as from
+    one bunch to the next. Otherwise the rows were sampled in bunches, and stay as they are. Also
+    return what was done, in sentences.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the signal does not show which it is, or packets are missing.
+    """
+    time, said = log.time.copy(), []
+    for index, rows in enumerate(log.blocks):
+        for found in bunches_of(log.time[rows]):
+            name = f"{log.name(index)}, rows {rows.start + found.first + 1} to "
+            name += f"{rows.start + found.last + 1}"
+            if not _arrived(found, log.time[rows], log.gyro[rows], name):
+                continue
+            even = _even(found, log.time[rows])
+            if even is None:
+                raise InvalidArgumentError(
+                    f"{name}: the times come in bunches, as of packets stamped on arrival, and "
+                    "packets are missing or late; restamp the rows evenly, as they were sampled"
+                )
+            time[rows.start + found.first : rows.start + found.last + 1] = even
+            said.append(
+                f"{name}: the times come in bunches, as of packets stamped on arrival; the rows "
+                f"are taken as evenly sampled, every {np.diff(even).mean():.4g} s"
+            )
+    return (replace(log, time=time), said) if said else (log, said)
+
+
+def _arrived(found: Bunches, time: Floats, gyro: Floats, name: str) -> bool:
+    """Return whether bunches are of arrivals, not of readings.
+
+    The change over a whole bunch and its wait is as large in either case. It has to exceed that
+    from row to row by the more, the fewer bunches there are.
+    """
+    own = slice(found.first, found.last + 1)
+    signal, size = gyro[own], (found.last + 1 - found.first) / len(found.starts)
+    changes = (np.diff(signal, axis=0) ** 2).sum(axis=1)
+    waits = np.zeros(len(changes), dtype=np.bool_)
+    waits[found.starts[1:] - found.first - 1] = True
+    apart = max(1, round(size))
+    over = ((signal[apart:] - signal[:-apart]) ** 2).sum(axis=1)
+    inside, between, whole = (np.quantile(x, FAST) for x in (changes[~waits], changes[waits], over))
+    if whole > (1.0 + 40.0 / len(found.starts)) * inside:
+        return bool(between < np.sqrt(inside * whole))
+    if found.loose or time[own].max() - time[own].min() < MOST_GAP:
+        return False
+    raise InvalidArgumentError(
+        f"{name}: the times come in bunches, and the motion does not show whether the rows were "
+        "sampled so or stamped on arrival in packets; restamp the rows evenly, as they were "
+        "sampled, or keep one row of each bunch"
+    )
+
+
+def _even(found: Bunches, time: Floats) -> Floats | None:
+    """Return even times of the rows in bunches, or None if these are not from an even clock.
+
+    The last row of a bunch was sampled when the bunch arrived, up to a constant delay.
+    """
+    arrived = time[found.starts] - time[found.first]
+    ends = np.append(found.starts[1:] - 1, found.last) - found.first
+    pace, begun = np.polyfit(ends[:-1], arrived[:-1], 1)  # the last may be incomplete
+    late = arrived[:-1] - (begun + pace * ends[:-1])
+    some = min(LASTING, len(late))
+    lasting = np.median(np.lib.stride_tricks.sliding_window_view(late, some), axis=1)
+    if np.abs(lasting).max() > 0.5 * max(pace, TIMESTEP):
+        return None
+    even = time[found.first] + begun + pace * np.arange(found.last + 1 - found.first)
+    before = time[found.first - 1] if found.first else -np.inf
+    after = time[found.last + 1] if found.last + 1 < len(time) else np.inf
+    return even if before < even[0] and even[-1] < after else None
+
+
+class NewReadings(NamedTuple):
+    """The rows of a trial that have a new reading."""
+
+    rows: NDArray[np.intp]  #: Of the log.
+    repeated: int  #: The number of the other rows.
+
+
+def new_readings(log: SwimLog, index: int) -> NewReadings:
+    """Return the rows of a trial without those in which a driver repeats its last reading.
+
+    A moving gyroscope's three rates do not stay the same, up to its resolution, and then jump.
+    Rows at rest, before the trial's first motion or without a command, may be equal.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the reading is repeated for more than 0.25 s while a servo moves.
+    """
+    block = log.blocks[index]
+    gyro, rows = log.gyro[block], np.arange(block.start, block.stop)
+    steps = np.abs(np.diff(gyro, axis=0))
+    same = (steps == 0.0).all(axis=1)
+    quantum = np.where(steps > 0.0, steps, np.inf).min(axis=0)
+    starts = np.flatnonzero(np.append(True, ~same))
+    lengths = np.diff(np.append(starts, len(gyro)))
+    still = (log.commands[block][starts] == 0.0).all(axis=1) | (starts == 0)
+    moving = (lengths[:-1] > 1) & ~still[:-1]
+    jumps = (np.abs(gyro[starts[1:]] - gyro[starts[:-1]]) > QUANTA * quantum).any(axis=1)
+    if 2 * (moving & jumps).sum() <= moving.sum():  # none, or the gyroscope's resolution
+        return NewReadings(rows, 0)
+    longest = int(lengths[:-1][moving & jumps].max())
+    kept = np.append(True, ~same) | np.repeat(still & (lengths > longest), lengths)
+    new = rows[kept]
+    gaps = np.diff(log.time[new])
+    if gaps.max() > MOST_GAP:
+        last = int(np.argmax(gaps))
+        raise InvalidArgumentError(
+            f"row {new[last] + 2}: {', '.join(GYRO)} must be new readings while "
+            f"{', '.join(SERVOS)} move; they repeat the row before for {gaps[last]:.3g} s: leave "
+            "those rows out and make what follows another trial"
+        )
+    return NewReadings(new, len(rows) - len(new))

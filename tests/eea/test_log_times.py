@@ -1,0 +1,272 @@
+"""Logs of uneven rows: packets, changes of rate, repeated readings, times since 1970."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.interpolate import CubicSpline
+
+from aquafish_gym import Damage, Morphology, simulate
+from aquafish_gym.utils.validation import InvalidArgumentError
+from eea import FitConfig, SwimLog, infer_log, watch_swim
+from eea.fish.bunches import bunches_of
+from eea.fish.prior import known_body
+from eea.fish.stamps import new_readings, restamped
+from eea.fish.windows import log_windows
+
+BODY = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
+PLAIN = FitConfig(nuisances=())
+NOISE, HOLD = 0.01, 1.5  # rad/s, s
+
+
+def at_rate(rate, seconds):
+    return np.arange(round(seconds * rate) + 1) / rate
+
+
+def swim(time, seed=3, memory=0.0, stamps=None):
+    """Return the log of a swim sampled at ``time``, with noise that has a ``memory``."""
+    rng = np.random.default_rng(seed)
+    steps = int(np.ceil(100 * time[-1] - 1e-9)) + 1
+    series = rng.uniform([-0.5, -0.5, 0.0], [0.5, 0.5, 1.0], (int(steps / 100 / HOLD) + 1, 3))
+    held = np.repeat(series, round(100 * HOLD), axis=0)[:steps]
+    angles = rng.uniform(-np.pi, np.pi, 3)
+    felt = simulate(BODY, held[None], angles, steps, dtype="float64", record="gyro", interval=1)
+    rates = np.concatenate([np.zeros((1, 3)), np.asarray(felt.gyro)[0]])
+    noise = rng.standard_normal((len(time), 3))
+    for i in range(1, len(time) if memory else 0):
+        noise[i] = memory * noise[i - 1] + (1 - memory**2) ** 0.5 * noise[i]
+    seen = CubicSpline(0.01 * np.arange(steps + 1), rates)(time) + NOISE * noise
+    commands = series[(time / HOLD + 1e-9).astype(int)]
+    return SwimLog(time if stamps is None else stamps, seen, commands)
+
+
+def arrivals(time, size, apart=2e-4, late=0.0):
+    """Return the stamps of rows that arrive in packets, each up to a few ``late`` s late."""
+    row = np.arange(len(time))
+    place, pace = row % size, time[1] - time[0]
+    delays = late * np.random.default_rng(0).exponential(size=len(time))[row - place]
+    return time[0] + pace * (row - place + size - 1) + apart * place + delays
+
+
+def together(*logs):
+    trial = np.repeat(np.arange(len(logs)) + 1, [len(log.time) for log in logs])
+    fields = ("time", "gyro", "commands")
+    return SwimLog(*(np.concatenate([getattr(log, f) for log in logs]) for f in fields), trial)
+
+
+def found_within(log, least=7):
+    """Infer a body, which must explain the log and be near the true one; return its noise."""
+    found = infer_log(log, PLAIN, truth=BODY, threads=1)
+    low, high = found.interval(0.9)
+    true = BODY.to_array()
+    assert found.belief.good, found.belief.verdict
+    assert found.objective_fitness > 0.98
+    assert ((low <= true) & (true <= high)).sum() >= least
+    return found.belief.sigma
+
+
+def unchanged(log):
+    watched = watch_swim(log, known_body(BODY, NOISE, ()), threads=1)
+    assert watched.noticed is None, str(watched)
+    return watched
+
+
+@pytest.mark.parametrize(
+    ("rate", "size", "apart"),
+    [(100, 2, 1e-6), (100, 3, 2e-4), (100, 10, 2e-4), (200, 8, 1e-5), (1000, 30, 1e-5), (40, 4, 0)],
+)
+def test_packets_stamped_on_arrival_are_stamped_evenly(rate, size, apart):
+    time = at_rate(rate, 6.0)
+    log = swim(time, stamps=arrivals(time, size, apart or 2e-4))
+    even, (said,) = restamped(log)
+    steps = np.diff(even.time)
+    np.testing.assert_allclose(steps, 1 / rate, rtol=1e-3)
+    assert f"rows 1 to {len(time)}: the times come in bunches" in said
+    assert f"evenly sampled, every {1 / rate:g} s" in said
+    true, cut = log_windows(swim(time)), log_windows(log)
+    assert cut.gyro.shape == true.gyro.shape
+    np.testing.assert_allclose(cut.time, true.time, atol=2e-3)
+    np.testing.assert_array_equal(cut.gyro, true.gyro)
+
+
+def test_late_packets_are_stamped_evenly_and_lost_ones_refused():
+    time = at_rate(100, 12.0)
+    log = swim(time, stamps=arrivals(time, 4, 1e-4, late=0.003))
+    assert np.abs(np.diff(restamped(log)[0].time) - 0.01).max() < 1e-5
+    kept = np.ones(len(time), dtype=bool)
+    kept[600:608] = False
+    lossy = SwimLog(log.time[kept], log.gyro[kept], log.commands[kept])
+    with pytest.raises(InvalidArgumentError, match="packets are missing or late; restamp the rows"):
+        log_windows(lossy)
+
+
+def test_packets_in_part_of_a_log_or_in_one_trial_leave_the_rest_as_it_is():
+    time = at_rate(100, 10.0)
+    part = time.copy()
+    part[300:700] = arrivals(time, 5)[300:700]
+    even, _ = restamped(swim(time, stamps=part))
+    np.testing.assert_allclose(even.time, time, atol=1e-3)
+    np.testing.assert_array_equal(even.time[700:], time[700:])
+    mixed = together(swim(time, 4), swim(time, 3, stamps=arrivals(time, 5)))
+    even, (said,) = restamped(mixed)
+    assert said.startswith("trial 2, rows 1002 to 2002: the times come in bunches")
+    np.testing.assert_array_equal(even.time[:1001], time)
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_packets_give_the_body_of_even_times_and_no_alarm(seed):
+    time = at_rate(100, 9.0)
+    log = swim(time, seed, stamps=arrivals(time, 3))
+    found_within(log)
+    unchanged(log)
+
+
+def test_readings_in_true_bursts_are_averaged_where_they_are():
+    time = (0.05 * np.arange(200)[:, None] + 0.001 * np.arange(10)).ravel()
+    log = swim(time)
+    assert len(bunches_of(time)) == 1
+    assert restamped(log)[1] == []
+    cut = log_windows(log)
+    np.testing.assert_allclose(np.diff(cut.time[0]), 0.05, atol=1e-3)
+
+
+def test_bunches_of_which_the_motion_does_not_tell_are_refused():
+    time = at_rate(100, 6.0)
+    log = swim(time, stamps=arrivals(time, 6))
+    noise = NOISE * np.random.default_rng(0).standard_normal((len(time), 3))
+    with pytest.raises(InvalidArgumentError, match=r"trial 1, rows 1 to 601: .*restamp the rows"):
+        log_windows(SwimLog(log.time, noise, log.commands))
+
+
+@pytest.mark.parametrize("size", [4, 40])
+def test_packets_that_no_log_can_hold_are_named(size):
+    """Of identical stamps, or more than 0.25 s apart."""
+    time = at_rate(100, 6.0)
+    stamps = arrivals(time, size, 0.0 if size == 4 else 1e-4)
+    with pytest.raises(InvalidArgumentError, match=r"row \d+: time .*bunches.*: restamp the rows"):
+        swim(time, stamps=stamps)
+
+
+def test_gaps_and_changes_of_rate_are_no_bunches():
+    fast, slow = at_rate(1000, 4.0), 4.0 + at_rate(50, 4.0)[1:]
+    holes = np.ones(len(fast), dtype=bool)
+    for start in range(100, 3900, 150):
+        holes[start : start + 40] = False
+    for time in (np.append(fast[holes], slow), at_rate(100, 8.0)[np.arange(801) % 7 != 0]):
+        assert bunches_of(time) == []
+    rng = np.random.default_rng(0)
+    assert bunches_of(at_rate(100, 8.0) + 0.002 * np.clip(rng.normal(size=801), -2, 2)) == []
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.97])
+def test_a_rate_that_changes_is_averaged_by_time(memory):
+    """Readings are averaged where they are closer than 0.01 s; what that gains is measured."""
+    fast = at_rate(1000, 4.0)
+    kept = np.ones(len(fast), dtype=bool)
+    for start in (500, 1203, 2500, 3333):
+        kept[start : start + 120] = False
+    log = swim(np.concatenate([fast[kept], 4.0 + at_rate(50, 6.0)[1:]]), memory=memory)
+    cut = log_windows(log)
+    steps = np.diff(cut.time[0])
+    assert steps.min() > 0.004
+    np.testing.assert_allclose(steps[-250:], 0.02)
+    assert cut.weight is not None
+    np.testing.assert_array_equal(cut.weight[0, -250:], 1.0)
+    gained = float(np.median(cut.weight[0, :250]))
+    assert gained == pytest.approx(10**0.5, rel=0.15) if memory == 0.0 else gained < 2.0
+    if memory == 0.0:  # at 100 Hz the other is not white: no body explains it
+        assert found_within(log) == pytest.approx(NOISE, rel=0.1)
+        unchanged(log)
+
+
+def test_trials_of_other_rates_and_lengths_are_used_each_in_full():
+    log = together(
+        swim(at_rate(100, 5.0), 3), swim(at_rate(20, 8.0), 4), swim(at_rate(1000, 3.0), 5),
+        swim(at_rate(104, 0.4), 6),
+    )  # fmt: skip
+    cut = log_windows(log)
+    assert cut.remarks == ()
+    assert cut.observed.counts == (500, 160, 299, 41)
+    np.testing.assert_allclose(cut.ends, [5.0, 13.0, 16.0, 16.0 + 42 / 104])
+    assert found_within(log) == pytest.approx(NOISE, rel=0.1)
+
+
+@pytest.mark.parametrize("rate", [30, 100, 104, 200, 1000])
+def test_windows_of_a_second_are_of_a_second_at_any_rate(rate):
+    cut = log_windows(swim(at_rate(rate, 6.3)), moving=True, seconds=1.0)
+    np.testing.assert_allclose(np.diff(cut.ends), 1.0, atol=1 / rate)
+    assert len(cut.ends) == 6
+    assert cut.remarks == ()
+
+
+def test_windows_of_a_second_follow_the_rate_as_it_changes():
+    time = np.concatenate([at_rate(1000, 4.0), 4.0 + at_rate(50, 4.2)[1:]])
+    cut = log_windows(swim(time), moving=True, seconds=1.0)
+    np.testing.assert_allclose(np.diff(cut.ends), 1.0, atol=0.02)
+    assert len(cut.ends) == 8
+    assert cut.observed.counts[-1] == 50
+
+
+def repeated(log, rate):
+    """Return a log that repeats the reading of a gyroscope at a lower rate."""
+    last = np.searchsorted(log.time, np.floor(log.time * rate + 1e-9) / rate - 1e-9)
+    return SwimLog(log.time, log.gyro[last], log.commands)
+
+
+@pytest.mark.parametrize(("rows", "rate"), [(300, 100), (100, 50), (100, 90), (1000, 33)])
+def test_rows_that_repeat_a_reading_are_left_out(rows, rate):
+    log = repeated(swim(at_rate(rows, 8.0)), rate)
+    new = new_readings(log, 0)
+    assert len(new.rows) == pytest.approx(8.0 * rate, abs=2)
+    cut = log_windows(log)
+    said = f"in trial 1 {new.repeated} rows repeat the reading of the row before"
+    assert cut.remarks[0].startswith(said)
+    if (rows, rate) in ((300, 100), (100, 90)):
+        assert found_within(log, least=6) == pytest.approx(NOISE, rel=0.15)
+
+
+def test_rows_that_are_equal_for_another_reason_are_kept():
+    time = at_rate(100, 6.0)
+    log = swim(time)
+    rest = np.where(time[:, None] < 1.0, 0.0, log.gyro)  # it stands still first, without noise
+    rest[300:400] = rest[300]  # and in between, without a command
+    told = log.commands.copy()
+    told[295:402] = 0.0
+    coarse = np.round(log.gyro / 0.2) * 0.2
+    for gyro, commands in ((rest, told), (coarse, log.commands), (0.0 * rest, told)):
+        assert new_readings(SwimLog(time, gyro, commands), 0).repeated == 0
+
+
+def test_a_driver_that_stops_in_mid_swim_is_named():
+    log = swim(at_rate(100, 6.0))
+    gyro = log.gyro.copy()
+    gyro[200:250] = gyro[200]
+    with pytest.raises(
+        InvalidArgumentError, match=r"row 202: gyro_x, .* repeat the row before for 0.5"
+    ):
+        log_windows(SwimLog(log.time, gyro, log.commands))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (-0.01, "row 51: .*it is that of row 50; if a row was written twice, leave one out"),
+        (-0.03, "row 51: .*it is 0.02 s earlier than row 50"),
+        (0.4, "row 51: .*it is 0.41 s later than row 50"),
+    ],
+)
+def test_times_since_1970_are_named_by_rows_and_differences(change, said):
+    time = 1593335798.13 + at_rate(100, 1.0)
+    time[50:] += change
+    rows = np.zeros((101, 3))
+    with pytest.raises(InvalidArgumentError, match=said) as caught:
+        SwimLog(time, rows, rows)
+    assert "e+09" not in str(caught.value)
+
+
+def test_times_since_1970_change_nothing():
+    log = swim(at_rate(100, 3.0))
+    one, other = log_windows(log), log_windows(SwimLog(log.time + 2.0**30, log.gyro, log.commands))
+    np.testing.assert_allclose(other.time, one.time, atol=1e-6)
+    np.testing.assert_array_equal(other.series, one.series)
+    assert other.regular
