@@ -7,7 +7,8 @@ import numpy as np
 from eea.core.checks import ConfigurationError, flag, real
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import JointPosterior
-from eea.joint.posterior import Mode, Posterior
+from eea.joint.parameters import Parameters
+from eea.joint.posterior import Mode
 
 LEAST_SIGMA, MOST_SIGMA = 1e-15, 1e3  # rad/s
 ROUNDING = 1e-6  # of a range, rad, or a share
@@ -31,16 +32,18 @@ def check_posterior(belief: JointPosterior) -> None:
     for branch in belief.branches:
         for part in (branch.posterior, branch.doubted):
             for mode in part.modes:
-                _check_mode(mode, part)
+                check_mode(mode, branch.parameters)
             with np.errstate(all="ignore"):
                 weights = part.weights
             if not (np.isfinite(weights).all() and abs(weights.sum() - 1.0) < ROUNDING):
                 raise ConfigurationError("its modes must have probabilities that sum to 1")
 
 
-def _check_mode(mode: Mode, part: Posterior) -> None:
-    """Refuse a mode outside of the ranges, or whose shape is no normal distribution's."""
-    size = len(part.names)
+def check_mode(mode: Mode, parameters: Parameters) -> None:
+    """Raise a ConfigurationError if a mode is outside of the ranges, or no normal distribution."""
+    size = len(parameters)
+    low = np.where(parameters.circular, -np.pi, parameters.low)
+    high = np.where(parameters.circular, np.pi, parameters.high)
     for name, array, shape in (
         ("theta", mode.theta, (size,)),
         ("gradient", mode.gradient, (size,)),
@@ -49,11 +52,11 @@ def _check_mode(mode: Mode, part: Posterior) -> None:
         if np.shape(array) != shape or not np.isfinite(array).all():
             raise ConfigurationError(f"its {name} must be finite, of shape {shape}")
     real("its cost", mode.cost, -MOST_COST, MOST_COST)
-    outside = (mode.theta < part.low - ROUNDING) | (mode.theta > part.high + ROUNDING)
+    outside = (mode.theta < low - ROUNDING) | (mode.theta > high + ROUNDING)
     if outside.any():
         i = int(outside.argmax())
         raise ConfigurationError(
-            f"its theta of {part.names[i]} must lie in [{part.low[i]:.4g}, {part.high[i]:.4g}]; "
+            f"its theta of {parameters.names[i]} must lie in [{low[i]:.4g}, {high[i]:.4g}]; "
             f"it is {mode.theta[i]:.4g}"
         )
     diagonal = np.diag(mode.information)

@@ -22,7 +22,7 @@ from eea.core.problem import Problem
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.parameters import Parameters
-from eea.joint.plausibility import check_posterior
+from eea.joint.plausibility import check_mode, check_posterior
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
@@ -144,6 +144,8 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
                 for i in range(first, first + count)
             ]
             first += count
+            for mode in modes:
+                check_mode(mode, parameters)
             parts.append(
                 Posterior(
                     parameters.names, parameters.low, parameters.high, parameters.circular, modes
