@@ -100,9 +100,6 @@ def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     shown = shown_replicate(outcomes)
     whole, true = job.morphology.to_array(), job.target.to_array()
     joint = outcomes["joint"][shown]
-    low, high = (
-        Morphology.coerce(joint["interval"][end]).to_array() / whole for end in ("low", "high")
-    )
     middle = Morphology.coerce(joint["morphology"]).to_array() / whole
     paper = Morphology.coerce(outcomes["out-of-band"][shown]["morphology"]).to_array() / whole
     rows = -np.arange(len(whole))
@@ -111,15 +108,20 @@ def sizes_figure(job: Treatment, outcomes: Outcomes) -> Figure:
     for row in rows[true != whole]:
         axes.axhspan(row - 0.5, row + 0.5, color="#facc15", alpha=0.3, lw=0)
     axes.axvline(100, color="0.8", lw=0.8, zorder=0)
-    mass = f"{joint['interval']['mass']:.0%} interval of {LABELS['joint']}"
-    axes.hlines(rows, 100 * low, 100 * high, COLOURS["joint"], lw=8, alpha=0.4, label=mass)
+    columns = [middle]
+    if interval := joint["interval"]:
+        ends = [Morphology.coerce(interval[end]).to_array() / whole for end in ("low", "high")]
+        low, high = np.minimum(ends[0], middle), np.maximum(ends[1], middle)
+        mass = f"{interval['mass']:.0%} interval of {LABELS['joint']}"
+        axes.hlines(rows, 100 * low, 100 * high, COLOURS["joint"], lw=8, alpha=0.4, label=mass)
+        columns += [low, high]
     axes.plot(100 * middle, rows, ".", color=COLOURS["joint"], label=LABELS["joint"])
     blue = COLOURS["out-of-band"]
     axes.plot(100 * paper, rows, "s", ms=5, mfc="none", color=blue, label=LABELS["out-of-band"])
     axes.plot(100 * true / whole, rows, "|", ms=14, mew=1.8, color="black", label="truth")
     axes.set_yticks(rows, [f"{FIN_WORDS[d.fin]} {d.size}" for d in DIMENSIONS])
-    for row, values in zip(rows, 100 * np.column_stack([middle, low, high]), strict=True):
-        text = "{:.0f}% [{:.0f}, {:.0f}]".format(*values)
+    for row, values in zip(rows, 100 * np.column_stack(columns), strict=True):
+        text = ("{:.0f}% [{:.0f}, {:.0f}]" if len(values) > 1 else "{:.0f}%").format(*values)
         axes.annotate(text, (1.01, row), xycoords=("axes fraction", "data"), va="center")
     axes.set_xlabel("size, % of the healthy robot's; yellow: broken")
     _legend_above(axes)

@@ -162,15 +162,25 @@ def damage_in_words(before: Morphology, after: Morphology) -> str:
 
 def _self_knowledge(job: Treatment, outcome: Mapping[str, Any]) -> tuple[str, str]:
     """Return the estimates of the sizes that changed, in words, and how many intervals hold."""
-    interval = outcome["interval"]
-    bodies = (outcome["morphology"], interval["low"], interval["high"])
-    middle, low, high = (Morphology.coerce(body).to_array() for body in bodies)
+    interval, middle = outcome["interval"], Morphology.coerce(outcome["morphology"]).to_array()
     whole, true = job.morphology.to_array(), job.target.to_array()
     estimates = [
-        f"the {d.size} of the {FIN_WORDS[d.fin]} at {middle[i] / whole[i]:.0%} of what it was "
-        f"({interval['mass']:.0%} interval {low[i] / whole[i]:.0%} to {high[i] / whole[i]:.0%})"
+        f"the {d.size} of the {FIN_WORDS[d.fin]} at {middle[i] / whole[i]:.0%} of what it was"
         for i, d in enumerate(DIMENSIONS)
         if true[i] != whole[i]
+    ]
+    if interval is None:
+        return ", ".join(estimates), (
+            f"Joint inference gives no intervals: {html.escape(outcome['verdict'])}."
+        )
+    ends = (Morphology.coerce(interval[end]).to_array() for end in ("low", "high"))
+    low, high = next(ends), next(ends)
+    low, high = np.minimum(low, middle), np.maximum(high, middle)
+    changed = [i for i in range(len(whole)) if true[i] != whole[i]]
+    estimates = [
+        f"{estimate} ({interval['mass']:.0%} interval {low[i] / whole[i]:.0%} to "
+        f"{high[i] / whole[i]:.0%})"
+        for i, estimate in zip(changed, estimates, strict=True)
     ]
     held = np.count_nonzero((low <= true) & (true <= high))
     return ", ".join(estimates), (

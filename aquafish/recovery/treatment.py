@@ -174,7 +174,8 @@ def treat(job: Treatment) -> dict[str, Any]:
     dict
         ``treatment``, ``seed``, ``damage``; the inferred ``morphology`` with its ``model_fitness``
         (MOD_FIT; None if it was not inferred) and ``objective_fitness`` (OBJ_FIT; None without a
-        body of its own); the EEA's ``rounds``; with joint inference its 90% ``interval``,
+        body of its own); the EEA's ``rounds``; with joint inference its 90% ``interval`` (None
+        where no body explains the trials),
         ``findings``, ``verdict``, the ``bodies`` that the gait is for, and ``fins``, the estimated
         angles after the last trial with their errors, rad; the gait's ``generations``; the
         ``controller``; distances in units of 5 cm by body, from the zero pose and from each random
@@ -249,24 +250,30 @@ def _model(job: Treatment) -> Model:
     if result.belief is None:
         return Model(body, [body], rounds)
     bodies = [Morphology.from_array(sizes) for sizes in result.sample(BODIES, job.seed)]
-    posterior, fins = _posterior(result, target.start_angles, config.steps)
+    posterior, fins = _posterior(result, body.to_array(), target.start_angles, config.steps)
     posterior["bodies"] = [one.to_dict() for one in bodies]
     return Model(body, bodies, rounds, posterior, fins)
 
 
 def _posterior(
-    result: Result, start_angles: Floats, steps: int
+    result: Result, body: Floats, start_angles: Floats, steps: int
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return what an outcome holds of joint inference, and the fin state for the transfer.
 
+    Intervals hold the ``body`` (9,); there are none where no body explains the trials.
     The true initial angles (3,) only serve to measure the error of the estimated ones.
     """
     assert result.belief is not None
-    low, high = (Morphology.from_array(end).to_dict() for end in result.interval(MASS))
+    interval = None
+    if result.belief.good:
+        low, high = result.interval(MASS)
+        ends = {"low": np.minimum(low, body), "high": np.maximum(high, body)}
+        bodies = {name: Morphology.from_array(end).to_dict() for name, end in ends.items()}
+        interval = {"mass": MASS, **bodies}
     fins, turned = fins_after(result), np.array(result.rounds[-1].command) * steps * TIMESTEP
     error = wrap(fins.angles - start_angles - TAU * turned)
     posterior = {
-        "interval": {"mass": MASS, "low": low, "high": high},
+        "interval": interval,
         "findings": result.belief.findings,
         "verdict": result.belief.verdict,
         "fins": {

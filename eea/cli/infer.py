@@ -15,21 +15,18 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.utils.validation import one_of
-from eea.cli.outcome import belief_lines, draw_outcome, file_lines, size_table, write_outcome
-from eea.cli.progress import plain_console
+from eea.cli.outcome import draw_outcome, file_lines, write_outcome
+from eea.cli.progress import plain_console, waiting
 from eea.core.config import FitConfig
 from eea.core.session import streams
 from eea.fish import infer_log, read_log
 from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator
+from eea.fish.statement import belief_lines, end_lines, size_table, verdict_lines
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
 
 KIND = "a body inferred from a recorded swim"
-CHECKS = (
-    "are the rates in rad/s, about x right, y forward and z up? Are the commands those that were "
-    "executed? Did each trial begin at rest (if not: --start moving)?"
-)
 
 
 @dataclass(frozen=True)
@@ -41,8 +38,10 @@ class Infer:
     right_pectoral (rev/s), caudal (Hz), which are the commands executed from that time on; and
     trial, a number, if there are several. docs/howto/logs.md has more.
 
-    It prints each size with its 90% interval, the nuisances and what remains uncertain. Into --out
-    go result.json, morphology.json, posterior.npz, posterior.png and bodies.json, as of run.
+    It prints whether a body explains the log, each size with its 90% interval, the nuisances, what
+    remains uncertain, and what broke. Where no body does, it tries what may be wrong with the log:
+    axes, signs, exchanged flippers, the clock, units. Into --out go result.json, morphology.json,
+    posterior.npz, posterior.png and bodies.json, as of run.
     """
 
     log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
@@ -78,19 +77,18 @@ class Infer:
             if self.out is not None:
                 self._write_manifest(self.out, log, joint, truth)
             count = f"{len(log)} trial{'' if len(log) == 1 else 's'}"
-            with console.status(f"fitting {count}, {sum(log.seconds):.3g} s of swimming"):
+            with waiting(f"fitting {count}, {sum(log.seconds):.3g} s of swimming") as doing:
                 result = infer_log(
-                    log, joint, self.seed, truth, moving=moving, threads=self.threads
-                )
-            lines = [*size_table(result), *belief_lines(result)]
+                    log, joint, self.seed, truth, moving=moving, check=True, progress=doing,
+                    threads=self.threads,
+                )  # fmt: skip
+            lines = [*verdict_lines(result), *size_table(result), *belief_lines(result)]
             if self.out is not None:
                 write_outcome(self.out, result)
                 draw_outcome(self.out, result, rounds=False)
                 lines += [*file_lines(self.out, result), f"written to {self.out}"]
-            for line in lines:
+            for line in [*lines, *end_lines(result)]:
                 console.print(line)
-        if result.belief is not None and not result.belief.good:
-            console.print(CHECKS)
 
     def _write_manifest(
         self, folder: Path, log: SwimLog, joint: FitConfig, truth: Morphology | None

@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
+
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+MOST_SILENCE = 4.0  # s
 
 
 def plain_console(stderr: bool = False) -> Console:
@@ -17,3 +24,31 @@ def progress_bar(console: Console, unit: str) -> Progress:
         TextColumn(unit), BarColumn(), MofNCompleteColumn(), TextColumn("{task.description}"),
         TimeRemainingColumn(), console=console, disable=not console.is_terminal,
     )  # fmt: skip
+
+
+@contextmanager
+def waiting(task: str) -> Iterator[Callable[[str], None]]:
+    """Show on standard error that a ``task`` is going on; yield a function that says what it does.
+
+    On a terminal it is one moving line; elsewhere a line at once, and one every four seconds.
+    """
+    console = plain_console(stderr=True)
+    if console.is_terminal:
+        with console.status(task) as status:
+            yield lambda doing: status.update(f"{task}: {doing}")
+        return
+    console.print(f"{task} ...")
+    began, doing, done = time.monotonic(), [""], Event()
+
+    def repeat() -> None:
+        while not done.wait(MOST_SILENCE):
+            detail = f": {doing[0]}" if doing[0] else ""
+            console.print(f"{time.monotonic() - began:.0f} s{detail} ...")
+
+    thread = Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield lambda words: doing.__setitem__(0, words)
+    finally:
+        done.set()
+        thread.join()

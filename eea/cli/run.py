@@ -20,21 +20,14 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory
 from eea.cli.options import AlgorithmOptions
-from eea.cli.outcome import (
-    MASS,
-    belief_lines,
-    draw_outcome,
-    file_lines,
-    remove_outcome,
-    size_table,
-    write_outcome,
-)
+from eea.cli.outcome import draw_outcome, file_lines, remove_outcome, write_outcome
 from eea.cli.progress import plain_console, progress_bar
 from eea.core.checks import ConfigurationError
 from eea.core.config import Config, config_for
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
+from eea.fish.statement import MASS, belief_lines, end_lines, size_table, verdict_lines
 
 KIND = "a run of the algorithm"
 # Why a session ended, in words.
@@ -131,9 +124,13 @@ def _fill(folder: Path, session: Session[Any]) -> None:
         lines = ["no round was completed"]
         if result.rounds:
             draw_outcome(folder, result)
-            lines = [*size_table(result), *belief_lines(result), *file_lines(folder, result)]
+            lines = [*verdict_lines(result), *size_table(result), *belief_lines(result)]
+            lines += file_lines(folder, result)
         why = STOPPED.get(result.stopped, result.stopped)
-        for line in [*lines, f"stopped: {why}; written to {folder}"]:
+        lines.append(f"stopped: {why}; written to {folder}")
+        if result.rounds and result.belief is not None:
+            lines += end_lines(result)
+        for line in lines:
             console.print(line)
 
 
@@ -141,5 +138,7 @@ def _round_line(record: RoundRecord, result: Result) -> str:
     found = f"best MOD_FIT {record.model_fitness:6.3f}"
     if result.belief is not None:
         found = f"{MASS:.0%} intervals {100.0 * result.width(MASS):.2g}% of the ranges wide"
+        if not result.belief.good:
+            found = "no body explains the trials"
     counted, fitness = f"{record.round:2d}/{result.config.rounds}", record.objective_fitness
     return f"experiments {counted}  {found}  OBJ_FIT {fitness:5.3f}  {record.seconds:6.1f} s"

@@ -10,7 +10,7 @@ from tyro.conf import arg
 
 from aquafish_gym.command_line import Threads
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
-from eea.cli.progress import plain_console, progress_bar
+from eea.cli.progress import waiting
 from eea.fish import load_posterior, read_log, watch_swim
 
 WATCHED, PICTURE, SCHEMA = "watched.json", "watched.png", "eea.watched/1"
@@ -39,11 +39,10 @@ class Watch:
         log, belief = read_log(self.log), load_posterior(self.posterior)
         if self.out is not None:
             ensure_writable_directory(self.out)
-        with progress_bar(plain_console(stderr=True), "seconds") as bar:
-            task = bar.add_task("", total=None)
+        with waiting(f"watching {sum(log.seconds):.3g} s of swimming") as doing:
             found = watch_swim(
                 log, belief, alarm=self.alarm, seed=self.seed, threads=self.threads,
-                progress=lambda done, total: bar.update(task, completed=done, total=total),
+                progress=lambda done, total: doing(f"window {done} of {total}"),
             )  # fmt: skip
         print(found)
         if self.out is not None:

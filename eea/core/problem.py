@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from eea.core.checks import ConfigurationError, instance, whole
+from eea.core.checks import ConfigurationError, instance, real, whole
 from eea.core.genome import BitLayout
 
 MAXIMUM_AXES = 1000
@@ -31,6 +32,8 @@ class Problem:
     #: turn; zero is assumed where nothing is inferred.
     hidden: tuple[str, ...]
     axes: int  #: Number of the gyroscope's axes.
+    #: rad/s that no such robot exceeds: a target that logs more logs in another unit.
+    fastest: float = math.inf
 
     def __post_init__(self) -> None:
         instance("models", self.models, BitLayout)
@@ -39,3 +42,5 @@ class Problem:
             raise ConfigurationError("hidden must be a tuple of the hidden angles' names")
         whole("the number of hidden angles", len(self.hidden), 1)
         whole("axes", self.axes, 1, MAXIMUM_AXES)
+        if self.fastest != math.inf:
+            real("fastest", self.fastest, 0.0)

@@ -156,15 +156,21 @@ class Result:
         return self.rounds[-1].objective_fitness if self.rounds else None
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (n,) of each dimension's equal-tailed interval of probability ``mass``.
+        """Return the ends (n,) of each dimension's interval of probability ``mass``.
+
+        It holds the dimension of ``model``. Where no body explains the trials nothing is known of
+        it: the interval is its whole range.
 
         Raises
         ------
         TargetError
             If the condition is not "joint", or no round was completed.
         """
-        low, high = self._known_belief().interval(mass)
-        return low, high
+        belief = self._known_belief()
+        if not belief.good:
+            return np.array(self.layout.low), np.array(self.layout.high)
+        low, high = belief.interval(mass)
+        return np.minimum(low, self.model), np.maximum(high, self.model)
 
     def width(self, mass: float = 0.9) -> float:
         """Return the intervals' mean width, as a share of the ranges; see :meth:`interval`."""

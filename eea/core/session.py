@@ -166,6 +166,12 @@ class Session(ABC, Generic[State]):
             )
         if not np.isfinite(samples).all():
             raise TargetError("the target's log must be finite; it holds NaN or infinity")
+        most = float(np.abs(samples).max())
+        if most > problem.fastest:
+            raise TargetError(
+                f"the target must log at most {problem.fastest:g} rad/s, which no such robot "
+                f"exceeds (not degrees/s); it logged {most:.4g}"
+            )
         true: Floats | None = None
         if reveals(self._target):
             true = _reported("start_angles", self._target.start_angles, len(problem.hidden))

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     )
     from eea.fish.fins import fins_after
     from eea.fish.gap import RealityGap
+    from eea.fish.log_checks import LogCheck, check_log
     from eea.fish.log_inference import infer_log, watch_swim
     from eea.fish.posterior_file import load_posterior, save_posterior
     from eea.fish.prior import known_body
@@ -28,10 +29,12 @@ if TYPE_CHECKING:
 __all__ = [
     "EngineSimulator",
     "EngineTarget",
+    "LogCheck",
     "MorphologyEstimate",
     "RealityGap",
     "Start",
     "SwimLog",
+    "check_log",
     "estimate_morphology",
     "estimate_morphology_of",
     "fins_after",
@@ -48,9 +51,11 @@ __all__ = [
 _ROOMS = {
     "EngineSimulator": "simulator",
     "EngineTarget": "target",
+    "LogCheck": "log_checks",
     "RealityGap": "gap",
     "Start": "windows",
     "SwimLog": "swim_log",
+    "check_log": "log_checks",
     "fins_after": "fins",
     "fish_problem": "simulator",
     "infer_log": "log_inference",

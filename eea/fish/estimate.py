@@ -6,22 +6,25 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Unpack
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from eea.core.algorithm import EEA
+from eea.core.angles import Floats
 from eea.core.config import Config, JointConfig, checked_config
 from eea.core.experiment import Target
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish.simulator import EngineSimulator, SimulatorOptions, fish_problem
+from eea.fish.statement import statement
 from eea.fish.target import EngineTarget
 
 
 @dataclass(repr=False)
 class MorphologyEstimate(Result):
-    """The result of a run, with the inferred body.
+    """The result of a run, with the inferred body; ``print`` shows it in words.
 
     Examples
     --------
@@ -30,6 +33,9 @@ class MorphologyEstimate(Result):
     MorphologyEstimate(out-of-band, 0 rounds of 256 steps, seed 0)
     """
 
+    #: What was tried on a log that no body explains: an ``eea.fish.log_checks.LogCheck``.
+    check: Any = None
+
     @property
     def morphology(self) -> Morphology:
         """The last round's best model; of joint inference to 1e-4 of each range.
@@ -37,6 +43,18 @@ class MorphologyEstimate(Result):
         So the same seed gives the same body, and the same gait for it, on every processor.
         """
         return Morphology.from_array(self.body)
+
+    def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
+        """Return the ends (9,) of each size's interval, which holds that of ``morphology``.
+
+        See ``eea.core.result.Result.interval``.
+        """
+        low, high = super().interval(mass)
+        point = self.morphology.to_array()
+        return np.minimum(low, point), np.maximum(high, point)
+
+    def __str__(self) -> str:
+        return "\n".join(statement(self))
 
     def __repr__(self) -> str:
         done, found = len(self.rounds), self.objective_fitness

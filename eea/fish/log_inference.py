@@ -11,20 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError, flag
 from eea.core.angles import Floats
 from eea.core.config import FitConfig, JointConfig
 from eea.core.result import RoundRecord
 from eea.core.session import streams
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import fish_joint
-from eea.fish.prior import since
+from eea.fish.log_checks import LogCheck, check_log
+from eea.fish.prior import check_belief, since
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import Start, log_windows
 from eea.joint.change_detection import ALARM, ChangeDetector, WindowTest
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
+from eea.joint.search import Optima
 from eea.joint.session import round_fit
 
 WINDOW = 1.0  # s: a change shows in the first window that is all after it
@@ -39,6 +41,8 @@ def infer_log(
     moving: bool = False,
     prior: JointPosterior | Morphology | None = None,
     start: Start | None = None,
+    check: bool = False,
+    progress: Callable[[str], None] | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> MorphologyEstimate:
     """Infer the body, nuisances and initial states of a recorded swim, with intervals.
@@ -62,6 +66,12 @@ def infer_log(
         ``joint``, or the posterior's.
     start
         The state at the first row of each trial, if it is known; the water is still.
+    check
+        Whether to try what may be wrong with the log where no body explains it as commanded; the
+        estimate's ``check`` then says what was found (see ``check_log``). If a change of the log
+        explains it, servo faults are not tried. It needs a log without ``prior`` and ``start``.
+    progress
+        Called with what is being done, in words.
     **simulator
         See ``EngineSimulator``.
 
@@ -74,8 +84,8 @@ def infer_log(
     Raises
     ------
     ConfigurationError, InvalidArgumentError
-        If a setting is wrong, the noise of a body's gyroscope is not given, or a trial is too
-        short; see ``log_windows``.
+        If a setting is wrong, the noise of a body's gyroscope is not given, ``prior`` is no
+        posterior of this fish, or a trial is too short; see ``log_windows``.
 
     Examples
     --------
@@ -87,6 +97,8 @@ def infer_log(
     True
     """
     began = time.monotonic()
+    if flag("check", check) and (prior is not None or start is not None):
+        raise InvalidArgumentError("check must be False where prior or start is given; got True")
     windows = log_windows(log, moving, start=start)
     settings = vars(FitConfig() if joint is None else joint)
     config = JointConfig(**settings | {"steps": windows.gyro.shape[1], "rounds": 1})
@@ -94,11 +106,25 @@ def infer_log(
     fish = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:
         config, fish = replace(config, noise=_known_noise(config, prior)), since(fish, prior)
-    posterior = fit(windows.observed, fish, config, streams(seed)["estimation"])
+    found: list[LogCheck] = []
+
+    def doubt(plain: Optima) -> bool:
+        """Check the log; return whether a fault of the robot remains the better explanation."""
+        share = plain.goodness.unexplained
+        found.append(
+            check_log(
+                log, joint, seed, moving=moving, unexplained=share, progress=progress, **simulator
+            )
+        )
+        return not found[0].fits
+
+    rng, doubts = streams(seed)["estimation"], doubt if check else None
+    posterior = fit(windows.observed, fish, config, rng, progress=progress, doubt=doubts)
     command = windows.series[-1, windows.begun // windows.interval :].mean(axis=0)
     seconds, layout = time.monotonic() - began, fish.problem.models
     record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
-    return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior)
+    checked = found[0] if found and not posterior.good else None
+    return MorphologyEstimate(config, seed, layout, body, [record], belief=posterior, check=checked)
 
 
 def _known_noise(config: FitConfig, prior: JointPosterior | Morphology) -> float:
@@ -158,7 +184,7 @@ def watch_swim(
         A ``result.belief`` of joint inference, or the result of ``load_posterior`` or
         ``known_body``.
     alarm
-        The probability of a false alarm in each window.
+        The probability of a false alarm in each window, more than 0.
     seed
         Of the random starting points.
     until_noticed
@@ -168,6 +194,12 @@ def watch_swim(
     **simulator
         See ``EngineSimulator``.
 
+    Raises
+    ------
+    ConfigurationError, InvalidArgumentError
+        If an argument is wrong, ``belief`` is no posterior of this fish, a trial is too short, or
+        no servo moves.
+
     Examples
     --------
     >>> log = read_log("swim.csv")  # doctest: +SKIP
@@ -176,6 +208,9 @@ def watch_swim(
     """
     windows = log_windows(log, True, WINDOW)
     joint = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
+    check_belief("belief", belief, joint)
+    if not windows.series.any():
+        raise InvalidArgumentError("log must contain motion: no servo moves in any of its trials")
     detector = ChangeDetector(joint, belief, alarm, seed)
     looks: list[WindowTest] = []
     for i, gyro in enumerate(windows.gyro):

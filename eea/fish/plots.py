@@ -86,7 +86,8 @@ def posterior_figure(result: Result) -> Figure:
 
     A row is the range of one quantity, with its density, the 50% and 90% intervals (thick and thin)
     and the truth where known. At the left are the body's sizes over all hypotheses, at the right
-    the nuisances common to all trials of the most probable one, with their priors in grey.
+    the nuisances common to all trials of the most probable one, with their priors in grey. Where no
+    body explains the trials there are only the values of the best fit.
     """
     belief = result.belief
     if not isinstance(belief, JointPosterior):
@@ -102,10 +103,10 @@ def posterior_figure(result: Result) -> Figure:
     sizes, *others = figure.subplots(1, columns, squeeze=False)[0]
 
     draws = belief.sample(DRAWS, np.random.default_rng(0))
-    (low, high), (lower, upper) = belief.interval(0.9), belief.interval(0.5)
+    (low, high), (lower, upper) = result.interval(0.9), result.interval(0.5)
     ends = np.column_stack([low, lower, result.model, upper, high])
     for i, (start, stop) in enumerate(zip(result.layout.low, result.layout.high, strict=True)):
-        _draw_row(sizes, i, start, stop, draws[:, i], ends[i], BLUE)
+        _draw_row(sizes, i, start, stop, draws[:, i] if belief.good else None, ends[i], BLUE)
         if result.truth is not None:
             at = (result.truth[i] - start) / (stop - start)
             sizes.plot(at, i - 0.12, "v", color="black", ms=5, clip_on=False, zorder=5)
@@ -117,7 +118,7 @@ def posterior_figure(result: Result) -> Figure:
         for i, n in enumerate(nuisances):
             middle, first, last = wide[n.name]
             five = np.array([first, half[n.name][1], middle, half[n.name][2], last])
-            column = theta[:, best.parameters.names.index(n.name)]
+            column = theta[:, best.parameters.names.index(n.name)] if belief.good else None
             _draw_row(axes, i, n.low, n.high, column, five, SKY)
             at = np.linspace(0.0, 1.0, BINS)
             prior = np.exp(-0.5 * ((n.low + (n.high - n.low) * at - n.nominal) / n.sd) ** 2)
@@ -127,33 +128,37 @@ def posterior_figure(result: Result) -> Figure:
     trials = len(best.parameters.slots)
     begin = f"{trials} trial{'' if trials == 1 else 's'} of {result.config.steps} steps"
     marked = "" if result.truth is None else ", truth (▼)"
-    figure.suptitle(f"{begin}, seed {result.seed}: density, 50% and 90% interval{marked}")
+    shown = "density, 50% and 90% interval" if belief.good else "NO BODY FITS; the best"
+    figure.suptitle(f"{begin}, seed {result.seed}: {shown}{marked}")
     probable = [b for b in belief.branches if b.probability > LEAST]
     named = "; ".join(f"{b.hypothesis.name} ({b.probability:.0%})" for b in probable)
-    lines = [named, belief.verdict] if len(probable) > 1 else [belief.verdict]
+    lines = [named, belief.verdict] if len(probable) > 1 and belief.good else [belief.verdict]
     figure.supxlabel("\n".join(lines), fontsize="small")
     return figure
 
 
 def _draw_row(
-    axes: Axes, place: int, low: float, high: float, draws: Floats, ends: Floats, colour: str
+    axes: Axes, place: int, low: float, high: float, draws: Floats | None, ends: Floats, colour: str
 ) -> None:
     """Draw the density of ``draws`` (N,) over a range, on a base at the height ``place``.
 
-    ``ends`` (5,) are the ends of the 90% and the 50% interval, about the median. The axis points
-    downwards.
+    ``ends`` (5,) are the ends of the 90% and the 50% interval, about the median. Without draws only
+    the median is drawn. The axis points downwards.
     """
-    edges = np.linspace(0.0, 1.0, BINS + 1)
-    counts, _ = np.histogram((draws - low) / (high - low), edges)
-    density = gaussian_filter1d(counts.astype(np.float64), SMOOTH, mode="reflect")
-    height = place - TALL * density / density.max()
     axes.plot([0, 1], [place, place], color="0.75", lw=0.8, zorder=1)
-    axes.fill_between(0.5 * (edges[1:] + edges[:-1]), place, height, color=colour, alpha=0.45, lw=0)
     first, lower, middle, upper, last = (ends - low) / (high - low)
-    axes.plot([first, last], [place, place], color=colour, lw=1.6)
-    axes.plot([lower, upper], [place, place], color=colour, lw=4.5, solid_capstyle="butt")
+    said = f"{ends[2]:z.3f}"
+    if draws is not None:
+        edges = np.linspace(0.0, 1.0, BINS + 1)
+        counts, _ = np.histogram((draws - low) / (high - low), edges)
+        density = gaussian_filter1d(counts.astype(np.float64), SMOOTH, mode="reflect")
+        height = place - TALL * density / density.max()
+        centres = 0.5 * (edges[1:] + edges[:-1])
+        axes.fill_between(centres, place, height, color=colour, alpha=0.45, lw=0)
+        axes.plot([first, last], [place, place], color=colour, lw=1.6)
+        axes.plot([lower, upper], [place, place], color=colour, lw=4.5, solid_capstyle="butt")
+        said += f" [{ends[0]:z.3f}, {ends[4]:z.3f}]"
     axes.plot(middle, place, "|", color=colour, ms=9, mew=1.6)
-    said = f"{ends[2]:z.3f} [{ends[0]:z.3f}, {ends[4]:z.3f}]"
     axes.text(1.02, place, said, va="center", fontsize="small")
     for at, value in ((0, low), (1, high)):
         side = "right" if at else "left"

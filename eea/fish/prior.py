@@ -9,12 +9,14 @@ from itertools import combinations, product
 import numpy as np
 
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
-from eea.core.checks import choice, real
+from aquafish_gym.utils.validation import InvalidArgumentError, instance
+from eea.core.checks import ConfigurationError, choice, real
 from eea.fish.joint import SERVO, fish_joint
 from eea.fish.simulator import EngineSimulator
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.parameters import Parameters
+from eea.joint.plausibility import check_posterior
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem
 
@@ -67,6 +69,29 @@ def known_body(
     return JointPosterior((branch,), goodness, noise, 0)
 
 
+def check_belief(argument: str, belief: object, joint: JointProblem) -> None:
+    """Raise an InvalidArgumentError unless ``belief`` is a sensible posterior of this fish."""
+    instance(argument, belief, JointPosterior)
+    assert isinstance(belief, JointPosterior)
+    try:
+        check_posterior(belief)
+    except ConfigurationError as error:
+        raise InvalidArgumentError(f"{argument} must be a posterior: {error}") from None
+    known = belief.branches[0].parameters.joint.problem.models
+    for found, wanted in zip(known.variables, joint.problem.models.variables, strict=False):
+        if (found.name, found.low, found.high) != (wanted.name, wanted.low, wanted.high):
+            raise InvalidArgumentError(
+                f"{argument} must be a posterior of this fish, with {wanted.name} from "
+                f"{wanted.low:g} to {wanted.high:g}; "
+                f"it has {found.name} from {found.low:g} to {found.high:g}"
+            )
+    if len(known) != len(joint.problem.models):
+        raise InvalidArgumentError(
+            f"{argument} must be a posterior of this fish, which has {len(joint.problem.models)} "
+            f"sizes; it has {len(known)}"
+        )
+
+
 def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProblem:
     """Return a problem whose robot had a body until some of its fins changed, or none.
 
@@ -77,6 +102,7 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
     """
     if not isinstance(prior, JointPosterior):
         prior = known_body(Morphology.coerce(prior), 1.0, ())
+    check_belief("prior", prior, joint)
     best = prior.branches[0]
     was = Hypothesis(UNCHANGED, best.hypothesis.fixed, freed=best.hypothesis.freed)
     odds = CHANCE / (1.0 - CHANCE) / len(_changes(FINS[0]))

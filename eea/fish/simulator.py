@@ -16,13 +16,14 @@ from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core.experiment import Comparer, Simulator, Trials
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
+from eea.fish.swim_log import FASTEST
 
 
 def fish_problem() -> Problem:
     """Return the fish as a problem: nine sizes, three servos, fins, and IMU axes."""
     models = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
     bounds = zip(SERVOS, COMMAND_LOW.tolist(), COMMAND_HIGH.tolist(), strict=True)
-    return Problem(models, action_layout(bounds), hidden=FINS, axes=3)
+    return Problem(models, action_layout(bounds), hidden=FINS, axes=3, fastest=FASTEST)
 
 
 class SimulatorOptions(TypedDict, total=False):

@@ -29,6 +29,7 @@ from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
 
 ALARM = 1e-6  # probability of a false alarm in each window
+LEAST_ALARM = 1e-100  # with 0 there would never be one
 EFFORTS = (64, 512, 4096)  # numbers of random starts, until one explains the window
 UNSUSPICIOUS = 1e-2  # p-value above which a window is not examined further
 STARTS = 6
@@ -61,7 +62,7 @@ class ChangeDetector:
     def __init__(
         self, joint: JointProblem, belief: JointPosterior, alarm: float = ALARM, seed: int = 0
     ) -> None:
-        real("alarm", alarm, 0.0, 1.0)
+        real("alarm", alarm, LEAST_ALARM, 1.0)
         whole("seed", seed, 0)
         self.alarm = alarm
         self._rng = np.random.default_rng(seed)
@@ -90,7 +91,7 @@ class ChangeDetector:
                 p = float(f.sf(ratio, freedom, self._samples))
             else:
                 p = float(chi2.sf(ratio * freedom, freedom))
-            if p >= UNSUSPICIOUS:
+            if p >= max(UNSUSPICIOUS, self.alarm):
                 break
         return WindowTest(p, p >= self.alarm, ratio)
 

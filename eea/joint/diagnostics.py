@@ -25,6 +25,7 @@ BEYOND = 4.0  # sd that the best fit lies outside the range
 AT_BOUND = 1e-6  # of a range
 DRAWS = 512  # of a mode, for the place of its body
 NOTHING = "the data tell next to nothing of the body: each size may be almost any"
+NOTHING_ELSE = "of the rest of the body the data tell next to nothing: each size may be almost any"
 
 
 class _Size(NamedTuple):
@@ -46,33 +47,32 @@ class _Size(NamedTuple):
         return np.asarray(self.low + share * (self.high - self.low))
 
 
-def findings(posterior: Posterior, joint: JointProblem) -> list[str]:
-    """Return sentences on what is absent, too large, ambiguous, traded off or undetermined."""
-    models = joint.problem.models
-    said: list[str] = []
+def findings(posterior: Posterior, joint: JointProblem, fits: Sequence[Fit] = ()) -> list[str]:
+    """Return sentences on faults, and on what is absent, ambiguous, traded off or undetermined.
+
+    ``posterior`` is that of the first of the hypotheses' ``fits``. Of an absent part nothing else
+    is said: neither its sizes nor its servo have an effect.
+    """
     present: list[_Size] = []
-    for name, part in joint.parts.items():
-        hint = f"; {part.hint}" if part.hint else ""
-        sizes = {}
-        for dimension, label in part.sizes.items():
-            i = models.names.index(dimension)
-            sizes[dimension] = _Size(
-                f"the {name}", label, i, float(models.low[i]), float(models.high[i]), hint
-            )
-        absence = _absence(posterior, [sizes[dimension] for dimension in part.area])
-        if absence:  # the sizes of an absent part have no effect
-            said.append(absence)
+    absences: dict[str, str] = {}
+    for name in joint.parts:
+        sizes = _sizes(joint, name)
+        absence = _absence(posterior, [sizes[dimension] for dimension in joint.parts[name].area])
+        if absence:
+            absences[name] = absence
         else:
             present += sizes.values()
+    best = fits[0].hypothesis if fits else joint.nominal
+    removed = {name for name in absences if _removes(best, joint, name)}
+    moot = [f for f in fits if f.hypothesis.part in absences and f.hypothesis.part not in removed]
+    moot += [f for f in fits if f.hypothesis.part in removed and f.hypothesis is not best]
+    said = faults([f for f in fits if f not in moot], joint)
+    said += [absence for name, absence in absences.items() if name not in removed]
     low, high = posterior.interval(MASS)
     width = (high - low) / (posterior.high - posterior.low)
     if len(present) > 1 and min(width[size.place] for size in present) > UNTOLD:
-        return [*said, NOTHING]
-    said += [
-        f"{size.name} is at the end of its range, {size.high:.2g}, and may be beyond it"
-        for size in present
-        if _is_beyond(posterior, size.place)
-    ]
+        return [*said, NOTHING_ELSE if absences else NOTHING]
+    said += _beyond(posterior, present)
     said += _bodies(posterior, present)
     trading = set()
     for first, second in combinations(present, 2):
@@ -90,6 +90,38 @@ def findings(posterior: Posterior, joint: JointProblem) -> list[str]:
                 f"{size.hint}"
             )
     return said
+
+
+def beyond_range(posterior: Posterior, joint: JointProblem) -> list[str]:
+    """Return a sentence on each size of a part that may be beyond its range."""
+    sizes = [size for name in joint.parts for size in _sizes(joint, name).values()]
+    return _beyond(posterior, sizes)
+
+
+def _sizes(joint: JointProblem, name: str) -> dict[str, _Size]:
+    """Return the dimensions of a part, by name."""
+    models, part = joint.problem.models, joint.parts[name]
+    hint = f"; {part.hint}" if part.hint else ""
+    sizes = {}
+    for dimension, label in part.sizes.items():
+        i = models.names.index(dimension)
+        ends = float(models.low[i]), float(models.high[i])
+        sizes[dimension] = _Size(f"the {name}", label, i, *ends, hint)
+    return sizes
+
+
+def _removes(hypothesis: Hypothesis, joint: JointProblem, name: str) -> bool:
+    """Return whether a hypothesis says that a part is missing."""
+    area = joint.parts[name].area
+    return bool(area) and all(dimension in hypothesis.fixed for dimension in area)
+
+
+def _beyond(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
+    return [
+        f"{size.name} is at the end of its range, {size.high:.2g}, and may be beyond it"
+        for size in sizes
+        if _is_beyond(posterior, size.place)
+    ]
 
 
 class Fit(NamedTuple):

@@ -15,6 +15,8 @@ from eea.core.checks import ConfigurationError, finite
 LAGS = 10  # samples
 ALARM = 1e-3  # rate of false alarms
 FLOOR = 3e-6  # of the signal's rms: residuals of a smaller rms are rounding
+#: rad/s. A gyroscope that costs a dollar has a hundredth of it; louder noise has to be given.
+LOUDEST_NOISE = 0.3
 
 
 @dataclass(frozen=True)
@@ -39,9 +41,12 @@ class Goodness:
     whiteness_p: float
     peak_p: float
     p: float  #: Of all together (Bonferroni).
-    good: bool  #: Whether ``p`` is at least the rate of false alarms.
+    #: Whether ``p`` is at least the rate of false alarms, and the residuals are no louder than a
+    #: gyroscope's noise of unknown size may be.
+    good: bool
     verdict: str  #: In a sentence.
     slow_p: float | None = None  #: The p-value of slow errors, which a simulator's are.
+    unexplained: float | None = None  #: The residuals' rms as a share of the signal's, if known.
 
 
 def goodness_of_fit(
@@ -60,7 +65,8 @@ def goodness_of_fit(
     which negative correlations are corrected: otherwise 27 parameters of 3072 samples triple the
     false alarms. Peak: the largest residual against normal noise. They are joined by Bonferroni,
     with ``slow_p`` of :mod:`eea.joint.slow_errors` where it is given. Of 6000 white residuals 0.10%
-    raised an alarm at a rate of 0.1%.
+    raised an alarm at a rate of 0.1%. White residuals above 0.3 rad/s are no gyroscope's noise
+    unless ``sigma`` says so.
 
     ``parameters`` is their number, ``sigma`` the standard deviation of the noise if known, rad/s,
     and residuals of an rms up to ``floor``, rad/s, are rounding.
@@ -101,11 +107,18 @@ def goodness_of_fit(
     p = min(1.0, len(tests) * tests[worst])
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
     words = f"the best fit leaves {rms:.3g} rad/s"
-    if p >= ALARM:
+    loud = sigma is None and rms > LOUDEST_NOISE
+    if p >= ALARM and loud:
+        words = (
+            f"no body explains the log: {words}, more than a gyroscope's noise (if it is noise, "
+            "its standard deviation must be given)"
+        )
+    elif p >= ALARM:
         words += f", as noise would ({how_sure})"
     else:
         words = f"no body explains the log: {words}, which is {worst} ({how_sure})"
-    return Goodness(rms, size_p, whiteness_p, peak_p, p, p >= ALARM, words, slow_p)
+    good = p >= ALARM and not loud
+    return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
 
 
 def autocorrelation(

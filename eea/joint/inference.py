@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -34,6 +35,8 @@ def fit(
     config: FitConfig,
     rng: np.random.Generator,
     earlier: JointPosterior | None = None,
+    progress: Callable[[str], None] | None = None,
+    doubt: Callable[[Optima], bool] | None = None,
 ) -> JointPosterior:
     """Return the posterior over body, nuisances, hidden angles and hypotheses, given some trials.
 
@@ -56,6 +59,11 @@ def fit(
         Draws the starting points.
     earlier
         The posterior after fewer of these trials, whose optima are starting points.
+    progress
+        Called with the name of each hypothesis before it is fitted.
+    doubt
+        Called with the fit as commanded if that leaves more than noise; it returns whether the
+        other hypotheses are worth fitting. None: they are.
 
     Raises
     ------
@@ -75,6 +83,8 @@ def fit(
         parameters = Parameters.of(joint, len(observed), groups, hypothesis, config.per_trial)
         regression = Regression(parameters, observed, config.noise)
         before = start.optima.get(hypothesis.name)
+        if progress is not None:
+            progress(hypothesis.name)
         once = not start.explained or joint.prior is not None  # a misfit means a change
         return _optimize(regression, config, rng, before, plain, once)
 
@@ -84,6 +94,8 @@ def fit(
     alone = mixture(plain, plain)
     others: list[tuple[Hypothesis, Optima]] = []
     plausible = _plausible(joint, config, plain, alone, earlier)
+    if plausible and not explained and doubt is not None and not doubt(plain):
+        plausible = []
     for changes in sorted({h.changes for h in plausible}):
         others += [(h, optimize(h, plain)) for h in plausible if h.changes == changes]
         if any(optima.goodness.good for _, optima in others):

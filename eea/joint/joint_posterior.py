@@ -12,10 +12,10 @@ import numpy as np
 from eea.core.angles import Floats
 from eea.core.checks import whole
 from eea.core.result import handed_on
-from eea.joint.diagnostics import Fit, faults, findings
+from eea.joint.diagnostics import Fit, beyond_range, findings
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.parameters import Parameters
-from eea.joint.posterior import Posterior, intervals
+from eea.joint.posterior import Posterior, holding, intervals
 from eea.joint.problem import Hypothesis, Prior
 from eea.joint.search import Optima
 
@@ -68,7 +68,8 @@ class JointPosterior:
     """
 
     branches: tuple[HypothesisPosterior, ...]  #: The most probable first.
-    goodness: Goodness  #: Of the best fit; if it is not good, no interval can be trusted.
+    #: Of the best fit. If it is not good, no interval can be trusted: reports and files have none.
+    goodness: Goodness
     sigma: float  #: Standard deviation of the noise, in the signal's units, given or estimated.
     samples: int  #: Number of samples that ``sigma`` was estimated from; 0 if it was given.
     #: For the next fit; None of a posterior that was read from a file.
@@ -118,19 +119,27 @@ class JointPosterior:
         return spread
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends (n,) of each dimension's interval; see ``Posterior.interval``."""
+        """Return the ends (n,) of each dimension's interval, which holds the median body.
+
+        See ``eea.joint.posterior.intervals``. They assume that some body explains the trials, which
+        ``good`` says.
+        """
         layout = self.branches[0].parameters.joint.problem.models
         straight = np.zeros(len(layout), dtype=np.bool_)
-        return intervals(self._bodies, layout.low, layout.high, straight, mass)
+        low, high = intervals(self._bodies, layout.low, layout.high, straight, mass)
+        return holding(low, high, self.model, straight)[:2]
 
     def table(self, mass: float = 0.9) -> dict[str, tuple[float, float, float]]:
         """Return the median and the interval of everything, by name, in natural units.
 
         Dimensions, nuisances, and hidden angles in rad, those of trial e with ``@e`` after their
-        names, as of the most probable hypothesis. An angle's interval may end beyond pi.
+        names, as of the most probable hypothesis. An interval holds its median; that of an angle
+        may end beyond pi.
         """
         best = self.branches[0]
-        shares = np.array([best.posterior.median(), *best.doubted.interval(mass)])
+        low, high = best.doubted.interval(mass)
+        low, high, middle = holding(low, high, best.posterior.median(), best.parameters.circular)
+        shares = np.array([middle, low, high])
         rows = map(tuple, best.parameters.natural(shares).T.tolist())
         return dict(zip(best.parameters.names, rows, strict=True))
 
@@ -162,17 +171,18 @@ class JointPosterior:
                 Fit(b.hypothesis, b.probability, cost - min(costs))
                 for b, cost in zip(self.branches, costs, strict=True)
             ]
-            said = faults(fits, best.parameters.joint)
-        else:  # where no hypothesis fits, their probabilities mean little
-            said = [self.goodness.verdict]
-            if best.hypothesis.name != nominal:
-                said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
-        return said + findings(best.posterior, best.parameters.joint)
+            return findings(best.posterior, best.parameters.joint, fits)
+        # Where no hypothesis fits, neither their probabilities nor any sizes mean much.
+        said = [self.goodness.verdict]
+        if best.hypothesis.name != nominal:
+            said.append(f"the best of the hypotheses that fail: {best.hypothesis.name}")
+        return said + beyond_range(best.posterior, best.parameters.joint)
 
     def to_dict(self) -> dict[str, Any]:
         """Return everything except the modes' covariances, ready for JSON.
 
-        See :mod:`eea.joint.serialization` for those.
+        Where no body explains the trials there are no ``intervals``. See
+        :mod:`eea.joint.serialization` for the covariances.
         """
         modes = {}
         for branch in self.branches:
@@ -190,7 +200,7 @@ class JointPosterior:
             "findings": self.findings,
             "intervals": {
                 f"{mass:.0%}": {name: list(row) for name, row in self.table(mass).items()}
-                for mass in (0.5, 0.8, 0.9)
+                for mass in ((0.5, 0.8, 0.9) if self.good else ())
             },
             "dimensions": list(self.branches[0].parameters.joint.problem.models.names),
             "modes": modes,

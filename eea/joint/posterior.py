@@ -124,8 +124,12 @@ class Posterior:
         return self.sample(DRAWS, np.random.default_rng(0))
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
-        """Return the ends, (P,) and (P,), of each parameter's interval: see :func:`intervals`."""
-        return intervals(self.draws, self.low, self.high, self.circular, mass)
+        """Return the ends, (P,) and (P,), of each parameter's interval, which holds its median.
+
+        See :func:`intervals`.
+        """
+        low, high = intervals(self.draws, self.low, self.high, self.circular, mass)
+        return holding(low, high, self.median(), self.circular)[:2]
 
     def median(self) -> Floats:
         """Return the medians (P,), which minimise Eq. 4's error; circular means of angles."""
@@ -157,8 +161,8 @@ def intervals(
     They are equal-tailed, which does not depend on the unit. But an equal-tailed interval never
     reaches a bound, and so never holds a missing fin: where the density is higher at a bound than
     at the far end of the 90% that begin there, the interval begins at the bound. A wider interval
-    includes a narrower one. An angle's is the shortest arc, from low in [-pi, pi) to high, which
-    may exceed pi.
+    includes a narrower one, and all hold the median. An angle's is the shortest arc, from low in
+    [-pi, pi) to high, which may exceed pi.
 
     Raises
     ------
@@ -177,9 +181,34 @@ def intervals(
     to, since = np.quantile(draws, [mass, 1.0 - mass], axis=0)
     start = np.where(one_sided, np.where(at_low, low, since), start)
     end = np.where(one_sided, np.where(at_low, to, high), end)
+    middle = np.median(draws, axis=0)  # one-sided intervals of less than half of the draws miss it
+    start, end = np.minimum(start, middle), np.maximum(end, middle)
     for k in np.flatnonzero(circular):
         start[k], end[k] = _shortest_arc(draws[:, k], mass)
     return start, end
+
+
+def holding(
+    low: Floats, high: Floats, point: Floats, circular: NDArray[np.bool_]
+) -> tuple[Floats, Floats, Floats]:
+    """Return intervals (P,), widened where they do not hold an estimate ``point`` (P,), and it.
+
+    An estimate and its interval may come from different posteriors: inside the model, and if the
+    simulator may be wrong. An angle's arc is widened on its nearer side, and the estimate returned
+    is the turn of it that lies inside: it may exceed pi, as the end of the arc may.
+
+    Examples
+    --------
+    >>> ends = np.array([0.2, 3.0]), np.array([0.4, 3.4])
+    >>> low, high, point = holding(*ends, np.array([0.5, -3.0]), np.array([False, True]))
+    >>> low.tolist(), high.tolist(), point.round(3).tolist()
+    ([0.2, 3.0], [0.5, 3.4], [0.5, 3.283])
+    """
+    past_low = (point - low) % TURN  # the point is so far beyond the low end
+    past_high = past_low - (high - low)
+    before = circular & (past_high > 0.0) & (TURN - past_low < past_high)
+    at = np.where(circular, low + past_low - TURN * before, point)
+    return np.minimum(low, at), np.maximum(high, at), at
 
 
 def _shortest_arc(angles: Floats, mass: float) -> tuple[float, float]:

@@ -56,7 +56,10 @@ class Optima:
         slow_p = None
         if discrepancy is not None:
             slow_p = slow_errors(regression, self.fits.theta[0], discrepancy.duration)
-        return goodness_of_fit(self.residuals, parameters.unknowns, regression.noise, floor, slow_p)
+        found = goodness_of_fit(
+            self.residuals, parameters.unknowns, regression.noise, floor, slow_p
+        )
+        return replace(found, unexplained=found.rms / regression.rms)
 
 
 def search(

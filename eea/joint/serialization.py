@@ -15,19 +15,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from eea.core.checks import ConfigurationError, TargetError, brief, finite, real, whole
+from eea.core.checks import ConfigurationError, TargetError, brief, finite, whole
 from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_STEPS
 from eea.core.genome import BitLayout, Variable
 from eea.core.problem import Problem
 from eea.joint.goodness_of_fit import Goodness
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior
 from eea.joint.parameters import Parameters
+from eea.joint.plausibility import check_mode, check_posterior
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
 SCHEMA = "eea.posterior/4"
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
-LEAST_SIGMA, MOST_SLOTS = 1e-300, 10**7  # rad/s; numbers that all trials are simulated with
+MOST_SLOTS = 10**7  # numbers that all trials are simulated with
 
 
 def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
@@ -90,6 +91,8 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
         schema = header["schema"]
         if schema == SCHEMA:
             return _read(header, arrays)
+    except ConfigurationError:
+        raise
     except (LookupError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ConfigurationError(f"it does not describe a posterior: {brief(error)}") from None
     raise ConfigurationError(
@@ -116,13 +119,10 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     whole("its number of trials", trials, 1, MAXIMUM_ROUNDS)
     slots = len(joint.problem.models) + len(joint.nuisances) + len(header["unknown"])
     whole("its numbers in all trials", trials * slots, 1, MOST_SLOTS)
-    real("its sigma", header["sigma"], LEAST_SIGMA)
     whole("its samples", header["samples"], 0, trials * MAXIMUM_STEPS * joint.problem.axes)
     for name in ARRAYS[1:]:
         finite(f"its {name}", arrays[name], (None,))
-    real("its probabilities' sum", sum(row["probability"] for row in header["branches"]), 0.5, 1.5)
     for row in header["branches"]:
-        real("its probability", row["probability"], 0.0, 1.0)
         for count in row["modes"]:
             whole("its number of modes", count, 1, arrays["cost"].size)
     cost = arrays["cost"].tolist()
@@ -144,6 +144,8 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
                 for i in range(first, first + count)
             ]
             first += count
+            for mode in modes:
+                check_mode(mode, parameters)
             parts.append(
                 Posterior(
                     parameters.names, parameters.low, parameters.high, parameters.circular, modes
@@ -154,7 +156,11 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
             HypothesisPosterior(hypothesis, row["probability"], parameters, inside, doubted)
         )
     goodness = Goodness(**header["goodness"])
-    return JointPosterior(tuple(branches), goodness, header["sigma"], header["samples"])
+    belief = JointPosterior(tuple(branches), goodness, header["sigma"], header["samples"])
+    check_posterior(belief)
+    if first != len(cost):
+        raise ConfigurationError(f"its modes must be {first}; there are {len(cost)}")
+    return belief
 
 
 def _no_simulator(*_: Any, **__: Any) -> NDArray[Any]:

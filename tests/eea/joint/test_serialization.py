@@ -65,6 +65,7 @@ def test_posterior_survives_a_file_to_the_bit(path, motor):
         ({"sigma": float("nan")}, "its sigma"),
         ({"sigma": -1.0}, "its sigma"),
         ({"sigma": 10**400}, "its sigma"),
+        ({"sigma": 1e-300}, "its sigma"),
         ({"samples": 10**12}, "its samples"),
         ({"trials": 10**9}, "its number of trials"),
         ({"branches": []}, "its probabilities' sum"),
@@ -82,9 +83,47 @@ def test_wrong_header_is_refused(result, path, changes, message):
         ("header", lambda a: a[: len(a) // 2], "does not describe a posterior: JSONDecodeError"),
         ("cost", lambda a: a[None], "must have cost of shape"),
         ("information", lambda a: a * np.nan, "its information must be finite"),
+        ("information", lambda a: -a, "its information must be at least 0"),
+        ("information", lambda a: 1e40 * a, "its information must be at least 0 and at most"),
+        ("information", lambda a: a + np.arange(a.size), "its information must be symmetric"),
+        ("theta", lambda a: a + 10.0, r"its theta of .+ must lie in"),
+        ("theta", lambda a: 1e300 * a, r"its theta of .+ must lie in"),
+        ("cost", lambda a: a + 1e300, "its cost"),
+        ("cost", lambda a: np.append(a, a[:1]), "does not describe a posterior|its modes must be"),
+        ("gradient", lambda a: a * np.inf, "its gradient must be finite"),
     ],
 )
 def test_wrong_arrays_are_refused(result, path, name, change, message):
     arrays = to_arrays(result.belief)
     write_arrays(path, arrays | {name: change(arrays[name])})
     refused(path, message)
+
+
+def test_shapes_that_are_no_normal_distributions_are_refused(result, path):
+    """A symmetric matrix with a positive diagonal may still have a negative eigenvalue."""
+    arrays = to_arrays(result.belief)
+    modes = arrays["cost"].size
+    size = arrays["theta"].size // modes
+    wrong = np.tile(np.full((size, size), 2.0) - np.eye(size), (modes, 1, 1))
+    write_arrays(path, arrays | {"information": wrong.ravel()})
+    refused(path, "its information must have no negative eigenvalue")
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("p", 1.5), ("whiteness_p", -0.1), ("good", "yes"), ("rms", -1.0), ("verdict", 3)],
+)
+def test_a_goodness_of_no_sense_is_refused(result, path, field, value):
+    arrays = to_arrays(result.belief)
+    goodness = header_of(arrays)["goodness"] | {field: value}
+    write_arrays(path, with_header(arrays, goodness=goodness))
+    refused(path, f"its {field}")
+
+
+def test_probabilities_that_do_not_sum_to_one_are_refused(result, path):
+    arrays = to_arrays(result.belief)
+    branches = [
+        row | {"probability": 0.4 * row["probability"]} for row in header_of(arrays)["branches"]
+    ]
+    write_arrays(path, with_header(arrays, branches=branches))
+    refused(path, "its probabilities' sum")

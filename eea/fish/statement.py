@@ -1,0 +1,146 @@
+"""An estimate in words: the verdict, the sizes, what is uncertain, and what broke."""
+
+from __future__ import annotations
+
+from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
+from eea.core.angles import Floats
+from eea.core.result import Result
+
+MASS = 0.9  # of the intervals that are shown
+SURE = 0.99  # of the intervals by which a size is said to differ
+LEAST_CHANGE = 0.05  # of a size
+WIDEST = 0.5  # of a size: with a wider interval nothing is said of it
+
+
+def statement(result: Result) -> list[str]:
+    """Return a result in lines: the verdict first, what broke last."""
+    if not result.rounds:
+        return ["no round was completed"]
+    return [*verdict_lines(result), *size_table(result), *belief_lines(result), *end_lines(result)]
+
+
+def verdict_lines(result: Result) -> list[str]:
+    """Return whether a body explains the trials, and what the sizes are worth if none does."""
+    belief = result.belief
+    if belief is None:
+        return []
+    lines = [belief.verdict]
+    if not belief.good:
+        share = belief.goodness.unexplained
+        left = "" if share is None else f", which leave {share:.0%} of the motion unexplained"
+        lines.append(
+            f"these are the sizes of the best fit{left}; how far they are off is not known, so "
+            "there are no intervals"
+        )
+    return lines
+
+
+def size_table(result: Result) -> list[str]:
+    """Return the inferred sizes, with the true sizes and OBJ_FIT where known.
+
+    Joint inference gives intervals, unless no body explains the trials.
+    """
+    columns = [[f" {size:6.3f}" for size in result.model]]
+    heading = f"{'in units of 5 cm':26s}  found"
+    if _explained(result):
+        heading += f"  {MASS:.0%} interval   "
+        columns.append(list(map(_ends, *result.interval(MASS))))
+    if result.truth is not None:
+        heading += "    true"
+        columns.append([f"  {size:6.3f}" for size in result.truth])
+    rows = zip(result.layout.names, *columns, strict=True)
+    lines = [heading.rstrip(), *(f"{name:26s}{''.join(cells)}" for name, *cells in rows)]
+    if result.truth is not None:
+        lines.append(
+            f"OBJ_FIT {result.objective_fitness:.2f}; the true body scores 1, "
+            f"a random body {result.chance:.2f}, a mid-range body {result.mid_range:.2f}"
+        )
+    return lines
+
+
+def belief_lines(result: Result) -> list[str]:
+    """Return the posterior of the nuisances and the findings, without the verdict."""
+    belief = result.belief
+    if belief is None:
+        return []
+    lines = []
+    rows = belief.table(MASS)
+    others = [name for name in rows if name not in result.layout.names and "@" not in name]
+    heading = f"{'besides the body':26s} {'found':>6s}"
+    if _explained(result):
+        if result.truth is not None:
+            low, high = result.interval(MASS)
+            inside = int(((low <= result.truth) & (result.truth <= high)).sum())
+            lines.append(f"the {MASS:.0%} intervals contain {inside} of the {len(low)} true sizes")
+        lines += [f"{heading}  {MASS:.0%} interval"] if others else []
+        lines += [f"{name:26s} {rows[name][0]:z6.3f}{_ends(*rows[name][1:])}" for name in others]
+    else:
+        lines += [heading] if others else []
+        lines += [f"{name:26s} {rows[name][0]:z6.3f}" for name in others]
+    return [*lines, *(said for said in belief.findings if said != belief.verdict)]
+
+
+def end_lines(result: Result) -> list[str]:
+    """Return the last sentence: what broke, or what may be wrong with the log."""
+    if not _explained(result):
+        check = getattr(result, "check", None)
+        return [] if check is None else [str(check)]
+    return [what_broke(result)]
+
+
+def what_broke(result: Result) -> str:
+    """Return a sentence that compares an explained body with the undamaged fish."""
+    best = result.belief.branches[0]
+    joint = best.parameters.joint
+    clauses = []
+    if best.hypothesis.name != joint.nominal.name:
+        clauses.append(best.hypothesis.name)
+    if joint.prior is not None:
+        return _sentence("compared with the body before, ", clauses or ["nothing is broken"])
+    whole = Morphology.nominal().to_array()
+    low, high = result.interval(SURE)
+    unknown = high - low > WIDEST * whole
+    for fin, word in FIN_WORDS.items():
+        own = [i for i, d in enumerate(DIMENSIONS) if d.fin == fin]
+        if best.hypothesis.part == word and all(result.model[own] == 0.0):
+            continue
+        absent = f"the {word} is absent"
+        if any(said.startswith(absent) for said in result.belief.findings):
+            clauses.append(absent)
+            continue
+        shares = [_share(i, whole, low, high, result.model) for i in own]
+        parts = [
+            f"{share:.0%} of its {DIMENSIONS[i].size}"
+            for i, share in zip(own, shares, strict=True)
+            if share is not None
+        ]
+        if parts:
+            clauses.append(f"the {word} has {' and '.join(parts)}")
+    if unknown.all() and not clauses:
+        return "what broke the data do not tell"
+    known = "" if not unknown.any() else ", of what the data tell"
+    return _sentence("compared with the undamaged fish, ", clauses or ["nothing is broken"]) + known
+
+
+def _share(i: int, whole: Floats, low: Floats, high: Floats, found: Floats) -> float | None:
+    """Return a size as a share of the undamaged one; None if it may well be the same."""
+    same = low[i] <= whole[i] <= high[i]
+    if (
+        same
+        or abs(found[i] / whole[i] - 1.0) < LEAST_CHANGE
+        or high[i] - low[i] > WIDEST * whole[i]
+    ):
+        return None
+    return float(found[i] / whole[i])
+
+
+def _sentence(begin: str, clauses: list[str]) -> str:
+    return begin + " and ".join(clauses)
+
+
+def _explained(result: Result) -> bool:
+    return result.belief is not None and bool(result.belief.good)
+
+
+def _ends(low: float, high: float) -> str:
+    return f"  {low:z6.3f} to {high:z5.3f}"
