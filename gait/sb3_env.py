@@ -99,12 +99,12 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
 
     def reset(self) -> NDArray[np.float32]:
         """Begin an episode of every robot, with the seeds and options set since the last reset."""
-        everyone = np.ones(self.num_envs, np.bool_)
         groups = self._groups()
         if len(groups) > 1 and not self._has_begun:  # nor could a first reset be of some robots
-            self._begin(everyone, self._seeds)
+            everyone = np.ones(self.num_envs, np.bool_)
+            groups = [(everyone, {}), *groups]
         for mask, options in groups:
-            observations = self._begin(mask, self._seeds, options)
+            observations = self._begin(mask, self._seed_of(mask), options)
         self._reset_seeds()
         self._reset_options()
         return observations
@@ -118,16 +118,24 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
             mask[robot] = True
         return list(groups.values())
 
+    def _seed_of(self, mask: Mask) -> int | list[int | None] | None:
+        """Return the seeds of the robots under ``mask``; one number if the others follow it."""
+        seeds: list[int | None] = self._seeds
+        own = [seed if chosen else None for seed, chosen in zip(seeds, mask, strict=True)]
+        first = own[0]
+        if first is not None and own == list(range(first, first + len(own))):
+            return first  # which every vector environment takes
+        return own if any(seed is not None for seed in own) else None
+
     def _begin(
-        self, mask: Mask, seeds: Sequence[int | None] = (), options: Options | None = None
+        self,
+        mask: Mask,
+        seed: int | Sequence[int | None] | None = None,
+        options: Options | None = None,
     ) -> NDArray[np.float32]:
         """Begin episodes of the robots under ``mask``; return what all observe."""
-        own = [seed if chosen else None for seed, chosen in zip(seeds, mask, strict=False)]
-        seed: Any = own if any(one is not None for one in own) else None
-        if seed and seed[0] is not None and seed == list(range(seed[0], seed[0] + len(seed))):
-            seed = seed[0]  # which every vector environment takes
         given = (options or {}) | {"reset_mask": mask.copy()}
-        observations, info = self.envs.reset(seed=seed, options=given)
+        observations, info = self.envs.reset(seed=seed, options=given)  # type: ignore[arg-type]
         self._has_begun = True
         self._sum[mask] = 0.0
         entries = self._entries(info)
