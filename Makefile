@@ -85,5 +85,5 @@ $(VENV)/.installed-docs: $(VENV)/.installed
 
 # All of the above by one call of pip, for who needs all.
 $(VENV)/.installed-all: pyproject.toml | $(VENV)/.created $(VENV)/.installed-torch
-	$(PIP) --editable ".[test,rl,docs]"
+	$(PIP) --editable ".[test,rl,trainers,docs]"
 	touch $(VENV)/.installed $(VENV)/.installed-test $(VENV)/.installed-docs $@

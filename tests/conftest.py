@@ -17,6 +17,7 @@ import pytest
 from hypothesis import settings
 
 from aquafish_gym.utils.validation import EngineUnavailableError
+from tests.skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401
 
 # A shared machine may stall any example; time is no property under test here.
 settings.register_profile("shared-machine", deadline=None)

@@ -177,7 +177,7 @@ def screen() -> Iterator[str]:
 
 
 def test_the_window_shows_the_frame_and_may_be_closed(screen: str, tmp_path: Path) -> None:
-    pytest.importorskip("tkinter")
+    pytest.importorskip("tkinter", reason="needs tkinter")
     code = (
         "import sys, gymnasium, aquafish_gym; from PIL import ImageGrab, Image\n"
         "env = gymnasium.make('AquaFish-v0', engine='numba', fin_angles='zero',\n"

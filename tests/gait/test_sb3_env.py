@@ -1,0 +1,267 @@
+"""Batches in stable-baselines3 do what its DummyVecEnv does with as many single environments."""
+
+from __future__ import annotations
+
+import copy
+import importlib
+import pickle
+from pathlib import Path
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.wrappers import vector as several
+
+from aquafish_gym import VectorFaultWrapper
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.sb3_infos import Info, Table
+
+pytest.importorskip("stable_baselines3")
+from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecVideoRecorder
+
+ADAPTER = importlib.import_module("gait.sb3_env")
+SHORT = {"max_episode_steps": 6}
+STILL = "left_pectoral:seized; right_pectoral:seized; caudal:seized"
+
+
+def batch(count: int = 2, **options: Any) -> Any:
+    return gym.make_vec("AquaFish-v0", count, autoreset_mode="Disabled", **SHORT | options)
+
+
+def adapted(count: int = 2, **options: Any) -> Any:
+    return ADAPTER.SB3VecEnv(batch(count, dtype="float64", **options))
+
+
+def dummy(count: int = 2, **options: Any) -> Any:
+    make = [lambda: gym.make("AquaFish-v0", engine="numba", **SHORT | options)] * count
+    return DummyVecEnv(make)
+
+
+def same_infos(ours: Any, theirs: Any) -> None:
+    for mine, other in zip(ours, theirs, strict=True):
+        assert isinstance(mine, dict)
+        assert sorted(mine) == sorted(other)
+        for name, value in other.items():
+            np.testing.assert_array_equal(mine[name], value, err_msg=name)
+            single = value.item() if isinstance(value, np.ndarray) and not value.ndim else value
+            assert type(mine[name]) is type(single), name
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        None,
+        {"damage": STILL, "fin_angles": [0.1, 0.2, 0.3]},
+        [{"damage": STILL}, {}, {"morphology": {"caudal": (0.0, 0.0, 0.0)}}],
+        [{}, {"damage": "gyro:noise=0.3"}, {"damage": "random:severe@0-1"}],
+    ],
+)
+def test_a_batch_does_what_single_environments_do(options: Any) -> None:
+    """Seeds and options of the next reset alone, information, resets: bit for bit."""
+    both = adapted(3), dummy(3)
+    rng = np.random.default_rng(0)
+    for begins in range(3):
+        for envs in both:
+            if begins == 0:
+                assert envs.seed(4) == [4, 5, 6]
+            if begins < 2:
+                envs.set_options(copy.deepcopy(options))
+        ours, theirs = (envs.reset() for envs in both)
+        np.testing.assert_array_equal(ours, theirs)
+        same_infos(*(envs.reset_infos for envs in both))
+        ends = 0
+        for _ in range(15):
+            actions = rng.uniform(-1, 1, (3, 3)).astype(np.float32)
+            mine, other = (envs.step(actions) for envs in both)
+            for a, b in zip(mine[:3], other[:3], strict=True):
+                np.testing.assert_array_equal(a, b)
+                assert a.dtype == b.dtype
+            same_infos(mine[3], other[3])
+            same_infos(*(envs.reset_infos for envs in both))
+            ends += int(mine[2].sum())
+        assert ends == 6
+
+
+def test_options_that_cannot_arrive_are_refused() -> None:
+    envs = adapted()
+    with pytest.raises(InvalidArgumentError, match=r"options must be one .* 2 of them; got 3"):
+        envs.set_options([{}, {}, {}])
+    with pytest.raises(InvalidArgumentError, match="options must not have reset_mask"):
+        envs.set_options({"reset_mask": np.array([True, False])})
+    with pytest.raises(InvalidArgumentError, match="options must be of type dict"):
+        envs.set_options(["caudal:missing", "caudal:missing"])
+    envs.set_options({"damge": "caudal:missing"})
+    with pytest.raises(ValueError, match="did you mean 'damage'"):
+        envs.reset()
+
+
+def test_information_is_that_of_its_step_whenever_it_is_read() -> None:
+    envs, kept = adapted(), []
+    envs.seed(0)
+    envs.reset()
+    for _ in range(8):
+        _, _, _, infos = envs.step(np.full((2, 3), 0.5, np.float32))
+        kept.append((infos[0], dict(infos[1])))
+    envs.seed(0)
+    envs.reset()
+    for late, early in kept:
+        _, _, _, infos = envs.step(np.full((2, 3), 0.5, np.float32))
+        same_infos([late, early], infos)
+
+
+def test_an_unread_information_is_a_dictionary_in_every_way() -> None:
+    whole = {"x": 2.0, "there": True}
+    table = {"x": np.array([1.0, 2.0]), "there": np.array([False, True]), "late": np.zeros(2)}
+    table["_late"] = np.zeros(2, np.bool_)
+
+    def fresh() -> Info:
+        return Info(Table(table), 1)
+
+    assert fresh() == whole
+    assert whole == fresh()
+    assert [fresh()] == [whole]
+    assert dict(fresh()) == {**fresh()} == ({} | fresh()) == (fresh() | {}) == whole
+    assert (len(fresh()), list(fresh()), "x" in fresh(), "y" in fresh()) == (
+        2,
+        [*whole],
+        True,
+        False,
+    )
+    assert type(copy.deepcopy(fresh())) is type(pickle.loads(pickle.dumps(fresh()))) is dict
+    assert copy.deepcopy(fresh()) == copy.copy(fresh()) == fresh().copy() == whole
+    assert (fresh().get("x"), fresh().get("late", 3), fresh().get("y", 4)) == (2.0, 3, 4)
+    assert repr(fresh()) == repr(whole)
+    assert fresh().pop("x") == 2.0
+    target: dict[str, Any] = {}
+    target.update(fresh())
+    assert target == whole
+    info = fresh()
+    info["new"] = 1
+    assert info == whole | {"new": 1}
+    with pytest.raises(KeyError):
+        fresh()["late"]
+
+
+def test_what_was_given_is_stepped() -> None:
+    """A wrapper's faults, rewards, actions, spaces and statistics reach the trainer."""
+    faulty = ADAPTER.SB3VecEnv(
+        VectorFaultWrapper(batch(fin_angles="zero"), ["none", "action: dead"])
+    )
+    faulty.reset()
+    for _ in range(4):
+        _, _, _, infos = faulty.step(np.full((2, 3), 1.0, np.float32))
+    assert [info["faults"] for info in infos] == [0, 1]
+    assert np.linalg.norm(infos[0]["fin_angles"] - infos[1]["fin_angles"]) > 1
+    faulty.set_options([{"damage": "action: dead"}, {}])
+    faulty.reset()
+    assert [info["faults"] for info in faulty.reset_infos] == [1, 1]
+
+    plain = adapted(fin_angles="zero")
+    scaled = ADAPTER.SB3VecEnv(
+        several.RescaleAction(
+            several.TransformReward(batch(dtype="float64", fin_angles="zero"), lambda r: 10.0 * r),
+            np.full(3, -2.0, np.float32),
+            np.full(3, 2.0, np.float32),
+        )
+    )
+    assert scaled.action_space.high.tolist() == [2.0] * 3
+    for envs in (plain, scaled):
+        envs.reset()
+    actions = np.full((2, 3), 0.5, np.float32)
+    np.testing.assert_allclose(10 * plain.step(actions)[1], scaled.step(2 * actions)[1], rtol=1e-6)
+
+    counted = ADAPTER.SB3VecEnv(several.RecordEpisodeStatistics(batch()))
+    watched = VecMonitor(adapted())
+    for envs in (counted, watched):
+        envs.seed(1)
+        envs.reset()
+    for step in range(12):
+        ours, theirs = (envs.step(actions)[3] for envs in (counted, watched))
+        for mine, other in zip(ours, theirs, strict=True):
+            assert ("episode" in mine) == ("episode" in other) == (step % 6 == 5)
+            if "episode" in mine:
+                assert mine["episode"]["l"] == other["episode"]["l"] == 6
+                assert abs(mine["episode"]["r"] - other["episode"]["r"]) < 1e-4
+
+    listed = ADAPTER.SB3VecEnv(several.DictInfoToList(batch()))
+    listed.reset()
+    assert "x_position" in listed.step(actions)[3][1]
+    assert listed.reset_infos[0]["faults"] == 0
+
+
+def test_gymnasiums_own_batch_is_stepped_too() -> None:
+    envs = gym.make_vec(
+        "Pendulum-v1", 2, "sync", {"autoreset_mode": gym.vector.AutoresetMode.DISABLED},
+        max_episode_steps=3,
+    )  # fmt: skip
+    both: Any = (
+        ADAPTER.SB3VecEnv(envs),
+        DummyVecEnv([lambda: gym.make("Pendulum-v1", max_episode_steps=3)] * 2),
+    )
+    for one in both:
+        one.seed(0)
+        one.set_options([{"x_init": 0.1}, {"y_init": 0.2}])
+    np.testing.assert_array_equal(*(one.reset() for one in both))
+    for _ in range(7):
+        mine, other = (one.step(np.ones((2, 1), np.float32)) for one in both)
+        for a, b in zip(mine[:3], other[:3], strict=True):
+            np.testing.assert_array_equal(a, b)
+        assert mine[3][0].keys() == other[3][0].keys()
+    for one in both:
+        one.set_attr("dt", 0.01, indices=[1])
+        assert one.get_attr("dt") == [0.05, 0.01]
+        assert one.get_attr("dt", indices=1) == [0.01]
+        assert one.env_is_wrapped(gym.wrappers.TimeLimit) == [True, True]
+        assert one.env_method("has_wrapper_attr", "dt") == [True, True]
+    with pytest.raises(NotImplementedError, match="indices must be None"):
+        both[0].env_method("has_wrapper_attr", "dt", indices=[0])
+    both[0].close()
+    assert envs.closed
+
+
+def test_attributes_are_the_robots_own_or_refused() -> None:
+    envs = ADAPTER.SB3VecEnv(several.TransformReward(batch(observe_fins=True), np.negative))
+    assert envs.get_attr("observation_space") == [envs.observation_space] * 2
+    assert envs.get_attr("dt", indices=[1]) == [0.2]
+    assert not envs.has_attr("velocity_of_light")
+    with pytest.raises(AttributeError):
+        envs.set_attr("velocity_of_light", 1.0)
+    with pytest.raises(AttributeError):
+        envs.env_method("fly")
+    assert envs.env_is_wrapped(several.TransformReward) == [True, True]
+    assert envs.env_is_wrapped(VectorFaultWrapper, indices=0) == [False]
+
+
+@pytest.mark.parametrize(
+    ("envs", "words"),
+    [
+        (lambda: gym.make_vec("AquaFish-v0", 2), 'autoreset_mode of envs must be "Disabled"'),
+        (lambda: gym.make("AquaFish-v0", engine="numba"), "envs must be of type VectorEnv"),
+        (lambda: "AquaFish-v0", "envs must be of type VectorEnv"),
+    ],
+)
+def test_what_is_no_such_batch_is_refused(envs: Any, words: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=words):
+        ADAPTER.SB3VecEnv(envs())
+
+
+def test_frames_and_a_video(tmp_path: Path) -> None:
+    envs = adapted(render_mode="rgb_array")
+    assert envs.render_mode == "rgb_array"
+    assert envs.metadata["render_fps"] == 5
+    envs.seed(0)
+    envs.reset()
+    assert [frame.shape for frame in envs.get_images()] == [(480, 640, 3)] * 2
+    assert np.ptp(envs.render()) > 0
+    blind = adapted()
+    with pytest.warns(UserWarning, match="render_mode of envs must be"):
+        assert blind.get_images() == [None, None]
+    pytest.importorskip("moviepy")
+    video = VecVideoRecorder(envs, str(tmp_path), lambda step: step == 0, 3)
+    video.reset()
+    for _ in range(4):
+        video.step(np.zeros((2, 3), np.float32))
+    video.close()
+    (film,) = tmp_path.glob("*.mp4")
+    assert film.stat().st_size > 1000
