@@ -11,6 +11,7 @@ from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
     finite_array,
+    flag,
     integer,
     one_of,
 )
@@ -66,6 +67,11 @@ def check_senses(senses: object) -> tuple[Sense, ...]:
 class Plan(NamedTuple):
     """The choices of a configuration, with the defaults of its search filled in."""
 
+    search: Literal["cma", "neat"]
+    controller: Class
+    hidden: int
+    harmonics: int
+    clock: float  #: Hz.
     senses: Senses
     population: int
     restarts: int
@@ -87,12 +93,13 @@ class EvolveConfig:
 
     seed: int = 0
     """Seed of everything random in the run."""
-    search: Literal["cma", "neat"] = "cma"
-    """The search: CMA-ES, which finds better gaits, or NEAT."""
+    search: Literal["cma", "neat"] | None = None
+    """The search: CMA-ES, the default, which finds better gaits, or NEAT."""
     paper: bool = False
     """Search as the paper does: NEAT with one start and 60 generations, without CMA-ES."""
-    controller: Class = "recurrent"
-    """Network that CMA-ES searches: recurrent (Elman's), mlp, or linear. NEAT finds its own."""
+    controller: Class | None = None
+    """Network that CMA-ES searches: recurrent (Elman's), the default, mlp, or linear. NEAT finds
+    its own."""
     senses: tuple[Sense, ...] = ("imu", "clock")
     """What the controller observes, besides the direction to a goal if the task has one. Fin angles
     are not measured: they are integrated from the initial angles and the commands."""
@@ -100,10 +107,10 @@ class EvolveConfig:
     """Swim forward, or another task of the environments, which takes longer."""
     interval: int = INTERVAL
     """Steps of 0.01 s that an action is held."""
-    hidden: int = 6
-    """Hidden nodes of an mlp or of CMA-ES's recurrent network."""
-    harmonics: int = 1
-    """Harmonics of the clock."""
+    hidden: int | None = None
+    """Hidden nodes of an mlp or of CMA-ES's recurrent network; default 6."""
+    harmonics: int | None = None
+    """Harmonics of the clock; default 1."""
     restarts: int | None = None
     """Number of searches that start, of which the best goes on; default 6."""
     generations: int | None = None
@@ -119,48 +126,63 @@ class EvolveConfig:
     poses: int = 6
     """Random initial fin poses besides the zero pose, sampled in each generation. In a sample of
     bodies, each pose has its own body."""
-    clock: float = 0.7
-    """Frequency of the controllers' clock, in Hz; CMA-ES tunes it."""
+    clock: float | None = None
+    """Frequency of the controllers' clock, in Hz; CMA-ES tunes it; default 0.7."""
     seconds: float = SECONDS
     """Length of a swim, in s."""
     threads: int | None = None
     """Threads; default all cores. No result depends on it."""
 
     def __post_init__(self) -> None:
-        if self.paper:
-            object.__setattr__(self, "search", "neat")
+        flag("paper", self.paper)
         for name, low, high in (
             ("seed", 0, MAXIMUM_SEED), ("hidden", 1, 100), ("harmonics", 1, MAXIMUM_HARMONICS),
             ("restarts", 1, 100), ("generations", 1, 100_000), ("random_candidates", 1, 100_000),
             ("cma_generations", 0, 100_000), ("population", 10, 10_000), ("poses", 0, 1000),
             ("threads", 1, MAXIMUM_THREADS),
         ):  # fmt: skip
-            if getattr(self, name) is not None or name in ("seed", "hidden", "harmonics", "poses"):
+            if getattr(self, name) is not None or name in ("seed", "poses"):
                 integer(name, getattr(self, name), low, high)
-        one_of("search", self.search, ("cma", "neat"))
-        one_of("controller", self.controller, get_args(Class))
+        for name, choices in (("search", ("cma", "neat")), ("controller", get_args(Class))):
+            if getattr(self, name) is not None:
+                one_of(name, getattr(self, name), choices)
         object.__setattr__(self, "senses", check_senses(self.senses))
         one_of("task", self.task, get_args(TaskName))
-        finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
+        if self.clock is not None:
+            finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         step_count(self.seconds)
         if self.interval != INTERVAL:
             check_interval(self.interval, self.episode_seconds)
-        for name, given, needed in (
-            ("controller", self.controller != "recurrent", ("search", "cma")),
-            ("random_candidates", self.random_candidates is not None, ("search", "cma")),
-            ("cma_generations", bool(self.cma_generations), ("search", "neat")),
-            ("seconds", self.seconds != SECONDS, ("task", "forward")),
-        ):
-            if given and getattr(self, needed[0]) != needed[1]:
-                raise InvalidArgumentError(
-                    f'{name} has an effect only with {needed[0]}="{needed[1]}"; got '
-                    f'{getattr(self, name)} with "{getattr(self, needed[0])}"'
-                )
+        self._refuse_what_has_no_effect()
         if 0 < self.plan.random_candidates < self.plan.restarts:
             raise InvalidArgumentError(
                 f"random_candidates must be at least the {self.plan.restarts} restarts; "
                 f"got {self.plan.random_candidates}"
             )
+
+    def _refuse_what_has_no_effect(self) -> None:
+        """Refuse settings of another search, another network or another task."""
+        plan = self.plan
+        for name, given, needed, there in (
+            ("paper", self.paper, 'search="neat"', plan.search == "neat"),
+            ("controller", self.controller is not None, 'search="cma"', plan.search == "cma"),
+            ("random_candidates", self.random_candidates is not None, 'search="cma"',
+             plan.search == "cma"),
+            ("cma_generations", self.cma_generations is not None, 'search="neat"',
+             plan.search == "neat"),
+            ("hidden", self.hidden is not None, 'search="cma" and a controller with hidden nodes',
+             plan.search == "cma" and plan.controller != "linear"),
+            ("harmonics", self.harmonics is not None, 'a "clock" among the senses',
+             "clock" in self.senses),
+            ("clock", self.clock is not None, 'a "clock" among the senses', "clock" in self.senses),
+            ("seconds", self.seconds != SECONDS, 'task="forward"', self.task == "forward"),
+        ):  # fmt: skip
+            if given and not there:
+                raise InvalidArgumentError(
+                    f"{name} has an effect only with {needed}; got {getattr(self, name)!r} with "
+                    f'search="{plan.search}", controller="{plan.controller}", '
+                    f'senses={self.senses}, task="{self.task}"'
+                )
 
     @property
     def episode_seconds(self) -> float:
@@ -176,22 +198,36 @@ class EvolveConfig:
         >>> EvolveConfig(search="neat").plan.population
         150
         """
-        senses = make_senses(self.senses, self.task, self.harmonics)
+        search = self.search or ("neat" if self.paper else "cma")
+        harmonics = 1 if self.harmonics is None else self.harmonics
         given = (
             self.population, self.restarts, self.random_candidates, self.generations,
             self.cma_generations,
         )  # fmt: skip
-        defaults = DEFAULTS["paper" if self.paper else self.search]
+        defaults = DEFAULTS["paper" if self.paper else search]
         population, restarts, candidates, generations, tuning = (
             default if value is None else value
             for value, default in zip(given, defaults, strict=True)
         )
-        if self.search == "neat":
+        if search == "neat":
             rows = restarts * generations
             rows += generation_count(halving_stages(restarts, tuning, neat.STAGES))
         else:
             rows = 1 + generation_count(halving_stages(restarts, generations, cma.STAGES))
-        return Plan(senses, population, restarts, candidates, generations, tuning, rows)
+        return Plan(
+            search=search,
+            controller=self.controller or "recurrent",
+            hidden=6 if self.hidden is None else self.hidden,
+            harmonics=harmonics,
+            clock=0.7 if self.clock is None else self.clock,
+            senses=make_senses(self.senses, self.task, harmonics),
+            population=population,
+            restarts=restarts,
+            random_candidates=candidates,
+            generations=generations,
+            cma_generations=tuning,
+            rows=rows,
+        )
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -200,7 +236,7 @@ class EvolveConfig:
         omitted = {"threads", "paper", "rows"}
         if self.plan.cma_generations:
             omitted.add("cma_generations")
-        elif self.search == "cma" or self.plan.restarts == 1:
+        elif self.plan.search == "cma" or self.plan.restarts == 1:
             omitted.add("generations")
         settings = {**asdict(self), **plan}
         return {name: value for name, value in settings.items() if name not in omitted}

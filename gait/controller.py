@@ -35,6 +35,7 @@ MAXIMUM_NODES = 1000
 MAXIMUM_HARMONICS = 32
 MAXIMUM_BYTES = 64 * 2**20  # of the largest network's file
 MAXIMUM_SEED = 2**64 - 1
+MAXIMUM_SUM = 1e30  # of a node whose inputs are 1: larger inputs do not overflow float32 either
 INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
 IMU_AND_CLOCK = Senses()
 OPTIONAL = ("senses", "layers", "output", "interval", "sample")  # a file omits them at default
@@ -76,8 +77,8 @@ class Controller:
     Raises
     ------
     InvalidArgumentError
-        If a shape does not fit, a number is not finite, or a node without ``layers`` has an input
-        from itself or a later node.
+        If a shape does not fit, a number is not finite, a node's sum could exceed 1e30 and so leave
+        float32, or a node without ``layers`` has an input from itself or a later node.
 
     Examples
     --------
@@ -112,6 +113,7 @@ class Controller:
             )
         response = finite_array("controller.response", self.response, (nodes,))
         weights = finite_array("controller.weights", self.weights, (nodes, inputs + nodes))
+        _check_sums(weights, bias, response)
         if self.layers is None and np.triu(weights[:, inputs:]).any():
             raise InvalidArgumentError(
                 "controller.weights must be zero from a node to itself or an earlier one, unless "
@@ -131,6 +133,7 @@ class Controller:
                 )
         for array in (bias, response, weights):
             array.setflags(write=False)
+        instance("controller.morphology", self.morphology, Morphology)
         clock = float(finite_array("controller.clock", self.clock, (), 0.0, 50.0, "Hz"))
         seed = integer("controller.seed", self.seed, 0, MAXIMUM_SEED)
         vars(self).update(
@@ -308,6 +311,22 @@ def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
         first.interval,
         first.senses.goal,
     )
+
+
+def _check_sums(
+    weights: NDArray[np.float64], bias: NDArray[np.float64], response: NDArray[np.float64]
+) -> None:
+    """Refuse a node whose sum may overflow in float32, where infinities make NaN commands."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        reach = np.abs(weights).sum(axis=1)
+        sums = np.maximum(reach, network.GAIN * (np.abs(bias) + np.abs(response) * reach))
+    beyond = np.flatnonzero(~(sums <= MAXIMUM_SUM))
+    if len(beyond):
+        node = int(beyond[0])
+        raise InvalidArgumentError(
+            f"controller.weights, bias and response must keep every node's sum within "
+            f"{MAXIMUM_SUM:g}, as float32 must hold it; node {node} reaches {sums[node]:.3g}"
+        )
 
 
 def _check_senses(senses: object) -> None:

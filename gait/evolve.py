@@ -119,8 +119,8 @@ def evolve_gait(
     start
         A state (25,) in mid-swim, as the vector environment's ``states`` or a self-model's
         ``state``. The gait is then for swimming on from it for ``config.seconds``: each controller
-        swims once on each body, with its clock at 0, and ``config.poses`` has no effect. None
-        begins at rest, in poses that change with every generation.
+        swims once on each body, with its clock at 0, so ``config.poses`` is refused. None begins at
+        rest, in poses that change with every generation.
     out
         A folder for ``controller.json`` (the best so far), ``history.csv``, ``checkpoint.json``
         and a sample's ``bodies.json``, saved every second. An unfinished run of the same bodies
@@ -192,12 +192,12 @@ def make_search(config: EvolveConfig, body: Morphology, first: Controller | None
         mine = replace(first, morphology=body, seed=c.seed, sample=None)
         rng = np.random.default_rng(stream(c.seed, 6))
         return cma.tuner(mine, plan.population, rng, cma.REFINING)
-    if c.search == "cma":
-        template = Template.of_class(c.controller, plan.senses, c.hidden, c.interval)
+    if plan.search == "cma":
+        template = Template.of_class(plan.controller, plan.senses, plan.hidden, c.interval)
         rng = np.random.default_rng(stream(c.seed, 6))
         turns = cma.multistart(
             template.random(plan.random_candidates, rng),
-            lambda x: template.controller(x, c.clock, body, c.seed),
+            lambda x: template.controller(x, plan.clock, body, c.seed),
             plan.population,
             plan.restarts,
             rng,
@@ -207,7 +207,7 @@ def make_search(config: EvolveConfig, body: Morphology, first: Controller | None
     starts = [
         neat.Evolution(
             lambda genome: neat.genome_to_controller(
-                genome, c.clock, body, c.seed, plan.senses, c.interval
+                genome, plan.clock, body, c.seed, plan.senses, c.interval
             ),
             plan.population,
             int(source.generate_state(1)[0]),
@@ -309,6 +309,10 @@ def _check(
     for name, given in (("world", world != WorldConfig()), ("start", moving)):
         if given and config.task != "forward":
             raise InvalidArgumentError(f'{name} has no effect with the task "{config.task}"')
+    if moving and config.poses != EvolveConfig.poses:
+        raise InvalidArgumentError(
+            f"poses has no effect with start, from which all swim; got {config.poses}"
+        )
 
 
 def _check_first(first: object, config: EvolveConfig) -> None:

@@ -25,7 +25,7 @@ from aquafish_gym.physics.compiling import compiled_function, register_module
 from aquafish_gym.physics.layout import fetch_vector, put_vector
 from aquafish_gym.physics.simd import zero_lanes
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError, brief
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from gait import network
 from gait.controller import Controller, program_of
 from gait.network import OUTPUTS, Senses
@@ -63,9 +63,10 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
     ------
     InvalidArgumentError
         If the file's name is no identifier of C followed by .c, if another file than an exported
-        one is there, or if a number of the controller does not fit float32.
+        one is there, or if ``controller`` is no ``Controller``.
     """
-    source = Path(path)
+    instance("controller", controller, Controller)
+    source = Path(instance("path", path, str | Path))
     table = source.with_suffix(".csv")
     if source.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", source.stem, re.ASCII):
         raise InvalidArgumentError(
@@ -214,12 +215,8 @@ def _columns(senses: Senses) -> tuple[str, ...]:
 
 
 def _float(number: float) -> str:
-    """Return the shortest literal of a number in float32."""
-    with np.errstate(over="ignore"):
-        single = np.float32(number)
-    if not np.isfinite(single):
-        raise InvalidArgumentError(f"controller must have numbers in float32's range; got {number}")
-    return str(single) + "f"
+    """Return the shortest literal of a number in float32; a controller's all fit."""
+    return f"{np.float32(number)}f"
 
 
 def _floats(numbers: ArrayLike) -> str:

@@ -16,11 +16,11 @@ from typing import Any
 import neat
 import numpy as np
 
-from aquafish_gym.morphology import Morphology
-from gait.controller import INTERVAL, Controller
-from gait.network import OUTPUTS, Senses
+from gait.controller import Controller
+from gait.network import Senses
 from gait.search import cma
 from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
+from gait.search.genome import genome_to_controller as genome_to_controller
 
 DEFAULT_INPUTS = len(Senses().names)
 STAGES: Stages = ((6, 50), (2, 60))  # of CMA-ES on the networks that the starts have found
@@ -103,40 +103,6 @@ def multistart(
     children = zip(best, rng.spawn(len(best)), strict=True)
     tuners = [cma.tuner(each, population, child) for each, child in children]
     yield from halve(tuners, halving_stages(len(tuners), sys.maxsize, STAGES))
-
-
-def genome_to_controller(
-    genome: Any,
-    clock: float,
-    morphology: Morphology,
-    seed: int,
-    senses: Senses | None = None,
-    interval: int = INTERVAL,
-) -> Controller:
-    """Return a neat-python genome as a controller, without hidden nodes that reach no output."""
-    senses = senses or Senses()
-    inputs, outputs = [-i - 1 for i in range(len(senses.names))], list(range(len(OUTPUTS)))
-    enabled = [key for key, c in genome.connections.items() if c.enabled]
-    layers, _ = neat.graphs.feed_forward_layers(inputs, outputs, enabled)
-    hidden = [key for layer in layers for key in sorted(layer) if key not in outputs]
-    # Outputs may stand last: neat-python never connects from one in a feed-forward network.
-    order = hidden + outputs
-    column = {key: i for i, key in enumerate(inputs + order)}
-    weights = np.zeros((len(order), len(inputs) + len(order)))
-    for source, sink in enabled:
-        if sink in column and source in column:
-            weight = genome.connections[source, sink].weight
-            weights[column[sink] - len(inputs), column[source]] = weight
-    return Controller(
-        weights=weights,
-        bias=np.array([genome.nodes[key].bias for key in order]),
-        response=np.array([genome.nodes[key].response for key in order]),
-        clock=clock,
-        morphology=morphology,
-        seed=seed,
-        senses=senses,
-        interval=interval,
-    )
 
 
 def load_config(size: int, inputs: int = DEFAULT_INPUTS, growing: bool = False) -> Any:

@@ -34,6 +34,7 @@ from gait.search.neat import Evolution, genome_to_controller, load_config
 from gait.search.templates import Template
 from tests.benchmarks.rows import Group, Row, Settings, missing_pybullet
 
+CLOCK = EvolveConfig().plan.clock  # Hz
 LEAST_POPULATION = 10  # NEAT's species need some members
 GENERATIONS = 30
 
@@ -123,7 +124,7 @@ def swim_as_usual(world: Any, genome: Any, body: Morphology, steps: int) -> floa
         x, y, z = world.world_spin
         spin = [m[i] * x + m[i + 3] * y + m[i + 6] * z for i in range(3)]
         gyro = [min(max(rate / GYRO_SCALE, -1.0), 1.0) for rate in spin]
-        angle = math.tau * EvolveConfig.clock * t * TIMESTEP
+        angle = math.tau * CLOCK * t * TIMESTEP
         heard = (*m[6:9], *m[3:6], *gyro, math.sin(angle), math.cos(angle))
         action = network.activate(heard)
         command = tuple(c + r * a for c, r, a in zip(middle, reach, action, strict=True))
@@ -132,7 +133,7 @@ def swim_as_usual(world: Any, genome: Any, body: Morphology, steps: int) -> floa
 
 
 def _build(genome: Any) -> Controller:
-    return genome_to_controller(genome, EvolveConfig.clock, Morphology.nominal(), 0)
+    return genome_to_controller(genome, CLOCK, Morphology.nominal(), 0)
 
 
 def _controllers(evolution: Evolution) -> Sequence[Controller]:

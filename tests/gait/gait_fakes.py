@@ -23,10 +23,11 @@ from gait.search.neat import genome_to_controller, load_config
 INPUT_COUNT = len(Senses().names)
 
 
-def random_genome(seed: int, mutations: int) -> tuple[Any, Any]:
-    """Return neat-python's configuration and a genome mutated so many times."""
+def random_genome(seed: int, mutations: int, feed_forward: bool = True) -> tuple[Any, Any]:
+    """Return neat-python's configuration and a genome after some mutations."""
     config = load_config(10, INPUT_COUNT)
     genome_config = config.genome_config
+    genome_config.feed_forward = feed_forward
     # Quicker growth, and responses too, so that a few mutations reach every kind of network.
     genome_config.conn_add_prob = genome_config.node_add_prob = 0.5
     genome_config.conn_delete_prob = 0.2

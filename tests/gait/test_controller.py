@@ -15,8 +15,10 @@ from hypothesis import strategies as st
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import DamagedFileError, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controller import Controller
+from gait.controller import MAXIMUM_SUM, Controller
+from gait.export import make_vectors
 from gait.network import HEADER, forward
+from gait.rollout import swim_all
 from gait_fakes import INPUT_COUNT, make_controller
 
 
@@ -50,6 +52,30 @@ def test_policy_returns_a_legal_action() -> None:
         action = policy(rng.normal(size=9), time=0.05 * t)
         assert action.shape == (3,)
         assert (np.abs(action) <= 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [("weights", 3.4e38), ("weights", 1e300), ("bias", 1e31), ("response", -1e31)]
+)
+def test_sums_beyond_float32_are_refused(name: str, value: float) -> None:
+    """An infinity less an infinity would be a NaN in float32, which steers nothing."""
+    controller = make_controller()
+    array = np.array(getattr(controller, name))
+    array[-1] = value * (array[-1] != 0.0) if name == "weights" else value
+    with pytest.raises(InvalidArgumentError, match=f"node {controller.nodes - 1} reaches"):
+        replace(controller, **{name: array})
+
+
+def test_largest_sums_swim() -> None:
+    """Finite commands follow in float32, and so does a finite distance."""
+    body = Morphology.nominal()
+    weights = np.zeros((3, 14))
+    weights[:, :11] = 0.39 * MAXIMUM_SUM / 11 * np.sign(np.arange(11) % 2 - 0.5)
+    controller = Controller(weights, np.zeros(3), np.ones(3), 0.7, body, 0)
+    assert np.isfinite(swim_all([controller], body, seconds=1.0)).all()
+    _, commands = make_vectors(controller, 50)
+    assert np.isfinite(commands).all()
+    assert np.abs(commands).max() > 0.4
 
 
 def test_policy_refuses_a_bad_observation() -> None:

@@ -12,11 +12,12 @@ import pytest
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.storage import write_document
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import export
 from gait.__main__ import main
-from gait.controller import Controller, program_of
+from gait.controller import SCHEMA, Controller, program_of
 from gait.learning import dense_network
 from gait.network import Senses
 from gait.search.templates import Template
@@ -228,7 +229,8 @@ def test_the_command_writes_both_files_and_writes_them_again(
         ("ok", "mine.c", "c must not overwrite a file that no export wrote"),
         ("ok", "vectors.c", "c must not overwrite a file that no export wrote"),
         ("ok", "file/fish.c", "the folder of c must be a directory"),
-        ("huge", "fish.c", "float32's range"),
+        ("huge", "fish.c", "must keep every node's sum within 1e+30"),
+        ("overflow", "fish.c", "node 0 reaches"),
     ],
 )
 def test_a_wrong_export_is_refused(
@@ -241,12 +243,12 @@ def test_a_wrong_export_is_refused(
     file = tmp_path / "controller.json"
     if content == "ok":
         silent().save(file)
-    elif content == "huge":
-        controller = KINDS["silent"]
-        weights, bias = controller.weights, np.array([1e40, 0.0, 0.0])
-        Controller(weights, bias, controller.response, 0.0, BODY, 0, senses=controller.senses).save(
-            file
-        )
+    elif content in ("huge", "overflow"):
+        # Of the first, one number does not fit float32; of the second, only a sum does not.
+        many = [3.4e38] * 14 if content == "overflow" else [1e40] + [0.0] * 13
+        data = KINDS["linear"].to_dict()
+        data["weights"][0] = [*many, *data["weights"][0][14:]]
+        write_document(file, data, SCHEMA)
     elif content is not None:
         file.write_text(content)
     for precious in ("mine.c", "vectors.csv", "file"):

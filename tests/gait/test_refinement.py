@@ -26,7 +26,7 @@ HALF = Damage.parse("left_pectoral:length=0.5").apply(Morphology.nominal())
 REVERSED = WorldConfig(servo_gain=(1.0, -1.0, 0.5))
 MOVING = start_rows(np.array([[0.4, -1.0, 2.0]]), velocity=(0.0, 0.4, 0.1), spin=(0.1, 0.0, 0.3))
 START = MOVING[:, 0]
-SHORT = EvolveConfig(seed=5, generations=3, population=10, poses=1, seconds=2.0, threads=1)
+SHORT = EvolveConfig(seed=5, generations=3, population=10, seconds=2.0, threads=1)
 
 
 def random_gait(seed: int = 1, goal: bool = False, **changes: Any) -> Controller:
@@ -63,7 +63,7 @@ def test_first_controller_is_made_better_from_a_state(changes: dict[str, str]) -
 
 
 def test_random_networks_are_searched_from_a_state() -> None:
-    config = replace(SHORT, random_candidates=20, restarts=2, poses=0)
+    config = replace(SHORT, random_candidates=20, restarts=2)
     found = evolve_gait([HALF, Morphology.nominal()], config, start=START)
     far = swim_all([found.controller], [HALF, Morphology.nominal()], seconds=2.0, start=START)
     np.testing.assert_array_equal(found.distances, far[0])
@@ -128,7 +128,10 @@ def test_search_ends_when_its_time_is_used_up(tmp_path: Path) -> None:
         ({"start": np.full(25, np.nan)}, "start must be finite"),
         ({"cpu_seconds": -1.0}, "cpu_seconds must lie in"),
         ({"start": START, "config": EvolveConfig(task="station")}, "start has no effect with"),
+        ({"start": START, "config": EvolveConfig(poses=1)}, "poses has no effect with start"),
         ({"config": EvolveConfig(search="neat")}, "search has no effect with first"),
+        ({"config": EvolveConfig(hidden=6)}, "hidden has no effect with first"),
+        ({"config": EvolveConfig(clock=0.7)}, "clock has no effect with first"),
         ({"config": EvolveConfig(senses=("imu",))}, "senses has no effect with first"),
         ({"config": EvolveConfig(restarts=2)}, "restarts has no effect with first"),
         (

@@ -1,0 +1,148 @@
+"""A neat-python genome as a controller: neat-python's commands, or a refusal that names the node."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import neat
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait import network
+from gait.controller import Controller
+from gait.network import Senses
+from gait.search.neat import genome_to_controller, load_config
+from gait_fakes import INPUT_COUNT, random_genome
+
+BODY = Morphology.nominal()
+
+
+def convert(genome: Any, **options: Any) -> Controller:
+    return genome_to_controller(genome, 0.7, BODY, 0, **options)
+
+
+def answers(controller: Controller, rows: list[list[float]]) -> list[list[float]]:
+    """Return the controller's actions for inputs (T, I), one step after the other."""
+    scratch = [0.0] * (INPUT_COUNT + 2 * controller.nodes)
+    found = []
+    for inputs in rows:
+        scratch[:INPUT_COUNT] = inputs
+        layout = controller.layout().tolist()
+        found.append(list(network.forward(controller.genes(), layout, scratch, 0, 1, 0.0)))
+    return found
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**32), st.integers(0, 60), st.integers(0, 2**32))
+def test_recurrent_genome_acts_as_neat_pythons_network(
+    seed: int, mutations: int, observed: int
+) -> None:
+    config, genome = random_genome(seed, mutations, feed_forward=False)
+    expected = neat.nn.RecurrentNetwork.create(genome, config)
+    rows = np.random.default_rng(observed).uniform(-1.0, 1.0, (6, INPUT_COUNT)).tolist()
+    found = answers(convert(genome, config=config), rows)
+    assert np.allclose(found, [expected.activate(row) for row in rows], atol=1e-12)
+
+
+def test_recurrent_genome_has_memory() -> None:
+    """A hidden node's value arrives a step later, also where there is no cycle."""
+    config, genome = random_genome(0, 0, feed_forward=False)
+    genome.connections.clear()
+    genome.nodes[7] = genome.create_node(config.genome_config, 7)
+    for node in genome.nodes.values():
+        node.bias, node.response = 0.0, 1.0
+    for number, ends in enumerate(((-1, 7), (7, 0))):
+        gene = genome.create_connection(config.genome_config, *ends, number)
+        gene.weight, gene.enabled = 1.0, True
+        genome.connections[ends] = gene
+    rows = [[1.0] + [0.0] * (INPUT_COUNT - 1)] * 2
+    late, at_once = answers(convert(genome, config=config), rows), answers(convert(genome), rows)
+    assert late[0][0] == 0.0
+    assert late[1][0] == at_once[0][0] == pytest.approx(np.tanh(2.5 * np.tanh(2.5)))
+
+
+def test_disabled_connections_and_nodes_without_effect_are_left_out() -> None:
+    config, genome = random_genome(4, 40)
+    orphan = genome.create_node(config.genome_config, 9999)
+    orphan.activation = "relu"  # reaches no output
+    genome.nodes[9999] = orphan
+    controller = convert(genome)
+    used = [c for c in genome.connections.values() if c.enabled]
+    assert controller.connections <= len(used) < len(genome.connections)
+    assert controller.nodes < len(genome.nodes)
+
+
+def change(name: str, value: str) -> Any:
+    """Return a genome whose output 1 computes something else."""
+    _, genome = random_genome(1, 10)
+    setattr(genome.nodes[1], name, value)
+    return genome
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        *(("activation", value) for value in ("sigmoid", "relu", "identity", "clamped", "sin")),
+        *(("aggregation", value) for value in ("product", "max", "min", "mean", "median")),
+    ],
+)
+@pytest.mark.parametrize("recurrent", [False, True])
+def test_other_functions_are_refused_by_node(name: str, value: str, recurrent: bool) -> None:
+    config = load_config(10)
+    config.genome_config.feed_forward = not recurrent
+    with pytest.raises(InvalidArgumentError, match=f'"tanh".*"sum"; node 1 has .*"{value}"'):
+        convert(change(name, value), config=config)
+
+
+def test_hidden_node_with_another_activation_is_refused() -> None:
+    config, genome = random_genome(1, 40)
+    layers, _ = neat.graphs.feed_forward_layers(
+        config.genome_config.input_keys, [0, 1, 2],
+        [key for key, gene in genome.connections.items() if gene.enabled],
+    )  # fmt: skip
+    hidden = max(key for layer in layers for key in layer)
+    assert hidden > 2
+    genome.nodes[hidden].activation = "gauss"
+    with pytest.raises(InvalidArgumentError, match=f'node {hidden} has "gauss"'):
+        convert(genome)
+
+
+def test_genome_of_another_robot_is_refused() -> None:
+    config, genome = random_genome(1, 0)
+    with pytest.raises(InvalidArgumentError, match="inputs -1 to -9.*from -1[01] to"):
+        convert(genome, senses=Senses(clock=0))
+    with pytest.raises(InvalidArgumentError, match="config must have 17 inputs.*got 11"):
+        convert(genome, senses=Senses(fins=True), config=config)
+    config.genome_config.output_keys = [0, 1, 2, 3]
+    with pytest.raises(InvalidArgumentError, match="config must have 3 outputs.*got 4"):
+        convert(genome, config=config)
+    del genome.nodes[2]
+    with pytest.raises(InvalidArgumentError, match="output nodes 0, 1, 2.*has no 2"):
+        convert(genome)
+
+
+def test_cycle_is_refused_without_a_recurrent_configuration() -> None:
+    for seed in range(20):
+        config, genome = random_genome(seed, 60, feed_forward=False)
+        recurrent = convert(genome, config=config)
+        if not np.triu(recurrent.weights[:, INPUT_COUNT:]).any():
+            continue
+        with pytest.raises(InvalidArgumentError, match="genome must be feed-forward"):
+            convert(genome)
+        config.genome_config.feed_forward = True
+        with pytest.raises(InvalidArgumentError, match="genome must be feed-forward"):
+            convert(genome, config=config)
+        return
+    pytest.fail("no genome with a cycle was drawn")
+
+
+@pytest.mark.parametrize("genome", [None, "genome", {}, 3, object()])
+def test_what_is_no_genome_is_refused(genome: object) -> None:
+    with pytest.raises(InvalidArgumentError, match="genome must be a genome of neat-python"):
+        convert(genome)
+    with pytest.raises(InvalidArgumentError, match="config must be of type Config"):
+        convert(random_genome(1, 0)[1], config=genome or "config")
