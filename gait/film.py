@@ -16,13 +16,13 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering.course import FilmedSwim
-from aquafish_gym.rendering.films import SUFFIXES, film
+from aquafish_gym.rendering.films import film, film_suffix
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
-from aquafish_gym.runs.storage import ensure_writable_directory
+from aquafish_gym.runs.storage import output_file
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from gait.controller import INTERVAL, Controller
 from gait.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
@@ -66,7 +66,9 @@ class Film:
 
     def execute(self) -> None:
         """Swim all fish and write the film."""
-        one_of("the film's suffix", self.out.suffix, SUFFIXES)
+        out = output_file(self.html, "html") if self.html else output_file(self.out)
+        if not self.html:
+            film_suffix(out)
         integer("seed", self.seed, 0)
         step_count(self.seconds)
         check_engine(self.engine)
@@ -85,8 +87,6 @@ class Film:
                 raise InvalidArgumentError(f"{name} must be 1 or {fish} values; got {len(values)}")
         several = zip(*(islice(cycle(values), fish) for values in given.values()), strict=True)
         swims = [self._swim(i, *one) for i, one in enumerate(several)]
-        out = self.html or self.out
-        ensure_writable_directory(out.parent)
         if self.html:
             write_replay(swims, out, self.title or "AquaFish")
         else:
