@@ -20,6 +20,7 @@ from aquafish_gym.command_line import (
     BodiesFile,
     BodyDamage,
     EpisodeDamage,
+    Given,
     Out,
     TargetMorphology,
     read_morphology,
@@ -28,6 +29,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
+from aquafish_gym.utils.validation import InvalidArgumentError
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import Controller
 from gait.evolve import (
@@ -44,7 +46,7 @@ from gait.transfer import TransferConfig, transfer
 
 
 @dataclass(frozen=True)
-class Evolve:
+class Evolve(Given):
     """Evolve a gait for a body, or for a sample of bodies.
 
     CMA-ES starts from the best of many random networks, and by successive halving the best start
@@ -79,6 +81,7 @@ class Evolve:
         """Evolve to the last generation, with progress."""
         from gait.plots import plot_progress
 
+        self._refuse_idle()
         bodies = _bodies(self.morphology, Damage.parse(self.damage))
         rows: list[Generation] = []
         with _progress("evolving", self.config.plan.rows) as show:
@@ -109,6 +112,13 @@ class Evolve:
             f"{network.connections} connections); {CONTROLLER_FILE} and {HISTORY_FILE} are in "
             f"{self.out}"
         )
+
+    def _refuse_idle(self) -> None:
+        """Refuse options that were given and have no effect, also at their default."""
+        if self.config.paper and self.given.get("search", "neat") != "neat":
+            raise InvalidArgumentError("--paper must not be given with --search cma: it is NEAT")
+        for name, when in self.config.idle.items():
+            self.refuse_given([name], f"except {when}")
 
 
 @dataclass(frozen=True)

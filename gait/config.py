@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Literal, NamedTuple, get_args
 
 from aquafish_gym.engines.api import TIMESTEP
@@ -145,22 +145,40 @@ class EvolveConfig:
         step_count(self.seconds)
         if self.interval != INTERVAL:
             check_interval(self.interval, self.episode_seconds)
-        for name, given, needed in (
-            ("controller", self.controller != "recurrent", ("search", "cma")),
-            ("random_candidates", self.random_candidates is not None, ("search", "cma")),
-            ("cma_generations", bool(self.cma_generations), ("search", "neat")),
-            ("seconds", self.seconds != SECONDS, ("task", "forward")),
-        ):
-            if given and getattr(self, needed[0]) != needed[1]:
+        for field in fields(self):
+            if field.name in self.idle and getattr(self, field.name) not in (field.default, 0):
                 raise InvalidArgumentError(
-                    f'{name} has an effect only with {needed[0]}="{needed[1]}"; got '
-                    f'{getattr(self, name)} with "{getattr(self, needed[0])}"'
+                    f"{field.name} has an effect only {self.idle[field.name]}; got "
+                    f"{getattr(self, field.name)}"
                 )
         if 0 < self.plan.random_candidates < self.plan.restarts:
             raise InvalidArgumentError(
                 f"random_candidates must be at least the {self.plan.restarts} restarts; "
                 f"got {self.plan.random_candidates}"
             )
+
+    @property
+    def idle(self) -> dict[str, str]:
+        """The settings without effect, each with the words when it would have one.
+
+        Examples
+        --------
+        >>> EvolveConfig(task="station").idle
+        {'cma_generations': 'with search="neat"', 'seconds': 'with task="forward"'}
+        """
+        found: dict[str, str] = {}
+        if self.search == "neat":
+            names = ("controller", "hidden", "random_candidates")
+            found |= dict.fromkeys(names, 'with search="cma"')
+        else:
+            found["cma_generations"] = 'with search="neat"'
+        if self.controller == "linear":
+            found["hidden"] = "with a controller that has hidden nodes"
+        if "clock" not in self.senses:
+            found |= dict.fromkeys(("harmonics", "clock"), "with the sense clock")
+        if self.task != "forward":
+            found["seconds"] = 'with task="forward"'
+        return found
 
     @property
     def episode_seconds(self) -> float:

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import Positional, arg
 
-from aquafish_gym.command_line import FILMED_DAMAGE, TargetEngine, read_morphology
+from aquafish_gym.command_line import FILMED_DAMAGE, Given, TargetEngine, read_morphology
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.morphology import Morphology
@@ -30,7 +30,7 @@ WHOLE = Damage()
 
 
 @dataclass(frozen=True)
-class Film:
+class Film(Given):
     """Film controllers as they swim, side by side from one start line in one fixed frame.
 
     With several controllers, bodies or damages there is a fish for each; a single one is for all
@@ -66,6 +66,8 @@ class Film:
 
     def execute(self) -> None:
         """Swim all fish and write the film."""
+        if self.html:
+            self.refuse_given(("out", "width", "height", "fps", "speed"), "with --html")
         out = output_file(self.html, "html") if self.html else output_file(self.out)
         if not self.html:
             film_suffix(out)

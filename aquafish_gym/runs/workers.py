@@ -33,7 +33,11 @@ _ENVIRONMENT = {
 
 
 def check_workers(count: int | None, scheduler: str | None) -> None:
-    """Refuse a number out of range, or an address without its protocol."""
+    """Refuse a number out of range, an address without its protocol, and both."""
+    if count is not None and scheduler is not None:
+        raise InvalidArgumentError(
+            f"workers has no effect with a scheduler, whose workers are used; got {count}"
+        )
     if count is not None:
         integer("workers", count, 1, MOST_WORKERS)
     if scheduler is not None and "://" not in scheduler:
