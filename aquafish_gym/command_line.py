@@ -13,12 +13,12 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from importlib.metadata import version
 from itertools import pairwise
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, ClassVar, Literal, Protocol
 
 import tyro
 from tyro.conf import arg
@@ -102,6 +102,24 @@ class Command(Protocol):
 
     def execute(self) -> None:
         """Run it."""
+
+
+class Given:
+    """A base of commands that ask which options were given, also at their default value."""
+
+    #: Name of each given option, without its dashes -> its first word, "" for none.
+    given: ClassVar[Mapping[str, str]] = {}
+
+    def refuse_given(self, names: Iterable[str], reason: str) -> None:
+        """Raise InvalidArgumentError if one of the options was given, which has no effect then."""
+        for name in names:
+            if option_name(name) in self.given:
+                raise InvalidArgumentError(f"--{option_name(name)} has no effect {reason}")
+
+
+def option_name(field: str) -> str:
+    """Return an option's name, without its dashes, of a field such as "out_of_band.revisit"."""
+    return field.replace("_", "-")
 
 
 #: Name -> a command's class, or its place ("module:Class"), loaded when it runs; and a summary.
@@ -206,7 +224,19 @@ def parse(
         if leaving.code:
             raise InvalidArgumentError(_one_line(box.getvalue(), command)) from None
         raise
+    if isinstance(made, Given):
+        object.__setattr__(made, "given", _given(words))
     return made
+
+
+def _given(words: Sequence[str]) -> dict[str, str]:
+    """Return ``Given.given`` for the words of a command line."""
+    found: dict[str, str] = {}
+    for word, after in pairwise([*words, ""]):
+        if word.startswith("--"):
+            name, equals, value = word[2:].partition("=")
+            found[option_name(name)] = value if equals or after.startswith("--") else after
+    return found
 
 
 def _one_line(box: str, command: type[Command]) -> str:

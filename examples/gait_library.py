@@ -10,7 +10,6 @@ Two minutes on two cores. The packaged file is ``aquafish/online/library.json``.
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from dataclasses import dataclass, replace
@@ -24,7 +23,7 @@ from aquafish.online.gaits import SCHEMA
 from aquafish_gym.command_line import run_command_line
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.world_config import WorldConfig
 from gait import Controller, EvolveConfig, evolve_gait
@@ -49,7 +48,7 @@ class Library:
 
     def execute(self) -> None:
         """Write the library; takes five seconds a gait."""
-        scored = [json.loads((SCORES / name / "100.json").read_text()) for name in WHOLE]
+        scored = [read_document(SCORES / name / "100.json") for name in WHOLE]
         found = [Controller.from_dict(one["controller"]) for one in scored]
         # A curve's last row counts PPO's actions, or CMA-ES's generations.
         steps = [scored[0]["curve"][-1][0] * SEARCH.interval, swum(scored[1]["curve"][-1][0])]
@@ -61,12 +60,11 @@ class Library:
             seconds.append(time.process_time() - began)
             steps.append(swum(SEARCH.plan.rows))
         document = {
-            "schema": SCHEMA,
             "offline": {"steps": steps, "seconds": [round(one, 2) for one in seconds]},
             "gaits": [_short(one.to_dict()) for one in found],
         }
         self.out.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(self.out, json.dumps(document).encode())
+        write_document(self.out, document, SCHEMA, indent=None)
         print(f"{len(found)} gaits: {self.out}")
 
 

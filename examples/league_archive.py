@@ -12,7 +12,6 @@ line between two elites (V. Vassiliades, J.-B. Mouret, Discovering the elite hyp
 
 from __future__ import annotations
 
-import json
 import sys
 import time
 from collections.abc import Iterator
@@ -26,10 +25,10 @@ from numpy.typing import NDArray
 from rich.progress import track
 
 import aquafish_gym  # noqa: F401  registers the environments
-from aquafish.online.gaits import LIBRARY, load_library
+from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.command import COMMAND_HIGH, scale_action
 from aquafish_gym.command_line import run_command_line
-from aquafish_gym.runs.storage import read_document, write_bytes
+from aquafish_gym.runs.storage import write_document
 from gait.agent import ControllerAgent
 from gait.controller import Controller
 from gait.network import GAIN
@@ -160,14 +159,13 @@ class MakeArchive:
         paces, descriptors = measured(archive.vectors, POSES, robots, self.seed)
         first = swim(ControllerAgent(load_library()[0]), make_robots(POSES), self.seed)
         steps = (self.batches * BATCH * REPEATS + POSES * (count + 1)) * round(SECONDS / 0.01)
-        library = read_document(LIBRARY, "aquafish.library/1", "library")["offline"]
+        library = read_library()["offline"]
         offline = Offline(
             steps + library["steps"][0],
             round(time.process_time() - began + library["seconds"][0], 1),
         )
         keep = np.flatnonzero(np.isfinite(paces))
         document = {
-            "schema": SCHEMA,
             "offline": offline._asdict(),
             "first": {"pace": first[0].mean(), "descriptor": first[1].mean(axis=0).tolist()},
             "paces": [round(one, 4) for one in paces[keep].tolist()],
@@ -175,7 +173,7 @@ class MakeArchive:
             "vectors": np.round(archive.vectors[keep], 4).tolist(),
         }
         self.out.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(self.out, json.dumps(document).encode())
+        write_document(self.out, document, SCHEMA, indent=None)
         print(f"{len(keep)} gaits, the best {paces[keep].max():.3f} units/s; {offline}: {self.out}")
 
 

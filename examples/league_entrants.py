@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish.online.agent import AgentConfig, SelfModelAgent
-from aquafish.online.gaits import LIBRARY, load_library
-from aquafish.online.gaits import SCHEMA as LIBRARY_SCHEMA
-from aquafish_gym.runs.storage import read_document
+from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.scenario import CHANNELS
 from eea.core.angles import Floats
 from gait.controller import Controller
@@ -103,7 +101,7 @@ def _policy(name: str) -> Policy:
 
 def _library(*gaits: int) -> Offline:
     """Return what some gaits of the library took; without numbers, all."""
-    spent = read_document(LIBRARY, LIBRARY_SCHEMA, "library")["offline"]
+    spent = read_library()["offline"]
     chosen = gaits or range(len(spent["steps"]))
     return Offline(*(sum(spent[name][i] for i in chosen) for name in Offline._fields))
 

@@ -25,10 +25,9 @@ import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
 
-from aquafish.online.gaits import LIBRARY, SCHEMA, load_library
+from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.bodies import body_array
 from aquafish_gym.command_line import Out, run_command_line
-from aquafish_gym.runs.storage import read_document
 from aquafish_gym.utils.validation import one_of
 from gait.learning import GAMMA, isolated_rng, load_extra
 from league_policy import CLOCK, LARGEST, SENSES, Offline, Policy, drive
@@ -142,7 +141,7 @@ def train(kind: Kind, seed: int, tell: Callable[[int, float], None]) -> tuple[Po
             seed=seed, device="cpu",
         )  # fmt: skip
         model.learn(actions, callback)
-    first = read_document(LIBRARY, SCHEMA, "library")["offline"]  # of the gait
+    first = read_library()["offline"]  # of the gait
     offline = Offline(
         (actions + EPISODE * ROBOTS) * INTERVAL + first["steps"][0],
         round(time.process_time() - began + first["seconds"][0], 1),

@@ -6,7 +6,6 @@ They are residual: each adds to the action of the gait ``PPO, fins``, of the who
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Self
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online.gaits import load_library
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.physics.arithmetic import TAU
-from aquafish_gym.runs.storage import read_document, write_bytes
+from aquafish_gym.runs.storage import read_document, write_document
 from gait.controller import Controller
 from gait.network import GAIN, Senses, observe
 
@@ -110,14 +109,13 @@ class Policy:
             for name, value in self.weights.items()
         }
         document = {
-            "schema": SCHEMA,
             "frames": self.frames,
             "offline": self.offline._asdict(),
             "curve": self.curve,
             "weights": numbers,
         }
         path.parent.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, json.dumps(document).encode())
+        write_document(path, document, SCHEMA, indent=None)
 
     @classmethod
     def load(cls, path: Path) -> Self:

@@ -16,6 +16,7 @@ from aquafish_gym.command_line import (
     BodiesFile,
     BodyDamage,
     EpisodeDamage,
+    Given,
     Out,
     TargetMorphology,
     read_morphology,
@@ -41,7 +42,7 @@ from gait.transfer import TransferConfig, transfer
 
 
 @dataclass(frozen=True)
-class Evolve:
+class Evolve(Given):
     """Evolve a gait for a body, or for a sample of bodies.
 
     CMA-ES starts from the best of many random networks, and by successive halving the best start
@@ -76,6 +77,8 @@ class Evolve:
         """Evolve to the last generation, with progress."""
         from gait.plots import plot_progress
 
+        if self.config.task != "forward":
+            self.refuse_given(["seconds"], "except with --task forward")
         bodies = _bodies(self.morphology, Damage.parse(self.damage))
         rows: list[Generation] = []
         with show_progress("evolving", self.config.plan.rows) as show:

@@ -24,7 +24,7 @@ from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.compiling import compiled_function, register_module
 from aquafish_gym.physics.layout import fetch_vector, put_vector
 from aquafish_gym.physics.simd import zero_lanes
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.runs.storage import output_file, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from gait import network
 from gait.controller import Controller, program_of
@@ -78,11 +78,11 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
             raise InvalidArgumentError(
                 f"c must not overwrite a file that no export wrote; {file} exists"
             )
+        output_file(file, "c")
     text = c_source(controller, source.stem)
     rows = np.concatenate(make_vectors(controller, VECTORS), axis=1)
     lines = [",".join((*_columns(controller.senses), *OUTPUTS))]
     lines += [",".join(map(str, row)) for row in rows]
-    ensure_writable_directory(source.parent, "the folder of c")
     write_bytes(table, ("\n".join(lines) + "\n").encode())
     write_bytes(source, text.encode())
     return source, table

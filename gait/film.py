@@ -11,19 +11,19 @@ from typing import Annotated, Any
 import numpy as np
 from tyro.conf import Positional, arg
 
-from aquafish_gym.command_line import FILMED_DAMAGE, TargetEngine, read_morphology
+from aquafish_gym.command_line import FILMED_DAMAGE, Given, TargetEngine, read_morphology
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rendering.course import FilmedSwim
-from aquafish_gym.rendering.films import SUFFIXES, film
+from aquafish_gym.rendering.films import film, film_suffix
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
 from aquafish_gym.runs.progress import show_share
-from aquafish_gym.runs.storage import ensure_writable_directory
+from aquafish_gym.runs.storage import output_file
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from gait.controller import INTERVAL, Controller
 from gait.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
@@ -31,7 +31,7 @@ WHOLE = Damage()
 
 
 @dataclass(frozen=True)
-class Film:
+class Film(Given):
     """Film controllers as they swim, side by side from one start line in one fixed frame.
 
     With several controllers, bodies or damages there is a fish for each; a single one is for all
@@ -67,7 +67,11 @@ class Film:
 
     def execute(self) -> None:
         """Swim all fish and write the film."""
-        one_of("the film's suffix", self.out.suffix, SUFFIXES)
+        if self.html:
+            self.refuse_given(("out", "width", "height", "fps", "speed"), "with --html")
+        out = output_file(self.html, "html") if self.html else output_file(self.out)
+        if not self.html:
+            film_suffix(out)
         integer("seed", self.seed, 0)
         step_count(self.seconds)
         check_engine(self.engine)
@@ -86,8 +90,6 @@ class Film:
                 raise InvalidArgumentError(f"{name} must be 1 or {fish} values; got {len(values)}")
         several = zip(*(islice(cycle(values), fish) for values in given.values()), strict=True)
         swims = [self._swim(i, *one) for i, one in enumerate(several)]
-        out = self.html or self.out
-        ensure_writable_directory(out.parent)
         if self.html:
             write_replay(swims, out, self.title or "AquaFish")
         else:

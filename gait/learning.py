@@ -25,6 +25,7 @@ from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     MissingExtraError,
+    install_advice,
     instance,
     integer,
     one_of,
@@ -316,8 +317,7 @@ def load_extra(module: str) -> Any:
     except ImportError as error:
         raise MissingExtraError(
             "learning needs stable-baselines3, sb3-contrib and torch, which are not all installed "
-            f"here ({error}): "
-            'pip install ".[rl]" in a clone of the repository'
+            f"here ({error}): {install_advice('rl')}"
         ) from None
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -178,6 +179,16 @@ def test_a_reader_that_leaves_is_no_error() -> None:
         done = subprocess.run(command, stdout=theirs, stderr=subprocess.PIPE, text=True)
         os.close(theirs)
         assert (done.returncode, done.stderr) == (141, ""), words
+
+
+def test_no_message_or_page_installs_a_package_that_is_not_published() -> None:
+    root = Path(__file__).parents[1]
+    folders = ("aquafish", "aquafish_gym", "eea", "gait", "examples", "docs")
+    texts = [root / "README.md"]
+    for folder in folders:
+        texts += [p for suffix in ("py", "md") for p in (root / folder).rglob(f"*.{suffix}")]
+    wrong = re.compile(r"install[^\n]*aquafish[-_]gym\b")
+    assert [str(path) for path in texts if wrong.search(path.read_text(encoding="utf-8"))] == []
 
 
 @pytest.mark.parametrize(

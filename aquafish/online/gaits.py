@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
-from aquafish_gym.runs.storage import read_document
+from aquafish_gym.runs.storage import read_document, read_packaged
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.world_config import WorldConfig
 from eea.fish.self_model import SelfModel, observe, predict
@@ -19,16 +20,23 @@ from gait.fitness import swim_scores
 
 Floats = NDArray[np.float64]
 
-LIBRARY, SCHEMA = Path(__file__).with_name("library.json"), "aquafish.library/1"
+SCHEMA = "aquafish.library/1"
 LARGEST = 30  # nodes of a network that CMA-ES refines in a second
 
 
-def load_library(path: Path = LIBRARY) -> list[Controller]:
-    """Return the gaits of a library: two for the whole robot, then those for broken ones.
+def read_library(path: Path | None = None) -> dict[str, Any]:
+    """Return the content of a library: its ``gaits``, and what they took, ``offline``.
 
-    ``examples/gait_library.py`` made the packaged one.
+    It is the packaged one for None. ``examples/gait_library.py`` made that.
     """
-    return [Controller.from_dict(one) for one in read_document(path, SCHEMA, "library")["gaits"]]
+    if path is not None:
+        return read_document(path, SCHEMA, "library")
+    return read_packaged("aquafish.online", "library.json", SCHEMA)
+
+
+def load_library(path: Path | None = None) -> list[Controller]:
+    """Return the gaits of a library: two for the whole robot, then those for broken ones."""
+    return [Controller.from_dict(one) for one in read_library(path)["gaits"]]
 
 
 def imagine(

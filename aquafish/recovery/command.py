@@ -23,7 +23,14 @@ from aquafish.recovery.report import (
 from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.command_line import BodyDamage, BodyFile, Out, TargetEngine, read_morphology
+from aquafish_gym.command_line import (
+    BodyDamage,
+    BodyFile,
+    Given,
+    Out,
+    TargetEngine,
+    read_morphology,
+)
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.jobs import exit_if_failed, finished, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
@@ -42,7 +49,7 @@ ELSEWHERE = ("out", "workers", "scheduler", "redraw")  # options that the result
 
 
 @dataclass(frozen=True)
-class Recover:
+class Recover(Given):
     """The case study: damage a fish, infer its body, evolve a gait for it, and score the gait.
 
     Eleven treatments differ in the body that the gait is evolved for and in the search. DIR holds
@@ -111,6 +118,10 @@ class Recover:
         A wrong option or a folder of something else is refused before anything changes. SystemExit
         has the code 1 if a treatment failed; the others are finished.
         """
+        if self.held_out:
+            self.refuse_given(("damage",), "with --held-out, which has damages of its own")
+        if self.redraw:
+            self.refuse_given(("workers", "scheduler"), "with --redraw, which runs nothing")
         jobs = self.treatments()
         if self.redraw and len(finished(self.out, jobs)) < len(jobs):
             read_outcomes(self.out, jobs)  # names the first that is missing

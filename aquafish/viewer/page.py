@@ -27,7 +27,7 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Robots
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
-from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
+from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, install_advice
 from eea.fish.self_model import ATTITUDE, VELOCITY
 from eea.fish.self_model import FINS as FIN_ANGLES
 
@@ -51,7 +51,7 @@ def viser_module() -> Any:
         import viser.uplot
     except ImportError as error:
         raise MissingExtraError(
-            f"the viewer needs the extra view ({error}): pip install 'aquafish-gym[view]'"
+            f"the viewer needs the extra view ({error}): {install_advice('view')}"
         ) from None
     return viser
 

@@ -1,8 +1,8 @@
 """Compile the physics, the same function objects that plain Python runs, and cache it on disk.
 
 A kernel is compiled when it is first called. On a new machine a command compiles one to six
-kernels of about 4 s of CPU time each; one message on stderr announces all of them. numba keeps
-compiled code beside the sources, and the next process loads it from there in under a second.
+kernels of about 4 s of CPU time each; one message on stderr announces all of them. The next process
+loads them in under a second from the user's cache folder; see ``kernel_cache``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,6 @@ import pkgutil
 import sys
 import threading
 from collections.abc import Callable
-from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -25,9 +24,15 @@ from typing import Any
 
 from numba import njit
 from numba.core import event
-from numba.core.caching import FunctionCache, IndexDataCacheFile
 
 from aquafish_gym.physics.simd import PRIMITIVES, inlined
+from aquafish_gym.utils.kernel_cache import (
+    ADVICE,
+    KernelCache,
+    cache_folder,
+    module_source,
+    why_nothing_is_kept,
+)
 
 # All except the two that compile the others.
 PHYSICS_MODULES = [
@@ -77,42 +82,18 @@ def compiled(function: Callable[..., Any], slow: bool = False, **options: Any) -
     ``options`` are those of ``numba.njit``.
     """
     found = njit(**options)(function)
-    with suppress(RuntimeError):  # nowhere to keep a cache: compile in every process
-        found._cache = _Cache(function)
+    found._cache = KernelCache(function, _module_stamp(function.__module__), _say_unkept)
     if slow:
         _slow.add(function)
         _listen()
     return found
 
 
-class _Cache(FunctionCache):  # type: ignore[misc]
-    """A cache whose kernels have an index each, so that processes may compile at the same time.
-
-    numba keeps one index for all kernels that are defined at one line. Two processes that add to
-    it at once may give their kernels the same file, and one is then called as the other.
-    """
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        super().__init__(function)
-        self._cache_file = _IndexOfEach(
-            self.cache_path, self._impl.filename_base, self._impl.locator.get_source_stamp()
-        )
-
-
-class _IndexOfEach(IndexDataCacheFile):  # type: ignore[misc]
-    def save(self, key: Any, data: Any) -> None:
-        self._of(key).save(key, data)
-
-    def load(self, key: Any) -> Any:
-        return self._of(key).load(key)
-
-    def _of(self, key: Any) -> IndexDataCacheFile:
-        name = hashlib.sha256(repr((self._source_stamp, key)).encode()).hexdigest()[:16]
-        base = self._index_name.removesuffix(".nbi")
-        return IndexDataCacheFile(self._cache_path, f"{base}.{name}", self._source_stamp)
-
-
 NOTICE = "compiling the physics for this machine, once: up to a minute in all ..."
+NOTICE_UNKEPT = (
+    "compiling the physics, in every process: up to a minute in all; nothing is kept, because "
+    f"{{reason}}: {ADVICE} ..."
+)
 _slow: set[Callable[..., Any]] = set()
 
 
@@ -145,8 +126,21 @@ class _Announcer(event.Listener):  # type: ignore[misc]
 
 @functools.cache
 def _announce() -> None:
+    reason = why_nothing_is_kept(cache_folder())
+    _say(NOTICE_UNKEPT.format(reason=reason) if reason else NOTICE)
+
+
+@functools.cache
+def _say_unkept(reason: str) -> None:
+    """Say once that a kernel could not be saved, unless that has been announced."""
+    if not why_nothing_is_kept(cache_folder()):
+        _say(f"the compiled physics is not kept, because {reason}: {ADVICE}")
+
+
+def _say(sentence: str) -> None:
+    """Print a sentence on stderr, except in worker processes."""
     if sys.stderr is not None and multiprocessing.parent_process() is None:
-        print(NOTICE, file=sys.stderr, flush=True)
+        print(sentence, file=sys.stderr, flush=True)
 
 
 @functools.cache
@@ -162,14 +156,19 @@ def source_stamp(*functions: Any) -> str:
     function, but a function's closure is part of the cache's key. Kernels close over this stamp,
     so none is older than its physics.
     """
-    todo = [*PHYSICS_MODULES, *(sys.modules[f.__module__] for f in (source_stamp, *functions))]
+    return _stamp(*(sys.modules[function.__module__] for function in functions))
+
+
+def _stamp(*modules: ModuleType) -> str:
+    """Return :func:`source_stamp` for modules."""
+    todo = [*PHYSICS_MODULES, sys.modules[__name__], *modules]
     packages = {m.__name__.partition(".")[0] for m in todo}
     sources: dict[str, bytes] = {}
     while todo:
         module = todo.pop()
-        if module.__file__ is None or module.__name__ in sources:
+        if getattr(module, "__file__", None) is None or module.__name__ in sources:
             continue
-        source = sources[module.__name__] = Path(module.__file__).read_bytes()
+        source = sources[module.__name__] = module_source(module)
         found = {name for name in _imported(source) if name.partition(".")[0] in packages}
         todo += [sys.modules[name] for name in found if name in sys.modules]
     digest = hashlib.sha256()
@@ -179,10 +178,20 @@ def source_stamp(*functions: Any) -> str:
 
 
 @functools.cache
+def _module_stamp(module: str) -> str:
+    """Return the stamp of the sources of a module's functions, as they were at first."""
+    return _stamp(sys.modules[module])
+
+
+@functools.cache
 def _imported(source: bytes) -> frozenset[str]:
     """Return the names that a source imports; some may not be modules."""
     names: set[str] = set()
-    for node in ast.walk(ast.parse(source)):
+    try:
+        tree = ast.parse(source)
+    except (SyntaxError, ValueError):  # bytecode without its source
+        return frozenset(sys.modules)
+    for node in ast.walk(tree):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom) and node.module is not None:

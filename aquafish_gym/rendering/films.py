@@ -23,6 +23,7 @@ from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import (
     MissingExtraError,
     finite_array,
+    install_advice,
     integer,
     one_of,
 )
@@ -48,7 +49,7 @@ def film(
     exact. An .mp4 needs the extra ``film``, without which MissingExtraError is raised. ``progress``
     is called with the number of frames drawn and of all.
     """
-    suffix = one_of("the film's suffix", Path(path).suffix, SUFFIXES)
+    suffix = film_suffix(path)
     integer("width", width, 64, 4096)
     integer("height", height, 64, 4096)
     finite_array("speed", speed, (), 0.01, 100.0)
@@ -56,6 +57,11 @@ def film(
     frames = film_frames(swims, width, height, fps, speed, title, progress)
     write_bytes(path, _encode(frames, fps) if suffix == ".mp4" else _animate(frames, suffix, fps))
     return Path(path)
+
+
+def film_suffix(path: str | os.PathLike[str]) -> str:
+    """Return the suffix of a film's name, one of ``SUFFIXES``, in lower case."""
+    return one_of("the film's suffix", Path(path).suffix.lower(), SUFFIXES)
 
 
 def film_frames(
@@ -152,7 +158,7 @@ def _encode(frames: Iterator[Frame], fps: float) -> bytes:
         import imageio_ffmpeg
     except ImportError as error:
         raise MissingExtraError(
-            f"an .mp4 needs the extra film ({error}): pip install 'aquafish-gym[film]'; "
+            f"an .mp4 needs the extra film ({error}): {install_advice('film')}; "
             "or write a .webp or a .gif"
         ) from None
     first = next(frames)

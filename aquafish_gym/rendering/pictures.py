@@ -31,7 +31,7 @@ def new_figure(width: float, height: float, dpi: int = 200) -> Figure:
 
 def save_figure(figure: Figure, path: str | os.PathLike[str]) -> None:
     """Write a picture, whole or not at all, in the one of ``FORMATS`` that its suffix names."""
-    form = one_of("the picture's suffix", Path(path).suffix, [f".{f}" for f in FORMATS])[1:]
+    form = one_of("the picture's suffix", Path(path).suffix.lower(), [f".{f}" for f in FORMATS])[1:]
     write_bytes(path, encode_figure(figure, form))
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import zipfile
 from collections.abc import Collection, Mapping
@@ -11,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.runs.storage import DamagedFileError, read_bytes, write_bytes
-from aquafish_gym.utils.validation import Shape, brief, fits, spelled
+from aquafish_gym.runs.storage import DamagedFileError, open_regular, write_bytes
+from aquafish_gym.utils.validation import InvalidArgumentError, Shape, brief, fits, spelled
 
 MOST_BYTES = 256 * 2**20  # of an archive's arrays together
 _NUMBERS = "fiub"  # kinds of dtype: floats, integers and booleans
@@ -41,26 +42,49 @@ def read_arrays(
     arrays. Raises as ``storage.read_document``.
     """
     name = f"{argument}: {path}"
-    content = BytesIO(read_bytes(path, argument, most_bytes))
     try:
-        with zipfile.ZipFile(content) as archive:  # checks the CRC-32 of each member
-            size = sum(member.file_size for member in archive.infolist())
-        with np.load(content, allow_pickle=False) as loaded:
-            arrays = dict(loaded) if size <= most_bytes else {}
+        with open_regular(path, argument, most_bytes) as file, zipfile.ZipFile(file) as archive:
+            members = archive.infolist()
+            if sum(member.file_size for member in members) > most_bytes:
+                raise DamagedFileError(f"{name} must hold at most {most_bytes} bytes of arrays")
+            found = sorted(member.filename.removesuffix(".npy") for member in members)
+            if len(set(found)) < len(found) or sorted({*found, *optional}) != sorted(shapes):
+                raise DamagedFileError(
+                    f"{name} must hold the arrays {', '.join(sorted(shapes))} and no others; "
+                    f"it holds {brief(', '.join(found))}"
+                )
+            for member in members:  # before any array takes memory
+                one = member.filename.removesuffix(".npy")
+                _check_header(archive, member, shapes[one], f"{name} has {one}")
+            # Reading checks the CRC-32 of each.
+            return {one: _read_array(archive, f"{one}.npy") for one in found}
+    except InvalidArgumentError:
+        raise
     except Exception:  # zipfile and numpy's reader of headers raise a dozen kinds
         raise DamagedFileError(f"{name} is not a whole archive of arrays") from None
-    if size > most_bytes:
-        raise DamagedFileError(f"{name} must hold at most {most_bytes} bytes of arrays")
-    if sorted({*arrays, *optional}) != sorted(shapes):
-        raise DamagedFileError(
-            f"{name} must hold the arrays {', '.join(sorted(shapes))} and no others; "
-            f"it holds {brief(', '.join(sorted(arrays)))}"
-        )
-    for one, array in arrays.items():
-        if array.dtype.kind not in _NUMBERS:
-            raise DamagedFileError(f"{name} has {one} of {array.dtype}, which are no numbers")
-        if not fits(array.shape, shapes[one]):
-            raise DamagedFileError(
-                f"{name} must have {one} of shape {spelled(shapes[one])}; it is {array.shape}"
-            )
-    return arrays
+
+
+def _check_header(
+    archive: zipfile.ZipFile, member: zipfile.ZipInfo, shape: Shape, what: str
+) -> None:
+    """Raise DamagedFileError unless a member is an array of numbers of a shape, by its header."""
+    with archive.open(member) as content:
+        version = np.lib.format.read_magic(content)
+        if version != (1, 0):
+            raise ValueError(f"an array of version {version}")
+        found, _, dtype = np.lib.format.read_array_header_1_0(content)
+        size = member.file_size - content.tell()
+    if dtype.kind not in _NUMBERS:
+        raise DamagedFileError(f"{what} of {dtype}, which are no numbers")
+    if not fits(found, shape):
+        raise DamagedFileError(f"{what} of shape {found}; it must be {spelled(shape)}")
+    if math.prod(found) * dtype.itemsize != size:
+        raise ValueError("an array of another size than its header says")
+
+
+def _read_array(archive: zipfile.ZipFile, member: str) -> NDArray[Any]:
+    with archive.open(member) as content:
+        array: NDArray[Any] = np.lib.format.read_array(content, allow_pickle=False)
+        if content.read(1):  # reads to the end, where the CRC-32 is checked
+            raise ValueError("bytes after the array")
+    return array

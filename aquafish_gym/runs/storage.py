@@ -1,26 +1,29 @@
 """Files that appear whole or not at all, and are checked when they are read.
 
-A document is a JSON object with its schema beside the content's own keys. For arrays see
-``arrays``.
+A document is a JSON object. One that a program wrote has its schema and a checksum beside the
+content's own keys; what people write needs neither. For arrays see ``arrays``.
 """
 
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import json
 import os
 import secrets
 import stat
 import tempfile
 from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
 
 MOST_BYTES = 32 * 2**20  # of a document
+_CHECKSUM, _CHECKSUM_DIGITS = "checksum", 16  # its key, and hexadecimal digits of SHA-256
 
 
 class DamagedFileError(InvalidArgumentError):
@@ -48,16 +51,51 @@ def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out
     return directory
 
 
-def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
-    """Write a file whole or not at all, also if the power fails, or raise CannotWriteError."""
+def output_file(path: str | os.PathLike[str], argument: str = "out") -> Path:
+    """Return ``path``, where a file will be written, or refuse what no file can replace.
+
+    A device, a pipe, a socket or a directory of that name is refused. The folder is created.
+    """
     target = Path(path)
-    part = target.parent / f".{secrets.token_hex(4)}.part"
+    try:
+        _check_replaceable(target)
+    except (OSError, ValueError) as error:
+        raise InvalidArgumentError(
+            f"{argument} must be a file that can be written; {brief(str(path))}: {_reason(error)}"
+        ) from None
+    ensure_writable_directory(target.parent, f"the folder of {argument}")
+    return target
+
+
+def _check_replaceable(target: Path) -> None:
+    """Raise OSError if something other than a regular file has that name, also by a link."""
+    try:
+        mode = target.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):  # or no folder
+        return
+    if not stat.S_ISREG(mode):
+        raise OSError(0, "it exists and is no regular file")
+
+
+def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
+    """Write a file whole or not at all, also if the power fails, or raise CannotWriteError.
+
+    A symbolic link stays, and the file that it names is written. Devices, pipes and directories
+    are never replaced.
+    """
+    target = Path(path)
+    try:
+        _check_replaceable(target)
+        real = Path(os.path.realpath(target))
+    except (OSError, ValueError) as error:
+        raise CannotWriteError(f"cannot write {target}: {_reason(error)}") from error
+    part = real.parent / f".{secrets.token_hex(4)}.part"
     try:
         with part.open("xb") as file:
             file.write(content)
             file.flush()
             os.fsync(file.fileno())
-        part.replace(target)
+        part.replace(real)
     except (OSError, ValueError) as error:
         raise CannotWriteError(f"cannot write {target}: {_reason(error)}") from error
     finally:
@@ -66,20 +104,39 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
 
 
 def write_document(
-    path: str | os.PathLike[str], content: Mapping[str, Any], schema: str | None = None
+    path: str | os.PathLike[str],
+    content: Mapping[str, Any],
+    schema: str | None = None,
+    indent: int | None = 1,
 ) -> None:
     """Write what :func:`encode_document` returns, whole or not at all."""
-    write_bytes(path, encode_document(content, schema))
+    write_bytes(path, encode_document(content, schema, indent))
 
 
-def encode_document(content: Mapping[str, Any], schema: str | None = None) -> bytes:
-    """Return the bytes of a document: its schema, then its content, as JSON.
+def encode_document(
+    content: Mapping[str, Any], schema: str | None = None, indent: int | None = 1
+) -> bytes:
+    """Return the bytes of a document as JSON: its schema and checksum, if any, then its content.
 
     Numpy numbers and arrays become numbers and lists, paths become text. Raises ValueError or
-    TypeError for what JSON cannot hold, such as NaN.
+    TypeError for what JSON cannot hold, such as NaN. A document without a schema is for people to
+    edit, and has no checksum.
     """
+    if schema is not None and _CHECKSUM in content:
+        raise ValueError(f"a document's {_CHECKSUM} is made here")
     whole = content if schema is None else {"schema": schema, **content}
-    return (json.dumps(whole, indent=1, allow_nan=False, default=_plain) + "\n").encode()
+    text = json.dumps(whole, indent=indent, allow_nan=False, default=_plain)
+    if schema is not None:
+        head = json.dumps({"schema": schema}, indent=indent)[:-1].rstrip()
+        line = json.dumps({_CHECKSUM: _checksum(json.loads(text))}, indent=indent)[1:-1].rstrip()
+        text = f"{head},{line if indent else f' {line}'}{text[len(head) :]}"
+    return f"{text}\n".encode()
+
+
+def _checksum(whole: object) -> str:
+    """Return the checksum of a document's value, however it is spaced and its keys ordered."""
+    text = json.dumps(whole, allow_nan=False, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:_CHECKSUM_DIGITS]
 
 
 def read_document(
@@ -98,24 +155,54 @@ def read_document(
 
 
 def decode_document(content: bytes, name: str, schema: str | None = None) -> dict[str, Any]:
-    """Return the content of an encoded document, or raise DamagedFileError with the name."""
+    """Return the content of an encoded document, or raise DamagedFileError with the name.
+
+    A checksum must be that of the rest. Files of before, or of people, have none.
+    """
     try:
         whole = parse_json(name, content)
     except InvalidArgumentError as error:
         raise DamagedFileError(str(error)) from None
     if not isinstance(whole, dict):
         raise DamagedFileError(f"{name} must hold a JSON object; it holds {brief(whole)}")
-    whole.pop("checksum", None)  # of files of version 0.1
+    if _CHECKSUM in whole and whole.pop(_CHECKSUM) != _checksum(whole):
+        raise DamagedFileError(
+            f"{name} is damaged: its content is not that of its checksum; drop the line "
+            f'"{_CHECKSUM}" if you changed it on purpose'
+        )
     found = whole.pop("schema", None)
     if schema is not None and found != schema:
         raise DamagedFileError(f"{name} must be of schema {schema}; it has {brief(found)}")
     return whole
 
 
-def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> bytes:
-    """Return the content of a regular file of at most ``most_bytes``.
+def read_packaged(package: str, name: str, schema: str) -> dict[str, Any]:
+    """Return the content of a document that a package contains, also from a zip.
 
-    Anything else, such as a device or pipe, raises InvalidArgumentError before it is read.
+    Raises DamagedFileError, which advises to install again, if it is missing or damaged.
+    """
+    place = f"{package}/{name}"
+    try:
+        return decode_document((files(package) / name).read_bytes(), place, schema)
+    except (OSError, InvalidArgumentError) as error:
+        raise DamagedFileError(
+            f"the installation is damaged, install the package again: {place}: {_reason(error)}"
+        ) from None
+
+
+def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> bytes:
+    """Return the content of a file that :func:`open_regular` opens."""
+    with open_regular(path, argument, most_bytes) as file:
+        try:
+            return file.read(most_bytes)
+        except OSError as error:
+            raise _unreadable(argument, path, error) from None
+
+
+def open_regular(path: str | os.PathLike[str], argument: str, most_bytes: int) -> BinaryIO:
+    """Return a regular file of at most ``most_bytes``, opened.
+
+    Anything else, such as a device or pipe, raises InvalidArgumentError before it is opened.
     """
     try:
         file = Path(path)
@@ -124,11 +211,15 @@ def read_bytes(path: str | os.PathLike[str], argument: str, most_bytes: int) -> 
             raise OSError(0, "it is no regular file")
         if status.st_size > most_bytes:
             raise OSError(0, f"it has more than {most_bytes} bytes")
-        return file.read_bytes()
+        return file.open("rb")
     except (OSError, ValueError, TypeError) as error:
-        raise InvalidArgumentError(
-            f"{argument} must be a file that can be read; {path}: {_reason(error)}"
-        ) from None
+        raise _unreadable(argument, path, error) from None
+
+
+def _unreadable(argument: str, path: object, error: Exception) -> InvalidArgumentError:
+    return InvalidArgumentError(
+        f"{argument} must be a file that can be read; {path}: {_reason(error)}"
+    )
 
 
 def _reason(error: Exception) -> str:

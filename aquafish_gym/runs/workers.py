@@ -12,7 +12,12 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any
 
-from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
+from aquafish_gym.utils.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    install_advice,
+    integer,
+)
 
 MOST_WORKERS = 1024
 _PATIENCE = 20.0  # s for a scheduler to answer
@@ -28,7 +33,11 @@ _ENVIRONMENT = {
 
 
 def check_workers(count: int | None, scheduler: str | None) -> None:
-    """Refuse a number out of range, or an address without its protocol."""
+    """Refuse a number out of range, an address without its protocol, and both."""
+    if count is not None and scheduler is not None:
+        raise InvalidArgumentError(
+            f"workers has no effect with a scheduler, whose workers are used; got {count}"
+        )
     if count is not None:
         integer("workers", count, 1, MOST_WORKERS)
     if scheduler is not None and "://" not in scheduler:
@@ -104,8 +113,8 @@ def _cluster(address: str) -> Iterator[Executor]:
         from distributed import Client
     except ImportError as error:
         raise EngineUnavailableError(
-            f'a scheduler needs dask, which is not installed here ({error}): the extra "cluster" '
-            "of this package brings it"
+            f"a scheduler needs dask, which is not installed here ({error}): "
+            f"{install_advice('cluster')}"
         ) from None
     try:
         client: Any = Client(address, timeout=_PATIENCE, set_as_default=False)

@@ -37,6 +37,11 @@ class EngineUnavailableError(ImportError):
     """The engine asked for needs a package or a display that this machine lacks."""
 
 
+def install_advice(extra: str) -> str:
+    """Return how to install an extra, as no package of this name is published."""
+    return f'pip install ".[{extra}]" in a clone of the repository'
+
+
 def one_of(argument: str, name: object, choices: Iterable[str]) -> str:
     """Return ``name`` if it is one of ``choices``; UnknownNameError offers the nearest."""
     known = list(choices)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from aquafish_gym.command_line import option_name
 from eea.core.checks import ConfigurationError
 from eea.core.config import (
+    CONDITIONS,
     Config,
     EstimationConfig,
     ExplorationConfig,
@@ -16,20 +18,28 @@ from eea.core.config import (
     OutOfBandConfig,
 )
 
-_OF_A_CONDITION = {"out_of_band": "out-of-band", "joint": "joint"}
+_PARTS: dict[str, tuple[str, ...]] = {
+    "exploration": CONDITIONS,
+    "estimation": CONDITIONS,
+    "out_of_band": ("out-of-band",),
+    "joint": ("joint",),
+}
 
 
 @dataclass(frozen=True)
 class AlgorithmOptions:
-    """Settings of the algorithm; those at their default stay as each condition has them."""
+    """Settings of the algorithm; those that are not given stay as each condition has them."""
 
     exploration: ExplorationConfig = field(default_factory=ExplorationConfig)
     estimation: EstimationConfig = field(default_factory=EstimationConfig)
     out_of_band: OutOfBandConfig = field(default_factory=OutOfBandConfig)
     joint: FitConfig = field(default_factory=FitConfig)
 
-    def over(self, configs: Mapping[str, Config]) -> dict[str, Config]:
-        """Return named configurations with every setting that is not at its default.
+    def over(self, configs: Mapping[str, Config], given: Container[str] = ()) -> dict[str, Config]:
+        """Return named configurations with every setting that was given.
+
+        Those are the settings that are not at their default, and those whose option, such as
+        "out-of-band.revisit", is in ``given``.
 
         Raises
         ------
@@ -37,27 +47,33 @@ class AlgorithmOptions:
             If a setting belongs to a condition that none of them has, or contradicts another.
         """
         conditions = {config.condition for config in configs.values()}
-        for part, condition in _OF_A_CONDITION.items():
-            changed = _changes(getattr(self, part))
-            if changed and condition not in conditions:
-                name = f"{part}.{next(iter(changed))}"
+        changes = {part: _changes(part, getattr(self, part), given) for part in _PARTS}
+        for part, having in _PARTS.items():
+            if changes[part] and conditions.isdisjoint(having):
+                name = f"{part}.{next(iter(changes[part]))}"
                 raise ConfigurationError(
-                    f"{name} is for the condition {condition}; got {', '.join(sorted(conditions))}"
+                    f"{name} is for the condition {' or '.join(having)}; got "
+                    f"{', '.join(sorted(conditions))}"
                 )
-        return {name: self._over(config) for name, config in configs.items()}
-
-    def _over(self, config: Config) -> Config:
-        if isinstance(config, JointConfig):
-            return replace(config, **_changes(self.joint))
-        return replace(
-            config,
-            exploration=replace(config.exploration, **_changes(self.exploration)),
-            estimation=replace(config.estimation, **_changes(self.estimation)),
-            out_of_band=replace(config.out_of_band, **_changes(self.out_of_band)),
-        )
+        return {name: _over(config, changes) for name, config in configs.items()}
 
 
-def _changes(settings: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that are not at their default, by name."""
+def _over(config: Config, changes: Mapping[str, Mapping[str, Any]]) -> Config:
+    if isinstance(config, JointConfig):
+        return replace(config, **changes["joint"])
+    return replace(
+        config,
+        exploration=replace(config.exploration, **changes["exploration"]),
+        estimation=replace(config.estimation, **changes["estimation"]),
+        out_of_band=replace(config.out_of_band, **changes["out_of_band"]),
+    )
+
+
+def _changes(part: str, settings: Any, given: Container[str]) -> dict[str, Any]:
+    """Return the fields of a dataclass that are given or not at their default, by name."""
     values = {each.name: (getattr(settings, each.name), each.default) for each in fields(settings)}
-    return {name: value for name, (value, default) in values.items() if value != default}
+    return {
+        name: value
+        for name, (value, default) in values.items()
+        if value != default or option_name(f"{part}.{name}") in given
+    }

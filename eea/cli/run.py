@@ -10,6 +10,7 @@ from tyro.conf import FlagCreatePairsOff, arg
 
 from aquafish_gym.command_line import (
     AnyDamage,
+    Given,
     Out,
     TargetEngine,
     TargetMorphology,
@@ -39,7 +40,7 @@ Method = Literal["joint", "out-of-band", "in-band", "ideal", "none", "recovery"]
 
 
 @dataclass(frozen=True)
-class Run:
+class Run(Given):
     """Let a damaged robot infer its own body from a few trials.
 
     Into --out go settings.json, result.json (all rounds so far), times.json, morphology.json (the
@@ -75,11 +76,13 @@ class Run:
         if self.paper and name == "recovery":
             raise ConfigurationError("--paper must not be given with the condition recovery")
         if self.paper and name == "joint":
+            if "condition" in self.given:
+                raise ConfigurationError("--paper must not be given with the condition joint")
             name = "out-of-band"
         base = config_for(name)
         rounds = base.rounds if self.rounds is None else self.rounds
         base = replace(base, steps=self.steps, rounds=rounds)
-        return self.settings.over({name: base})[name]
+        return self.settings.over({name: base}, self.given)[name]
 
     def execute(self) -> None:
         """Run until a stop rule holds; nothing is written if an option is wrong."""

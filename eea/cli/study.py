@@ -11,6 +11,7 @@ from tyro.conf import arg
 
 from aquafish_gym.command_line import (
     AnyDamage,
+    Given,
     Out,
     TargetEngine,
     TargetMorphology,
@@ -36,7 +37,7 @@ _PAPERS_STEPS = (128, 256, 512, 1024)
 
 
 @dataclass(frozen=True)
-class StudyCommand:
+class StudyCommand(Given):
     """Make the paper's figures, or compare conditions: many replicates of several arms.
 
     The arms are selected by --figure or --conditions. Into --out go study.json (what is run),
@@ -87,7 +88,7 @@ class StudyCommand:
         if small:
             arms = {name: smoke(arm) for name, arm in arms.items()}
         return Study(
-            arms=self.settings.over(arms),
+            arms=self.settings.over(arms, self.given),
             steps=self.steps or ((128,) if small else _PAPERS_STEPS),
             rounds=(3 if small else 25) if self.rounds is None else self.rounds,
             first_seed=self.seed,

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from functools import cache, partial
-from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -13,6 +11,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
+from aquafish_gym.runs.storage import read_packaged
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
@@ -28,6 +27,7 @@ from eea.joint.problem import (
     Part,
 )
 
+DISCREPANCY_SCHEMA = "eea.discrepancy/1"
 FINER = 4  # steps for each of the simulator's, which show the error of its time step
 GYRO_SCALE, TURNED = 0.03, 0.03  # sd of a gyroscope's scale, and of its mounting about an axis, rad
 HULL, HEAVIER = 1.0, 1.1  # sd of the mass of the hull, of which little is known; and one to try
@@ -212,9 +212,7 @@ def discrepancy_table() -> dict[str, Any]:
 
     ``python -m tests.inference.discrepancy`` makes the file.
     """
-    text = files("eea.fish").joinpath("discrepancy.json").read_text(encoding="utf-8")
-    table: dict[str, Any] = json.loads(text)
-    return table
+    return read_packaged("eea.fish", "discrepancy.json", DISCREPANCY_SCHEMA)
 
 
 def _at_known_start(nuisance: Nuisance) -> Nuisance:

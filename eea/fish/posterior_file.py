@@ -7,7 +7,7 @@ from typing import Any
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import DamagedFileError
-from aquafish_gym.utils.validation import instance
+from aquafish_gym.utils.validation import InvalidArgumentError, instance, parse_json
 from eea.core.checks import ConfigurationError
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.serialization import ARRAYS, from_arrays, to_arrays
@@ -38,6 +38,7 @@ def load_posterior(path: str | os.PathLike[str]) -> JointPosterior:
     """
     arrays = read_arrays(path, dict.fromkeys(ARRAYS, (None,)), "posterior")
     try:
+        parse_json("its header", arrays["header"].tobytes())  # which may not take much memory
         return from_arrays(arrays)
-    except ConfigurationError as error:
+    except (ConfigurationError, InvalidArgumentError) as error:
         raise DamagedFileError(f"posterior: {path}: {error}") from None

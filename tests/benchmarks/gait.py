@@ -24,6 +24,7 @@ from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import install_advice
 from gait.agent import ControllerAgent
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig
@@ -44,8 +45,7 @@ LEARNERS = 8
 MANY_LEARNERS = 1024
 
 NO_LEARNING = (
-    "stable-baselines3 is not installed, so its rows are left out: "
-    'pip install -e ".[rl]" in a clone of the repository'
+    f"stable-baselines3 is not installed, so its rows are left out: {install_advice('rl')}"
 )
 
 

@@ -8,13 +8,10 @@ from dataclasses import dataclass, field
 from importlib import import_module
 
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.utils.validation import EngineUnavailableError
+from aquafish_gym.utils.validation import EngineUnavailableError, install_advice
 from tests.verification.mujoco_model import load_mujoco
 
-NO_MUJOCO = (
-    "MuJoCo is not installed, so its rows are left out: "
-    'pip install -e ".[bench]" in a clone of the repository'
-)
+NO_MUJOCO = f"MuJoCo is not installed, so its rows are left out: {install_advice('bench')}"
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from aquafish_gym.command_line import parse
 from aquafish_gym.runs.storage import write_document
 from eea.__main__ import main
+from eea.cli.run import Run
+from eea.cli.study import StudyCommand
+from eea.core.checks import ConfigurationError
 from quick_run import QUICK
 
 
@@ -14,7 +18,10 @@ from quick_run import QUICK
     [
         (["--steps", "100"], "steps must be a power of two; got 100"),
         (["--condition", "joint", "--steps", "8"], "at least 16"),
-        (["--condition", "joint", "--joint.nuisances", "curent"], "did you mean 'current'"),
+        (["--condition", "joint"], "exploration.population is for the condition ideal or none"),
+        (["--joint.bodies", "96"], "joint.bodies is for the condition joint; got none"),
+        (["--out-of-band.revisit", "0"], "out_of_band.revisit is for the condition out-of-band"),
+        (["--condition", "recovery", "--paper"], "--paper must not be given"),
         (["--exploration.population", "1"], "exploration.population must be a whole number of at"),
         (["--seed", "1" + 400 * "0"], "seed must be a whole number"),
         (["--out", ""], "--out must not be empty"),
@@ -32,6 +39,43 @@ def test_bad_input_is_one_line_and_exit_code_2(tmp_path, capsys, arguments, mess
     assert message in said.err
     assert said.err.count("\n") == 1
     assert not (tmp_path / "out" / "settings.json").exists()
+
+
+def test_nuisances_are_checked_by_name(tmp_path, capsys):
+    words = ["run", "--joint.nuisances", "curent", "--out", str(tmp_path / "out")]
+    assert main(words) == 2
+    assert "did you mean 'current'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "changes"),
+    [
+        ([], {"revisit": 5, "sampled_models": 5}),
+        (["--out-of-band.revisit", "0"], {"revisit": 0, "sampled_models": 5}),
+        (["--out_of_band.revisit=0"], {"revisit": 0, "sampled_models": 5}),
+        (["--out-of-band.sampled-models", "None"], {"revisit": 5, "sampled_models": None}),
+        (["--out-of-band.revisit", "3"], {"revisit": 3, "sampled_models": 5}),
+    ],
+)
+def test_a_value_equal_to_a_default_counts_as_given(words, changes):
+    command = parse(Run, "run", ["--out", "out", "--condition", "recovery", *words])
+    config = command.config()
+    assert {name: getattr(config.out_of_band, name) for name in changes} == changes
+
+
+def test_a_preset_leaves_what_was_given_at_its_default():
+    words = ["--out", "out", "--preset", "smoke", "--exploration.population", "25"]
+    study = parse(StudyCommand, "study", words).study()
+    assert {arm.exploration.population for arm in study.arms.values()} == {25}
+    assert {arm.exploration.generations for arm in study.arms.values()} == {3}
+    plain = parse(StudyCommand, "study", words[:4]).study()
+    assert {arm.exploration.population for arm in plain.arms.values()} == {6}
+
+
+def test_paper_does_not_override_a_condition_that_was_given():
+    assert parse(Run, "run", ["--out", "out", "--paper"]).config().condition == "out-of-band"
+    with pytest.raises(ConfigurationError, match="--paper must not be given"):
+        parse(Run, "run", ["--out", "out", "--paper", "--condition", "joint"]).config()
 
 
 def test_the_folder_of_another_program_is_refused(tmp_path, capsys):

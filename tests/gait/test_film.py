@@ -61,6 +61,11 @@ def test_one_controller_swims_with_several_damages(
         (["--label", "a", "b", "--damage", "none", "none", "none"], "label must be 1 or 3"),
         (["--out", "a.avi"], "suffix"),
         (["--damage", "tail:missing"], "damage part"),
+        (
+            ["--html", "/dev/null"],
+            "html must be a file that can be written; '/dev/null': it exists",
+        ),
+        (["--out", "/dev/null"], "out must be a file that can be written; '/dev/null': it exists"),
     ],
 )
 def test_mistakes_are_one_line(

@@ -93,6 +93,18 @@ def test_transfer_prints_and_writes_the_same_numbers(
         (["evolve", "--out", ""], "--out must not be empty"),
         (["evolv"], "did you mean 'evolve'"),
         (["evolve", "--out", "{dir}", "--cma-generations", "9"], "has an effect only with"),
+        (["evolve", "--out", "{dir}", "--paper", "--search", "cma"], "--paper must not be given"),
+        (
+            ["evolve", "--out", "{dir}", "--paper", "--controller", "recurrent"],
+            "--controller has no",
+        ),
+        (["evolve", "--out", "{dir}", "--task", "station", "--seconds", "20"], "--seconds has no"),
+        (["evolve", "--out", "{dir}", "--senses", "imu", "--harmonics", "3"], "the sense clock"),
+        (
+            ["evolve", "--out", "{dir}", "--controller", "linear", "--hidden", "6"],
+            "--hidden has no",
+        ),
+        (["film", "{good}", "--html", "{dir}/a.html", "--fps", "20"], "--fps has no effect"),
         (["evolve", "--out", "{dir}", "--world.lag", "0.1"], "world.lag must be 0"),
         (["transfer", "--controller", "{file}"], "is not JSON"),
         (["transfer", "--controller", "{good}", "--target-engine", "bullet"], "'pybullet'"),

@@ -27,11 +27,11 @@ from rich.progress import track
 
 from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import TIMESTEP, simulate
-from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.runs.storage import write_document
 from aquafish_gym.utils.validation import integer
 from eea import FitConfig
 from eea.core.session import streams
-from eea.fish.joint import fish_joint
+from eea.fish.joint import DISCREPANCY_SCHEMA, fish_joint
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.joint.commands import fast_command
 from eea.joint.discrepancy import scaled
@@ -90,10 +90,9 @@ class MeasureDiscrepancy:
             "levels": [float(f"{np.median([level for level, _ in g]):.3g}") for g in groups],
             "factors": [np.round(row, 3).tolist() for row in factors],
         }
-        text = json.dumps(table, indent=1)
-        write_bytes(self.out, (text + "\n").encode())
+        write_document(self.out, table, DISCREPANCY_SCHEMA)
         print(f"{len(good)} of {len(found)} robots have a good fit")
-        print(text)
+        print(json.dumps(table, indent=1))
 
 
 def miss(

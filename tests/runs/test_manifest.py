@@ -77,7 +77,7 @@ def test_the_first_difference_is_named_and_nothing_changes(tmp_path, kind, setti
 
 
 def test_manifests_of_version_0_1_are_read(tmp_path):
-    old = {"checksum": "0123456789abcdef", "kind": "a study", "settings": SETTINGS, "code": [{}]}
+    old = {"kind": "a study", "settings": SETTINGS, "code": [{}]}
     write_document(tmp_path / "settings.json", old, "aquafish.folder/1")
     write_manifest(tmp_path, "a study", SETTINGS)
 

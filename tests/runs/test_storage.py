@@ -5,14 +5,19 @@ from __future__ import annotations
 import io
 import json
 import os
+import pathlib
 import resource
+import socket
 import zipfile
+from collections.abc import Iterator
+from importlib.resources import files
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from aquafish_gym.runs import storage
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
 from aquafish_gym.runs.storage import (
     CannotWriteError,
@@ -20,7 +25,9 @@ from aquafish_gym.runs.storage import (
     decode_document,
     encode_document,
     ensure_writable_directory,
+    output_file,
     read_document,
+    read_packaged,
     write_document,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -60,6 +67,83 @@ def test_content_that_is_no_json_leaves_the_old_file(tmp_path, content, error):
         write_document(path, content, "test/1")
     assert read_document(path, "test/1") == {"x": 1}
     assert [file.name for file in tmp_path.iterdir()] == ["a.json"]
+
+
+def flips(content: bytes) -> Iterator[bytes]:
+    """Yield the content with each of its bits flipped, at most 4,000 of them."""
+    bits = 8 * len(content)
+    for bit in range(0, bits, max(1, bits // 4000)):
+        damaged = bytearray(content)
+        damaged[bit // 8] ^= 1 << bit % 8
+        yield bytes(damaged)
+
+
+@pytest.mark.parametrize("indent", [1, None])
+def test_no_flipped_bit_changes_what_a_document_says(indent):
+    content = {"name": "a\u00e9", "rows": [[1.25, -3e-7, 17], [0.1, 1e300, None]], "on": True}
+    accepted = 0
+    for damaged in flips(encode_document(content, "test/1", indent)):
+        try:
+            found = decode_document(damaged, "a.json", "test/1")
+        except DamagedFileError:
+            continue
+        accepted += 1
+        # A flip of the word checksum itself leaves the content as it was.
+        assert {key: found[key] for key in content} == content
+    assert accepted < 8 * len('"checksum": "0123456789abcdef"') + 80, "spaces, and that one word"
+
+
+def test_a_checksum_may_be_dropped_after_a_change_on_purpose(tmp_path):
+    path = tmp_path / "a.json"
+    write_document(path, {"x": 1.0, "y": [2]}, "test/1")
+    lines = path.read_text().replace("1.0", "1.5").splitlines()
+    path.write_text("\n".join(lines))
+    with pytest.raises(DamagedFileError, match=r'drop the line "checksum" if you changed it'):
+        read_document(path, "test/1")
+    path.write_text("\n".join(line for line in lines if "checksum" not in line))
+    assert read_document(path, "test/1") == {"x": 1.5, "y": [2]}
+
+
+def test_spaces_and_the_order_of_keys_may_change(tmp_path):
+    path = tmp_path / "a.json"
+    write_document(path, {"x": 1.0, "y": {"b": 2, "a": 3}}, "test/1")
+    path.write_text(json.dumps(json.loads(path.read_text()), sort_keys=True))
+    assert read_document(path, "test/1") == {"x": 1.0, "y": {"b": 2, "a": 3}}
+
+
+def test_documents_for_people_have_no_checksum():
+    assert json.loads(encode_document({"x": 1})) == {"x": 1}
+
+
+@pytest.mark.parametrize(
+    "package", [("aquafish.online", "library.json"), ("eea.fish", "discrepancy.json")]
+)
+def test_packaged_documents_have_a_checksum_that_holds(package, monkeypatch, tmp_path):
+    content = (files(package[0]) / package[1]).read_bytes()
+    schema = json.loads(content)["schema"]
+    assert "checksum" in json.loads(content)
+    assert read_packaged(*package, schema)
+    (tmp_path / package[1]).write_bytes(content.replace(b"0.3", b"0.4", 1))
+    monkeypatch.setattr(storage, "files", lambda _: tmp_path)
+    with pytest.raises(DamagedFileError, match="the installation is damaged, install the package"):
+        read_packaged(*package, schema)
+    (tmp_path / package[1]).unlink()
+    with pytest.raises(DamagedFileError, match=r"the installation is damaged.*No such file"):
+        read_packaged(*package, schema)
+
+
+def test_no_flipped_bit_changes_the_arrays_of_an_archive(tmp_path):
+    path = tmp_path / "a.npz"
+    arrays = {"time": np.arange(50.0), "position": np.ones((50, 3))}
+    write_arrays(path, arrays)
+    for damaged in flips(path.read_bytes()):
+        path.write_bytes(damaged)
+        try:
+            found = read_arrays(path, SHAPES)
+        except DamagedFileError:
+            continue
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(found[name], array)
 
 
 def test_a_full_disk_leaves_the_old_file_and_no_litter(tmp_path, monkeypatch):
@@ -195,6 +279,55 @@ def test_a_small_archive_of_large_arrays_is_refused(tmp_path):
     assert path.stat().st_size < 2**20
     with pytest.raises(DamagedFileError, match="at most 1048576 bytes of arrays"):
         read_arrays(path, {"time": (None,)}, most_bytes=2**20)
+
+
+def test_an_archive_is_refused_by_its_headers_before_it_takes_memory(tmp_path):
+    """200 MB of zeros are 200 kB in a file."""
+    path = tmp_path / "a.npz"
+    write_arrays(path, {"time": np.zeros(2**17), "position": np.zeros((2**23, 3))})
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(DamagedFileError, match=r"position of shape .*; it must be"):
+        read_arrays(path, {"time": (None,), "position": (None, 2)})
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 60_000  # KiB
+
+
+@pytest.mark.parametrize("kind", ["fifo", "socket", "directory", "device"])
+def test_what_is_no_regular_file_is_never_replaced(tmp_path, kind):
+    path = tmp_path / "a.json"
+    if kind == "fifo":
+        os.mkfifo(path)
+    elif kind == "directory":
+        path.mkdir()
+    elif kind == "socket":
+        with socket.socket(socket.AF_UNIX) as server:
+            server.bind(str(path))
+    else:
+        path = pathlib.Path(os.devnull)
+    before = path.stat()
+    with pytest.raises(CannotWriteError, match="it exists and is no regular file"):
+        write_document(path, {"x": 1})
+    with pytest.raises(InvalidArgumentError, match="html must be a file that can be written"):
+        output_file(path, "html")
+    assert path.stat().st_mode == before.st_mode
+    assert path.stat().st_ino == before.st_ino
+
+
+def test_a_link_stays_and_its_file_is_written(tmp_path):
+    (tmp_path / "there").mkdir()
+    real, link = tmp_path / "there" / "a.json", tmp_path / "b.json"
+    link.symlink_to(real)
+    for number in (1, 2):  # a link to nothing, and one to a file
+        write_document(link, {"x": number})
+        assert link.is_symlink()
+        assert read_document(real) == {"x": number}
+    link.unlink()
+    link.symlink_to(os.devnull)
+    with pytest.raises(CannotWriteError, match="no regular file"):
+        write_document(link, {"x": 1})
+    link.unlink()
+    link.symlink_to(link)
+    with pytest.raises(CannotWriteError, match="cannot write"):
+        write_document(link, {"x": 1})
 
 
 def test_directories_are_created_or_refused(tmp_path):

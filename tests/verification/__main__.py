@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, install_advice, integer, one_of
 from tests.verification.report import QUICK, STUDIES, Effort, make_report, tables_of
 from tests.verification.tables import fill_page
 
@@ -67,7 +67,7 @@ class Verification:
         left_out = [name for name, part in report.items() if part is None]
         if left_out:
             print(f"MuJoCo is not installed, so these are left out: {', '.join(left_out)}; "
-                  'pip install "aquafish-gym[bench]"')  # fmt: skip
+                  f"{install_advice('bench')}")  # fmt: skip
         for page in self.page:
             filled = fill_page(page.read_text(encoding="utf-8"), tables)
             write_bytes(page, filled.encode())

@@ -30,7 +30,11 @@ from aquafish_gym.physics.robot import (
     PECTORAL_Y,
     RADIUS,
 )
-from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
+from aquafish_gym.utils.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    install_advice,
+)
 
 BASE = 6  # degrees of freedom of the free base, before those of the three hinges
 VISCOSITY = 4e-4  # of water at 20 C, 1.0e-3 Pa s, in our units: 0.125 kg, 5 cm and s
@@ -62,7 +66,7 @@ def load_mujoco() -> Any:
         return import_module("mujoco")
     except ImportError as error:
         raise EngineUnavailableError(
-            f'MuJoCo is not installed here ({error}): pip install "aquafish-gym[bench]"'
+            f"MuJoCo is not installed here ({error}): {install_advice('bench')}"
         ) from None
 
 

@@ -1,0 +1,176 @@
+"""Where compiled code is kept: the user's cache folder, never the installation.
+
+The folder is ``aquafish`` in ``NUMBA_CACHE_DIR`` if that is set, else in the place that the system
+has for a user's caches. Each kernel has files of its own, named by a hash of all that it depends
+on: its sources, the types of its arguments, the processor, and the versions of Python and numba. So
+processes, versions and machines may share the folder. What has not been used for the longest time
+is removed when the folder has grown too large.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core.caching import (
+    CompileResultCacheImpl,
+    FunctionCache,
+    IndexDataCacheFile,
+    _CacheLocator,
+)
+from platformdirs import user_cache_path
+
+MOST_BYTES = 256 * 2**20  # of kernels on disk; those of one version take some 10 MB
+KEPT_SECONDS = 3600.0  # younger files are never removed
+ADVICE = "set NUMBA_CACHE_DIR to a folder that can be written"
+
+
+def cache_folder() -> Path:
+    """Return the folder of compiled code, which may not exist."""
+    if numba.config.CACHE_DIR:
+        return Path(numba.config.CACHE_DIR) / "aquafish"
+    return user_cache_path("aquafish", appauthor=False) / "kernels"
+
+
+@functools.cache
+def why_nothing_is_kept(folder: Path) -> str:
+    """Return the reason why a folder takes no files, "" if it does; it is created if missing."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return ""
+    except OSError as error:
+        return f"{folder} cannot be written ({error.strerror})"
+
+
+def module_source(module: Any) -> bytes:
+    """Return the source of a module from wherever it was loaded, such as a file or a zip.
+
+    It is that of the file which the module names now; its bytecode if there is no source, and
+    nothing for a module without a file, such as that of ``python -c``.
+    """
+    name = getattr(module, "__file__", None)
+    loader = getattr(module, "__loader__", None)
+    if name is None:
+        return b""
+    if loader is not None and hasattr(loader, "get_data"):
+        return bytes(loader.get_data(name))
+    return Path(name).read_bytes()
+
+
+class _Locator(_CacheLocator):  # type: ignore[misc]
+    """Tells numba where the kernels of a function are, without a look at its file."""
+
+    def __init__(self, function: Callable[..., Any], file: str) -> None:
+        self._function, self._py_file = function, file
+
+    @classmethod
+    def from_function(cls, function: Callable[..., Any], file: str) -> _Locator:
+        return cls(function, file)
+
+    def ensure_cache_path(self) -> None:
+        cache_folder().mkdir(parents=True, exist_ok=True)
+
+    def get_cache_path(self) -> str:
+        return str(cache_folder())
+
+    def get_source_stamp(self) -> str:
+        return ""  # KernelCache has one
+
+    def get_disambiguator(self) -> str:
+        return str(self._function.__code__.co_firstlineno)
+
+
+class _Implementation(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes = (_Locator,)
+
+
+class KernelCache(FunctionCache):  # type: ignore[misc]
+    """A cache whose kernels have an index each, so that processes may compile at the same time.
+
+    numba keeps one index for all kernels that are defined at one line. Two processes that add to
+    it at once may give their kernels the same file, and one is then called as the other.
+    """
+
+    _impl_class = _Implementation
+
+    def __init__(
+        self, function: Callable[..., Any], stamp: str, unkept: Callable[[str], None]
+    ) -> None:
+        """Make the cache of a function whose sources have a ``stamp``.
+
+        ``unkept`` takes the reason why a kernel could not be saved.
+        """
+        super().__init__(function)
+        self._unkept = unkept
+        self._cache_file = _IndexOfEach(self.cache_path, self._impl.filename_base, stamp)
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception:  # a damaged file: the kernel is compiled and written again
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Save a kernel, or say why it is not kept, as on a full disk."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            self._unkept(f"{self.cache_path} cannot be written ({error.strerror})")
+        else:
+            prune(Path(self.cache_path))
+
+
+class _IndexOfEach(IndexDataCacheFile):  # type: ignore[misc]
+    def save(self, key: Any, data: Any) -> None:
+        own = self._of(key)
+        try:
+            own.save(key, data)
+        except OSError:
+            raise
+        except Exception:  # its index is damaged
+            own.flush()
+            own.save(key, data)
+
+    def load(self, key: Any) -> Any:
+        own = self._of(key)
+        data = own.load(key)
+        if data is not None:
+            for name in (own._index_name, own._data_name(1)):
+                with suppress(OSError):  # the folder may be shared, and for reading only
+                    os.utime(Path(self._cache_path) / name)
+        return data
+
+    def _of(self, key: Any) -> IndexDataCacheFile:
+        whole = repr((self._source_stamp, numba.__version__, key))
+        name = hashlib.sha256(whole.encode()).hexdigest()[:16]
+        base = self._index_name.removesuffix(".nbi")
+        return IndexDataCacheFile(self._cache_path, f"{base}.{name}", self._source_stamp)
+
+
+def prune(folder: Path, most_bytes: int = MOST_BYTES) -> None:
+    """Remove the files that were not used for the longest time, until the others fit.
+
+    A process that was about to read one compiles its kernel instead.
+    """
+    files: list[tuple[float, int, str]] = []
+    with suppress(OSError):
+        for entry in os.scandir(folder):
+            with suppress(OSError):  # another process has removed it
+                status = entry.stat(follow_symlinks=False)
+                files.append((status.st_mtime, status.st_size, entry.path))
+    held, now = sum(size for _, size, _ in files), time.time()
+    for used, size, path in sorted(files):
+        if held <= most_bytes or now - used < KEPT_SECONDS:
+            return
+        with suppress(OSError):
+            Path(path).unlink()
+        held -= size
