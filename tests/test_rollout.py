@@ -9,6 +9,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import HoldStation, ReachWaypoints, SwimForward, Task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.rollout import Trajectories, rollout
@@ -71,14 +72,16 @@ def swim(task: Task | None, scenario: Scenario, how: str = "compiled", **more: A
     """Roll out the same controller, compiled or in the plain loop of an engine."""
     program = program_of([make_controller(task)], ROBOTS)
     policy: Any = program
-    if how != "compiled":
+    if how == "compiled":
+        more |= {"believed": POSES + 0.1, "believed_gain": GAINS}
+    else:
         fins, gains = POSES + 0.1, np.array(GAINS)
         policy = [act_alone(program, b, fins[b], gains) for b in range(ROBOTS)]
         more["engine"] = how
     if task is None:
         more["seconds"] = SECONDS
     return rollout(
-        policy, scenario, task, interval=INTERVAL, believed=POSES + 0.1, believed_gain=GAINS,
+        policy, scenario, task, interval=INTERVAL,
         rngs=[np.random.default_rng(b) for b in range(ROBOTS)], **more,
     )  # fmt: skip
 
@@ -158,8 +161,43 @@ def test_divergence_is_noted_and_ends_the_return() -> None:
     np.testing.assert_allclose(compiled.returns, plain.returns, rtol=1e-6)
 
 
+@pytest.mark.parametrize("how", ["compiled", "numba", "pybullet"])
+def test_late_channels_are_those_of_the_environment(how: str) -> None:
+    text = "gyro:delay=0.4@1; up_x:hold=0.6; north_x:scale=0.5@2+3; caudal:delay=0.6"
+    text += "; left_pectoral:hold=0.4@2"
+    damage, task = Damage.parse(text), replace(TASKS[0], seconds=6.0)
+    env: Any = gym.make("AquaFish-v0", engine="numba", task=task, damage=damage, fin_angles="zero")
+    controller = make_controller(task)
+    policy = controller.policy((0.0, 0.0, 0.0))
+    seen, total, over = env.reset(seed=0)[0], 0.0, False
+    step = 0
+    while not over:
+        action = np.asarray(policy(seen.astype(float), 0.01 * INTERVAL * step), np.float32)
+        seen, reward, _, over, _ = env.step(action)
+        total, step = total + reward, step + 1
+    scenario = damage.edit(Scenario.create(), INTERVAL)
+    act: Any = program_of([controller], 1)
+    if how != "compiled":
+        act = [act_alone(act, 0, np.zeros(3), np.ones(3))]
+    engine = "numba" if how == "compiled" else how
+    found = rollout(act, scenario, task, engine=engine, interval=INTERVAL)
+    assert found.returns[0] == pytest.approx(total, abs=1e-3)
+    whole = rollout(act, Scenario.create(), task, engine=engine, interval=INTERVAL)
+    assert abs(found.returns[0] - whole.returns[0]) > 0.1
+
+
 def test_what_does_not_fit_is_refused() -> None:
     program = program_of([make_controller(TASKS[1])], ROBOTS)
+    act: Any = [lambda _seen, _time: np.zeros(3)] * ROBOTS
+    for name, value in (
+        ("believed", POSES), ("believed_gain", GAINS), ("dtype", np.float32), ("threads", 1),
+    ):  # fmt: skip
+        with pytest.raises(InvalidArgumentError, match=f"{name} must not be given with"):
+            rollout(act, whole(), seconds=1.0, **{name: value})
+    with pytest.raises(InvalidArgumentError, match="memory must be None"):
+        rollout(act, whole(), seconds=1.0, memory=np.zeros((ROBOTS, 3)))
+    with pytest.raises(InvalidArgumentError, match="interval must be None or 20"):
+        rollout(program, whole(), TASKS[1], interval=5)
     with pytest.raises(InvalidArgumentError, match="goal"):
         rollout(program, whole(), seconds=1.0)
     with pytest.raises(InvalidArgumentError, match="servo_lag must be 0"):

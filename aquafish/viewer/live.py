@@ -181,6 +181,7 @@ class LiveSwim:
                     f"a robot may have at most {MAXIMUM_FAULTS} faults; repair it first"
                 )
             damages[robot].body(Morphology.from_array(self._sizes))  # raises if it does not fit
+            damages[robot].check_steps(TIMESTEP * self._stride)
         self._damages = damages
 
     def repair(self, robots: Sequence[int] | None = None) -> None:
@@ -243,7 +244,8 @@ class LiveSwim:
             current=self._current,
             gyro_noise=self._noise,
         )
-        return edit_each(whole, [self.damage_now(robot) for robot in self._everyone.tolist()])
+        damages = [self.damage_now(robot) for robot in self._everyone.tolist()]
+        return edit_each(whole, damages, self._stride)
 
     def _observe(self) -> None:
         truth = episode.observe(state_from_numbers(self.states))

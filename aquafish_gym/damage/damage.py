@@ -106,6 +106,14 @@ class Damage:
         """Whether it must be sampled before it can be applied."""
         return any(fault.is_random for fault in self.faults)
 
+    @property
+    def may_be_late(self) -> bool:
+        """Whether it makes channels late, slow or scaled, or may by chance."""
+        words = {fault.word for fault in self.faults if fault.part != RANDOM}
+        tiers = [TIERS[fault.word] for fault in self.faults if fault.part == RANDOM]
+        words |= {chance.word for tier in tiers for chance in tier.chances}
+        return not words.isdisjoint(("scale", "delay", "hold"))
+
     def sample(self, rng: np.random.Generator, parts: Parts = PARTS) -> Self:
         """Return the damage of one episode, with random faults, of ``parts``, and onsets drawn.
 

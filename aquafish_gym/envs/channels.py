@@ -101,6 +101,7 @@ class Channels:
         ``last_step`` is the length of an episode of one robot, if it has its own.
         """
         damage = Damage.coerce(value)
+        self._late = self._late or damage.may_be_late
         for fault in damage:
             self._check_part(fault)
             if self._dt is None and fault.is_timed:
@@ -153,7 +154,6 @@ class Channels:
             for side in delays:
                 late = [f.number or 0.0 for f in damage if f.word == "delay" and _side(f) == side]
                 delays[side] = max(delays[side], sum(late))
-            self._late = self._late or any(f.word in ("scale", "delay", "hold") for f in damage)
         self._sensors.remember(delays["observation"])
         self._lines.remember(longest(delays["action"], dt))
 

@@ -180,7 +180,8 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self._world: World | None = None
         self._window: Window | None = None
         self._steps = self._last  # no episode has begun
-        self._robots = episode.Robots(Scenario.create(self._config.morphology), self.frame_skip)
+        whole, late = Scenario.create(self._config.morphology), self._config.damage.may_be_late
+        self._robots = episode.Robots(whole, self.frame_skip, late)
         self._read_robot()
         self._memory: Memory = ()
         # The present state, or the last one before the robot diverged.

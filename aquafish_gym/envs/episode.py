@@ -143,15 +143,18 @@ class Robots:
         (B,) the control step in which each robot changes next; ``NEVER`` if it does not.
     sensors
         What broken sensors make of observations.
+    late
+        Whether a channel ever was, is or may become late, slow or scaled; only then ``truth`` says
+        which.
     """
 
-    def __init__(self, scenario: Scenario, hold: int) -> None:
+    def __init__(self, scenario: Scenario, hold: int, late: bool = False) -> None:
+        self.late = late
         self.now = scenario.copy()
         self.next_change = np.full(len(scenario), NEVER)
         self.sensors = Sensors(len(scenario), dt=TIMESTEP * hold)
         self._servos = DelayLines(len(scenario), 3, first=np.zeros(3))
         self._hold = hold
-        self._late = False  # whether a channel ever was or will be late, slow or scaled
         # For each robot: control step, scenario and row in it, of the changes to come.
         self._changes: list[list[tuple[int, Scenario, int]]] = [[] for _ in range(len(scenario))]
 
@@ -163,7 +166,7 @@ class Robots:
         self._servos.reset(rows)
         dt = TIMESTEP * self._hold
         for stage in (scenario, *(change.to for change in scenario.schedule)):
-            self._late = self._late or stage.is_late
+            self.late = self.late or stage.is_late
             self.sensors.remember(stage.sensor_delay)
             self._servos.remember(longest(stage.servo_delay, dt))
         for step, changed, to in scenario.schedule:
@@ -208,7 +211,7 @@ class Robots:
     def truth(self) -> dict[str, NDArray[Any]]:
         """Return copies of what damage makes of the robots, by its names in ``info``."""
         now = self.now
-        late = {name: vars(now)[name].copy() for name in LATE} if self._late else {}
+        late = {name: vars(now)[name].copy() for name in LATE} if self.late else {}
         return {
             "faults": now.faults.copy(),
             "morphology": now.body.copy(),

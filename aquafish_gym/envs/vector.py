@@ -138,7 +138,8 @@ class AquaFishVectorEnv(
             "current": np.tile(start.current, (self.num_envs, 1)),
         }
         scenario = Scenario.fill(fields, flag("reactive", reactive))
-        self._robots = Robots(scenario, self.frame_skip)
+        late = any(config.damage.may_be_late for config in self._configs)
+        self._robots = Robots(scenario, self.frame_skip, late)
         self._memory: Floats = np.zeros((0, self.num_envs))
         self._lanes = LaneBatch(
             scenario,

@@ -30,7 +30,7 @@ def rollout(
     *,
     engine: str = "numba",
     seconds: float | None = None,
-    interval: int = 5,
+    interval: int | None = None,
     believed: ArrayLike | None = None,
     believed_gain: ArrayLike = (1.0, 1.0, 1.0),
     memory: ArrayLike | None = None,
@@ -57,12 +57,13 @@ def rollout(
     seconds
         How long; None is the task's own time.
     interval
-        For how many steps of 0.01 s an action is held, of policies that are no program.
+        For how many steps of 0.01 s an action is held; None is 5, or what a program states.
     believed, believed_gain
         (B, 3) or (3,): where a program believes its fins to be at first, rad, None for the truth,
-        and the servo gains with which it integrates its commands.
+        and the servo gains with which it integrates its commands. Of programs only.
     memory
-        (B, M) the task's, as its ``begin`` draws it; None draws it from ``rngs``.
+        (B, M) the task's, as its ``begin`` draws it; None draws it from ``rngs``. Without a task
+        there is none.
     rngs
         A generator for each robot, for ``memory`` and for the noise of gyroscopes; may be empty if
         neither is drawn. Noise is drawn from copies: robots that share one observe the same noise.
@@ -81,7 +82,27 @@ def rollout(
         if task is None:
             raise InvalidArgumentError("seconds must be given where there is no task")
         seconds = task.seconds
-    if isinstance(policy, Program):
+    if memory is not None and task is None:
+        raise InvalidArgumentError("memory must be None where there is no task")
+    if not isinstance(policy, Program):
+        interval = 5 if interval is None else interval
+        gained = bool(np.any(np.not_equal(believed_gain, 1.0)))
+        of_programs = {
+            "believed": believed is not None,
+            "believed_gain": gained,
+            "dtype": dtype is not np.float64,
+            "threads": threads is not None,
+        }
+        for name, given in of_programs.items():
+            if given:
+                raise InvalidArgumentError(
+                    f"{name} must not be given with policies that are functions: it is of programs"
+                )
+    else:
+        if interval not in (None, policy.interval):
+            raise InvalidArgumentError(
+                f"interval must be None or {policy.interval}, the program's own; got {interval}"
+            )
         interval = policy.interval
         if policy.observes_goal and (task is None or not task.has_goal):
             raise InvalidArgumentError(

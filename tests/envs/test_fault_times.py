@@ -247,6 +247,21 @@ def test_a_tier_of_ones_own_may_be_late(monkeypatch: pytest.MonkeyPatch) -> None
     assert swim(wrapped, 40) == swim(wrapped, 40)
 
 
+def test_a_chance_of_being_late_is_in_every_info(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also of episodes in which none is drawn, and where another begins in the same step."""
+    tier = Tier(1, (Chance("delay", 0.3, 1.0, 2.0, ("gyro_x",)), Chance("missing", 0.7)))
+    monkeypatch.setitem(TIERS, "seldom", tier)
+    envs = AquaFishVectorEnv(
+        2, damage="random:seldom", frame_skip=100, autoreset_mode=AutoresetMode.SAME_STEP
+    )
+    _, info = envs.reset(seed=0)
+    found = []
+    for _ in range(100):
+        found.append(info["sensor_delay"][:, 6] > 0.0)
+        *_, info = envs.step(np.zeros((2, 3), np.float32))
+    assert 0.05 < np.mean(found) < 0.6
+
+
 def test_a_target_logs_late() -> None:
     def log(damage: str | None) -> Any:
         robot = EngineTarget(None, damage, np.random.default_rng(0), 64, engine="numba")
