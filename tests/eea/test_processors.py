@@ -12,6 +12,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 AVX512 = "avx512f" in Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else False
 CORES = ("Nehalem", "Haswell", *(["SkylakeX"] if AVX512 else []))
 
@@ -19,18 +21,14 @@ INFERRED = """
 import json
 from aquafish_gym import Morphology
 from eea import estimate_morphology
-from eea.fish.fins import fins_after
 from gait import EvolveConfig, evolve_gait
 
 damage = "left_pectoral:length=0.5"
 found = estimate_morphology(None, damage, seed=0, target_engine="numba", threads=1)
 quick = EvolveConfig(seed=0, generations=8, random_candidates=24, threads=1)
-gait = evolve_gait(found.morphology, quick).controller
-paper = EvolveConfig(search="neat", seed=0, generations=2, cma_generations=6, threads=1)
-tuned = evolve_gait(found.morphology, paper).controller
+gait = evolve_gait(found.morphology, quick)
 print(json.dumps([
-    found.morphology.to_dict(), found.sample(20).tolist(), gait.to_dict(), tuned.to_dict(),
-    found.model.tolist(),
+    found.morphology.to_dict(), found.sample(20).tolist(), gait.fitness, found.model.tolist(),
 ]))
 """
 
@@ -44,9 +42,9 @@ observation, info = env.reset(seed=0)
 agent = SelfModelAgent(config=AgentConfig(generations=10, refinements=2))
 agent.begin(info["fin_angles"])
 for _ in range(90):
-    observation, *_ = env.step(agent.act(observation))
+    observation, _, _, _, info = env.step(agent.act(observation))
 events = [(event.seconds, event.what, event.about) for event in agent.events]
-print(json.dumps([events, agent.gait.to_dict(), agent.model.state.tolist()]))
+print(json.dumps([events, agent.model.robot.body.tolist(), info["y_position"]]))
 """
 
 
@@ -66,7 +64,8 @@ def outputs(program: str) -> list[list[object]]:
 def test_an_inferred_body_and_its_gait_do_not_depend_on_the_processor() -> None:
     first, *others = outputs(INFERRED)
     for other in others:
-        assert other[:4] == first[:4]
+        assert other[:3] == first[:3]
+        np.testing.assert_allclose(other[3], first[3], rtol=1e-6)  # as they are, not handed on
 
 
 def test_an_agent_that_swims_on_does_not_depend_on_the_processor() -> None:
