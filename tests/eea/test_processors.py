@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 AVX512 = "avx512f" in Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else False
 CORES = ("Nehalem", "Haswell", *(["SkylakeX"] if AVX512 else []))
@@ -72,3 +73,4 @@ def test_an_agent_that_swims_on_does_not_depend_on_the_processor() -> None:
     first, *others = outputs(SWUM_ON)
     for other in others:
         assert other[:2] == first[:2]
+        assert other[2] == pytest.approx(first[2], rel=1e-5)
