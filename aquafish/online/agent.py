@@ -40,9 +40,6 @@ ALIKE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
 FOREIGN_LATEST, QUIET = 12, 50
 AGAIN = 3.0  # the model's error grows by this with each alarm after the first
 SHORTEST = 2.0  # s: for less no gait is refined
-# Of the state that a refinement begins in: the last digits of the filter depend on the processor,
-# and the search would magnify them.
-DECIMALS = 6
 
 
 @dataclass(frozen=True)
@@ -341,7 +338,7 @@ class SelfModelAgent:
                 threads=1,
             ),
             first=first,
-            start=state.round(DECIMALS),
+            start=state,
             world=WorldConfig.of(robot),
         )
         about = f"from {expected:.1f} to {found.fitness:.1f} units"

@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from math import ceil
 from typing import NamedTuple, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, flag
 from eea.core.angles import Floats
@@ -20,8 +22,9 @@ from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import fish_joint
 from eea.fish.log_checks import LogCheck, check_log
 from eea.fish.prior import check_belief, since
+from eea.fish.readings import NEAR
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
-from eea.fish.swim_log import SwimLog
+from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import Start, log_windows
 from eea.joint.change_detection import ALARM, ChangeDetector, WindowTest
 from eea.joint.inference import fit
@@ -120,7 +123,9 @@ def infer_log(
 
     rng, doubts = streams(seed)["estimation"], doubt if check else None
     posterior = fit(windows.observed, fish, config, rng, progress=progress, doubt=doubts)
-    command = windows.series[-1, windows.begun // windows.interval :].mean(axis=0)
+    last = windows.time[-1].max() / TIMESTEP - NEAR / TIMESTEP
+    own = slice(windows.begun // windows.interval, ceil((windows.begun + last) / windows.interval))
+    command = windows.series[-1, own].mean(axis=0)
     seconds, layout = time.monotonic() - began, fish.problem.models
     record = RoundRecord.of(1, command, None, round_fit(posterior), layout, body, None, seconds)
     checked = found[0] if found and not posterior.good else None
@@ -151,12 +156,12 @@ class Watched(NamedTuple):
         return float(self.time[changed.index(True)]) if any(changed) else None
 
     def __str__(self) -> str:
-        seconds = f"{self.time[-1]:.4g} s of swimming, {len(self.looks)} windows"
+        seconds = f"{shown(self.time[-1], 4)} s of swimming, {len(self.looks)} windows"
         if self.noticed is None:
             return f"{seconds}: this is still the body that was inferred"
         return (
-            f"{seconds}: since {self.noticed:.4g} s this is no longer the body that was inferred "
-            f"(p = {min(look.p for look in self.looks):.0e}; one false alarm in "
+            f"{seconds}: since {shown(self.noticed, 4)} s this is no longer the body that was "
+            f"inferred (p = {min(look.p for look in self.looks):.0e}; one false alarm in "
             f"{1.0 / self.alarm:,.0f} windows)"
         )
 
@@ -171,8 +176,9 @@ def watch_swim(
     progress: Callable[[int, int], None] | None = None,
     **simulator: Unpack[SimulatorOptions],
 ) -> Watched:
-    """Compare a swim with the posterior of a body, one window of a second, or 16 rows, at a time.
+    """Compare a swim with the posterior of a body, one window of a second at a time.
 
+    A window has at least 16 readings, which take longer in a slow log.
     ``eea.joint.change_detection`` describes the test.
 
     Parameters

@@ -17,7 +17,7 @@ from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.angles import Floats
 from eea.fish.bunches import Bunches, bunches_of
-from eea.fish.swim_log import GYRO, MOST_GAP, SwimLog
+from eea.fish.swim_log import GYRO, MOST_GAP, SwimLog, shown
 
 FAST = 0.9  # quantile of the squared changes of a signal: those in the fastest motion
 LASTING = 9  # bunches: if most of them are late, packets are missing; a single one may be late
@@ -139,7 +139,7 @@ def new_readings(log: SwimLog, index: int) -> NewReadings:
         last = int(np.argmax(gaps))
         raise InvalidArgumentError(
             f"row {new[last] + 2}: {', '.join(GYRO)} must be new readings while "
-            f"{', '.join(SERVOS)} move; they repeat the row before for {gaps[last]:.3g} s: leave "
-            "those rows out and make what follows another trial"
+            f"{', '.join(SERVOS)} move; they repeat the row before for {shown(gaps[last])} s: "
+            "leave those rows out and make what follows another trial"
         )
     return NewReadings(new, len(rows) - len(new))

@@ -150,6 +150,17 @@ class SwimLog:
         return f"trial {self.trial[self.blocks[index].start]}"
 
 
+def shown(seconds: float, digits: int = 3) -> str:
+    """Return a number of seconds with some significant digits, without an exponent.
+
+    Examples
+    --------
+    >>> shown(5.3249), shown(12345.6)
+    ('5.32', '12346')
+    """
+    return f"{seconds:.0f}" if abs(seconds) >= 10**digits else f"{seconds:.{digits}g}"
+
+
 def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
     """Write a recorded swim as CSV, whole or not at all; numbers are read back exactly.
 
@@ -244,13 +255,13 @@ def _check_time(time: Floats, rows: slice, name: str) -> None:
     if typical > MOST_GAP:
         raise InvalidArgumentError(
             f"{name} must have at least {1.0 / MOST_GAP:g} rows a second, with time in s; it has "
-            f"one in {typical:g} s"
+            f"one in {shown(typical)} s"
         )
     wrong = np.flatnonzero((steps <= 0.0) | (steps > MOST_GAP))
     if not len(wrong):
         return
     row, step = rows.start + int(wrong[0]) + 2, float(steps[wrong[0]])
-    got = f"{abs(step):.3g} s {'later' if step > 0.0 else 'earlier'} than" if step else "that of"
+    got = f"{shown(abs(step))} s {'later' if step > 0.0 else 'earlier'} than" if step else "that of"
     hint = ""
     if bunches_of(np.maximum.accumulate(time[rows])):
         hint = (

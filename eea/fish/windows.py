@@ -24,7 +24,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, flag, instance
 from eea.core.angles import Floats
 from eea.fish.readings import NEAR, Readings, readings_of
 from eea.fish.stamps import new_readings, restamped
-from eea.fish.swim_log import FEWEST, SwimLog
+from eea.fish.swim_log import FEWEST, SwimLog, shown
 from eea.joint.observed import Observed
 
 #: Samples of the commands before a window that its servos may still obey: a lag of 0.2 s.
@@ -202,7 +202,9 @@ def log_windows(
     for i, whole in enumerate(log.seconds):
         most = used[trial == i].max(initial=0.0)
         if most < 0.9 * whole:
-            remarks.append(f"of the {whole:.3g} s of {log.name(i)} the first {most:.3g} s are used")
+            remarks.append(
+                f"of the {shown(whole)} s of {log.name(i)} the first {shown(most)} s are used"
+            )
         if not moving and not series[i].any():
             remarks.append(f"in {log.name(i)} no servo moves: it tells little about the body")
     slowest = max(float(np.median(np.diff(one.time))) for _, one in windows)

@@ -85,16 +85,14 @@ class Template:
         self, vector: NDArray[np.float64], clock: float, morphology: Morphology, seed: int
     ) -> Controller:
         """Return the controller of a vector, where ``clock`` is the initial one, in Hz."""
-        # In single precision, as they swim. The last digits of a search depend on the processor.
-        numbers = np.asarray(vector, np.float32).astype(np.float64)
         nodes = len(self.free)
         weights = np.zeros(self.free.shape)
-        weights[self.free] = numbers[1 + nodes :]
+        weights[self.free] = vector[1 + nodes :]
         return Controller(
             weights=weights,
-            bias=numbers[1 : 1 + nodes],
+            bias=vector[1 : 1 + nodes],
             response=self.response,
-            clock=clock * 2.0 ** min(max(float(numbers[0]), -CLOCK_OCTAVES), CLOCK_OCTAVES),
+            clock=clock * 2.0 ** min(max(float(vector[0]), -CLOCK_OCTAVES), CLOCK_OCTAVES),
             morphology=morphology,
             seed=seed,
             senses=self.senses,

@@ -1,0 +1,76 @@
+"""The same seed gives the same body, and the same gait for it, on every processor.
+
+OpenBLAS has kernels for each, which round differently. Least squares magnifies that to 1e-8, and a
+search for a gait would magnify it to another gait. ``tests/engines`` compares the physics.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+AVX512 = "avx512f" in Path("/proc/cpuinfo").read_text() if Path("/proc/cpuinfo").exists() else False
+CORES = ("Nehalem", "Haswell", *(["SkylakeX"] if AVX512 else []))
+
+INFERRED = """
+import json
+from aquafish_gym import Morphology
+from eea import estimate_morphology
+from gait import EvolveConfig, evolve_gait
+
+damage = "left_pectoral:length=0.5"
+found = estimate_morphology(None, damage, seed=0, target_engine="numba", threads=1)
+quick = EvolveConfig(seed=0, generations=8, random_candidates=24, threads=1)
+gait = evolve_gait(found.morphology, quick)
+print(json.dumps([
+    found.morphology.to_dict(), found.sample(20).tolist(), gait.fitness, found.model.tolist(),
+]))
+"""
+
+SWUM_ON = """
+import json
+import gymnasium as gym
+from aquafish.online import AgentConfig, SelfModelAgent
+
+env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@11", engine="numba")
+observation, info = env.reset(seed=0)
+agent = SelfModelAgent(config=AgentConfig(generations=10, refinements=2))
+agent.begin(info["fin_angles"])
+for _ in range(90):
+    observation, _, _, _, info = env.step(agent.act(observation))
+events = [(event.seconds, event.what, event.about) for event in agent.events]
+print(json.dumps([events, agent.model.robot.body.tolist(), info["y_position"]]))
+"""
+
+
+def outputs(program: str) -> list[list[object]]:
+    """Return what a program prints with the kernels of each processor."""
+    found = []
+    for core in CORES:
+        settings = {"OPENBLAS_CORETYPE": core, "OPENBLAS_NUM_THREADS": "1"}
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=os.environ | settings, capture_output=True,
+            text=True, check=True, timeout=600,
+        )  # fmt: skip
+        found.append(json.loads(done.stdout.splitlines()[-1]))
+    return found
+
+
+def test_an_inferred_body_and_its_gait_do_not_depend_on_the_processor() -> None:
+    first, *others = outputs(INFERRED)
+    for other in others:
+        assert other[:3] == first[:3]
+        np.testing.assert_allclose(other[3], first[3], rtol=1e-6)  # as they are, not handed on
+
+
+def test_an_agent_that_swims_on_does_not_depend_on_the_processor() -> None:
+    first, *others = outputs(SWUM_ON)
+    for other in others:
+        assert other[:2] == first[:2]
+        assert other[2] == pytest.approx(first[2], rel=1e-5)
