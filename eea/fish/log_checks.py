@@ -24,9 +24,9 @@ from eea.fish.joint import fish_joint
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
-from eea.joint.goodness_of_fit import Goodness
 from eea.joint.inference import fit
 from eea.joint.initialization import SCANNED, scan
+from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import COARSE, Regression, descend
 from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
@@ -51,7 +51,7 @@ DESCENDED = {"axes": 5, "clock": 3, "delay": 2, "other": 4}  # changes of each k
 CONFIRMED = 3
 BETTER = 0.5  # of what the log as it is leaves unexplained
 PACES = tuple(1.1**power for power in range(-7, 8) if power)  # 0.51 to 1.95
-DELAYS = (-0.4, -0.2, 0.01, 0.02, 0.05, 0.1, 0.2)  # s; the lag covers 0.2 s before each
+DELAYS = (-0.4, -0.2, 0.05, 0.1, 0.2)  # s; the lag covers 0.2 s before each
 SAME_PACE = 0.02  # share by which a pace must differ from 1
 DEGREE = np.pi / 180.0
 AXES = ("x", "y", "z")
@@ -101,7 +101,7 @@ class LogChange:
                 "gyroscope's y and z changed: the fish is symmetric)"
             )
         if self.pace != 1.0:
-            said.append(f"time running {self.pace:.3g} times as fast")
+            said.append(f"time running {round(self.pace, 2):g} times as fast")
         if self.rows:
             way = "later" if self.rows > 0 else "earlier"
             said.append(f"the gyroscope {1000.0 * abs(self.delay):.3g} ms {way}")
@@ -263,16 +263,35 @@ def check_log(
         say(f"fitting with {one.change.words}")
         found = seen.confirmed(one.change)
         good = found is not None and found.good
-        confirmed.append(one._replace(unexplained=_share(found), good=good))
+        change = one.change
+        if found is not None and good:
+            change = _settled(change, found, _step(log))
+        confirmed.append(TriedChange(change, _share(found), good))
         if good:
             break
     rest = [*descended[len(confirmed) :], *(t for t in scanned if id(t.change) not in known)]
     return LogCheck(unexplained, (*sorted(confirmed, key=lambda t: t.unexplained), *rest))
 
 
-def _share(goodness: Goodness | None) -> float:
+def _share(found: JointPosterior | None) -> float:
     """Return what a fit leaves unexplained, all if there is none."""
-    return 1.0 if goodness is None or goodness.unexplained is None else goodness.unexplained
+    share = None if found is None else found.goodness.unexplained
+    return 1.0 if share is None else share
+
+
+def _settled(change: LogChange, found: JointPosterior, step: float) -> LogChange:
+    """Return a change of the clock or of a delay with the number that its complete fit says.
+
+    Readings that are moved too far look like a lag, and a clock that is changed too much like slow
+    servos.
+    """
+    table = found.table()
+    if change.kind == "clock" and "servo gain" in table:
+        return replace(change, pace=change.pace / table["servo gain"][0])
+    if change.kind == "delay" and "lag" in table:
+        rows = change.rows - round(table["lag"][0] / step)
+        return replace(change, rows=rows, delay=rows * step) if rows else change
+    return change
 
 
 class _Log(NamedTuple):
@@ -317,15 +336,15 @@ class _Log(NamedTuple):
             best = int(ended.squares.argmin())
             squares = float(ended.squares[best])
             values = dict(zip(parameters.names, parameters.natural(ended.theta[best]), strict=True))
-            change = _refined(change, values, self.log)
+            change = _refined(change, values)
         else:
             squares = float(misfit.squares(theta).min())
         if not np.isfinite(squares):
             return None
         return TriedChange(change, float(np.sqrt(squares / misfit.count)) / regression.rms)
 
-    def confirmed(self, change: LogChange) -> Goodness | None:
-        """Return how well the best body explains the changed log, all of it; None if none can."""
+    def confirmed(self, change: LogChange) -> JointPosterior | None:
+        """Return the complete fit of the whole changed log; None if there is none."""
         moving = self.moving or change.moving
         config = replace(CONFIRMING, nuisances=self.settings.nuisances, noise=self.settings.noise)
         try:
@@ -335,7 +354,7 @@ class _Log(NamedTuple):
                 chosen = tuple(n for n in config.nuisances if n in fish.groups)
                 config = replace(config, nuisances=chosen)
             rng = streams(self.seed)["inference"]
-            return fit(windows.observed, fish, config, rng).goodness
+            return fit(windows.observed, fish, config, rng)
         except (InvalidArgumentError, TargetError):
             return None
 
@@ -372,16 +391,12 @@ def _changes(log: SwimLog, moving: bool) -> Iterator[LogChange]:
         yield LogChange(moving=True)
 
 
-def _refined(change: LogChange, found: dict[str, float], log: SwimLog) -> LogChange:
+def _refined(change: LogChange, found: dict[str, float]) -> LogChange:
     """Return a change of a number with the number that the nuisances of a fit say."""
     if change.kind == "clock":
         # Servos that are slower by a factor, in a log whose time has been divided by the pace.
         pace = change.pace / found["servo gain"]
         return replace(change, pace=pace) if abs(pace - 1.0) > SAME_PACE else change
-    if change.kind == "delay":
-        step = _step(log)
-        rows = change.rows - round(found["lag"] / step)
-        return replace(change, rows=rows, delay=rows * step) if rows else change
     if any(change.constant):
         bias = [found[f"gyro bias {axis}"] for axis in AXES]
         return replace(change, constant=_three(np.add(change.constant, bias)))
