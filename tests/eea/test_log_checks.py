@@ -9,7 +9,8 @@ from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.runs.storage import read_document
 from eea import RecordedLog, SwimLog, check_log, infer_log, load_posterior, write_log
 from eea.__main__ import main
-from eea.fish.log_checks import CHECKLIST, DEGREE, LogChange
+from eea.fish.log_changes import DEGREE, LogChange
+from eea.fish.log_checks import CHECKLIST
 
 COMMANDS = [(0.5, -0.5, 1.0), (-0.5, -0.4, 0.5), (0.5, 0.5, 1.0)]
 SLOW = [(0.12, -0.1, 0.25), (-0.1, -0.06, 0.15), (0.08, 0.12, 0.3)]
