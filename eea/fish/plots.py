@@ -128,7 +128,7 @@ def posterior_figure(result: Result) -> Figure:
     trials = len(best.parameters.slots)
     begin = f"{trials} trial{'' if trials == 1 else 's'} of {result.config.steps} steps"
     marked = "" if result.truth is None else ", truth (▼)"
-    shown = "density, 50% and 90% interval" if belief.good else "NO BODY FITS; the best"
+    shown = "density, 50% and 90% interval" if belief.good else "no body fits; the best fit"
     figure.suptitle(f"{begin}, seed {result.seed}: {shown}{marked}")
     probable = [b for b in belief.branches if b.probability > LEAST]
     named = "; ".join(f"{b.hypothesis.name} ({b.probability:.0%})" for b in probable)

@@ -8,7 +8,14 @@ import pytest
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea import EngineTarget, RealityGap
+from eea import (
+    EngineTarget,
+    JointConfig,
+    RealityGap,
+    RecordedLog,
+    TargetError,
+    estimate_morphology_of,
+)
 
 COMMAND = np.array([0.4, -0.3, 0.8])
 STEPS = 60
@@ -122,3 +129,16 @@ def test_noise_differs_by_trial_and_repeats_with_the_seed():
 def test_random_late_or_excessive_damage_is_refused(damage, said):
     with pytest.raises(InvalidArgumentError, match=said):
         fish(damage)
+
+
+def test_a_target_that_logs_in_degrees_is_refused():
+    """Its rates are no fish's: those would be a wrong body, or none, without a word."""
+
+    class Degrees:
+        def perform(self, command):
+            return RecordedLog(gyro=57.3 * fish(None).perform(command).gyro)
+
+    with pytest.raises(
+        TargetError, match=r"at most 10 rad/s, which no such robot exceeds \(not de"
+    ):
+        estimate_morphology_of(Degrees(), JointConfig(steps=STEPS, rounds=1), seed=0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,9 @@ from aquafish_gym import Damage, Morphology
 from eea import SwimLog, infer_log, load_posterior, read_log, save_posterior, watch_swim, write_log
 from eea.__main__ import main
 from eea.core.config import FitConfig
+from eea.fish import known_body
+from eea.joint.joint_posterior import JointPosterior
+from tests.eea.joint.swing import infer as infer_swing
 from tests.eea.joint.test_swims import BODY, swim
 
 STRUCK = 320  # samples
@@ -75,3 +79,34 @@ def test_the_seconds_of_all_trials_count(belief: Path) -> None:
     lasted = float(np.ptp(first.time))
     np.testing.assert_allclose(watched.time, [1.2, 2.2, lasted + 1.2, lasted + 2.2], atol=0.02)
     assert str(watched).startswith(f"{watched.time[-1]:.4g} s of swimming, 4 windows")
+
+
+def test_an_alarm_that_never_comes_is_refused(
+    belief: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_log(tmp_path / "swim.csv", swim(5, 200))
+    words = ["watch", "--log", str(tmp_path / "swim.csv"), "--posterior", str(belief)]
+    assert main([*words, "--alarm", "0"]) == 2
+    assert "alarm must be a finite number in [1e-100, 1]; got 0" in capsys.readouterr().err
+
+
+def test_still_water_is_no_swim(belief: Path) -> None:
+    time = 0.01 * np.arange(500)
+    noise = np.random.default_rng(0).normal(0.0, 0.01, (500, 3))
+    with pytest.raises(ValueError, match="no servo moves in any of its trials"):
+        watch_swim(SwimLog(time, noise, np.zeros((500, 3))), load_posterior(belief))
+
+
+def test_a_posterior_of_another_robot_is_refused() -> None:
+    log, other = swim(5, 200), infer_swing().belief
+    with pytest.raises(ValueError, match="belief must be a posterior of this fish, with left_pec"):
+        watch_swim(log, other)
+    with pytest.raises(ValueError, match="prior must be a posterior of this fish"):
+        infer_log(log, prior=other, moving=True)
+    silent = replace(load_nominal(), sigma=-1.0)
+    with pytest.raises(ValueError, match="prior must be a posterior: its sigma"):
+        infer_log(log, FitConfig(noise=0.01), prior=silent, moving=True)
+
+
+def load_nominal() -> JointPosterior:
+    return known_body(Morphology.nominal(), 0.01)

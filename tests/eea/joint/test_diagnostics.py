@@ -8,9 +8,9 @@ import pytest
 
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
-from eea.joint.diagnostics import findings
+from eea.joint.diagnostics import Fit, findings
 from eea.joint.posterior import Posterior
-from eea.joint.problem import JointProblem, Part
+from eea.joint.problem import AS_COMMANDED, Hypothesis, JointProblem, Part
 from linear_worlds import mode
 
 NAMES = ("fin.length", "fin.width", "fin.thickness", "tail.length", "tail.width", "gain", "phase")
@@ -114,3 +114,26 @@ def test_modes_of_other_angles_and_nuisances_are_one_body():
     assert said_of(known(modes[0], mode(other, np.diag(KNOWN), 0.0))) == []
     gain = {"servos": Part({"gain": "gain"})}
     assert said_of(known(*modes), gain)[0].startswith("2 bodies explain it: ")
+
+
+def test_nothing_is_said_of_the_servo_of_an_absent_part():
+    """The tail is not absent and its servo seized: what is not there cannot be stuck."""
+    theta, precision = MIDDLE.copy(), KNOWN.copy()
+    theta[3], precision[4] = 0.0, 0.0
+    absent = known(mode(theta, np.diag(precision), 0.0))
+    joint = JointProblem(PROBLEM, lambda *_: None, parts=BOTH)
+    seized = Hypothesis("the servo of the tail is seized", part="tail")
+    missing = Hypothesis(
+        "the tail is missing", {"tail.length": 0.0, "tail.width": 0.0}, part="tail"
+    )
+    other = Hypothesis("the servo of the fin is dead", part="fin")
+    fits = [Fit(AS_COMMANDED, 0.8, 0.0), Fit(seized, 0.05, 3.0), Fit(missing, 0.1, 2.0)]
+    said = findings(absent, joint, [*fits, Fit(other, 0.05, 9.0)])
+    assert said[0] == "the servo of the fin is dead (5%)"
+    assert said[1].startswith("the tail is absent: its area")
+    assert len(said) == 2
+    said = findings(absent, joint, [Fit(missing, 0.9, 0.0), Fit(seized, 0.1, 9.0)])
+    assert said == ["the tail is missing (90%)"]
+    present = known(mode(MIDDLE, np.diag(KNOWN), 0.0))
+    said = findings(present, joint, [Fit(seized, 0.9, 0.0), Fit(AS_COMMANDED, 0.1, 9.0)])
+    assert said == ["the servo of the tail is seized (90%)"]

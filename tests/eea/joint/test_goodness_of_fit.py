@@ -100,3 +100,12 @@ def test_correlated_samples_are_worth_fewer(share):
 def test_what_cannot_be_tested_is_refused(residuals, settings, said):
     with pytest.raises(ConfigurationError, match=said):
         goodness_of_fit(residuals, **{"parameters": 2, **settings})
+
+
+def test_white_residuals_louder_than_a_gyroscope_are_no_noise():
+    loud = np.random.default_rng(0).uniform(-10.0, 10.0, (2, 256, 3))
+    fit = goodness_of_fit(loud, parameters=12)
+    assert not fit.good
+    assert "as noise would" not in fit.verdict
+    assert "more than a gyroscope's noise" in fit.verdict
+    assert goodness_of_fit(loud / 5.8, parameters=12, sigma=1.0).good
