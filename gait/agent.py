@@ -56,6 +56,7 @@ class ControllerAgent:
     def __init__(self, controller: Controller, believed_gain: ArrayLike = (1.0, 1.0, 1.0)) -> None:
         self._program, self._gain = program_of([controller]), np.asarray(believed_gain, np.float64)
         self._genes = np.ascontiguousarray(self._program.weights[:, 0])
+        self.interval = controller.interval
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin an episode of each robot, at the true fin angles in ``info``."""

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias, runtime_checkable
+from typing import Any
 
 import gymnasium as gym
 import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer
-from gait.agent import ControllerAgent
-from gait.controller import Controller
+from aquafish_gym.utils.validation import InvalidArgumentError, instance, integer
+from gait.pilots import Agent, AgentLike, make_pilot
+
+__all__ = ["Agent", "AgentLike", "Evaluation", "evaluate", "interquartile_mean"]
 
 Floats = NDArray[np.float64]
 Interval = tuple[float, float, float]  # a mean, and the lower and upper end of its interval
@@ -21,20 +21,6 @@ Interval = tuple[float, float, float]  # a mean, and the lower and upper end of 
 FIRST_SEED = 10**9  # of the reference scores' episodes
 EPISODES = 100
 RESAMPLES = 1000  # of the bootstrap
-
-
-@runtime_checkable
-class Agent(Protocol):
-    """An agent that acts in E episodes at once; it may also have ``reset(info)``.
-
-    ``reset`` is called when the episodes begin, with the ``info`` of the vector environment.
-    """
-
-    def act(self, observations: NDArray[np.float32]) -> ArrayLike:
-        """Return actions (E, 3) in [-1, 1] for observations (E, k)."""
-
-
-AgentLike: TypeAlias = Agent | Controller | Callable[[NDArray[np.float32]], ArrayLike]
 
 
 @dataclass(frozen=True)
@@ -90,7 +76,7 @@ def evaluate(
     agent: AgentLike,
     env: str | VectorEnv[Any, Any, Any] = "AquaFish-v0",
     *,
-    episodes: int = EPISODES,
+    episodes: int | None = None,
     seed: int = FIRST_SEED,
     **options: Any,
 ) -> Evaluation:
@@ -101,11 +87,13 @@ def evaluate(
     Parameters
     ----------
     agent
-        A function of observations (E, k) that returns actions (E, 3); an :class:`Agent`; or a
-        ``Controller``, which is given the true initial fin angles.
+        A function of observations (E, k) that returns actions (E, 3); a ``Controller``, which is
+        given the true initial fin angles; a model of stable-baselines3 or another object with
+        ``predict``; an object with ``act`` (see :class:`gait.pilots.Agent`); or a policy of one
+        robot, as of :func:`gait.swim`, called once a step.
     env, episodes, options
-        An environment id, the number E of its robots, and its options such as
-        ``damage="random:severe"``; or a vector environment of E robots.
+        An environment id, the number E of its robots, which is 100 by default, and its options
+        such as ``damage="random:severe"``; or a vector environment of E robots.
     seed
         Episode i has the seed ``seed + i``.
 
@@ -121,7 +109,7 @@ def evaluate(
     ((4,), (101, 4))
     """
     if isinstance(env, str):
-        number = integer("episodes", episodes, 1)
+        number = integer("episodes", EPISODES if episodes is None else episodes, 1)
         made = gym.make_vec(env, number, vectorization_mode="vector_entry_point", **options)
         try:
             return _play(agent, made, seed)
@@ -131,6 +119,10 @@ def evaluate(
         raise InvalidArgumentError(
             f"options must come with an id, as the environment is made already; got {set(options)}"
         )
+    if episodes not in (None, instance("env", env, VectorEnv).num_envs):
+        raise InvalidArgumentError(
+            f"episodes must be {env.num_envs}, one of each robot of env; got {episodes!r}"
+        )
     return _play(agent, env, seed)
 
 
@@ -138,40 +130,19 @@ def _play(agent: AgentLike, envs: VectorEnv[Any, Any, Any], seed: int) -> Evalua
     """Play one episode of each robot to its end."""
     observations, info = envs.reset(seed=integer("seed", seed, 0))
     number = envs.num_envs
-    act = _acting(agent, info, getattr(envs.unwrapped, "frame_skip", None))
+    base: Any = envs.unwrapped
+    pilot = make_pilot(agent, getattr(base, "frame_skip", None), getattr(base, "dt", None))
+    pilot.reset(info)
     returns, over = np.zeros(number), np.zeros(number, np.bool_)
     y, broken = [np.asarray(info.get("y_position", np.full(number, np.nan)))], []
     while not over.all():
-        actions = np.asarray(act(observations), np.float32)
+        actions = np.asarray(pilot.act(observations), np.float32)
         observations, rewards, terminated, truncated, info = envs.step(actions)
         returns += np.where(over, 0.0, rewards)
         y.append(np.where(over, y[-1], info.get("y_position", y[-1])))
         broken.append(info.get("faults", np.zeros(number, int)) > 0)
         over |= terminated | truncated
     return Evaluation(returns, np.array(y), np.array(broken))
-
-
-def _acting(
-    agent: AgentLike, info: dict[str, Any], frame_skip: int | None
-) -> Callable[[NDArray[np.float32]], ArrayLike]:
-    """Return what acts for all robots in the episodes that begin with ``info``."""
-    if isinstance(agent, Controller):
-        if frame_skip != agent.interval:
-            raise InvalidArgumentError(
-                f"frame_skip must be {agent.interval}, the controller's interval; got {frame_skip}"
-            )
-        agent = ControllerAgent(agent)
-    reset = getattr(agent, "reset", None)
-    if callable(reset):
-        reset(info)
-    if isinstance(agent, Agent):
-        return agent.act
-    if not callable(agent):
-        raise InvalidArgumentError(
-            "agent must be a function of observations (E, k), an object with act(observations), "
-            f"or a Controller; got {brief(agent)}"
-        )
-    return agent
 
 
 def interquartile_mean(runs: ArrayLike, seed: int = 0) -> Interval:

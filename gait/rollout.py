@@ -18,6 +18,7 @@ from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
+    brief,
     finite_array,
     instance,
     integer,
@@ -25,11 +26,14 @@ from aquafish_gym.utils.validation import (
 )
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, program_of
-from gait.policy import ControllerLike, new_policy
+from gait.pilots import AgentLike, make_pilot, own_interval, reckoning, takes_time
+from gait.policy import new_policy
 
 Floats = NDArray[np.float64]
 
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
+FRAME_SKIP = 20  # steps of 0.01 s for which the environments hold an action by default
+MAXIMUM_INTERVAL = 2000
 MAXIMUM_POSES = 10_000
 MAXIMUM_THREADS = 1024
 _MODEL_WORLD = WorldConfig()  # made once: its checks take as long as a short swim
@@ -103,7 +107,7 @@ def swim_all(
     Parameters
     ----------
     controllers
-        P controllers.
+        P of :class:`gait.Controller`, which are compiled; for others see :func:`swim`.
     morphologies
         Q bodies, or one for all: one as ``Morphology.coerce`` takes it, a list, or (Q, 9) sizes.
     fin_angles
@@ -139,6 +143,12 @@ def swim_all(
     >>> swim_all([], [Morphology.nominal(), {"caudal": (0.0, 0.0, 0.0)}]).shape
     (0, 2)
     """
+    for controller in controllers:
+        if not isinstance(controller, Controller):
+            raise InvalidArgumentError(
+                "controllers must be of type Controller, which are compiled; gait.swim and "
+                f"gait.evaluate take others; got {brief(controller)}"
+            )
     world = lane_world(world)
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
@@ -204,7 +214,7 @@ def _for_each_swim(name: str, values: ArrayLike, swims: int) -> Floats:
 
 
 def swim(
-    controller: ControllerLike,
+    controller: AgentLike,
     morphology: MorphologyLike,
     fin_angles: ArrayLike = ZERO_POSE,
     engine: str = "auto",
@@ -212,16 +222,24 @@ def swim(
     world: WorldConfig | None = None,
     believed: ArrayLike | None = None,
     believed_gain: ArrayLike | None = None,
+    interval: int | None = None,
 ) -> Swim:
     """Return the path of one robot.
 
     Parameters
     ----------
     controller
-        A function from observation and time to an action (see ``gait.Policy``), or an object with
-        a method ``policy`` that returns one: an evolved or learned controller, or your own.
-    morphology, fin_angles, seconds, world, believed, believed_gain
+        A policy: a function of an observation and the time (see ``gait.Policy``), or an object
+        with a method ``policy`` that returns one, such as a :class:`gait.Controller`. Or what
+        acts in an environment: a function of observations, an object with ``act``, or with
+        ``predict``, as a model of stable-baselines3 (see :func:`gait.evaluate`).
+    morphology, fin_angles, seconds, world
         Of one swim; otherwise as of :func:`swim_all`. A ``world`` may have a lag.
+    believed, believed_gain
+        What a controller, agent or model that senses its fins assumes, as of :func:`swim_all`.
+    interval
+        Steps of 0.01 s for which an action is held. None: a controller's or agent's own; else 5
+        for a policy, and 20, the environments' ``frame_skip``, for what acts in one.
     engine
         ``"pybullet"``, ``"numba"`` (compiled, float64), or ``"auto"``: PyBullet if installed.
 
@@ -235,20 +253,44 @@ def swim(
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
     time, config = step_count(seconds) * TIMESTEP, check_world(world)
+    gain = config.servo_gain if believed_gain is None else believed_gain
+    steps = _interval(controller, interval)
     if isinstance(controller, Controller):
-        gain = config.servo_gain if believed_gain is None else believed_gain
         policy = controller.policy(angles if believed is None else believed, gain)
-    else:
+        steps = INTERVAL
+    elif takes_time(controller, optional=True):
+        if believed is not None or believed_gain is not None:
+            raise InvalidArgumentError(
+                "believed and believed_gain must be None for a policy of yours, which has its own"
+            )
         policy = new_policy(controller)
+    else:
+        pilot = make_pilot(controller, steps, steps * TIMESTEP, "controller")
+        fins = finite_array("believed", angles if believed is None else believed, (3,), unit="rad")
+        policy = reckoning(
+            pilot, controller, fins, finite_array("believed_gain", gain, (3,)), steps
+        )
     (path,) = rollout(
         [policy],
         config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]})),
         engine=check_engine(engine),
         seconds=time,
-        interval=INTERVAL,
+        interval=steps,
         substeps=config.substeps,
     ).paths
     return Swim(**vars(path), current=config.current)
+
+
+def _interval(controller: AgentLike, interval: int | None) -> int:
+    """Return for how many steps of 0.01 s an action of a controller is held."""
+    own = own_interval(controller)
+    if interval is None:
+        usual = INTERVAL if takes_time(controller, optional=True) else FRAME_SKIP
+        return usual if own is None else own
+    steps = integer("interval", interval, 1, MAXIMUM_INTERVAL)
+    if own not in (None, steps):
+        raise InvalidArgumentError(f"interval must be {own}, the controller's; got {interval}")
+    return steps
 
 
 def check_world(world: WorldConfig | None) -> WorldConfig:

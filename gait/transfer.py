@@ -19,7 +19,7 @@ from aquafish_gym.utils.validation import (
 )
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import MAXIMUM_SEED, Controller
-from gait.policy import ControllerLike
+from gait.pilots import AgentLike, takes_time
 from gait.rollout import (
     MAXIMUM_POSES,
     SECONDS,
@@ -118,7 +118,7 @@ class Transfer:
 
 
 def transfer(
-    controller: ControllerLike,
+    controller: AgentLike,
     target: MorphologyLike,
     config: TransferConfig | None = None,
     native: MorphologyLike = None,
@@ -161,7 +161,7 @@ def transfer(
 
 
 def score(
-    controller: ControllerLike,
+    controller: AgentLike,
     morphology: MorphologyLike,
     poses: ArrayLike,
     engine: str = "auto",
@@ -181,9 +181,11 @@ def score(
     error = finite_array("angle_error", angle_error, (3,), unit="rad")
 
     def swim_from(pose: NDArray[np.float64]) -> Swim:
-        return swim(
-            controller, morphology, pose, engine, seconds, world, pose + error, believed_gain
-        )
+        # A function has beliefs of its own: others are refused, not ignored.
+        own = takes_time(controller, optional=True) and not isinstance(controller, Controller)
+        fins = None if own and not error.any() else pose + error
+        gain = None if own and (np.asarray(believed_gain) == 1.0).all() else believed_gain
+        return swim(controller, morphology, pose, engine, seconds, world, fins, gain)
 
     batch = resolve_engine("engine", engine) == "numba" and not world.lag
     if isinstance(controller, Controller) and batch:

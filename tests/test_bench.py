@@ -19,7 +19,7 @@ from tests.benchmarks.report import make_records
 from tests.benchmarks.rows import GROUPS, Settings, load_provider
 
 TINY = Settings(robots=17, steps=4, seed=0, cores=2, quick=True)
-NEEDS = {"mujoco": "mujoco", "learning": "stable_baselines3"}
+NEEDS = {"mujoco": "mujoco", "learning": "stable_baselines3", "training": "stable_baselines3"}
 
 
 def test_ratios_are_of_rows_of_one_run(tmp_path: Path) -> None:

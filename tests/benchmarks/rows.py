@@ -116,6 +116,7 @@ GROUPS: dict[str, str] = {
     "tasks": "tests.benchmarks.gait:tasks",
     "environments": "tests.benchmarks.environments:single_and_vector",
     "learning": "tests.benchmarks.gait:learning",
+    "training": "tests.benchmarks.training:until_it_swims",
     "pictures": "tests.benchmarks.watching:pictures",
     "starting": "tests.benchmarks.starting:processes",
     "replicate": "tests.benchmarks.replicate:replicates",

@@ -1,0 +1,180 @@
+"""``swim`` and ``evaluate`` take controllers, functions, agents and models alike."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+import pytest
+
+from aquafish.online import SelfModelAgent
+from aquafish_gym import Morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait import Controller, evaluate, swim, swim_all
+from gait.agent import ControllerAgent
+from gait.transfer import TransferConfig, transfer
+
+ACTION = (0.2, -0.4, 1.0)
+
+
+def steady(observation: Any, time: float) -> Any:  # noqa: ARG001
+    return ACTION
+
+
+class Acting:
+    def act(self, observations: Any) -> Any:
+        return np.tile(ACTION, (len(observations), 1))
+
+
+class Predicting:
+    """As a model of stable-baselines3, which also has a policy and may have a memory."""
+
+    policy = None
+    starts: tuple[Any, ...] = ()
+
+    def predict(
+        self, observation: Any, state: Any = None, episode_start: Any = None, deterministic: Any = 0
+    ) -> Any:
+        assert deterministic
+        assert (state is None) == bool(np.all(episode_start))
+        self.starts += (state,)
+        return np.tile(ACTION, (len(observation), 1)), (state or 0) + 1
+
+
+class OfOneRobot:
+    """Each robot has a memory of its own."""
+
+    def begin(self, fin_angles: Any) -> None:
+        assert np.shape(fin_angles) == (3,)
+        self.seen: list[Any] = []
+
+    def act(self, observation: Any) -> Any:
+        self.seen.append(observation)
+        assert np.shape(observation)[-1] == 9
+        return ACTION
+
+
+class WithPolicy:
+    def policy(self) -> Any:
+        return steady
+
+
+KINDS: dict[str, Any] = {
+    "function of observations": lambda observations: np.tile(ACTION, (len(observations), 1)),
+    "function of observation and time": steady,
+    "object with policy()": WithPolicy(),
+    "agent": Acting(),
+    "agent of one robot": OfOneRobot(),
+    "model": Predicting(),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_swims_and_is_evaluated_alike(kind: str) -> None:
+    found = swim(KINDS[kind], None, engine="numba", seconds=2.0)
+    plain = swim(steady, None, engine="numba", seconds=2.0)
+    assert found.distance == plain.distance
+    scored = evaluate(KINDS[kind], episodes=3)
+    np.testing.assert_array_equal(scored.returns, evaluate(Acting(), episodes=3).returns)
+    config = TransferConfig(poses=1, seconds=1, target_engine="numba", native_engine="numba")
+    there = transfer(KINDS[kind], None, config, Morphology.nominal()).target
+    assert there.distance == swim(steady, None, engine="numba", seconds=1.0).distance
+
+
+def test_the_time_and_the_interval_are_those_of_the_steps() -> None:
+    times: list[float] = []
+
+    def policy(_: Any, time: float) -> Any:
+        times.append(time)
+        return ACTION
+
+    evaluate(policy, episodes=2, max_episode_steps=3)
+    np.testing.assert_allclose(times, [0.0, 0.0, 0.2, 0.2, 0.4, 0.4])
+    times.clear()
+    swim(policy, None, engine="numba", seconds=0.2, interval=10)
+    np.testing.assert_allclose(times, [0.0, 0.1])
+    times.clear()
+    swim(policy, None, engine="numba", seconds=0.1)
+    np.testing.assert_allclose(times, [0.0, 0.05])
+    assert len(swim(Acting(), None, engine="numba", seconds=1.0).time) == 6
+    assert len(swim(Acting(), None, engine="numba", seconds=1.0, interval=50).time) == 3
+
+
+def test_a_controllers_agent_swims_as_the_controller() -> None:
+    body, rng = Morphology.nominal(), np.random.default_rng(0)
+    weights = np.hstack([rng.normal(size=(3, 11)), np.zeros((3, 3))])
+    controller = Controller(weights, np.zeros(3), np.ones(3), 0.7, body, 0, interval=20)
+    one = swim(controller, None, engine="numba", seconds=4.0).distance
+    two = swim(ControllerAgent(controller), None, engine="numba", seconds=4.0).distance
+    assert one == pytest.approx(two, abs=1e-4)
+    for agent in (controller, ControllerAgent(controller)):
+        with pytest.raises(InvalidArgumentError, match="frame_skip must be 20"):
+            evaluate(agent, episodes=1, frame_skip=10)
+        with pytest.raises(InvalidArgumentError, match="interval must be 20"):
+            swim(agent, None, engine="numba", interval=10)
+
+
+def test_a_model_observes_its_fins_and_its_normal_observations() -> None:
+    sb3: Any = pytest.importorskip("stable_baselines3")
+    from stable_baselines3.common.vec_env import DummyVecEnv, VecNormalize
+
+    def make() -> Any:
+        return gym.make("AquaFish-v0", engine="numba", observe_fins=True)
+
+    normal = VecNormalize(DummyVecEnv([make]))
+    normal.obs_rms.mean += 0.3
+    model = sb3.PPO("MlpPolicy", normal, n_steps=64, device="cpu", seed=0)
+    for parameter in model.policy.action_net.parameters():
+        parameter.data += 0.3
+    angles = (0.5, 1.0, -0.5)
+    far = swim(model, None, angles, engine="numba", seconds=2.0).distance
+
+    env = make()
+    seen, _ = env.reset(options={"fin_angles": angles})
+    for _ in range(10):
+        action = model.predict(normal.normalize_obs(seen), deterministic=True)[0]
+        seen, *_, info = env.step(action)
+    assert far == pytest.approx(info["y_position"], abs=1e-5)
+    assert far != pytest.approx(swim(model.policy, None, angles, "numba", 2.0).distance, abs=1e-5)
+    scored = evaluate(model, episodes=2, observe_fins=True)
+    assert np.isfinite(scored.returns).all()
+    with pytest.raises(InvalidArgumentError, match=re.escape("a model of (15,)")):
+        evaluate(model, episodes=2)
+
+
+def test_an_agent_of_one_robot_swims_in_every_episode() -> None:
+    agent = SelfModelAgent()
+    assert evaluate(agent, episodes=2, max_episode_steps=5).returns.shape == (2,)
+    assert agent.events is not None
+    assert swim(SelfModelAgent(), None, engine="numba", seconds=1.0).distance > 0
+
+
+@pytest.mark.parametrize("given", ["PPO", None, 3, object(), {"act": ACTION}])
+def test_what_is_none_of_these_is_refused(given: Any) -> None:
+    with pytest.raises(InvalidArgumentError, match=r"agent must be a function of observations"):
+        evaluate(given, episodes=1)
+    with pytest.raises(
+        InvalidArgumentError, match=r"controller must be a function of observations"
+    ):
+        swim(given, None, engine="numba", seconds=1.0)
+    with pytest.raises(InvalidArgumentError, match=r"controllers must be of type Controller"):
+        swim_all([given], None)
+
+
+def test_beliefs_are_not_ignored() -> None:
+    with pytest.raises(InvalidArgumentError, match="believed and believed_gain must be None"):
+        swim(steady, None, engine="numba", believed=(0.0, 0.0, 0.0))
+    config = TransferConfig(angle_error=(0.1, 0.0, 0.0), target_engine="numba")
+    with pytest.raises(InvalidArgumentError, match="believed and believed_gain must be None"):
+        transfer(steady, None, config, Morphology.nominal())
+
+
+def test_as_many_episodes_as_a_batch_has_robots() -> None:
+    envs = gym.make_vec("AquaFish-v0", 2, max_episode_steps=3)
+    assert evaluate(Acting(), envs, episodes=2).returns.shape == (2,)
+    with pytest.raises(InvalidArgumentError, match="episodes must be 2, one of each robot"):
+        evaluate(Acting(), envs, episodes=100)
+    with pytest.raises(InvalidArgumentError, match="env must be of type VectorEnv"):
+        evaluate(Acting(), gym.make("AquaFish-v0", engine="numba"))  # type: ignore[arg-type]
