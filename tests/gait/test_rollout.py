@@ -192,7 +192,7 @@ def test_spread_poses_are_uniform_and_their_mean_varies_less() -> None:
 
     def waves(poses: np.ndarray) -> np.ndarray:
         angles = poses.reshape(400, 7, 3)
-        return np.cos(np.concatenate([angles, angles - np.roll(angles, 1, axis=2)], axis=2))
+        return np.asarray(np.cos(np.concatenate([angles, angles - np.roll(angles, 1, axis=2)], 2)))
 
     seeds = np.random.SeedSequence(1).spawn(400)
     spread = np.concatenate([spread_poses(7, seed) for seed in seeds])
