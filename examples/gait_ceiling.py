@@ -90,6 +90,8 @@ class Ceiling:
     """Replicates of the recommended searches."""
     others: int = 1
     """Replicates of the others."""
+    seed: int = 0
+    """The first replicate's seed."""
     searches: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="SEARCH", help=f"Some of {', '.join(SEARCHES)}.")
     ] = tuple(SEARCHES)
@@ -104,17 +106,18 @@ class Ceiling:
         """Return all jobs, the most important first."""
         for name in ("replicates", "others", "budget_divisor"):
             integer(name, getattr(self, name), 1)
+        integer("seed", self.seed, 0)
         return [
             Job(
                 damage,
                 name,
-                seed,
-                shortened(replace(SEARCHES[name], seed=seed), self.budget_divisor),
+                self.seed + k,
+                shortened(replace(SEARCHES[name], seed=self.seed + k), self.budget_divisor),
             )
-            for seed in range(max(self.replicates, self.others))
+            for k in range(max(self.replicates, self.others))
             for damage in self.bodies
             for name in self.searches
-            if seed < (self.replicates if name in RECOMMENDED else self.others)
+            if k < (self.replicates if name in RECOMMENDED else self.others)
         ]
 
     def execute(self) -> None:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.command import lane_servo_speeds, reckon
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.utils.validation import finite_array, instance
 from gait import network
 from gait.controller import Controller, program_of
 
@@ -54,7 +55,8 @@ class ControllerAgent:
     """
 
     def __init__(self, controller: Controller, believed_gain: ArrayLike = (1.0, 1.0, 1.0)) -> None:
-        self._program, self._gain = program_of([controller]), np.asarray(believed_gain, np.float64)
+        self._program = program_of([instance("controller", controller, Controller)])
+        self._gain = finite_array("believed_gain", believed_gain, (3,))
         self._genes = np.ascontiguousarray(self._program.weights[:, 0])
         self.interval = controller.interval
 

@@ -28,7 +28,7 @@ CMA_POPULATION = 24  # in NEAT's tuning, too
 # Where they are not given: population, restarts, random_candidates, generations, cma_generations.
 DEFAULTS = {
     "neat": (150, 6, 0, 12, 350),
-    "cma": (CMA_POPULATION, 6, 1200, 750, 0),
+    "cma": (CMA_POPULATION, 6, 1200, 740, 0),
     "paper": (150, 1, 0, 60, 0),
 }
 
@@ -115,7 +115,7 @@ class EvolveConfig:
     """Number of searches that start, of which the best goes on; default 6."""
     generations: int | None = None
     """Generations of each start of NEAT, default 12; or, over all its stages, of the start of
-    CMA-ES that goes on to the end, default 750."""
+    CMA-ES that goes on to the end, default 740."""
     random_candidates: int | None = None
     """Random networks from which CMA-ES chooses its starts; default 1200."""
     cma_generations: int | None = None
@@ -124,8 +124,9 @@ class EvolveConfig:
     population: int | None = None
     """Controllers in a generation; default 24 for CMA-ES, 150 for NEAT."""
     poses: int = 6
-    """Random initial fin poses besides the zero pose, sampled in each generation. In a sample of
-    bodies, each pose has its own body."""
+    """Random initial fin poses of each generation, besides one: NEAT's zero pose. In a sample of
+    bodies, each pose has its own body. CMA-ES spreads the poses evenly. With 0 all swim from the
+    zero pose."""
     clock: float | None = None
     """Frequency of the controllers' clock, in Hz; CMA-ES tunes it; default 0.7."""
     seconds: float = SECONDS
@@ -151,7 +152,7 @@ class EvolveConfig:
         if self.clock is not None:
             finite_array("clock", self.clock, (), 0.0, 50.0, "Hz")
         step_count(self.seconds)
-        if self.interval != INTERVAL:
+        if integer("interval", self.interval, 1) != INTERVAL:
             check_interval(self.interval, self.episode_seconds)
         self._refuse_what_has_no_effect()
         if 0 < self.plan.random_candidates < self.plan.restarts:
@@ -213,7 +214,8 @@ class EvolveConfig:
             rows = restarts * generations
             rows += generation_count(halving_stages(restarts, tuning, neat.STAGES))
         else:
-            rows = 1 + generation_count(halving_stages(restarts, generations, cma.STAGES))
+            rows = len(cma.screenings(candidates, restarts, self.poses))
+            rows += generation_count(halving_stages(restarts, generations, cma.STAGES))
         return Plan(
             search=search,
             controller=self.controller or "recurrent",

@@ -20,6 +20,7 @@ from aquafish_gym.runs.storage import read_document, write_document
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
+    file_path,
     finite_array,
     flag,
     instance,
@@ -284,16 +285,26 @@ class Controller:
 
     def save(self, path: Path | str) -> None:
         """Write a ``controller.json``, whole or not at all."""
-        write_document(path, self.to_dict(), SCHEMA)
+        write_document(file_path("path", path), self.to_dict(), SCHEMA)
 
     @classmethod
     def load(cls, path: Path | str) -> Controller:
         """Read a ``controller.json``; InvalidArgumentError if it is damaged or not a controller."""
+        path = file_path("controller", path)
         data = read_document(path, SCHEMA, "controller", MAXIMUM_BYTES)
         try:
             return cls.from_dict(data)
         except InvalidArgumentError as error:
             raise InvalidArgumentError(f"controller: {path}: {error}") from None
+
+
+def check_controllers(controllers: Sequence[Controller]) -> list[Controller]:
+    """Return controllers as a list; the error says which one is none."""
+    if not isinstance(controllers, list | tuple):
+        raise InvalidArgumentError(
+            f"controllers must be a list of Controllers; got {brief(controllers)}"
+        )
+    return [instance(f"controllers[{i}]", one, Controller) for i, one in enumerate(controllers)]
 
 
 def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:

@@ -10,7 +10,8 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from numpy.typing import ArrayLike, NDArray
 
-from aquafish_gym.utils.validation import InvalidArgumentError, instance, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
+from gait.controller import MAXIMUM_SEED
 from gait.pilots import Agent, AgentLike, make_pilot
 
 __all__ = ["Agent", "AgentLike", "Evaluation", "evaluate", "interquartile_mean"]
@@ -93,7 +94,7 @@ def evaluate(
         robot, as of :func:`gait.swim`, called once a step.
     env, episodes, options
         An environment id, the number E of its robots, which is 100 by default, and its options
-        such as ``damage="random:severe"``; or a vector environment of E robots.
+        such as ``damage="random:severe"``; or a vector environment of E robots alone.
     seed
         Episode i has the seed ``seed + i``.
 
@@ -109,12 +110,20 @@ def evaluate(
     ((4,), (101, 4))
     """
     if isinstance(env, str):
-        number = integer("episodes", EPISODES if episodes is None else episodes, 1)
-        made = gym.make_vec(env, number, vectorization_mode="vector_entry_point", **options)
+        number = integer("episodes", EPISODES if episodes is None else episodes, 1, 1_000_000)
+        try:
+            made = gym.make_vec(env, number, vectorization_mode="vector_entry_point", **options)
+        except gym.error.Error as error:
+            raise InvalidArgumentError(f"env must be an environment's id: {error}") from None
         try:
             return _play(agent, made, seed)
         finally:
             made.close()
+    instance("env", env, VectorEnv)
+    if episodes not in (None, env.num_envs):
+        raise InvalidArgumentError(
+            f"episodes must be the {env.num_envs} robots of env, or left out; got {episodes}"
+        )
     if options:
         raise InvalidArgumentError(
             f"options must come with an id, as the environment is made already; got {set(options)}"
@@ -128,7 +137,7 @@ def evaluate(
 
 def _play(agent: AgentLike, envs: VectorEnv[Any, Any, Any], seed: int) -> Evaluation:
     """Play one episode of each robot to its end."""
-    observations, info = envs.reset(seed=integer("seed", seed, 0))
+    observations, info = envs.reset(seed=integer("seed", seed, 0, MAXIMUM_SEED))
     number = envs.num_envs
     base: Any = envs.unwrapped
     pilot = make_pilot(agent, getattr(base, "frame_skip", None), getattr(base, "dt", None))
@@ -158,9 +167,11 @@ def interquartile_mean(runs: ArrayLike, seed: int = 0) -> Interval:
     """
     from scipy.stats import trim_mean
 
-    table = np.asarray(runs, float)
+    table = finite_array("runs", runs, (None, None))
+    if not table.size:
+        raise InvalidArgumentError(f"runs must be one or more; got {table.shape}")
     number, episodes = table.shape
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(integer("seed", seed, 0, MAXIMUM_SEED))
     drawn = rng.integers(number, size=(RESAMPLES, number, 1))
     resampled = table[drawn, rng.integers(episodes, size=(RESAMPLES, number, episodes))]
     means = trim_mean(resampled.reshape(RESAMPLES, -1), 0.25, axis=1)

@@ -17,7 +17,13 @@ from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import TIMESTEP
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    callback,
+    finite_array,
+    instance,
+    integer,
+)
 from aquafish_gym.world_config import WorldConfig
 from gait.config import CMA_POPULATION
 from gait.config import EvolveConfig as EvolveConfig
@@ -26,7 +32,7 @@ from gait.files import run_folder
 from gait.fitness import Swims, draw_swims, every_pair, swim_scores
 from gait.history import FILES, History, Scores, finalists_of, read_checkpoint
 from gait.history import Generation as Generation
-from gait.rollout import ZERO_POSE, check_state, lane_world, random_poses, stream
+from gait.rollout import ZERO_POSE, check_state, lane_world, random_poses, spread_poses, stream
 from gait.search import cma, neat
 from gait.search.ask_tell import Proposal, Relay, Search
 from gait.search.templates import Template
@@ -84,7 +90,8 @@ def damaged_at_random(body: Morphology, count: int, seed: int) -> list[Morpholog
 
     The first ones are the same for any ``count``.
     """
-    sources = stream(seed, 7).spawn(count)
+    body = Morphology.coerce(body)
+    sources = stream(seed, 7).spawn(integer("count", count, 0, MAXIMUM_BODIES))
     return [Damage.random(np.random.default_rng(source)).apply(body) for source in sources]
 
 
@@ -145,6 +152,7 @@ def evolve_gait(
     config = EvolveConfig() if config is None else instance("config", config, EvolveConfig)
     world = lane_world(world)
     bodies = body_array(morphologies)
+    callback("on_generation", on_generation)
     state = None if start is None else check_state(start)
     began = time.process_time()
     budget = np.inf if cpu_seconds is None else finite_array("cpu_seconds", cpu_seconds, (), 0.0)
@@ -200,6 +208,7 @@ def make_search(config: EvolveConfig, body: Morphology, first: Controller | None
             lambda x: template.controller(x, plan.clock, body, c.seed),
             plan.population,
             plan.restarts,
+            c.poses,
             rng,
         )
         return Relay(turns)
@@ -236,13 +245,16 @@ class _Trials:
         start: NDArray[np.float64] | None,
     ) -> None:
         self._bodies, self._config, self._world, self._start = bodies, config, world, start
+        # CMA-ES ranks controllers that differ little. From independent poses it ends at worse
+        # gaits, and at some that do well from the fixed swims alone. NEAT is as in the paper.
+        self._spread = config.plan.search == "cma"
         if start is not None:
             self._final_poses = angles_of_rows(start)[None]
             self._finals = every_pair(bodies, self._final_poses)
             return
         count = 1 + (FINAL_POSES if config.poses else 0)
         rounds = -(-count // len(bodies))
-        poses = self._poses(max(count, rounds * len(bodies)) - 1, 1)
+        poses = self._poses(max(count, rounds * len(bodies)) - 1, 1)  # the same in all generations
         self._final_poses = poses[:count]
         self._finals = np.resize(bodies, (len(poses), 9)), poses
 
@@ -258,10 +270,7 @@ class _Trials:
             assert proposal.finalists
             scores = self._finish(proposal.finalists)
             return scores._replace(fitness=scores.fitness[: len(proposal.controllers)])
-        seed, count = self._config.seed, self._config.poses
-        poses = self._poses(count, 2, generation)
-        if proposal.poses is not None:
-            poses = poses[: 1 + proposal.poses]
+        seed, poses = self._config.seed, self._drawn_poses(proposal, generation)
         swims = draw_swims(self._bodies, poses, stream(seed, 3, generation))
         fitness = self._swim(proposal.controllers, swims).mean(axis=1)
         finalists = finalists_of(proposal, fitness)
@@ -289,8 +298,17 @@ class _Trials:
             threads=c.threads, start=self._start,
         )  # fmt: skip
 
+    def _drawn_poses(self, proposal: Proposal, generation: int) -> NDArray[np.float64]:
+        """Return the random poses of a generation."""
+        c = self._config
+        count = c.poses if proposal.poses is None else proposal.poses
+        if count and self._spread:
+            return spread_poses(1 + count, stream(c.seed, 2, generation))
+        return self._poses(count, 2, generation)
+
     def _poses(self, count: int, *key: int) -> NDArray[np.float64]:
-        return np.vstack([ZERO_POSE, random_poses(count, stream(self._config.seed, *key))])
+        draw = spread_poses if self._spread else random_poses
+        return np.vstack([ZERO_POSE, draw(count, stream(self._config.seed, *key))])
 
 
 def _check(

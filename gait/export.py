@@ -25,7 +25,7 @@ from aquafish_gym.physics.compiling import compiled_function, register_module
 from aquafish_gym.physics.layout import fetch_vector, put_vector
 from aquafish_gym.physics.simd import zero_lanes
 from aquafish_gym.runs.storage import output_file, write_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, instance
 from gait import network
 from gait.controller import Controller, program_of
 from gait.network import OUTPUTS, Senses
@@ -66,13 +66,13 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
         one is there, or if ``controller`` is no ``Controller``.
     """
     instance("controller", controller, Controller)
-    source = Path(instance("path", path, str | Path))
-    table = source.with_suffix(".csv")
+    source = file_path("c", path)
     if source.suffix != ".c" or not re.fullmatch(r"[A-Za-z]\w*", source.stem, re.ASCII):
         raise InvalidArgumentError(
             "c must be a file name FILE.c, where FILE is a letter and then letters, digits and _, "
             f"because it begins the names of the functions; got {brief(source.name)}"
         )
+    table = source.with_suffix(".csv")
     for file, ours in ((source, _FIRST_LINE), (table, _HEADER)):
         if file.exists() and not (file.is_file() and ours.match(file.read_bytes())):
             raise InvalidArgumentError(

@@ -14,14 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
+from aquafish_gym.damage import Damage
 from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import check_task
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import Controller, program_of
-from gait.rollout import SECONDS, ZERO_POSE, pair_swims, swim_all
+from gait.controller import MAXIMUM_SEED, Controller, check_controllers, program_of
+from gait.rollout import MAXIMUM_THREADS, SECONDS, ZERO_POSE, pair_swims, swim_all
 
 # A diverged robot scores as if it had swum backwards at this speed (units/s), faster than any does.
 DIVERGED_SPEED = -5.0
@@ -114,7 +115,7 @@ def swim_scores(
         P of them; of one ``Controller.kind`` for an episode.
     morphologies, fin_angles, seconds, world, threads, start
         As of :func:`gait.swim_all`: Q swims, of the i-th body from the i-th pose. Episodes have
-        ``seconds``, ``world`` and ``start`` of their own.
+        ``seconds``, ``world`` and ``start`` of their own, and refuse others.
     task, damage
         As of the environment.
     seed
@@ -131,17 +132,28 @@ def swim_scores(
     InvalidArgumentError
         If an argument does not fit.
     """
-    if task == "forward" and not damage:
+    controllers, broken = check_controllers(controllers), Damage.coerce(damage)
+    if isinstance(task, str) and task == "forward" and not broken:
         far = swim_all(
             controllers, morphologies, fin_angles, seconds,
             threads=threads, world=world, start=start,
         )  # fmt: skip
         return penalize_diverged(far, seconds)
+    for name, given in (
+        ("seconds", seconds != SECONDS),
+        ("world", world is not None and world != WorldConfig()),
+        ("start", start is not None),
+    ):
+        if given:
+            raise InvalidArgumentError(f"{name} has no effect on an episode, which has its own")
+    if threads is not None:
+        integer("threads", threads, 1, MAXIMUM_THREADS)
+    integer("seed", seed, 0, MAXIMUM_SEED)
     bodies, poses = pair_swims(morphologies, fin_angles)
     swims, judged = len(poses), check_task(task)
     program = program_of(controllers, swims)
     rngs = [np.random.default_rng(seed + q) for q in range(swims)]
-    config = check_episode(judged, damage=damage)
+    config = check_episode(judged, damage=broken)
     configs = [
         config.with_options({"morphology": body, "fin_angles": pose})
         for body, pose in zip(bodies, poses, strict=True)

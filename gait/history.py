@@ -22,7 +22,7 @@ from gait.search.ask_tell import Proposal
 FINALISTS = 8
 HISTORY_FILE, CHECKPOINT_FILE = "history.csv", "checkpoint.json"
 FILES = (CHECKPOINT_FILE, CONTROLLER_FILE, HISTORY_FILE)  # and a sample's bodies.json
-CHECKPOINT_SCHEMA = "gait.checkpoint/6"
+CHECKPOINT_SCHEMA = "gait.checkpoint/7"
 MAXIMUM_CHECKPOINT_BYTES = 64 * 2**20  # three million fitness values
 
 

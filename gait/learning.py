@@ -25,6 +25,9 @@ from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     MissingExtraError,
+    brief,
+    callback,
+    finite_array,
     install_advice,
     instance,
     integer,
@@ -176,6 +179,7 @@ def train(
             f"morphologies must be 1 to {config.environments} bodies, at most one for each of the "
             f"environments; got {len(bodies)}"
         )
+    callback("on_epoch", on_epoch)
     broken = Damage.coerce(damage)
     learner = _Learner(bodies, config, broken)
     # From the poses of a gait that is evolved with this seed, and as often with each body.
@@ -292,13 +296,21 @@ def dense_network(
     mean, scale
         (I,) each: the first layer receives (x - mean) / scale of the inputs x.
 
+    Raises
+    ------
+    InvalidArgumentError
+        If a layer does not fit the one before, or the last has not three outputs.
+
     Examples
     --------
     >>> layers = [(np.ones((4, 2)), np.zeros(4)), (np.ones((3, 4)), np.zeros(3))]
     >>> dense_network(layers, np.zeros(2), np.ones(2))[0].shape
     (7, 9)
     """
-    inputs, nodes = len(mean), sum(len(bias) for _, bias in layers)
+    mean = finite_array("mean", mean, (None,))
+    scale = finite_array("scale", scale, mean.shape, np.finfo(float).tiny)
+    layers, inputs = _check_layers(layers, len(mean)), len(mean)
+    nodes = sum(len(bias) for _, bias in layers)
     weights, biases = np.zeros((nodes, inputs + nodes)), np.zeros(nodes)
     begin, sources = 0, slice(0, inputs)
     for matrix, bias in layers:
@@ -308,6 +320,26 @@ def dense_network(
         begin, sources = end, slice(inputs + begin, inputs + end)
     weights[:, :inputs] /= scale
     return weights, biases - weights[:, :inputs] @ mean
+
+
+def _check_layers(layers: object, inputs: int) -> list[tuple[NDArray[Any], NDArray[Any]]]:
+    """Return layers whose shapes follow each other, from ``inputs`` to three outputs."""
+    if not isinstance(layers, list | tuple) or not layers:
+        raise InvalidArgumentError(
+            f"layers must be a list of weights and biases of each layer; got {brief(layers)}"
+        )
+    checked, sources = list[tuple[NDArray[Any], NDArray[Any]]](), inputs
+    for i, layer in enumerate(layers):
+        if not isinstance(layer, list | tuple) or len(layer) != 2:
+            raise InvalidArgumentError(
+                f"layers[{i}] must be a pair of weights and biases; got {brief(layer)}"
+            )
+        last = len(OUTPUTS) if i == len(layers) - 1 else None
+        bias = finite_array(f"layers[{i}] biases", layer[1], (last,))
+        matrix = finite_array(f"layers[{i}] weights", layer[0], (len(bias), sources))
+        checked.append((matrix, bias))
+        sources = len(bias)
+    return checked
 
 
 def load_extra(module: str) -> Any:

@@ -25,7 +25,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, program_of
+from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, check_controllers, program_of
 from gait.pilots import AgentLike, make_pilot, own_interval, reckoning, takes_time
 from gait.policy import new_policy
 
@@ -37,6 +37,7 @@ MAXIMUM_INTERVAL = 2000
 MAXIMUM_POSES = 10_000
 MAXIMUM_THREADS = 1024
 _MODEL_WORLD = WorldConfig()  # made once: its checks take as long as a short swim
+GOLDEN_RATIO = 1.2207440846057596  # of three dimensions: the root of x^4 = x + 1
 ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight
 
 # "gait" in ASCII. One seed often serves the environments and the estimation, too, whose streams
@@ -90,6 +91,18 @@ def random_poses(count: int, seed: int | np.random.SeedSequence) -> NDArray[np.f
     return np.random.default_rng(source).uniform(-np.pi, np.pi, size)
 
 
+def spread_poses(count: int, seed: np.random.SeedSequence) -> NDArray[np.float64]:
+    """Return ``count`` fin angles (count, 3) that fill whole turns evenly, in rad.
+
+    Steps of the golden ratio's generalisation to three dimensions (Roberts, "The unreasonable
+    effectiveness of quasirandom sequences", 2018) from a random pose: each is uniform, and their
+    mean distance varies less than that of independent ones.
+    """
+    steps = np.outer(np.arange(count), GOLDEN_RATIO ** -np.arange(1.0, 4.0))
+    turns = (np.random.default_rng(seed).uniform(size=3) + steps) % 1.0
+    return np.asarray(2.0 * np.pi * turns - np.pi)
+
+
 def swim_all(
     controllers: Sequence[Controller],
     morphologies: MorphologiesLike,
@@ -126,7 +139,7 @@ def swim_all(
         servo gains (3,) or (Q, 3). None for the true ones.
     start
         A state (25,) in which all swims begin, as the vector environment's ``states`` has it; its
-        fin angles replace ``fin_angles``. None begins at rest.
+        fin angles stand for ``fin_angles``, which is then left out. None begins at rest.
 
     Returns
     -------
@@ -143,19 +156,18 @@ def swim_all(
     >>> swim_all([], [Morphology.nominal(), {"caudal": (0.0, 0.0, 0.0)}]).shape
     (0, 2)
     """
-    for controller in controllers:
-        if not isinstance(controller, Controller):
-            raise InvalidArgumentError(
-                "controllers must be of type Controller, which are compiled; gait.swim and "
-                f"gait.evaluate take others; got {brief(controller)}"
-            )
-    world = lane_world(world)
+    controllers, world = check_controllers(controllers), lane_world(world)
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
     state = None if start is None else check_state(start)
-    bodies, poses = pair_swims(
-        morphologies, fin_angles if state is None else angles_of_rows(state)[None]
-    )
+    bodies, poses = pair_swims(morphologies, fin_angles)
+    if state is not None:
+        begun = angles_of_rows(state)[None]
+        if poses.any() and not (poses == begun).all():
+            raise InvalidArgumentError(
+                f"fin_angles must be those of start, in which all swims begin; got {brief(poses)}"
+            )
+        bodies, poses = pair_swims(morphologies, begun)
     swims, time = len(poses), step_count(seconds) * TIMESTEP
     kind = np.dtype(one_of("dtype", dtype, ("float32", "float64"))).type
     angles = _for_each_swim("believed", poses if believed is None else believed, swims)
@@ -253,10 +265,12 @@ def swim(
     angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
     body = Morphology.coerce(morphology).to_array()
     time, config = step_count(seconds) * TIMESTEP, check_world(world)
+    assumed = angles if believed is None else finite_array("believed", believed, (3,), unit="rad")
     gain = config.servo_gain if believed_gain is None else believed_gain
+    gain = finite_array("believed_gain", gain, (3,))
     steps = _interval(controller, interval)
     if isinstance(controller, Controller):
-        policy = controller.policy(angles if believed is None else believed, gain)
+        policy = controller.policy(assumed, gain)
         steps = INTERVAL
     elif takes_time(controller, optional=True):
         if believed is not None or believed_gain is not None:
@@ -266,10 +280,7 @@ def swim(
         policy = new_policy(controller)
     else:
         pilot = make_pilot(controller, steps, steps * TIMESTEP, "controller")
-        fins = finite_array("believed", angles if believed is None else believed, (3,), unit="rad")
-        policy = reckoning(
-            pilot, controller, fins, finite_array("believed_gain", gain, (3,)), steps
-        )
+        policy = reckoning(pilot, controller, assumed, gain, steps)
     (path,) = rollout(
         [policy],
         config.edit(Scenario.fill({"body": body[None], "fin_angles": angles[None]})),

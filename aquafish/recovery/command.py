@@ -83,7 +83,7 @@ class Recover(Given):
     """Generations of NEAT, in the paper's treatments."""
     population: int = 150
     """Gaits a generation of NEAT."""
-    search_generations: int = 750
+    search_generations: int = 740
     """Generations of the recommended search, CMA-ES."""
     search_population: int = 24
     """Gaits a generation of CMA-ES."""

@@ -9,8 +9,10 @@ from __future__ import annotations
 import difflib
 import json
 import math
+import os
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -135,6 +137,21 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
             f"{argument} must be of type {kind.__name__}; got {brief(value)}"
         )
     return value
+
+
+def file_path(argument: str, value: object) -> Path:
+    """Return the path of a text or a path that is not empty."""
+    if isinstance(value, str | os.PathLike):
+        name = os.fspath(value)
+        if isinstance(name, str) and name and "\0" not in name:
+            return Path(name)
+    raise InvalidArgumentError(f"{argument} must be a path; got {brief(value)}")
+
+
+def callback(argument: str, value: Callable[..., Any] | None) -> None:
+    """Refuse what cannot be called; None calls nothing."""
+    if value is not None and not callable(value):
+        raise InvalidArgumentError(f"{argument} must be a function or None; got {brief(value)}")
 
 
 def parse_json(argument: str, text: object) -> Any:

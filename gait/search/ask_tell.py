@@ -23,7 +23,7 @@ class Proposal(NamedTuple):
     #: keeps the last winner.
     finalists: Sequence[Controller] | None = None
     species: int | None = None  #: Number of species; None for the number of searches still alive.
-    poses: int | None = None  #: Number of random poses that suffice; None for all.
+    poses: int | None = None  #: Number of poses besides one; None for that of the configuration.
 
 
 class Search(Protocol):

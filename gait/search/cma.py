@@ -17,9 +17,12 @@ from gait.controller import Controller
 from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
 from gait.search.templates import Template
 
-# CMA-ES starts from the best of many random controllers, each tried from a few poses. From a random
-# one, it sticks one time in three where no step improves anything.
+# CMA-ES starts from the best of many random controllers. From a random one, it sticks one time in
+# three where no step improves anything. All are tried from a few poses. There the best are those
+# that happen to begin in step with their clock, so a shortlist of them swims from more poses.
 CANDIDATE_POSES = 2
+SHORTLIST = 100
+SHORTLIST_POSES = 15
 SIGMA = 0.15  # initial step size
 REFINING = 0.05  # that of a gait which already swims
 # The controller at the mean swims the run's fixed swims once in this many generations: they take
@@ -91,21 +94,40 @@ def tuner(
     )
 
 
-class RandomCandidates:
-    """One generation of random controllers, whose best are starts of CMA-ES."""
+class Screening:
+    """One generation of random controllers (S, D), of which the best ``kept`` stay."""
 
-    def __init__(self, vectors: NDArray[np.float64], build: Build, restarts: int) -> None:
-        self._vectors, self._build, self._restarts = vectors, build, restarts
+    def __init__(
+        self, vectors: NDArray[np.float64], build: Build, kept: int, poses: int, restarts: int
+    ) -> None:
+        self.vectors, self._build = vectors, build
+        self._kept, self._poses, self._restarts = kept, poses, restarts
 
     def ask(self) -> Proposal:
-        """Return all candidates."""
-        controllers = [self._build(x) for x in self._vectors]
-        return Proposal(controllers, None, self._restarts, CANDIDATE_POSES)
+        """Return all of them."""
+        controllers = [self._build(x) for x in self.vectors]
+        return Proposal(controllers, None, self._restarts, self._poses)
 
     def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:  # noqa: ARG002
         """Keep the best."""
-        best = np.argsort(fitness, kind="stable")[::-1][: self._restarts]
-        self.best = self._vectors[best]
+        best = np.argsort(fitness, kind="stable")[::-1][: self._kept]
+        self.vectors = self.vectors[best]
+
+
+def screenings(candidates: int, restarts: int, poses: int) -> list[tuple[int, int]]:
+    """Return how many controllers each screening keeps, and from how many poses besides one.
+
+    ``poses`` are those of a generation, 0 for the zero pose alone.
+
+    Examples
+    --------
+    >>> screenings(1200, 6, 6)
+    [(100, 2), (6, 15)]
+    """
+    few = min(CANDIDATE_POSES, poses)
+    if poses and restarts < SHORTLIST < candidates:
+        return [(SHORTLIST, few), (restarts, SHORTLIST_POSES)]
+    return [(restarts, few)]
 
 
 def multistart(
@@ -113,15 +135,19 @@ def multistart(
     build: Build,
     population: int,
     restarts: int,
+    poses: int,
     rng: np.random.Generator,
 ) -> Turns:
     """Yield the turns of a search from the best of random candidates (S, D).
 
-    ``restarts`` searches start, each with ``population`` controllers in a generation, and the best
-    go on by successive halving. All random numbers come from ``rng``.
+    They are screened as :func:`screenings` says for ``poses``. Then ``restarts`` searches start,
+    each with ``population`` controllers in a generation, and the best go on by successive halving.
+    All random numbers come from ``rng``.
     """
-    first = RandomCandidates(candidates, build, restarts)
-    yield first, restarts
-    starts = zip(first.best, rng.spawn(restarts), strict=True)
+    for kept, count in screenings(len(candidates), restarts, poses):
+        screening = Screening(candidates, build, kept, count, restarts)
+        yield screening, restarts
+        candidates = screening.vectors
+    starts = zip(candidates, rng.spawn(restarts), strict=True)
     strategies = [Strategy(x, build, population, child) for x, child in starts]
     yield from halve(strategies, halving_stages(restarts, sys.maxsize, STAGES))

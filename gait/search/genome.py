@@ -75,7 +75,7 @@ def genome_to_controller(
     fed = {sink for _, sink in enabled}
     return Controller(
         weights=weights,
-        # A node without inputs answers its bias in a feed-forward network, and 0 in a recurrent one.
+        # A node without inputs has its bias in a feed-forward network, and 0 in a recurrent one.
         bias=np.array([genome.nodes[k].bias if k in fed or not recurrent else 0.0 for k in order]),
         response=np.array([genome.nodes[key].response for key in order]),
         clock=clock,

@@ -55,7 +55,8 @@ def test_policy_returns_a_legal_action() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("weights", 3.4e38), ("weights", 1e300), ("bias", 1e31), ("response", -1e31)]
+    ("name", "value"),
+    [("weights", 3.4e38), ("weights", 1e300), ("bias", 1e31), ("response", -1e31)],
 )
 def test_sums_beyond_float32_are_refused(name: str, value: float) -> None:
     """An infinity less an infinity would be a NaN in float32, which steers nothing."""

@@ -165,7 +165,7 @@ def test_diverged_robot_is_the_worst_and_does_not_spread_nan() -> None:
 
 
 def test_paper_is_plain_neat_and_cma_the_default() -> None:
-    assert EvolveConfig().plan.rows == 1 + 6 * 50 + 3 * 100 + 600
+    assert EvolveConfig().plan.rows == 2 + 6 * 50 + 3 * 100 + 590
     assert EvolveConfig(search="neat").plan.rows == 6 * 12 + 6 * 50 + 2 * 60 + 240
     plain = EvolveConfig(search="neat", restarts=1, cma_generations=0, generations=60)
     assert EvolveConfig(paper=True).settings == plain.settings

@@ -1,4 +1,4 @@
-"""A neat-python genome as a controller: neat-python's commands, or a refusal that names the node."""
+"""A neat-python genome as a controller: neat-python's commands, or a refusal by node."""
 
 from __future__ import annotations
 
@@ -113,15 +113,15 @@ def test_hidden_node_with_another_activation_is_refused() -> None:
 
 def test_genome_of_another_robot_is_refused() -> None:
     config, genome = random_genome(1, 0)
-    with pytest.raises(InvalidArgumentError, match="inputs -1 to -9.*from -1[01] to"):
+    with pytest.raises(InvalidArgumentError, match=r"inputs -1 to -9.*from -1[01] to"):
         convert(genome, senses=Senses(clock=0))
-    with pytest.raises(InvalidArgumentError, match="config must have 17 inputs.*got 11"):
+    with pytest.raises(InvalidArgumentError, match=r"config must have 17 inputs.*got 11"):
         convert(genome, senses=Senses(fins=True), config=config)
     config.genome_config.output_keys = [0, 1, 2, 3]
-    with pytest.raises(InvalidArgumentError, match="config must have 3 outputs.*got 4"):
+    with pytest.raises(InvalidArgumentError, match=r"config must have 3 outputs.*got 4"):
         convert(genome, config=config)
     del genome.nodes[2]
-    with pytest.raises(InvalidArgumentError, match="output nodes 0, 1, 2.*has no 2"):
+    with pytest.raises(InvalidArgumentError, match=r"output nodes 0, 1, 2.*has no 2"):
         convert(genome)
 
 

@@ -18,7 +18,7 @@ from gait.agent import ControllerAgent
 from gait.controller import Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.network import Senses
-from gait.rollout import ZERO_POSE, random_poses, stream, swim_all
+from gait.rollout import ZERO_POSE, spread_poses, stream, swim_all
 from gait.search.templates import Template
 from gait_fakes import contents, make_controller
 
@@ -39,7 +39,7 @@ def random_gait(seed: int = 1, goal: bool = False, **changes: Any) -> Controller
 
 def test_first_controller_is_never_made_worse_at_rest() -> None:
     first = make_controller(2, 15)
-    poses = np.vstack([ZERO_POSE, random_poses(32, stream(SHORT.seed, 1))])
+    poses = np.vstack([ZERO_POSE, spread_poses(32, stream(SHORT.seed, 1))])
     before = swim_all([first], HALF, poses, SHORT.seconds).mean()
     found = evolve_gait(HALF, replace(SHORT, generations=9), first=first)
     assert found.history[0].final == pytest.approx(before, abs=1e-12)
@@ -97,7 +97,7 @@ def test_gait_is_evolved_with_known_servo_gains() -> None:
         seconds=4.0, senses=("imu", "clock", "fins"), interval=20, threads=1,
     )  # fmt: skip
     evolved = evolve_gait(HALF, config, world=REVERSED)
-    poses = np.vstack([ZERO_POSE, random_poses(32, stream(config.seed, 1))])
+    poses = np.vstack([ZERO_POSE, spread_poses(32, stream(config.seed, 1))])
     known, unknown = (
         swim_all([evolved.controller], HALF, poses, 4.0, world=REVERSED, believed_gain=gain).mean()
         for gain in (REVERSED.servo_gain, (1.0, 1.0, 1.0))

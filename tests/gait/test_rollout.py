@@ -18,7 +18,7 @@ from gait.controller import Controller
 from gait.evolve import EvolveConfig, evolve_gait
 from gait.fitness import distances
 from gait.network import Senses
-from gait.rollout import ZERO_POSE, random_poses, stream, swim, swim_all
+from gait.rollout import ZERO_POSE, random_poses, spread_poses, stream, swim, swim_all
 from gait.search.templates import Template
 from gait.transfer import TransferConfig, score, transfer
 from gait_fakes import make_controller
@@ -185,3 +185,21 @@ def test_bad_arguments_are_refused_by_name() -> None:
             swim_all([controller], **{"morphologies": HALF, "fin_angles": POSES, **wrong})  # type: ignore[arg-type]
     with pytest.raises(UnknownNameError, match="did you mean 'pybullet'"):
         swim(controller, HALF, engine="pybulet")
+
+
+def test_spread_poses_are_uniform_and_their_mean_varies_less() -> None:
+    """Over many seeds a spread pose is uniform; the mean of a wave over seven is nearer to 0."""
+
+    def waves(poses: np.ndarray) -> np.ndarray:
+        angles = poses.reshape(400, 7, 3)
+        return np.asarray(np.cos(np.concatenate([angles, angles - np.roll(angles, 1, axis=2)], 2)))
+
+    seeds = np.random.SeedSequence(1).spawn(400)
+    spread = np.concatenate([spread_poses(7, seed) for seed in seeds])
+    independent = np.concatenate([random_poses(7, seed) for seed in seeds])
+    assert np.abs(spread).max() <= np.pi
+    for fin in spread.T:
+        counts, _ = np.histogram(fin, 8, (-np.pi, np.pi))
+        assert np.abs(counts / 350 - 1.0).max() < 0.2
+    errors = [waves(poses).mean(axis=1).var() for poses in (spread, independent)]
+    assert errors[0] < 0.6 * errors[1]

@@ -37,7 +37,7 @@ def test_cma_climbs_a_hill() -> None:
     rng = np.random.default_rng(3)
     peak = np.where(template.free, rng.normal(size=template.free.shape), 0.0)
     build = lambda x: template.controller(x, 0.7, BODY, 0)  # noqa: E731
-    finals = climb(Relay(multistart(template.random(50, rng), build, 24, 6, rng)), peak, 1201)
+    finals = climb(Relay(multistart(template.random(50, rng), build, 24, 6, 6, rng)), peak, 1201)
     assert finals[0] < -5.0
     assert finals[-1] > -0.01
 
