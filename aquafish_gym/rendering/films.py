@@ -26,6 +26,7 @@ from aquafish_gym.utils.validation import (
     install_advice,
     integer,
     one_of,
+    utf8_text,
 )
 
 SUFFIXES = (".mp4", ".webp", ".gif")
@@ -48,6 +49,7 @@ def film(
     exact. An .mp4 needs the extra ``film``, without which MissingExtraError is raised.
     """
     suffix = film_suffix(path)
+    utf8_text("title", title)
     integer("width", width, 64, 4096)
     integer("height", height, 64, 4096)
     finite_array("speed", speed, (), 0.01, 100.0)

@@ -135,6 +135,18 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
     return value
 
 
+def utf8_text(argument: str, value: object) -> str:
+    """Return text that UTF-8 can hold, which the bytes of another encoding cannot."""
+    text = instance(argument, value, str)
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise InvalidArgumentError(
+            f"{argument} must be text that UTF-8 can hold; got {brief(text)}"
+        ) from None
+    return text
+
+
 def parse_json(argument: str, text: object) -> Any:
     """Return the value of a text in JSON, whose numbers must be finite.
 
