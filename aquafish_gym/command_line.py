@@ -13,16 +13,17 @@ import os
 import re
 import signal
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from importlib.metadata import version
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Annotated, ClassVar, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 import tyro
 from tyro.conf import arg
 
+from aquafish_gym import __version__
 from aquafish_gym.bodies import read_bodies
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import (
@@ -140,12 +141,14 @@ def run_command_line(
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
     prog = f"python -m {program}" if Path(sys.argv[0]).name == "__main__.py" else program
+    fill_streams()
     try:
         with _interrupts():
             if words == ["--version"]:
-                print(f"{program} {version('aquafish-gym')}")
+                print(f"{program} {__version__}")
             else:
-                command, prog, words = _chosen(prog, commands, words)
+                with end_at_signals(program):
+                    command, prog, words = _chosen(prog, commands, words)
                 _refuse_empty_values(words)
                 parse(command, prog, words, refused).execute()
             sys.stdout.flush()
@@ -155,7 +158,8 @@ def run_command_line(
         return _fail(program, str(stop) or "interrupted", INTERRUPTED)
     except BrokenPipeError:
         # The reader has left, as head does; nor can the rest be written at the exit.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with contextlib.suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return UNREAD
     except refused as error:
         return _fail(program, str(error), REFUSED)
@@ -165,14 +169,63 @@ def run_command_line(
     return 0
 
 
+def fill_streams() -> None:
+    """Open the null device for standard streams that are closed, so that no file takes their place.
+
+    What the terminal cannot show, such as a file's name that is not UTF-8, is written with escapes.
+    """
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115
+    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
+        sys.stdout.reconfigure(errors="backslashreplace")
+
+
 @contextlib.contextmanager
-def _interrupts() -> Iterator[None]:
-    """Have SIGTERM raise KeyboardInterrupt, as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+def _handled(numbers: Iterable[int], handler: Callable[[int, Any], None]) -> Iterator[None]:
+    """Have a function handle signals that are not ignored; in another than the main thread, not."""
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        wanted = [number for number in numbers if signal.getsignal(number) is not signal.SIG_IGN]
+        before = {number: signal.signal(number, handler) for number in wanted}
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, each in before.items():
+            signal.signal(number, each)
+
+
+@contextlib.contextmanager
+def end_at_signals(program: str) -> Iterator[None]:
+    """Have Ctrl-C and SIGTERM end the process at once, while it imports and writes nothing.
+
+    An exception within the import of a compiled package may become another error, or none.
+    """
+
+    def end(_number: int, _frame: Any) -> None:
+        print(f"{program}: interrupted", file=sys.stderr, flush=True)
+        os._exit(INTERRUPTED)
+
+    with _handled((signal.SIGINT, signal.SIGTERM), end):
+        yield
+
+
+@contextlib.contextmanager
+def _interrupts() -> Iterator[None]:
+    """Have SIGTERM raise KeyboardInterrupt, as Ctrl-C does, and end whatever becomes of it."""
+    came: list[int] = []
+
+    def interrupt(number: int, _frame: Any) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    with _handled((signal.SIGINT, signal.SIGTERM), interrupt):
+        try:
+            yield
+        except Exception as error:
+            if came:  # as of a library that was interrupted while it loaded
+                raise KeyboardInterrupt from error
+            raise
 
 
 def _chosen(

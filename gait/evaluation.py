@@ -128,10 +128,6 @@ def evaluate(
         raise InvalidArgumentError(
             f"options must come with an id, as the environment is made already; got {set(options)}"
         )
-    if episodes not in (None, instance("env", env, VectorEnv).num_envs):
-        raise InvalidArgumentError(
-            f"episodes must be {env.num_envs}, one of each robot of env; got {episodes!r}"
-        )
     return _play(agent, env, seed)
 
 

@@ -7,10 +7,11 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import pytest
 
@@ -189,6 +190,67 @@ def test_no_message_or_page_installs_a_package_that_is_not_published() -> None:
         texts += [p for suffix in ("py", "md") for p in (root / folder).rglob(f"*.{suffix}")]
     wrong = re.compile(r"install[^\n]*aquafish[-_]gym\b")
     assert [str(path) for path in texts if wrong.search(path.read_text(encoding="utf-8"))] == []
+
+
+def start(words: str, **options: Any) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "aquafish", *words.split()],
+        stderr=subprocess.PIPE, text=True, cwd=Path(__file__).parents[1], **options,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("words", ["--version", "run --help", "export nowhere.json --c a.c"])
+def test_a_closed_output_is_no_error(words: str) -> None:
+    process = start(words, preexec_fn=lambda: os.close(1))
+    _, said = process.communicate()
+    assert "Traceback" not in said
+    assert process.returncode == (2 if "export" in words else 0)
+
+
+@pytest.mark.parametrize("delay", [0.05, 0.3, 0.6, 1.0, 1.5])
+def test_termination_at_the_start_leaves_no_traceback(delay: float) -> None:
+    process = start("infer --log examples/logs/swim.csv", stdout=subprocess.DEVNULL)
+    time.sleep(delay)
+    process.send_signal(signal.SIGTERM)
+    _, said = process.communicate(timeout=30)
+    assert process.returncode in (130, -signal.SIGTERM)  # the latter before our code runs
+    assert "Traceback" not in said
+    assert said.endswith("aquafish: interrupted\n") == (process.returncode == 130)
+
+
+def test_the_command_line_runs_in_a_thread(capsys: pytest.CaptureFixture[str]) -> None:
+    codes: list[int] = []
+    thread = threading.Thread(target=lambda: codes.append(run("--far", "2")))
+    thread.start()
+    thread.join()
+    assert codes == [0]
+    assert capsys.readouterr() == ("swam with none\n", "")
+
+
+def test_a_library_that_swallows_an_interruption_does_not_hide_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    @dataclass(frozen=True)
+    class Loading:
+        """Load a library."""
+
+        def execute(self) -> None:
+            try:
+                os.kill(os.getpid(), signal.SIGTERM)
+                time.sleep(60)
+            except KeyboardInterrupt:
+                raise ImportError("cannot load") from None
+
+    assert run_command_line("fish", Loading, ()) == 130
+    assert capsys.readouterr().err == "fish: interrupted\n"
+
+
+def test_a_word_that_is_not_utf_8_is_printed_with_escapes() -> None:
+    command = [sys.executable, "-m", "aquafish", "film", b"\xff.json", "--label", b"\xfe"]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[1])  # type: ignore[call-overload]
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.count("\n") == 1
+    assert "\\udcff.json: No such file" in done.stderr
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour, Floats, floor_below
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError, utf8_text
 
 _LANE = 3.5  # least distance between the paths of two fish, units
 FISH = 2.4  # room for a fish around its centre
@@ -52,6 +52,8 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
     """Return the course of one swim or more."""
     if not swims:
         raise InvalidArgumentError("swims must be at least one; got none")
+    for swim in swims:
+        utf8_text("a label", swim.label)
     lanes, x = [], 0.0
     for swim in swims:
         good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))

@@ -26,6 +26,7 @@ from aquafish_gym.utils.validation import (
     install_advice,
     integer,
     one_of,
+    utf8_text,
 )
 
 SUFFIXES = (".mp4", ".webp", ".gif")
@@ -50,6 +51,7 @@ def film(
     is called with the number of frames drawn and of all.
     """
     suffix = film_suffix(path)
+    utf8_text("title", title)
     integer("width", width, 64, 4096)
     integer("height", height, 64, 4096)
     finite_array("speed", speed, (), 0.01, 100.0)

@@ -22,7 +22,7 @@ from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.course import FilmedSwim, lay_out
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour
 from aquafish_gym.runs.storage import write_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError, utf8_text
 
 
 def write_replay(
@@ -45,6 +45,7 @@ def write_replay(
     >>> write_replay([swim], "rest.html").stat().st_size < 500_000
     True
     """
+    utf8_text("title", title)
     write_bytes(path, whole_page(title, replay_fragment(swims)).encode())
     return Path(path)
 

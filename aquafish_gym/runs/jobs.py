@@ -12,9 +12,10 @@ from __future__ import annotations
 import sys
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import CancelledError, Future, as_completed
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -25,14 +26,18 @@ from aquafish_gym.runs.storage import (
     write_bytes,
     write_document,
 )
-from aquafish_gym.runs.workers import workers
+from aquafish_gym.runs.workers import POLL_SECONDS, Workers, workers
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 SCHEMA, TIMES = "aquafish.result/1", "aquafish.times/1"
 TRIES = 3  # how often unfinished jobs are started if worker processes die
 _LONGEST = 300  # characters of a failure's reason
 
-Report = Callable[[str, int], None]  # a line, and by how many jobs the bar advances
+
+class Report(Protocol):
+    """Takes a line, and by how many jobs the bar advances."""
+
+    def __call__(self, text: str, ended: int) -> None: ...
 
 
 class JobLike(Protocol):
@@ -92,7 +97,7 @@ def run_jobs(
         with workers(count, scheduler) as executor:
             warm_up(list(left))
             futures = {executor.submit(run_job, work, job): job for job in left}
-            for future in as_completed(futures):
+            for future in _as_completed(futures, executor, partial(report, ended=0)):
                 job, (content, reason) = futures[future], _answer(future)
                 if content is None:
                     failures.append(f"{job.name}: {' '.join(reason.split())[:_LONGEST]}")
@@ -171,6 +176,17 @@ def run_job(work: Callable[[Any], dict[str, Any]], job: JobLike) -> tuple[bytes 
         place = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{Path(place.filename).name}, line {place.lineno}"
         return None, f"{type(error).__name__}: {error} ({where})"
+
+
+def _as_completed(
+    futures: Iterable[Future[Any]], executor: Workers, say: Callable[[str], None]
+) -> Iterator[Future[Any]]:
+    """Yield futures as they end, and look after the workers meanwhile."""
+    pending = set(futures)
+    while pending:
+        done, pending = wait(pending, POLL_SECONDS, FIRST_COMPLETED)
+        yield from done
+        executor.check(say)
 
 
 def _answer(future: Future[tuple[bytes | None, str]]) -> tuple[bytes | None, str]:

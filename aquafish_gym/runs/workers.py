@@ -5,22 +5,24 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
-from typing import Any
+from typing import Any, Protocol
 
 from aquafish_gym.utils.validation import (
-    EngineUnavailableError,
     InvalidArgumentError,
-    install_advice,
     integer,
 )
 
 MOST_WORKERS = 1024
-_PATIENCE = 20.0  # s for a scheduler to answer
+POLL_SECONDS = 1.0
+SAID_SECONDS = 15.0  # after which the silence of a worker process is reported
+KILLED_SECONDS = 60.0  # and after which it is killed
 # In a worker, numerical libraries start no threads of their own, and Python imports nothing from
 # the current folder.
 _ENVIRONMENT = {
@@ -47,39 +49,63 @@ def check_workers(count: int | None, scheduler: str | None) -> None:
         )
 
 
-@contextmanager
-def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Executor]:
-    """Yield an executor, whose processes are killed if the block ends by an error or Ctrl-C.
+class Workers(Protocol):
+    """Processes that run functions."""
 
-    It has ``count`` processes of this machine, by default one for each core that this process may
-    use; or the workers of the dask scheduler at an address such as ``tcp://host:8786``. Those need
-    this package, but no shared file system.
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
+        """Run a function in one of them."""
+
+    def check(self, say: Callable[[str], None]) -> None:
+        """Look whether they still answer; to be called about every ``POLL_SECONDS``.
+
+        ``say`` takes a sentence about a silent one. OSError if none is left.
+        """
+
+
+@contextmanager
+def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[Workers]:
+    """Yield workers, whose processes are killed if the block ends by an error or Ctrl-C.
+
+    There are ``count`` processes of this machine, by default one for each core that this process
+    may use; or those of the dask scheduler at an address such as ``tcp://host:8786``. Those need
+    this package, the same sources and versions of it, but no shared file system.
 
     Raises
     ------
     InvalidArgumentError, EngineUnavailableError
-        If the scheduler does not answer or has no workers, or dask is not installed.
+        If the scheduler does not answer, has no workers or others than this package's, or dask is
+        not installed.
     """
     check_workers(count, scheduler)
     if scheduler is not None:
-        with _cluster(scheduler) as cluster:
+        from aquafish_gym.runs.cluster import cluster_at
+
+        with cluster_at(scheduler) as cluster:
             yield cluster
         return
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    context = multiprocessing.get_context("spawn")
-    reader, writer = context.Pipe(duplex=False)
-    pool = _Pool(count or cores or 1, context, _exit_with, (reader,))
+    pool = _Pool(count or cores or 1)
     try:
         yield pool
-        pool.shutdown()
+        pool.finish()
     finally:
-        writer.close()  # ends the workers
-        pool.shutdown(cancel_futures=True)
-        reader.close()
+        pool.kill()
 
 
 class _Pool(ProcessPoolExecutor):
-    """Processes with the environment of workers, which leave Ctrl-C to their parent."""
+    """Processes with the environment of workers, which leave Ctrl-C to their parent.
+
+    Each sends a beat every second, so that the silence of one that is stopped is noticed.
+    """
+
+    def __init__(self, count: int) -> None:
+        context = multiprocessing.get_context("spawn")
+        self._closing = context.Pipe(duplex=False)
+        self._beats = context.Pipe(duplex=False)
+        super().__init__(count, context, _begin, (self._closing[0], self._beats[1]))
+        self._futures: set[Future[Any]] = set()
+        self._silent: dict[int, float] = {}  # process -> s without a beat
+        self._checked = time.monotonic()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         before = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
@@ -87,41 +113,72 @@ class _Pool(ProcessPoolExecutor):
         # Processes that this call starts inherit the mask.
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
-            return super().submit(fn, *args, **kwargs)
+            future = super().submit(fn, *args, **kwargs)
         finally:
             for name in _ENVIRONMENT:
                 del os.environ[name]
             os.environ.update(before)
             signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        self._futures.add(future)
+        future.add_done_callback(self._futures.discard)
+        return future
+
+    def check(self, say: Callable[[str], None]) -> None:
+        """Say that a worker is silent, and kill one that has been for long; its jobs break."""
+        now = time.monotonic()
+        # Not the time that this process was itself stopped, as by Ctrl-Z.
+        passed, self._checked = min(now - self._checked, 2 * POLL_SECONDS), now
+        beating = set()
+        while self._beats[0].poll():
+            beating.add(int.from_bytes(os.read(self._beats[0].fileno(), _BEAT_BYTES), "little"))
+        processes = dict(getattr(self, "_processes", None) or {})
+        for number, process in processes.items():
+            before = self._silent.get(number, 0.0)
+            silent = self._silent[number] = 0.0 if number in beating else before + passed
+            if silent >= KILLED_SECONDS:
+                process.kill()
+            elif before < SAID_SECONDS <= silent:
+                say(
+                    f"worker process {number} has been silent for {SAID_SECONDS:.0f} s, as if it "
+                    f"were stopped; it is killed after {KILLED_SECONDS:.0f} s"
+                )
+
+    def finish(self) -> None:
+        """Wait for all that was submitted."""
+        while pending := set(self._futures):
+            wait(pending, POLL_SECONDS)
+            self.check(_say)
+
+    def kill(self) -> None:
+        """End all processes at once, also stopped ones."""
+        for process in list((getattr(self, "_processes", None) or {}).values()):
+            process.kill()
+        self.shutdown(cancel_futures=True)
+        for end in (*self._closing, *self._beats):
+            end.close()
 
 
-def _exit_with(pipe: Connection) -> None:
-    """Have this process end when its parent closes the pipe, or dies, even by SIGKILL."""
+_BEAT_BYTES = 8
+
+
+def _say(sentence: str) -> None:
+    print(sentence, file=sys.stderr, flush=True)
+
+
+def _begin(closing: Connection, beats: Connection) -> None:
+    """Have this process end when its parent closes the pipe, or dies; send beats till then."""
 
     def watch() -> None:
         try:
-            pipe.recv()
+            closing.recv()
         except EOFError:
             os._exit(1)
 
-    threading.Thread(target=watch, daemon=True).start()
+    def beat() -> None:
+        number = os.getpid().to_bytes(_BEAT_BYTES, "little")
+        while True:
+            os.write(beats.fileno(), number)  # so few bytes are written whole
+            time.sleep(POLL_SECONDS)
 
-
-@contextmanager
-def _cluster(address: str) -> Iterator[Executor]:
-    try:
-        from distributed import Client
-    except ImportError as error:
-        raise EngineUnavailableError(
-            f"a scheduler needs dask, which is not installed here ({error}): "
-            f"{install_advice('cluster')}"
-        ) from None
-    try:
-        client: Any = Client(address, timeout=_PATIENCE, set_as_default=False)
-        client.wait_for_workers(1, timeout=_PATIENCE)
-    except (OSError, ValueError, TypeError) as error:  # TimeoutError is an OSError
-        raise InvalidArgumentError(
-            f"scheduler: no worker answers at {address} ({type(error).__name__})"
-        ) from None
-    with client:
-        yield client.get_executor(pure=False)
+    for task in (watch, beat):
+        threading.Thread(target=task, daemon=True).start()

@@ -154,6 +154,18 @@ def callback(argument: str, value: Callable[..., Any] | None) -> None:
         raise InvalidArgumentError(f"{argument} must be a function or None; got {brief(value)}")
 
 
+def utf8_text(argument: str, value: object) -> str:
+    """Return text that UTF-8 can hold, which the bytes of another encoding cannot."""
+    text = instance(argument, value, str)
+    try:
+        text.encode()
+    except UnicodeEncodeError:
+        raise InvalidArgumentError(
+            f"{argument} must be text that UTF-8 can hold; got {brief(text)}"
+        ) from None
+    return text
+
+
 def parse_json(argument: str, text: object) -> Any:
     """Return the value of a text in JSON, whose numbers must be finite.
 

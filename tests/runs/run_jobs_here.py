@@ -45,6 +45,11 @@ def work(task):
         case "die once":
             if times == 1:
                 os._exit(7)
+        case "stop once":
+            if times == 1:
+                os.kill(os.getpid(), signal.SIGSTOP)
+        case "stop":
+            os.kill(os.getpid(), signal.SIGSTOP)
         case "err":
             raise ValueError("no such\nluck")
         case "nan":

@@ -5,8 +5,10 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import socket
 import subprocess
 import sys
+import threading
 import time
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
@@ -15,6 +17,8 @@ import numpy as np
 import pytest
 from run_jobs_here import Task, work
 
+from aquafish_gym.runs import cluster
+from aquafish_gym.runs import workers as pools
 from aquafish_gym.runs.jobs import finished, read_result, run_jobs
 from aquafish_gym.runs.storage import DamagedFileError
 from aquafish_gym.runs.workers import workers
@@ -101,6 +105,19 @@ def test_jobs_of_a_dead_worker_start_again(tmp_path, undisturbed):
         run_jobs([Task(0, "die"), *JOBS], work, tmp_path, count=2)
 
 
+def test_a_stopped_worker_is_noticed_and_its_jobs_start_again(
+    tmp_path, undisturbed, monkeypatch, capfd
+):
+    monkeypatch.setattr(pools, "SAID_SECONDS", 2.0)
+    monkeypatch.setattr(pools, "KILLED_SECONDS", 6.0)
+    once = Task(0, "stop once", str(tmp_path / "once"))
+    assert run_jobs([once, *JOBS], work, tmp_path, count=2) == []
+    done = contents(tmp_path)
+    assert done.keys() == undisturbed.keys() | {once.file}
+    assert {name: done[name] for name in undisturbed} == undisturbed
+    assert "has been silent for 2 s, as if it were stopped" in capfd.readouterr().err
+
+
 def test_warm_up_takes_the_missing_jobs(tmp_path):
     warmed = []
     for jobs in (JOBS[:1], JOBS[:2], JOBS[:2]):
@@ -158,6 +175,20 @@ def test_a_stopped_command_leaves_no_process_and_resumes(tmp_path, stop):
     assert len(contents(tmp_path)) >= 10
 
 
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="reads /proc")
+@pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
+def test_stopped_workers_do_not_hold_an_interruption(tmp_path, stop):
+    program = start(tmp_path, "stop", 4)
+    while len(begun(tmp_path)) < 2:
+        assert program.poll() is None
+        time.sleep(0.05)
+    time.sleep(0.5)
+    program.send_signal(stop)
+    _, said = program.communicate(timeout=10)
+    assert "interrupted with 4 of 4 jobs to do; the same command resumes" in said
+    assert not any(map(is_alive, begun(tmp_path)))
+
+
 def test_a_second_command_in_the_folder_is_refused(tmp_path):
     first = start(tmp_path, "sleep", 1)
     assert first.stdout.readline() == "locked\n"
@@ -197,14 +228,70 @@ def test_an_address_without_protocol_is_refused_at_once():
             pass
 
 
-def test_a_dask_cluster_gives_the_same_bytes(tmp_path, undisturbed):
+def test_an_address_that_says_nothing_is_refused_in_time(monkeypatch):
+    pytest.importorskip("distributed")
+    monkeypatch.setattr(cluster, "ANSWER_SECONDS", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        silent = f"tcp://127.0.0.1:{server.getsockname()[1]}"
+        for address in (silent, "tcp://", "tcp://127.0.0.1:1", "nonsense://host:1"):
+            begun = time.monotonic()
+            with (
+                pytest.raises(InvalidArgumentError, match="scheduler: no worker answers at"),
+                workers(scheduler=address),
+            ):
+                pass
+            assert time.monotonic() - begun < 20.0
+
+
+@pytest.fixture
+def dask_cluster():
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=":0"
-    ) as cluster:
-        failures = run_jobs(
-            [*JOBS, Task(0, "err")], work, tmp_path, scheduler=cluster.scheduler_address
-        )
+    ) as made:
+        yield made
+
+
+def test_a_cluster_of_other_sources_or_versions_is_refused(dask_cluster, monkeypatch):
+    address = dask_cluster.scheduler_address
+    monkeypatch.setattr(cluster, "difference", lambda *_: "numpy 1.0 there, 2.0 here")
+    with (
+        pytest.raises(InvalidArgumentError, match=r"the sources and versions of this .*numpy 1\.0"),
+        workers(scheduler=address),
+    ):
+        pass
+    monkeypatch.undo()
+    other = {**cluster.computing(), "sources": "0123456789abcdef"}
+    with pytest.raises(cluster.OtherSourcesError, match=r"sources .* there, 0123456789abcdef here"):
+        cluster.run_alike(other, divmod, 7, 2)
+
+
+def test_sources_and_versions_are_told_apart(monkeypatch, tmp_path):
+    here = cluster.computing()
+    assert cluster.difference(here, dict(here)) == ""
+    assert "numpy None there" in cluster.difference({**here, "numpy": None}, here)
+    (tmp_path / "module.py").write_text("x = 1")
+    monkeypatch.setattr(cluster, "files", lambda _: tmp_path)
+    digests = set()
+    for source in ("x = 1", "x = 2"):
+        (tmp_path / "module.py").write_text(source)
+        digests.add(cluster.computing.__wrapped__()["sources"])
+    assert len(digests) == 2
+
+
+def test_a_cluster_that_has_lost_its_workers_ends_the_command(dask_cluster, monkeypatch, tmp_path):
+    monkeypatch.setattr(cluster, "ANSWER_SECONDS", 5.0)
+    lost = threading.Timer(2.0, dask_cluster.scale, (0,))
+    lost.start()
+    with pytest.raises(OSError, match="none was heard of for 5 s; the same command resumes"):
+        run_jobs([Task(0, "sleep")], work, tmp_path, scheduler=dask_cluster.scheduler_address)
+    lost.join()
+
+
+def test_a_dask_cluster_gives_the_same_bytes(tmp_path, undisturbed, dask_cluster):
+    failures = run_jobs(
+        [*JOBS, Task(0, "err")], work, tmp_path, scheduler=dask_cluster.scheduler_address
+    )
     assert [failure.partition(" (")[0] for failure in failures] == [
         "err 0: ValueError: no such luck"
     ]

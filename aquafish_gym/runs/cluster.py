@@ -1,0 +1,177 @@
+"""Workers of a dask cluster, which must have the sources and versions of this process."""
+
+from __future__ import annotations
+
+import asyncio
+import functools
+import hashlib
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import contextmanager, suppress
+from importlib.resources import files
+from importlib.resources.abc import Traversable
+from typing import Any
+
+from aquafish_gym.runs.manifest import versions
+from aquafish_gym.utils.validation import (
+    EngineUnavailableError,
+    InvalidArgumentError,
+    brief,
+    install_advice,
+)
+
+ANSWER_SECONDS = 20.0  # for a scheduler to answer, and for workers to appear or to come back
+PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
+
+
+class OtherSourcesError(RuntimeError):
+    """A worker has other sources or versions than the process that sends it jobs."""
+
+
+@functools.cache
+def computing() -> dict[str, str]:
+    """Return what decides results on this machine: the versions, and a digest of the sources."""
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        for name, content in _sources(files(package), package):
+            digest.update(name.encode() + b"\0" + content)
+    found = versions()
+    found["python"] = ".".join(found["python"].split(".")[:2])
+    return {**found, "sources": digest.hexdigest()[:16]}
+
+
+def _sources(folder: Traversable, name: str) -> Iterator[tuple[str, bytes]]:
+    """Yield the names and contents of a package's files that compute, in order."""
+    for entry in sorted(folder.iterdir(), key=lambda each: each.name):
+        path = f"{name}/{entry.name}"
+        if entry.is_dir() and entry.name != "__pycache__":
+            yield from _sources(entry, path)
+        elif entry.name.endswith((".py", ".json", ".ini", ".c")):
+            yield path, entry.read_bytes()
+
+
+def difference(there: dict[str, str], here: dict[str, str]) -> str:
+    """Return in words the first difference of two ``computing``, "" if they are equal."""
+    for name in [*here, *there]:
+        if there.get(name) != here.get(name):
+            return f"{name} {there.get(name)} there, {here.get(name)} here"
+    return ""
+
+
+def run_alike(here: dict[str, str], function: Callable[..., Any], *args: Any) -> Any:
+    """Run a function, or raise OtherSourcesError on a worker that is not as the sender is."""
+    if found := difference(computing(), here):
+        raise OtherSourcesError(f"the worker is another: {found}")
+    return function(*args)
+
+
+class _Cluster:
+    """The workers of a connected client; see ``workers.Workers``."""
+
+    def __init__(self, client: Any, executor: Executor) -> None:
+        self._client, self._executor = client, executor
+        self._beats: dict[str, float] = {}
+        self._heard = time.monotonic()
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
+        return self._executor.submit(run_alike, computing(), fn, *args)
+
+    def check(self, say: Callable[[str], None]) -> None:  # noqa: ARG002
+        """Raise OSError if no worker has been heard of for ``ANSWER_SECONDS``."""
+        known = self._client.scheduler_info().get("workers", {})
+        beats = {name: worker.get("last_seen", 0.0) for name, worker in known.items()}
+        if self._client.status == "running" and any(
+            self._beats.get(name) != beat for name, beat in beats.items()
+        ):
+            self._heard = time.monotonic()
+        self._beats = beats
+        if time.monotonic() - self._heard > ANSWER_SECONDS:
+            raise OSError(
+                f"the workers have gone: none was heard of for {ANSWER_SECONDS:.0f} s; the same "
+                "command resumes"
+            )
+
+
+@contextmanager
+def cluster_at(address: str) -> Iterator[_Cluster]:
+    """Yield the workers of the dask scheduler at an address.
+
+    Raises
+    ------
+    InvalidArgumentError, EngineUnavailableError
+        If it does not answer within ``ANSWER_SECONDS``, has no workers or others than this
+        process, or dask is not installed.
+    """
+    try:
+        from distributed import Client, rpc
+        from distributed.security import Security
+    except ImportError as error:
+        raise EngineUnavailableError(
+            f"a scheduler needs dask, which is not installed here ({error}): "
+            f"{install_advice('cluster')}"
+        ) from None
+
+    async def ask() -> None:
+        """Wait for a scheduler with a worker: a client that finds none cannot be closed."""
+        secret = Security().get_connection_args("client")
+        async with rpc(address, connection_args=secret, timeout=ANSWER_SECONDS) as scheduler:
+            while not (await scheduler.identity())["workers"]:
+                await asyncio.sleep(0.2)
+
+    def connect() -> Any:
+        asyncio.run(asyncio.wait_for(ask(), ANSWER_SECONDS))
+        client: Any = Client(address, timeout=ANSWER_SECONDS, set_as_default=False)
+        return client, client.run(computing, on_error="return")
+
+    try:
+        client, found = _within(connect, ANSWER_SECONDS + 5.0)
+    except Exception as error:  # of dask, asyncio and the operating system
+        raise InvalidArgumentError(
+            f"scheduler: no worker answers at {brief(address)} ({type(error).__name__})"
+        ) from None
+    try:
+        for name, there in found.items():
+            words = brief(there) if isinstance(there, Exception) else difference(there, computing())
+            if words:
+                raise InvalidArgumentError(
+                    f"scheduler: the worker {name} must have the sources and versions of this "
+                    f"command: {words}"
+                )
+        yield _Cluster(client, client.get_executor(pure=False))
+    finally:
+        with suppress(Exception):  # a cluster that has gone cannot be left in order
+            _within(client.close, 5.0)
+
+
+def _within(function: Callable[[], Any], seconds: float) -> Any:
+    """Return what a function returns, or raise TimeoutError if it takes too long.
+
+    dask's own timeouts do not cover a server that accepts a connection and says nothing. What dask
+    logs meanwhile is not shown: the caller says it in one line.
+    """
+    outcome: list[Any] = []
+
+    def run() -> None:
+        try:
+            outcome.extend((function(), None))
+        except BaseException as error:
+            outcome.extend((None, error))
+
+    logger = logging.getLogger("distributed")
+    level = logger.level
+    logger.setLevel(logging.CRITICAL + 1)
+    try:
+        thread = threading.Thread(target=run, daemon=True)
+        thread.start()
+        thread.join(seconds)
+    finally:
+        logger.setLevel(level)
+    if not outcome:
+        raise TimeoutError(f"no answer within {seconds:.0f} s")
+    result, error = outcome
+    if error is not None:
+        raise error
+    return result
