@@ -271,6 +271,13 @@ def limits(observe_fins: bool, has_goal: bool) -> Floats:
     return found
 
 
+@cache
+def bounds(observe_fins: bool, has_goal: bool) -> tuple[Floats, Floats]:
+    """Return the smallest and the largest values of an observation."""
+    most = limits(observe_fins, has_goal)
+    return -most, most
+
+
 def observation_space(observe_fins: bool, has_goal: bool) -> Box[np.float32]:
     """Return the space of observations; see ``AquaFishEnv``."""
     high = limits(observe_fins, has_goal).astype(np.float32)
@@ -286,9 +293,12 @@ def observe(
     the bounds of the observation space. The angles are in rad, the goal in the world.
     """
     up, north = up_and_north(state.orientation)
-    seen = np.array([*up, *north, *state.spin, *further_senses(state, fin_angles, goal)]).T
-    most = limits(fin_angles is not None, goal is not None)
-    np.maximum(seen, -most, out=seen)
+    senses = [*up, *north, *state.spin]
+    if fin_angles is not None or goal is not None:
+        senses += further_senses(state, fin_angles, goal)
+    seen = np.array(senses).T
+    least, most = bounds(fin_angles is not None, goal is not None)
+    np.maximum(seen, least, out=seen)
     np.minimum(seen, most, out=seen)
     return seen.astype(np.float32, "C")
 

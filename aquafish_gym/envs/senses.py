@@ -34,18 +34,6 @@ def way_to(goal: Vector, position: Vector, orientation: Quaternion) -> Vector:
     )
 
 
-# The names that ``info`` has for the numbers of ``motion``.
-MOTION = (
-    "x_position",
-    "y_position",
-    "z_position",
-    "x_velocity",
-    "y_velocity",
-    "z_velocity",
-    "distance_from_origin",
-)
-
-
 def motion(before: Vector, after: Vector, dt: float) -> tuple[Number, ...]:
     """Return the position, the mean velocity of a step of ``dt`` s, and the distance covered."""
     x, y, z = after
@@ -62,4 +50,18 @@ def motion(before: Vector, after: Vector, dt: float) -> tuple[Number, ...]:
 
 def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
     """Return :func:`motion` by its names in ``info``."""
-    return dict(zip(MOTION, motion(before, after, dt), strict=True))
+    x, y, z, along_x, along_y, along_z, distance = motion(before, after, dt)
+    return {
+        "x_position": x,
+        "y_position": y,
+        "z_position": z,
+        "x_velocity": along_x,
+        "y_velocity": along_y,
+        "z_velocity": along_z,
+        "distance_from_origin": distance,
+    }
+
+
+_NOWHERE = (0.0, 0.0, 0.0)
+#: The names of the numbers of :func:`motion`.
+MOTION = tuple(motion_info(_NOWHERE, _NOWHERE, 1.0))
