@@ -164,7 +164,7 @@ class LaneBatch:
         """Return the table (3, B) of the commands that :meth:`swim` obeys, to be written to."""
         return self._table(self._commands, 3)
 
-    def swim(self, steps: int, after: Callable[[int, int], None]) -> None:
+    def swim(self, steps: int, after: Callable[[int, int], None] | None = None) -> None:
         """Hold the commands of :meth:`command_rows` for ``steps``, and log nothing.
 
         Call ``after(i, j)`` once robots i to j - 1 have swum, on their thread.
