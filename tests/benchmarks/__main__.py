@@ -17,7 +17,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import MAXIMUM_STEPS
 from aquafish_gym.runs.storage import ensure_writable_directory, write_document
-from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from tests.benchmarks.measure import LEAST_SECONDS, measure
 from tests.benchmarks.page import blocks_of, present_commit, work_defaults, write_block
 from tests.benchmarks.report import as_text, machine_facts, make_records, make_table
@@ -40,6 +40,9 @@ class Bench:
     """Physics steps of 0.01 s that each robot takes in the rows of the open loop."""
     turns: int = 5
     """How often each row is run; its best turn counts, of a new process the median."""
+    seconds: float = LEAST_SECONDS
+    """How long a turn lasts at least. Where others use the processors, many turns of a few
+    milliseconds find out what an idle one would do."""
     seed: int = 0
     """The random bodies, commands, fin angles and networks follow from it."""
     out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
@@ -58,6 +61,7 @@ class Bench:
         integer("robots", self.robots, 1)
         integer("steps", self.steps, 1, MAXIMUM_STEPS)
         integer("turns", self.turns, 1)
+        finite_array("seconds", self.seconds, (), 0.0, 60.0, "s")
         integer("seed", self.seed, 0)
         names = tuple(dict.fromkeys(one_of("only", name, GROUPS) for name in self.only))
         if self.out is not None:
@@ -89,23 +93,28 @@ class Bench:
         turns = limits.pop("turns")
         cores = len(os.sched_getaffinity(0))
         settings = Settings(**limits, seed=self.seed, cores=cores, quick=self.quick)
-        groups, records = time_groups(list(names), settings, turns)
+        groups, records = time_groups(list(names), settings, turns, self.seconds)
         console = Console()
         title = f"best of {turns} turn{'s'[: turns > 1]}, {settings.steps} steps in open loop"
         table = make_table(title, groups, records)
         console.print(table)
         for note in dict.fromkeys(note for group in groups.values() for note in group.notes):
             console.print(note, highlight=False, markup=False, soft_wrap=True)
-        config = {**asdict(settings), "turns": turns, "groups": list(groups)}
+        config = {
+            **asdict(settings),
+            "turns": turns,
+            "seconds": self.seconds,
+            "groups": list(groups),
+        }
         notes = {name: group.notes for name, group in groups.items()}
         return as_text(table), {"config": config, "notes": notes, "rows": records}
 
 
 def time_groups(
-    names: list[str], settings: Settings, turns: int
+    names: list[str], settings: Settings, turns: int, seconds: float = LEAST_SECONDS
 ) -> tuple[dict[str, Group], list[dict[str, Any]]]:
     """Time the groups of these names under a progress bar; return them and all their records."""
-    least = 0.0 if settings.quick else LEAST_SECONDS
+    least = 0.0 if settings.quick else seconds
     groups: dict[str, Group] = {}
     records: list[dict[str, Any]] = []
     columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(),
