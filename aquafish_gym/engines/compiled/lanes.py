@@ -43,8 +43,8 @@ _RECORDS = {
     "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
 }  # fmt: skip
 _NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
-# Steps of a group that are worth a thread: in a tenth of a ms it is awake, and has worked.
-_WORTH_A_THREAD = 500
+# Steps of a group that are worth a thread, 0.06 ms of work: it takes 0.02 ms to wake.
+_WORTH_A_THREAD = 300
 
 
 def lane_width(dtype: type[np.floating]) -> int:
