@@ -17,8 +17,9 @@ COMMAND_LOW.setflags(write=False)
 COMMAND_HIGH: NDArray[np.float64] = np.array([0.5, 0.5, 1.0])
 COMMAND_HIGH.setflags(write=False)
 
-_LOW: list[float] = COMMAND_LOW.tolist()
-_SPAN: list[float] = (COMMAND_HIGH - COMMAND_LOW).tolist()
+# Tuples, which compiled code can read.
+_LOW = tuple(float(v) for v in COMMAND_LOW)
+_SPAN = tuple(float(v) for v in COMMAND_HIGH - COMMAND_LOW)
 _MIDDLE = tuple(float(v) for v in (COMMAND_LOW + COMMAND_HIGH) / 2)
 _REACH = tuple(float(v) for v in (COMMAND_HIGH - COMMAND_LOW) / 2)
 

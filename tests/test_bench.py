@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import platform
+import re
 import sys
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
@@ -15,6 +18,7 @@ from aquafish_gym import simulate
 from tests.benchmarks import starting
 from tests.benchmarks.__main__ import main
 from tests.benchmarks.measure import measure
+from tests.benchmarks.page import BLOCK, say_defaults, work_defaults
 from tests.benchmarks.report import make_records
 from tests.benchmarks.rows import GROUPS, Settings, load_provider
 
@@ -108,3 +112,59 @@ def test_mujoco_baseline_turns_the_same_fins() -> None:
     assert abs(states[:, :, 10] - SWEEP * np.sin(log.fin_angles[:, :, 2])).max() < 1e-4
     assert len(np.unique(states[:, -1, 1])) == 40
     assert abs(states[:, -1, 1:4] - dry[:, -1, 1:4]).max() > 0.01  # there is water
+
+
+PAGE = Path(__file__).parent.parent / "docs" / "performance.md"
+
+
+def test_the_page_was_measured_with_the_present_defaults() -> None:
+    """A default that changes what a step is makes every figure a figure of something else."""
+    tables = BLOCK.findall(PAGE.read_text("utf-8"))
+    said = [block[0] for block in BLOCK.finditer(PAGE.read_text("utf-8"))]
+    assert {name for _, groups, _ in tables for name in groups.split()} == set(GROUPS)
+    for block in said:
+        assert say_defaults(work_defaults()) in block
+        assert re.search(r"^Commit [0-9a-f]{7,}\.", block, re.MULTILINE)
+
+
+def test_work_defaults_are_the_environments() -> None:
+    found = work_defaults()
+    for name, make in (("AquaFish-v0", gym.make), ("make_vec", gym.make_vec)):
+        env: Any = make("AquaFish-v0")
+        assert found[f"{name}.frame_skip"] == env.unwrapped.frame_skip
+        assert found["task.seconds"] == env.unwrapped.task.seconds
+        env.close()
+    assert found["make_vec.dtype"] == "float32"
+
+
+def test_figures_stand_on_one_page() -> None:
+    """Nowhere else can they go stale."""
+    root = PAGE.parent.parent
+    pages = [root / "README.md", *root.glob("docs/*.md"), *root.glob("docs/*/*.md")]
+    sources = [
+        file
+        for name in ("aquafish", "aquafish_gym", "eea", "gait")
+        for file in (root / name).rglob("*.py")
+    ]
+    for file in {*pages, *sources} - {PAGE}:
+        assert not re.search(r"\d [kM] ?(robot-|env-)?(steps)?/s\b", file.read_text("utf-8")), file
+
+
+def test_a_page_is_measured_again(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    text = "Before\n<!-- benchmark: {} -->\nold\n<!-- end -->\nbetween\n"
+    page.write_text(text.format("bodies") + text.format("starting") + "after\n")
+    out = tmp_path / "bench.json"
+    words = ["--quick", "--turns", "1", "--only", "bodies", "--page", str(page)]
+    assert main([*words, "--out", str(out)]) == 0
+    found = page.read_text()
+    assert found.count("old") == 1
+    assert found.endswith(text.format("starting") + "after\n")
+    assert "pack a batch" in found
+    assert say_defaults(work_defaults()) in found
+    written = json.loads(out.read_text())
+    assert written["commit"] in found
+    assert written["defaults"] == work_defaults()
+    page.write_text("no table")
+    assert main(words) == 2
+    assert main([*words[:-1], str(tmp_path / "absent.md")]) == 2

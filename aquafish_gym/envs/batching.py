@@ -83,7 +83,9 @@ def check_mask(mask: object, count: int) -> Mask:
 
 def masked(info: Info, mask: Mask) -> Info:
     """Add the mask that Gymnasium wants beside each key."""
-    return info | {f"_{name}": mask.copy() for name in info}
+    masks = np.empty((len(info), len(mask)), np.bool_)
+    masks[:] = mask
+    return info | dict(zip([f"_{name}" for name in info], masks, strict=True))
 
 
 def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -> Info:

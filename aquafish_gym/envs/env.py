@@ -13,6 +13,7 @@ from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import episode
+from aquafish_gym.envs.senses import motion_info
 from aquafish_gym.envs.specification import read_class
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
@@ -295,7 +296,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
     def _info(
         self, before: Vector, terms: dict[str, float], diverged: bool = False
     ) -> dict[str, Any]:
-        info = episode.motion_info(before, self._state.position, self.dt)
+        info = motion_info(before, self._state.position, self.dt)
         info["diverged"] = diverged
         info["fin_angles"] = np.array(self._fin_angles)
         for name, value in self._truth.items():

@@ -16,11 +16,12 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.damage import Damage, edit_each
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.sensors import Readings, Sensors
+from aquafish_gym.envs.senses import up_and_north, way_to
 from aquafish_gym.envs.specification import FishSpec, check_limit, limit_asked_for
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Vector, subtract
+from aquafish_gym.physics.arithmetic import Number, Vector
 from aquafish_gym.physics.kinematics import State
 from aquafish_gym.scenario import LATE, TIMESTEP, Scenario, check_row
 from aquafish_gym.utils.validation import (
@@ -195,12 +196,17 @@ class Robots:
         changes = self._changes
         self.next_change[rows] = [changes[i][0][0] if changes[i] else NEVER for i in rows.tolist()]
 
+    @property
+    def acts_late(self) -> bool:
+        """Whether servos may follow earlier actions than the last."""
+        return self._servos.active
+
     def drive(self, speeds: Vector) -> Vector:
         """Return the speeds that servos follow in this step, which may be those of earlier ones.
 
         Numbers of one robot, or rows (B,). Until the first action arrives, servos stand.
         """
-        if not self._servos.active:
+        if not self.acts_late:
             return speeds
         asked = np.reshape(np.array(speeds, np.float64), (3, -1)).T
         left, right, caudal = self._servos.carry(asked, np.arange(len(asked))).T
@@ -274,12 +280,15 @@ class Setting:
         self._spec = spec and FishSpec.of(spec, self._last)
 
 
+def float_action(action: object, shape: tuple[int, ...]) -> Floats | NDArray[np.float32]:
+    """Return an action as an array of floats of this shape, which may be any if it was one."""
+    if type(action) is np.ndarray and action.shape == shape and action.dtype.char in "fd":
+        return np.ascontiguousarray(action)
+    return np.ascontiguousarray(finite_array("action", action, shape))  # type: ignore[arg-type]
+
+
 def check_action(action: object, shape: tuple[int, ...]) -> Floats:
     """Return an action as float64 of this shape, clipped to [-1, 1]."""
-    if type(action) is np.ndarray and action.shape == shape and action.dtype.char in "efd":
-        checked = action.astype(np.float64, "F")  # whose columns batches work on
-        if np.isfinite(checked).all():
-            return np.minimum(np.maximum(checked, -1.0, out=checked), 1.0, out=checked)
     return finite_array("action", action, shape).clip(-1.0, 1.0)  # type: ignore[arg-type]
 
 
@@ -309,6 +318,13 @@ def limits(observe_fins: bool, has_goal: bool) -> Floats:
     return found
 
 
+@cache
+def bounds(observe_fins: bool, has_goal: bool) -> tuple[Floats, Floats]:
+    """Return the smallest and the largest values of an observation."""
+    most = limits(observe_fins, has_goal)
+    return -most, most
+
+
 def observation_space(observe_fins: bool, has_goal: bool) -> Box[np.float32]:
     """Return the space of observations; see ``AquaFishEnv``."""
     high = limits(observe_fins, has_goal).astype(np.float32)
@@ -323,36 +339,24 @@ def observe(
     Every number may be a row (B,) instead; the result is then (B, 9) or more. Values saturate at
     the bounds of the observation space. The angles are in rad, the goal in the world.
     """
-    x, y, z, w = state.orientation
-    xx, yz, wx = x * x, y * z, w * x
-    up = (2 * (x * z - w * y), 2 * (yz + wx), 1 - 2 * (xx + y * y))
-    north = (2 * (x * y + w * z), 1 - 2 * (xx + z * z), 2 * (yz - wx))
-    # The world's z, then its y, in body axes: rows of the rotation matrix.
+    up, north = up_and_north(state.orientation)
     senses = [*up, *north, *state.spin]
-    if fin_angles is not None:
-        senses += [*np.sin(fin_angles), *np.cos(fin_angles)]
-    if goal is not None:
-        way = subtract(goal, state.position)
-        east = (1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y))
-        senses += [way[0] * east[i] + way[1] * north[i] + way[2] * up[i] for i in range(3)]
+    if fin_angles is not None or goal is not None:
+        senses += further_senses(state, fin_angles, goal)
     seen = np.array(senses).T
-    most = limits(fin_angles is not None, goal is not None)
-    np.maximum(seen, -most, out=seen)
+    least, most = bounds(fin_angles is not None, goal is not None)
+    np.maximum(seen, least, out=seen)
     np.minimum(seen, most, out=seen)
     return seen.astype(np.float32, "C")
 
 
-def motion_info(before: Vector, after: Vector, dt: float) -> dict[str, Any]:
-    """Return the ``info`` of positions and mean velocities, in numbers or rows (B,)."""
-    x, y, z = after
-    square = x * x + y * y + z * z
-    root = math.sqrt if isinstance(square, float) else np.sqrt
-    return {
-        "x_position": x,
-        "y_position": y,
-        "z_position": z,
-        "x_velocity": (x - before[0]) / dt,
-        "y_velocity": (y - before[1]) / dt,
-        "z_velocity": (z - before[2]) / dt,
-        "distance_from_origin": root(square),
-    }
+def further_senses(
+    state: State, fin_angles: ArrayLike | None = None, goal: Vector | None = None
+) -> list[Number]:
+    """Return what is observed after the nine channels, if asked for: the fins, and the way."""
+    found: list[Number] = []
+    if fin_angles is not None:
+        found += [*np.sin(fin_angles), *np.cos(fin_angles)]
+    if goal is not None:
+        found += way_to(goal, state.position, state.orientation)
+    return found

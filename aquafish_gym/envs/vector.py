@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium.error import ResetNeeded
@@ -14,31 +14,35 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS, NAMES
-from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.attributes import RobotAttributes
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
+from aquafish_gym.envs.senses import MOTION, motion_info
 from aquafish_gym.envs.specification import check_limit
-from aquafish_gym.envs.tasks import Step
+from aquafish_gym.envs.tasks import Step, Task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows, state_from_numbers
 from aquafish_gym.rendering import check_render_mode, render_pose
-from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, flag, integer, one_of
+from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, integer, one_of
+
+if TYPE_CHECKING:
+    from aquafish_gym.envs.compiled import Outcome
 
 Floats = NDArray[np.float64]
+States = NDArray[np.floating]  # (25, num_envs), of the engine's precision
 Observations = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Counts = NDArray[np.int64]
 Info = dict[str, Any]
+Terms = dict[str, Floats]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
 
 # Rows of a table of states.
 QUATERNION, POSITION = FIELDS["orientation"], FIELDS["position"]
-SPEEDS = slice(FIELDS["velocity"].start, FIELDS["spin"].stop)
 
 
 class AquaFishVectorEnv(
@@ -98,6 +102,7 @@ class AquaFishVectorEnv(
         max_episode_steps: int | None = None,
     ) -> None:
         from aquafish_gym.engines.compiled.lanes import LaneBatch
+        from aquafish_gym.envs.compiled import Judge
 
         super().__init__(task, frame_skip, observe_fins)
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
@@ -147,11 +152,12 @@ class AquaFishVectorEnv(
             threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
         )
         # The present states (25, num_envs), or the last ones before a robot diverged.
-        self._now = self._lanes.rows()
+        self._now: States = self._lanes.state_rows().copy()
         if max_episode_steps is not None:
             limit = integer("max_episode_steps", max_episode_steps, 1)
             check_limit(limit, self._last, self.task, self.dt)
             self._last = limit
+        self._judge = Judge(self.task)
         self._steps: Counts = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
         self._seen: Observations = np.zeros((self.num_envs, len(self._limits)), np.float32)
@@ -192,26 +198,26 @@ class AquaFishVectorEnv(
             If the actions are not finite numbers of that shape, before the first reset, or after
             an episode's end with autoreset disabled.
         """
-        checked = episode.check_action(actions, (self.num_envs, 3))
         over = self._steps == self._last
         if not self._rngs or (over.any() and self.autoreset_mode is not AutoresetMode.NEXT_STEP):
             raise ResetNeeded("an episode is over or has not begun: call reset() before step()")
-        action, before = batching.three(checked.T), self._now
-        # A robot whose episode was over has swum for nothing, and begins the next one.
-        diverged = self._simulate(action) & ~over
+        before, action = self._now, self._command(actions)
+        # A robot whose episode was over swims for nothing, and begins the next one.
+        outcome = self._swim(action, over)
+        diverged = outcome.lost & ~over
         self._steps += 1
         self._steps[diverged] = self._last
-        terms = self._reward(before, action, diverged | over)
+        terms, reward = self._reward(before, action, outcome, diverged | over)
         self._change(diverged | over)
-        reward = sum(terms.values(), np.zeros(self.num_envs))
         if over.any():
             self._begin_next(over)
-            before[:, over] = self._now[:, over]
-        self._look(self._everyone)
+            outcome.moved[:, over] = 0.0  # they are at the origin
+            outcome.seen[over] = self._truth(np.flatnonzero(over))
+        self._see_further(outcome.seen)
+        self._sense(self._everyone, outcome.seen)
         ended = self._steps == self._last
-        info = batching.masked(
-            self._info(before, terms, diverged), np.ones(self.num_envs, np.bool_)
-        )
+        info = self._info(dict(zip(MOTION, outcome.moved, strict=True)), terms, diverged)
+        info = batching.masked(info, np.ones(self.num_envs, np.bool_))
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             last = self._seen.copy()
             self._begin_next(ended)
@@ -225,52 +231,69 @@ class AquaFishVectorEnv(
 
         ``gait.evolve_gait`` can begin in one.
         """
-        return self._now.copy()
+        return self._now.astype(np.float64)
 
-    def _simulate(self, action: Vector) -> Mask:
-        """Swim one step; return which robots diverged, which keep their last states."""
-        water = self.task.current(tuple(self._memory), self._steps * self.dt)
+    def _command(self, actions: object) -> Floats:
+        """Let the servos do actions (num_envs, 3); return what they obey, (3, num_envs)."""
+        raw = episode.float_action(actions, (self.num_envs, 3))
+        gains, speeds = self._robots.now.servo_gain, self._lanes.command_rows()
+        action = self._judge.command(raw, gains, speeds)
+        if action is None:
+            return finite_array("action", raw, raw.shape)  # refuses
+        if self._robots.acts_late:
+            driven = self._robots.drive(servo_speeds(batching.three(action)))
+            speeds[:] = gains.T * np.array(driven)
+        return action
+
+    def _swim(self, action: Floats, over: Mask) -> Outcome:
+        """Swim one step; return its outcome. Robots that diverge keep their last states."""
+        water = None
+        if type(self.task).current is not Task.current:
+            water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
             x, y, z = (np.broadcast_to(one, (self.num_envs,)) for one in water)
             self._lanes.set_current(np.stack([x, y, z], axis=1))
-        # The lanes' own gains are 1: their product would be of single precision.
-        gains = batching.three(self._robots.now.servo_gain.T)
-        speeds = servo_speeds(action)
-        driven = self._robots.drive(speeds)
-        turned = [gain * speed for gain, speed in zip(gains, driven, strict=True)]
-        lost = self._lanes.advance(np.array(turned).T, self.frame_skip).diverged
-        before, now = self._now, self._lanes.rows()
-        with np.errstate(over="ignore", invalid="ignore"):
-            lost |= ~(np.square(now[SPEEDS]).sum(axis=0) < RUNAWAY)
+        judge = self._judge = self._judge.of(self.task)
+        outcome = judge.outcome(self._now, len(self._limits))
+        given = (self._lanes.state_rows(), self._now, over, action, self._memory, self.dt)
+        self._lanes.swim(self.frame_skip, lambda *robots: judge.fill(outcome, robots, *given))
+        self._now = outcome.now
         if self._reckons:
+            speeds = servo_speeds(batching.three(action))
             reckoned = reckon(batching.three(self._reckoned), speeds, TAU * self.dt)
-            self._reckoned = np.where(lost, self._reckoned, reckoned)
-        if lost.any():
-            now[:, lost] = before[:, lost]
-        self._now = now
-        return lost
+            self._reckoned = np.where(outcome.lost, self._reckoned, reckoned)
+        return outcome
 
-    def _step_from(self, before: Floats, action: Vector) -> Step:
-        here, now = batching.three(before[POSITION]), state_from_numbers(self._now)
+    def _step_from(self, before: States, actions: Floats) -> Step:
+        here, now = (
+            batching.three(before[POSITION].astype(np.float64)),
+            state_from_numbers(self.states),
+        )
         memory = tuple(self._memory)
-        return Step(here, now.position, now.orientation, action, memory, self.dt)
+        return Step(here, now.position, now.orientation, batching.three(actions), memory, self.dt)
 
-    def _reward(self, before: Floats, action: Vector, bad: Mask) -> dict[str, Floats]:
-        """Return the terms of the reward, 0 under ``bad``, and let the task remember the step."""
-        step = self._step_from(before, action)
-        terms = {
-            name: np.where(bad, 0.0, np.broadcast_to(value, bad.shape))
-            for name, value in self.task.reward_terms(step).items()
-        }
-        if len(self._memory):
+    def _reward(
+        self, before: States, action: Floats, outcome: Outcome, bad: Mask
+    ) -> tuple[Terms, Floats]:
+        """Return the reward's terms and their sum, 0 under ``bad``; let the task remember."""
+        names, reward = self._judge.names, outcome.reward
+        terms = dict(zip(names, outcome.terms, strict=True))
+        remembers = type(self.task).remember is not Task.remember
+        step = self._step_from(before, action) if remembers or not names else None
+        if step is not None and not names:
+            for name, value in self.task.reward_terms(step).items():
+                terms[name] = np.where(bad, 0.0, np.broadcast_to(value, bad.shape))
+            reward = sum(terms.values(), reward)
+        if step is not None and remembers:
             pairs = zip(self._memory, self.task.remember(step), strict=True)
             self._memory = np.array([np.where(bad, old, new) for old, new in pairs])
-        return terms
+        return terms, reward
 
     def _change(self, bad: Mask) -> None:
         """Let robots become what their schedules say, except those under ``bad``."""
-        changed = np.flatnonzero((self._robots.next_change == self._steps) & ~bad)
-        if len(changed):
+        due = self._robots.next_change == self._steps
+        if due.any():
+            changed = np.flatnonzero(due & ~bad)
             self._robots.change(changed)
             self._lanes.update(changed, self._lane_robots(changed))
 
@@ -289,7 +312,7 @@ class AquaFishVectorEnv(
         self._memory[:, rows] = memories.T
         self._reckoned[:, rows] = start.fin_angles.T
         self._lanes.restart(rows, self._lane_robots(rows))
-        self._now[:, rows] = self._lanes.rows()[:, rows]
+        self._now[:, rows] = self._lanes.state_rows()[:, rows]
 
     def _begin_next(self, mask: Mask) -> None:
         """Put the robots under ``mask`` at the start of their next episodes."""
@@ -298,24 +321,43 @@ class AquaFishVectorEnv(
 
     def _look(self, rows: Rows) -> None:
         """Let these robots observe the present state."""
-        goal = self.task.goal(tuple(self._memory)) if self.task.has_goal else None
-        fins = None
+        self._sense(rows, self._truth(rows))
+
+    def _truth(self, rows: Rows) -> Observations:
+        """Return what whole sensors of these robots observe."""
+        return episode.observe(state_from_numbers(self.states[:, rows]), *self._further(rows))
+
+    def _further(self, rows: Rows | slice) -> tuple[Floats | None, Vector | None]:
+        """Return what these robots observe beyond nine channels: fins (3, n) in rad, the goal."""
+        fins = goal = None
         if self._observe_fins:
-            fins = self._reckoned if self._reckons else angles_of_rows(self._now)
-        # Of all robots views will do: copies would take as long as all that is computed here.
-        which = slice(None) if len(rows) == self.num_envs else rows
-        seen = episode.observe(state_from_numbers(self._now), fins, goal)[which]
+            known = self._reckoned if self._reckons else angles_of_rows(self._now)
+            fins = known[:, rows]
+        if self.task.has_goal:
+            goal = self.task.goal(tuple(self._memory[:, rows]))
+        return fins, goal
+
+    def _see_further(self, seen: Observations) -> None:
+        """Let the robots observe what comes after the nine channels."""
+        if seen.shape[1] > len(CHANNELS):
+            now = state_from_numbers(self.states)
+            more = np.transpose(episode.further_senses(now, *self._further(slice(None))))
+            most = self._limits[len(CHANNELS) :]
+            seen[:, len(CHANNELS) :] = np.clip(more, -most, most)
+
+    def _sense(self, rows: Rows, seen: Observations) -> None:
+        """Let the sensors of these robots observe what whole ones do."""
         sensors = self._robots.sensors
         if sensors.broken:
             seen = sensors.observe(seen, -self._limits, self._limits, self._rngs, rows)
-        self._seen[which] = seen
+        # Views of all robots: fancy indexing would take as long as all that is computed here.
+        self._seen[slice(None) if len(rows) == self.num_envs else rows] = seen
 
-    def _info(self, before: Floats, terms: dict[str, Floats], diverged: Mask) -> Info:
-        """Return ``info`` after a step from the states ``before``."""
-        here, there = batching.three(before[POSITION]), batching.three(self._now[POSITION].copy())
-        return episode.motion_info(here, there, self.dt) | {
+    def _info(self, moved: dict[str, Floats], terms: Terms, diverged: Mask) -> Info:
+        """Return ``info`` with what ``motion_info`` says of the step."""
+        return moved | {
             "diverged": diverged.copy(),
-            "fin_angles": angles_of_rows(self._now).T.copy(),
+            "fin_angles": np.ascontiguousarray(angles_of_rows(self._now).T),
             **self._robots.truth(),
             **terms,
         }
@@ -323,14 +365,16 @@ class AquaFishVectorEnv(
     def _first_info(self) -> Info:
         """Return ``info`` where no step was taken: the reward's terms are 0."""
         zeros = np.zeros(self.num_envs)
-        names = self.task.reward_terms(self._step_from(self._now, (zeros, zeros, zeros)))
-        return self._info(self._now, dict.fromkeys(names, zeros), np.zeros(self.num_envs, np.bool_))
+        step = self._step_from(self._now, np.zeros((3, self.num_envs)))
+        still = motion_info(step.after, step.after, self.dt)
+        nothing = dict.fromkeys(self.task.reward_terms(step), zeros)
+        return self._info(still, nothing, np.zeros(self.num_envs, np.bool_))
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
         if self.render_mode is None:
             return None
-        poses = np.concatenate([self._now, angles_of_rows(self._now)]).T
+        poses = np.concatenate([self.states, angles_of_rows(self._now)]).T
         return tuple(
             render_pose(Morphology.from_array(sizes), (pose[POSITION], pose[QUATERNION]), pose[-3:])
             for sizes, pose in zip(self._robots.now.body, poses, strict=True)

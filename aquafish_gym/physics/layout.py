@@ -192,7 +192,7 @@ def start_rows(
     return rows
 
 
-def angles_of_rows(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def angles_of_rows(rows: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return fin angles (3, B) in rad of states (25, B), or (3,) of one robot's (22,)."""
-    found: NDArray[np.float64] = np.arctan2(rows[_SINES], rows[_COSINES])
+    found: NDArray[np.float64] = np.arctan2(rows[_SINES], rows[_COSINES], dtype=np.float64)
     return found

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import platform
 from importlib.metadata import PackageNotFoundError, version
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
+from rich.console import Console
 from rich.table import Table
 
 from tests.benchmarks.measure import Timing
@@ -105,6 +107,14 @@ def make_table(title: str, groups: dict[str, Group], records: list[dict[str, Any
                     _say_ratio(r),
                 )
     return table
+
+
+def as_text(table: Table) -> str:
+    """Return a table as lines for a page."""
+    console = Console(width=80, file=io.StringIO(), color_system=None)
+    console.print(table)
+    lines = console.file.getvalue().splitlines()  # type: ignore[attr-defined]
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def _say_ratio(record: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium as gym
@@ -17,8 +17,9 @@ from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import aquafish_gym  # noqa: F401
+from aquafish_gym.engines.compiled import lanes
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.envs.tasks import Step, Task
+from aquafish_gym.envs.tasks import TASKS, Step, SwimForward, Task
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import InvalidArgumentError
 
@@ -84,6 +85,46 @@ def test_batch_equals_gymnasium_sync_of_single_environments(mode: AutoresetMode)
     assert ends == 2
     ours.close()
     theirs.close()
+
+
+@pytest.mark.parametrize("task", TASKS)
+@pytest.mark.parametrize("observe_fins", [False, True, "reckoned"])
+def test_every_task_is_the_single_environments_to_the_last_bit(
+    task: str, observe_fins: bool | str
+) -> None:
+    """Observations, rewards and infos, also over the ends of episodes."""
+    kwargs: dict[str, Any] = {
+        "task": replace(TASKS[task], seconds=2.4), "observe_fins": observe_fins,
+        "damage": "caudal:weak=0.5@1",
+    }  # fmt: skip
+    ours = make(dtype="float64", threads=2, **kwargs)
+    theirs = SyncVectorEnv([lambda: AquaFishEnv(engine="numba", **kwargs)] * COUNT)
+    (a, ia), (b, ib) = ours.reset(seed=5), theirs.reset(seed=5)
+    np.testing.assert_array_equal(a, b)
+    agree(ia, ib)
+    for action in 2.0 * actions(0, 30):  # some are clipped
+        mine, other = ours.step(action), theirs.step(action)
+        for x, y in zip(mine[:4], other[:4], strict=True):
+            np.testing.assert_array_equal(x, y)
+            assert x.dtype == y.dtype
+        agree(mine[4], other[4])
+
+
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_no_result_depends_on_threads(dtype: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(lanes, "_WORTH_A_THREAD", 1)
+    one, two = (AquaFishVectorEnv(67, dtype=dtype, threads=n) for n in (1, 2))
+    same(one.reset(seed=3), two.reset(seed=3))
+    for action in np.random.default_rng(4).uniform(-1, 1, (5, 67, 3)):
+        same(one.step(action), two.step(action))
+
+
+def test_a_task_set_later_is_obeyed() -> None:
+    env, other = make(), make(task=SwimForward(forward_weight=2.0))
+    for e in (env, other):
+        e.reset(seed=0)
+    env.task = SwimForward(forward_weight=2.0)
+    same(env.step(actions(0, 1)[0]), other.step(actions(0, 1)[0]))
 
 
 def same(one: Any, two: Any) -> None:

@@ -126,7 +126,7 @@ def compile_kernel(
             np.empty(10 * BLOCK * width, parameters.dtype),
         )
         series = np.empty(3 * steps * width if record & SPECTRUM else 0, parameters.dtype)
-        rates_only = record in (GYRO, SPECTRUM)
+        rates_only = not closed and record in (0, GYRO, SPECTRUM)
         dt = interval * TIMESTEP
         for group in range(begin, end):
             robot = fetch_robot(parameters, 0, group, groups, zero)
@@ -139,10 +139,10 @@ def compile_kernel(
             if closed:  # that of an action which goes on from the call before
                 speeds = lane_servo_speeds(fetch_vector(kept, ACTION, 0, 1, zero))
             by = drive((gain[0] * speeds[0], gain[1] * speeds[1], gain[2] * speeds[2]), h)
-            in_block = 0
+            in_block, held = 0, phase
             for t in range(steps):
                 # The policy commands the servos, ...
-                if (t + phase) % interval == 0 or t < early:
+                if held == 0 or t < early:
                     time = (first_step + t) * (h * substeps)
                     if closed:
                         memory = fetch_memory(kept, zero)
@@ -173,7 +173,10 @@ def compile_kernel(
                 if not rates_only:
                     rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))
                 # ... the task judges the action once it is over, ...
-                if judged and (t + phase + 1) % interval == 0:
+                held += 1
+                if held == interval:
+                    held = 0
+                if judged and held == 0:
                     memory = fetch_memory(kept, zero)
                     done = make_step(
                         fetch_vector(kept, BEFORE, 0, 1, zero), state.position, state.orientation,

@@ -1,0 +1,91 @@
+"""The tables of docs/performance.md: what is measured there, when, and with which defaults.
+
+A table stands between two comments, of which the first names its groups:
+
+    <!-- benchmark: environments learning -->
+    <!-- end -->
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import aquafish_gym
+from aquafish_gym.envs.env import AquaFishEnv
+from aquafish_gym.envs.tasks import TASKS
+from aquafish_gym.envs.vector import AquaFishVectorEnv
+from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.controller import INTERVAL
+from gait.evolve import EvolveConfig
+from gait.rollout import SECONDS
+
+BLOCK = re.compile(r"(<!-- benchmark: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+# Arguments that set how much work is done for one unit of a figure.
+_WORK: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    "AquaFish-v0": (AquaFishEnv, ("frame_skip", "task", "observe_fins", "reactive")),
+    "make_vec": (AquaFishVectorEnv, ("frame_skip", "dtype", "task", "observe_fins", "reactive")),
+    "simulate": (aquafish_gym.simulate, ("dtype", "substeps")),
+}
+
+
+def work_defaults() -> dict[str, Any]:
+    """Return the present defaults that figures depend on, by names like ``make_vec.dtype``."""
+    found: dict[str, Any] = {"timestep": TIMESTEP}
+    for name, (function, arguments) in _WORK.items():
+        known = inspect.signature(function).parameters
+        found |= {f"{name}.{one}": known[one].default for one in arguments if one in known}
+    neat = EvolveConfig(search="neat")
+    return found | {
+        "task.seconds": TASKS["forward"].seconds,
+        "gait.interval": INTERVAL,
+        "gait.seconds": SECONDS,
+        "neat.population": neat.plan.population,
+        "neat.poses": neat.poses,
+    }
+
+
+def say_defaults(defaults: dict[str, Any]) -> str:
+    """Return the sentence of a page that states defaults."""
+    return "Defaults: " + ", ".join(f"{name}={value!r}" for name, value in defaults.items()) + "."
+
+
+def present_commit() -> str:
+    """Return the checkout's commit, with ``-dirty`` if files differ from it."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=9", "--exclude=*"]
+    try:
+        done = subprocess.run(
+            command, cwd=Path(__file__).parent, capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError):
+        return "unknown"
+    return done.stdout.strip()
+
+
+def blocks_of(page: Path) -> list[tuple[str, ...]]:
+    """Return the groups of each table of a page."""
+    found = [tuple(match[1].split()) for match in BLOCK.findall(page.read_text("utf-8"))]
+    if not found:
+        raise InvalidArgumentError(
+            f"page must hold a line like <!-- benchmark: physics -->; {page} has none"
+        )
+    return found
+
+
+def write_block(page: Path, groups: tuple[str, ...], table: str, commit: str) -> None:
+    """Replace the table of these groups, and what is said of it."""
+    said = f"Commit {commit}. {say_defaults(work_defaults())}"
+    new = f"```text\n{table.rstrip()}\n```\n\n{said}\n"
+
+    def replace(match: re.Match[str]) -> str:
+        if tuple(match[2].split()) != groups:
+            return match[0]
+        return match[1] + new + match[3]
+
+    page.write_text(BLOCK.sub(replace, page.read_text("utf-8")), "utf-8")
