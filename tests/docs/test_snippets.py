@@ -23,6 +23,7 @@ SMALLER = {
     ),
     "PaperConfig(rounds=3)": "PaperConfig(rounds=1)",
     "learn(4096)": "learn(2048)",
+    "learn(300_000)": "learn(6_400)",
 }
 PAGES = {
     str(page.relative_to(ROOT)): BLOCK.findall(page.read_text(encoding="utf-8"))

@@ -203,6 +203,19 @@ def test_the_pages_torchrl_runs() -> None:
     assert names["rollout"].batch_size == (64, 200)
 
 
+@pytest.mark.parametrize(("trainer", "package"), [("TorchRL", "torchrl"), ("Minari", "minari")])
+def test_a_block_of_the_page_scores_its_policy(
+    trainer: str, package: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip(package)
+    page = PAGE.with_name("trainers.md")
+    found = re.search(rf"^## {trainer}$.*?^```py\n(.*?)^```$", page.read_text(), re.M | re.S)
+    assert found is not None
+    monkeypatch.chdir(PAGE.parents[2])
+    exec(compile(found[1], page.name, "exec"), {"__name__": "trainers"})
+    assert re.search(r"^-?\d+\.\d \[.*\] in 10 episodes$", capsys.readouterr().out, re.M)
+
+
 def test_a_minari_dataset(tmp_path: pathlib.Path) -> None:
     """Its infos hold the truth, with the same keys at a reset as after a step."""
     minari = pytest.importorskip("minari")
