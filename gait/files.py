@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.runs.manifest import lock, write_manifest
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.runs.manifest import result_folder
+from aquafish_gym.runs.storage import write_bytes
 
 CONTROLLER_FILE = "controller.json"
 BODIES_FILE = "bodies.json"
@@ -33,13 +33,8 @@ def run_folder(
     A sample of bodies (M, 9) is written to ``bodies.json``. InvalidArgumentError if the folder
     cannot be written, is in use, or holds another run.
     """
-    if out is None:
-        yield None
-        return
-    folder = ensure_writable_directory(out)
-    with lock(folder):
-        write_manifest(folder, kind, settings, outputs)
-        if len(bodies) > 1:
+    with result_folder(out, kind, settings, outputs) as folder:
+        if folder is not None and len(bodies) > 1:
             write_bodies(folder / BODIES_FILE, bodies)
         yield folder
 
