@@ -54,7 +54,12 @@ _BODY = (
     'an object from fin to [x, y, z], or one with a "morphology", as a result.json; '
     "without it, the nominal body."
 )
-Out = Annotated[Path, arg(metavar="DIR", help="Directory for the results; created if missing.")]
+_FOLDER = "created if missing. One that holds results of other settings is refused."
+Out = Annotated[Path, arg(metavar="DIR", help=f"Folder for the results, {_FOLDER}")]
+OptionalOut = Annotated[
+    Path | None,
+    arg(metavar="DIR", help=f"Folder for the results, {_FOLDER} Without it they are only printed."),
+]
 BodyFile = Annotated[Path | None, arg(metavar="FILE", help=f"JSON file of the body: {_BODY}")]
 BodiesFile = Annotated[
     Path | None,

@@ -17,6 +17,7 @@ from aquafish_gym.command_line import (
     BodyDamage,
     EpisodeDamage,
     Given,
+    OptionalOut,
     Out,
     TargetMorphology,
     read_morphology,
@@ -24,8 +25,9 @@ from aquafish_gym.command_line import (
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.manifest import result_folder
 from aquafish_gym.runs.progress import show_progress
-from aquafish_gym.runs.storage import ensure_writable_directory, write_document
+from aquafish_gym.runs.storage import write_document
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import Controller
 from gait.evolve import (
@@ -67,7 +69,7 @@ class Evolve(Given):
     - nodes, connections: of the winner's network.
     """
 
-    out: Out
+    out: Out = Path("out/evolve")
     morphology: BodiesFile = None
     damage: BodyDamage = "none"
     world: WorldConfig = field(default_factory=WorldConfig)
@@ -113,15 +115,17 @@ class Evolve(Given):
 
 @dataclass(frozen=True)
 class TransferCommand:
-    """Swim a controller on the body it was evolved on, and on a target."""
+    """Swim a controller on the body it was evolved on, and on a target.
+
+    Into --out go settings.json, transfer.json and trajectories.png.
+    """
 
     controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """A controller.json, as evolve writes it; it holds the body it was evolved on."""
     target_morphology: TargetMorphology = None
     damage: Annotated[BodyDamage, tyro.conf.arg(aliases=("--target-damage",))] = "none"
     target_world: WorldConfig = field(default_factory=WorldConfig)
-    out: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder for transfer.json and trajectories.png; none are written without it."""
+    out: OptionalOut = None
     config: Annotated[TransferConfig, tyro.conf.arg(name="")] = field(
         default_factory=TransferConfig
     )
@@ -131,27 +135,28 @@ class TransferCommand:
         controller, config = Controller.load(self.controller), self.config
         body = read_morphology(self.target_morphology, "target_morphology")
         target = Damage.parse(self.damage).apply(body)
-        out = self.out and ensure_writable_directory(self.out)
-        swims = 2 * (config.poses + 1)
-        with Console(stderr=True).status(f"{swims} swims of {config.seconds:g} s"):
-            result = transfer(controller, target, config, world=self.target_world)
-        print(result)
-        if out:
-            from gait.plots import plot_trajectories
+        document = {
+            "native_morphology": controller.morphology.to_dict(),
+            "target_morphology": target.to_dict(),
+            "native_engine": check_engine(config.native_engine),
+            "target_engine": check_engine(config.target_engine),
+            "target_world": asdict(self.target_world),
+            "seconds": config.seconds,
+            "seed": config.seed,
+        }
+        settings = {"controller": controller.to_dict(), **asdict(config), **document}
+        files = ("transfer.json", "trajectories.png")
+        with result_folder(self.out, "a transfer of a gait", settings, files) as out:
+            swims = 2 * (config.poses + 1)
+            with Console(stderr=True).status(f"{swims} swims of {config.seconds:g} s"):
+                result = transfer(controller, target, config, world=self.target_world)
+            print(result)
+            if out:
+                from gait.plots import plot_trajectories
 
-            document = {
-                "native_morphology": controller.morphology.to_dict(),
-                "target_morphology": target.to_dict(),
-                "native_engine": check_engine(config.native_engine),
-                "target_engine": check_engine(config.target_engine),
-                "target_world": asdict(self.target_world),
-                "seconds": config.seconds,
-                "seed": config.seed,
-                **result.to_dict(),
-            }
-            write_document(out / "transfer.json", document, "gait.transfer/2")
-            paths = {"native": result.native.swim, "target": result.target.swim}
-            plot_trajectories(out / "trajectories.png", paths)
+                write_document(out / files[0], {**document, **result.to_dict()}, "gait.transfer/2")
+                paths = {"native": result.native.swim, "target": result.target.swim}
+                plot_trajectories(out / files[1], paths)
 
 
 @dataclass(frozen=True)
@@ -172,7 +177,7 @@ class BaselineCommand:
     - score: mean distance in 20 s without exploration, from 32 fixed random poses.
     """
 
-    out: Out
+    out: Out = Path("out/baseline")
     morphology: BodiesFile = None
     damage: EpisodeDamage = "none"
     config: Annotated[LearningConfig, tyro.conf.arg(name="")] = field(

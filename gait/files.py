@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.runs.manifest import lock, write_manifest
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.runs.manifest import result_folder
+from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import file_path
 
 CONTROLLER_FILE = "controller.json"
@@ -34,13 +34,9 @@ def run_folder(
     A sample of bodies (M, 9) is written to ``bodies.json``. InvalidArgumentError if the folder
     cannot be written, is in use, or holds another run.
     """
-    if out is None:
-        yield None
-        return
-    folder = ensure_writable_directory(file_path("out", out))
-    with lock(folder):
-        write_manifest(folder, kind, settings, outputs)
-        if len(bodies) > 1:
+    place = None if out is None else file_path("out", out)
+    with result_folder(place, kind, settings, outputs) as folder:
+        if folder is not None and len(bodies) > 1:
             write_bodies(folder / BODIES_FILE, bodies)
         yield folder
 

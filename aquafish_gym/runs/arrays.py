@@ -55,7 +55,7 @@ def read_arrays(
                 )
             for member in members:  # before any array takes memory
                 one = member.filename.removesuffix(".npy")
-                _check_header(archive, member, shapes[one], f"{name} has {one}")
+                _check_header(archive, member, shapes[one], name)
             # Reading checks the CRC-32 of each.
             return {one: _read_array(archive, f"{one}.npy") for one in found}
     except InvalidArgumentError:
@@ -65,7 +65,7 @@ def read_arrays(
 
 
 def _check_header(
-    archive: zipfile.ZipFile, member: zipfile.ZipInfo, shape: Shape, what: str
+    archive: zipfile.ZipFile, member: zipfile.ZipInfo, shape: Shape, name: str
 ) -> None:
     """Raise DamagedFileError unless a member is an array of numbers of a shape, by its header."""
     with archive.open(member) as content:
@@ -75,9 +75,11 @@ def _check_header(
         found, _, dtype = np.lib.format.read_array_header_1_0(content)
         size = member.file_size - content.tell()
     if dtype.kind not in _NUMBERS:
-        raise DamagedFileError(f"{what} of {dtype}, which are no numbers")
+        one = member.filename.removesuffix(".npy")
+        raise DamagedFileError(f"{name} has {one} of {dtype}, which are no numbers")
     if not fits(found, shape):
-        raise DamagedFileError(f"{what} of shape {found}; it must be {spelled(shape)}")
+        one = member.filename.removesuffix(".npy")
+        raise DamagedFileError(f"{name} must have {one} of shape {spelled(shape)}; it is {found}")
     if math.prod(found) * dtype.itemsize != size:
         raise ValueError("an array of another size than its header says")
 

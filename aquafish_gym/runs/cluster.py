@@ -74,23 +74,23 @@ class _Cluster:
     def __init__(self, client: Any, executor: Executor) -> None:
         self._client, self._executor = client, executor
         self._beats: dict[str, float] = {}
-        self._heard = time.monotonic()
+        self._answered = time.monotonic()
 
     def submit(self, fn: Callable[..., Any], /, *args: Any) -> Future[Any]:
         return self._executor.submit(run_alike, computing(), fn, *args)
 
     def check(self, say: Callable[[str], None]) -> None:  # noqa: ARG002
-        """Raise OSError if no worker has been heard of for ``ANSWER_SECONDS``."""
+        """Raise OSError if no worker has answered for ``ANSWER_SECONDS``."""
         known = self._client.scheduler_info().get("workers", {})
         beats = {name: worker.get("last_seen", 0.0) for name, worker in known.items()}
         if self._client.status == "running" and any(
             self._beats.get(name) != beat for name, beat in beats.items()
         ):
-            self._heard = time.monotonic()
+            self._answered = time.monotonic()
         self._beats = beats
-        if time.monotonic() - self._heard > ANSWER_SECONDS:
+        if time.monotonic() - self._answered > ANSWER_SECONDS:
             raise OSError(
-                f"the workers have gone: none was heard of for {ANSWER_SECONDS:.0f} s; the same "
+                f"the workers have gone: none has answered for {ANSWER_SECONDS:.0f} s; the same "
                 "command resumes"
             )
 

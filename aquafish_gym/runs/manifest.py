@@ -16,7 +16,7 @@ from pathlib import Path
 from platform import python_version
 from typing import Any
 
-from aquafish_gym.runs.storage import read_document, write_document
+from aquafish_gym.runs.storage import ensure_writable_directory, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 LOCK, SETTINGS = ".aquafish.lock", "settings.json"
@@ -114,6 +114,23 @@ def write_manifest(
     if before["kind"] != kind:
         raise InvalidArgumentError(f"{rule} {before['kind']}")
     refuse_difference(folder, kind, before["settings"], asked)
+
+
+@contextmanager
+def result_folder(
+    out: Path | str | None, kind: str, settings: Mapping[str, Any], outputs: Iterable[str]
+) -> Iterator[Path | None]:
+    """Yield the folder ``out``, locked and with the manifest of a run; None if ``out`` is None.
+
+    InvalidArgumentError if the folder cannot be written, is in use, or holds another run.
+    """
+    if out is None:
+        yield None
+        return
+    folder = ensure_writable_directory(out)
+    with lock(folder):
+        write_manifest(folder, kind, settings, outputs)
+        yield folder
 
 
 def refuse_difference(

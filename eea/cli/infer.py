@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import arg
 
-from aquafish_gym.command_line import BodyFile, Threads, read_morphology
+from aquafish_gym.command_line import BodyFile, OptionalOut, Threads, read_morphology
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory
@@ -45,10 +45,7 @@ class Infer:
     """
 
     log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
-    out: Annotated[
-        Path | None,
-        arg(metavar="DIR", help="Directory for the results; without it they are only printed."),
-    ] = None
+    out: OptionalOut = None
     #: Whether each trial's record begins at rest, or in ordinary swimming.
     start: Literal["rest", "moving"] = "rest"
     #: Standard deviation of the gyroscope's noise, rad/s; None to estimate it.

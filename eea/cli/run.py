@@ -49,7 +49,7 @@ class Run(Given):
     other settings is refused.
     """
 
-    out: Out
+    out: Out = Path("out/run")
     #: How the hidden fin angles are inferred: "joint" infers body, angles and nuisances together,
     #: with intervals; the others are the paper's. "recovery" is out-of-band inference with the
     #: settings of the case study.

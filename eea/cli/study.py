@@ -46,7 +46,7 @@ class StudyCommand(Given):
     arms extends it.
     """
 
-    out: Out
+    out: Out = Path("out/study")
     #: Figures of the paper to make, 5 to 10, or all of these.
     figure: tuple[Figure, ...] | None = None
     #: Or these conditions with their default settings, an arm each.

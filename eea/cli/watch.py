@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from tyro.conf import arg
 
-from aquafish_gym.command_line import Threads
-from aquafish_gym.runs.storage import ensure_writable_directory, write_document
+from aquafish_gym.command_line import OptionalOut, Threads
+from aquafish_gym.runs.manifest import result_folder
+from aquafish_gym.runs.storage import write_document
 from eea.cli.progress import waiting
 from eea.fish import load_posterior, read_log, watch_swim
+from eea.fish.swim_log import SwimLog
 
+KIND = "a swim that was watched"
 WATCHED, PICTURE, SCHEMA = "watched.json", "watched.png", "eea.watched/1"
 
 
@@ -22,30 +26,36 @@ class Watch:
 
     The log is as for infer, of any swimming. Each second is fitted with the posterior as the prior;
     if the fit is bad, the body has changed, and infer on the rest of the record finds the new one.
+    Into --out go settings.json, watched.json and watched.png.
     """
 
     log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
     posterior: Annotated[Path, arg(metavar="FILE", help="posterior.npz of infer or run.")]
     alarm: float = 1e-6  #: Probability of a false alarm in each second.
-    out: Annotated[
-        Path | None,
-        arg(metavar="DIR", help="Directory for watched.json and watched.png, if they are wanted."),
-    ] = None
+    out: OptionalOut = None
     seed: int = 0  #: Seed of everything random.
     threads: Threads = None
 
     def execute(self) -> None:
         """Watch the swim and print what was detected."""
         log, belief = read_log(self.log), load_posterior(self.posterior)
-        if self.out is not None:
-            ensure_writable_directory(self.out)
+        settings = {
+            "log": _digest(self.log),
+            "posterior": _digest(self.posterior),
+            "alarm": self.alarm,
+            "seed": self.seed,
+        }
+        with result_folder(self.out, KIND, settings, (WATCHED, PICTURE)) as folder:
+            self._watch(log, belief, folder)
+
+    def _watch(self, log: SwimLog, belief: Any, folder: Path | None) -> None:
         with waiting(f"watching {sum(log.seconds):.3g} s of swimming") as doing:
             found = watch_swim(
                 log, belief, alarm=self.alarm, seed=self.seed, threads=self.threads,
                 progress=lambda done, total: doing(f"window {done} of {total}"),
             )  # fmt: skip
         print(found)
-        if self.out is not None:
+        if folder is not None:
             from aquafish_gym.rendering.pictures import save_figure
             from eea.fish.plots import watched_figure
 
@@ -54,6 +64,10 @@ class Watch:
                 for end, look in zip(found.time, found.looks, strict=True)
             ]
             document = {"alarm": found.alarm, "noticed": found.noticed, "windows": windows}
-            write_document(self.out / WATCHED, document, SCHEMA)
-            save_figure(watched_figure(found), self.out / PICTURE)
-            print(f"written to {self.out}")
+            write_document(folder / WATCHED, document, SCHEMA)
+            save_figure(watched_figure(found), folder / PICTURE)
+            print(f"written to {folder}")
+
+
+def _digest(file: Path) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]

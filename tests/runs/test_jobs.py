@@ -283,7 +283,7 @@ def test_a_cluster_that_has_lost_its_workers_ends_the_command(dask_cluster, monk
     monkeypatch.setattr(cluster, "ANSWER_SECONDS", 5.0)
     lost = threading.Timer(2.0, dask_cluster.scale, (0,))
     lost.start()
-    with pytest.raises(OSError, match="none was heard of for 5 s; the same command resumes"):
+    with pytest.raises(OSError, match="none has answered for 5 s; the same command resumes"):
         run_jobs([Task(0, "sleep")], work, tmp_path, scheduler=dask_cluster.scheduler_address)
     lost.join()
 

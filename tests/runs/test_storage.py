@@ -286,7 +286,7 @@ def test_an_archive_is_refused_by_its_headers_before_it_takes_memory(tmp_path):
     path = tmp_path / "a.npz"
     write_arrays(path, {"time": np.zeros(2**17), "position": np.zeros((2**23, 3))})
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(DamagedFileError, match=r"position of shape .*; it must be"):
+    with pytest.raises(DamagedFileError, match=r"must have position of shape .*; it is"):
         read_arrays(path, {"time": (None,), "position": (None, 2)})
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 60_000  # KiB
 
