@@ -79,10 +79,9 @@ class Bench:
             for groups, (text, _) in zip(tables, measured, strict=True):
                 write_block(self.page, groups, text, commit)
         if self.out is not None:
-            facts = {"commit": commit, "defaults": work_defaults()}
             documents = [document for _, document in measured]
             whole = documents[0] if len(documents) == 1 else {"tables": documents}
-            write_document(self.out, facts | {"machine": machine_facts()} | whole)
+            write_document(self.out, {"commit": commit, "machine": machine_facts()} | whole)
 
     def _measure(self, names: tuple[str, ...]) -> tuple[str, dict[str, Any]]:
         """Time groups and print their table; return it as text and as a document."""
@@ -107,7 +106,8 @@ class Bench:
             "groups": list(groups),
         }
         notes = {name: group.notes for name, group in groups.items()}
-        return as_text(table), {"config": config, "notes": notes, "rows": records}
+        document = {"config": config, "defaults": work_defaults(names), "notes": notes}
+        return as_text(table), document | {"rows": records}
 
 
 def time_groups(

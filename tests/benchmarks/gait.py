@@ -29,6 +29,7 @@ from gait.agent import ControllerAgent
 from gait.controller import INTERVAL, Controller
 from gait.evolve import EvolveConfig
 from gait.fitness import DIVERGED_SPEED, swim_scores
+from gait.learning import LearningConfig
 from gait.network import GYRO_SCALE, Senses
 from gait.rollout import SECONDS, random_poses, step_count, swim_all
 from gait.search.neat import Evolution, genome_to_controller, load_config
@@ -227,6 +228,6 @@ def learning(settings: Settings, cleanup: ExitStack) -> Group:
     rows.append(row("DummyVecEnv", one_by_one("numba"), "numba", "float64", 1, reference))
     for count in sorted({LEARNERS, min(MANY_LEARNERS, settings.robots)}):
         body = Morphology.nominal().to_array()[None]
-        envs = vec_env.VecMonitor(lanes(count, body, Senses(clock=0), 0.0, INTERVAL))
+        envs = vec_env.VecMonitor(lanes(count, body, Senses(clock=0), 0.0, LearningConfig.interval))
         rows.append(row("LaneVecEnv", envs, "numba", "float32", settings.cores, reference))
     return Group(title, unit, rows, notes)

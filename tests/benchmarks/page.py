@@ -11,49 +11,51 @@ from __future__ import annotations
 import inspect
 import re
 import subprocess
-from collections.abc import Callable
+import textwrap
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 import aquafish_gym
 from aquafish_gym.envs.env import AquaFishEnv
-from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controller import INTERVAL
 from gait.evolve import EvolveConfig
-from gait.rollout import SECONDS
 
 BLOCK = re.compile(r"(<!-- benchmark: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 # Arguments that set how much work is done for one unit of a figure.
 _WORK: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
+    "simulate": (aquafish_gym.simulate, ("dtype", "substeps")),
     "AquaFish-v0": (AquaFishEnv, ("frame_skip", "task", "observe_fins", "reactive")),
     "make_vec": (AquaFishVectorEnv, ("frame_skip", "dtype", "task", "observe_fins", "reactive")),
-    "simulate": (aquafish_gym.simulate, ("dtype", "substeps")),
+    "EvolveConfig": (EvolveConfig, ("poses",)),
+}
+# Whose defaults the figures of a group depend on; of the others, those of ``simulate``.
+_OF_GROUPS = {
+    "environments": ("AquaFish-v0", "make_vec"),
+    "learning": ("AquaFish-v0", "make_vec"),
+    "neat": ("EvolveConfig",),
+    "tasks": ("AquaFish-v0", "make_vec"),
+    "pictures": ("AquaFish-v0",),
 }
 
 
-def work_defaults() -> dict[str, Any]:
-    """Return the present defaults that figures depend on, by names like ``make_vec.dtype``."""
-    found: dict[str, Any] = {"timestep": TIMESTEP}
-    for name, (function, arguments) in _WORK.items():
-        known = inspect.signature(function).parameters
-        found |= {f"{name}.{one}": known[one].default for one in arguments if one in known}
-    neat = EvolveConfig(search="neat")
-    return found | {
-        "task.seconds": TASKS["forward"].seconds,
-        "gait.interval": INTERVAL,
-        "gait.seconds": SECONDS,
-        "neat.population": neat.plan.population,
-        "neat.poses": neat.poses,
-    }
+def work_defaults(groups: Iterable[str]) -> dict[str, Any]:
+    """Return the defaults that groups' figures depend on, by names like ``make_vec.dtype``."""
+    found: dict[str, Any] = {}
+    for group in groups:
+        for name in _OF_GROUPS.get(group, ("simulate",)):
+            function, arguments = _WORK[name]
+            known = inspect.signature(function).parameters
+            found |= {f"{name}.{one}": known[one].default for one in arguments}
+    return found
 
 
-def say_defaults(defaults: dict[str, Any]) -> str:
-    """Return the sentence of a page that states defaults."""
-    return "Defaults: " + ", ".join(f"{name}={value!r}" for name, value in defaults.items()) + "."
+def say_defaults(groups: Iterable[str]) -> str:
+    """Return the sentence of a page that states the present defaults of groups."""
+    every = (f"{name}={value!r}" for name, value in work_defaults(groups).items())
+    return textwrap.fill(f"Defaults: {', '.join(every)}.", 120)
 
 
 def present_commit() -> str:
@@ -80,8 +82,7 @@ def blocks_of(page: Path) -> list[tuple[str, ...]]:
 
 def write_block(page: Path, groups: tuple[str, ...], table: str, commit: str) -> None:
     """Replace the table of these groups, and what is said of it."""
-    said = f"Commit {commit}. {say_defaults(work_defaults())}"
-    new = f"```text\n{table.rstrip()}\n```\n\n{said}\n"
+    new = f"```text\n{table.rstrip()}\n```\n\nCommit {commit}.\n{say_defaults(groups)}\n"
 
     def replace(match: re.Match[str]) -> str:
         if tuple(match[2].split()) != groups:
