@@ -146,7 +146,7 @@ class League:
         for entrant, tiers in league.items():
             found = [tiers[tier] for tier in self.tiers]
             gains = [
-                _interval(one["hero_gain"]) if "hero_gain" in one and entrant != HERO else "-"
+                _interval(one["hero_gain"], 2) if "hero_gain" in one and entrant != HERO else "-"
                 for one in found
             ]
             counts = [
@@ -157,9 +157,9 @@ class League:
         return rows
 
 
-def _interval(values: Sequence[float]) -> str:
-    middle, low, high = values
-    return f"{middle:z.1f} [{low:z.1f}, {high:z.1f}]"
+def _interval(values: Sequence[float], digits: int = 1) -> str:
+    middle, low, high = (f"{value:z.{digits}f}" for value in values)
+    return f"{middle} [{low}, {high}]"
 
 
 if __name__ == "__main__":

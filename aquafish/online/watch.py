@@ -10,7 +10,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import Moment
 from aquafish_gym.scenario import CHANNELS, Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    finite_array,
+    instance,
+    integer,
+    real_array,
+    spelled,
+)
 from eea.fish.recognition import find_fins
 from eea.fish.self_model import FINS, FLOOR, MODEL_ERROR, START_ERROR, SelfModel, predict
 
@@ -45,6 +52,9 @@ class Watch:
     squares: list[float] = field(default_factory=list)
     used: list[int] = field(default_factory=list)
     highest: dict[int, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        finite_array("margin", self.margin, (), 0.0)
 
     def add(self, square: float, used: int, calm: bool = False) -> bool:
         """Add the squared innovation of ``used`` channels; return whether it is alarming.
@@ -167,6 +177,13 @@ class Calibration:
 
     def add(self, action: Floats, observed: Floats) -> bool:
         """Add an action (3,) and the observation (9,) after it; return whether that is enough."""
+        wanted = spelled((len(CHANNELS),))
+        action, observed = (
+            finite_array("action", action, (3,)),
+            real_array("observed", observed, wanted),
+        )
+        if observed.shape != (len(CHANNELS),):
+            raise InvalidArgumentError(f"observed must have shape {wanted}; got {observed.shape}")
         past = self._past
         past.append((action, observed))
         self._step(action, observed)

@@ -16,6 +16,7 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, LEFT, RATES, angles_of_rows, start_rows
 from aquafish_gym.scenario import MAXIMUM_CURRENT, MAXIMUM_SPIN, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ class SelfModel:
     fin_angles
         (3,) at the start, rad. It begins at rest.
     model_error, start_error
-        (12,) see ``MODEL_ERROR`` and ``START_ERROR``.
+        (12,) see ``MODEL_ERROR`` and ``START_ERROR``; positive.
     hold
         For how many steps of 0.01 s an action is held.
 
@@ -73,10 +74,16 @@ class SelfModel:
         start_error: Floats = START_ERROR,
         hold: int = 20,
     ) -> None:
-        self.model_error, self.hold = model_error, hold
-        self.covariance: Floats = np.diag(start_error**2)
+        if len(instance("robot", robot, Scenario)) != 1:
+            raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
+        angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
+        self.model_error = finite_array("model_error", model_error, (SIZE,), 0.0)
+        self.hold = integer("hold", hold, 1)
+        self.covariance: Floats = np.diag(
+            finite_array("start_error", start_error, (SIZE,), 0.0) ** 2
+        )
         self.log_likelihood = 0.0
-        self.become(robot, start_rows(np.array([fin_angles], np.float64))[:, 0])
+        self.become(robot, start_rows(angles[None])[:, 0])
 
     def become(self, robot: Scenario, state: Floats) -> None:
         """Replace the robot and its state (25,); keep the covariance."""

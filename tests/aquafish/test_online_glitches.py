@@ -12,11 +12,11 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library
-from aquafish.online.watch import Calibration
+from aquafish.online.watch import Calibration, Watch
 from aquafish_gym.envs.episode import limits
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.fish.self_model import MODEL_ERROR
+from eea.fish.self_model import MODEL_ERROR, SelfModel
 from gait.agent import ControllerAgent
 
 QUICK = AgentConfig(generations=1, refinements=0)
@@ -115,7 +115,7 @@ def test_no_storm_of_possible_readings_silences_it(share: float, known: bool) ->
     assert np.isfinite(agent.model.state).all()
 
 
-WRONG = {
+WRONG: dict[str, Any] = {
     "text": "nothing", "none": None, "words": ["up"] * 9, "booleans": [True] * 9,
     "complex": np.ones(9, complex), "object": np.array([object()] * 9), "ragged": [[0.0], 1.0],
     "short": np.zeros(8), "scalar": 1.0, "empty": [], "two robots": np.zeros((2, 9)),
@@ -138,6 +138,10 @@ def test_a_malformed_observation_changes_nothing(step: int) -> None:
         one, other = (agent.act(observation) for agent in agents)
         np.testing.assert_array_equal(one, other)
         observation, *_ = env.step(one)
+
+
+def calibration() -> Calibration:
+    return Calibration(Scenario.create(), None, 20)
 
 
 LAGGING, PAIR = Scenario.create(servo_lag=[0.1]), Scenario.create(servo_gain=np.ones((2, 3)))
@@ -174,6 +178,13 @@ CALLS: dict[str, tuple[Callable[[Any], object], list[object]]] = {
     "robot ": (lambda x: Calibration(x, None, 20), [None, PAIR, "whole"]),
     "fin_angles  ": (lambda x: Calibration(Scenario.create(), x, 20), ["a", (0.0,), [np.nan] * 3]),
     "hold ": (lambda x: Calibration(Scenario.create(), None, x), [None, 0, 1.5]),
+    "margin": (lambda x: Watch(x), ["2", None, -1.0, np.nan]),
+    "action": (lambda x: calibration().add(x, np.zeros(9)), [None, "a", (0.0,), [np.nan] * 3]),
+    "observed": (lambda x: calibration().add(np.zeros(3), x), list(WRONG.values())),
+    "robot  ": (lambda x: SelfModel(x, np.zeros(3)), [None, PAIR]),
+    "fin_angles   ": (lambda x: SelfModel(Scenario.create(), x), [None, "a", (0.0,)]),
+    "model_error": (lambda x: SelfModel(Scenario.create(), np.zeros(3), x), [None, 1.0, "a"]),
+    "hold  ": (lambda x: SelfModel(Scenario.create(), np.zeros(3), hold=x), [None, 0, "20"]),
     "controller": (lambda x: ControllerAgent(x), [None, "gait", 1]),
     "believed_gain": (lambda x: ControllerAgent(load_library()[0], x), [None, "1", (1.0,)]),
     "info ": (lambda x: ControllerAgent(load_library()[0]).reset(x), [None, {}, "info"]),
@@ -213,7 +224,7 @@ def test_an_agent_of_a_controller_senses_the_last_reading_instead_of_a_glitch(
     others = [wrong for name, wrong in WRONG.items() if name != "two robots"]
     for wrong in (*others, np.zeros((3, 9)), np.zeros((2, 8))):
         with pytest.raises(InvalidArgumentError, match="observations must"):
-            one.act(wrong)  # type: ignore[arg-type]
+            one.act(wrong)
     np.testing.assert_array_equal(one.act(seen[0]), other.act(seen[0]))
 
 

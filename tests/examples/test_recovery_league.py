@@ -58,16 +58,17 @@ def test_the_league_tells_the_gain_of_the_self_model_over_each_entrant() -> None
     )
     assert rows[0] == ["entrant", "self-model's gain, mild", "successes, mild"]
     assert rows[1] == ["self-model", "-", "2 of 2"]
-    assert rows[2][1].startswith(f"{gain:.1f} [")
+    assert rows[2][1].startswith(f"{gain:.2f} [")
     assert rows[2][2] == "1 of 2"
 
 
 def test_blind_refines_the_whole_robots_gait_and_never_looks_for_damage() -> None:
     env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@15", engine="numba")
-    events, swum = {}, {}
+    events: dict[str, list[str]] = {}
+    swum: dict[str, list[Any]] = {}
     for name in ("blind", "self-model"):
         observation, info = env.reset(seed=1)
-        agent = ENTRANTS[name].make(generations=10, refinements=1)
+        agent: Any = ENTRANTS[name].make(generations=10, refinements=1)
         agent.begin(info["fin_angles"])
         swum[name] = []
         for _ in range(90):
