@@ -135,6 +135,8 @@ def test_a_malformed_observation_changes_nothing(step: int) -> None:
         for wrong in WRONG.values() if k == step else ():
             with pytest.raises(InvalidArgumentError, match="observation must"):
                 agents[0].act(wrong)
+            with pytest.raises(InvalidArgumentError, match="fin_angles must"):
+                agents[0].begin((0.0, np.nan, 0.0))
         one, other = (agent.act(observation) for agent in agents)
         np.testing.assert_array_equal(one, other)
         observation, *_ = env.step(one)
