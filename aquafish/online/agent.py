@@ -45,6 +45,7 @@ Floats = NDArray[np.float64]
 
 WHOLE = Hypothesis((), ())
 BACK = {True: 5, False: 2}  # actions before an alarm in which it may have broken; ``gyro_only``
+OUTAGE = 10  # most actions without any reading before these in which it may have broken, too
 ALIKE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
 # In foreign water predictions are good for a few seconds. So the last inference after an alarm uses
 # 12 observations, for 50 actions there is no other alarm, and no gait is refined: one that is best
@@ -257,6 +258,9 @@ class SelfModelAgent:
         if self.model.robot is not self._intact:  # what broke may have ended
             before, broken = [*before, self._intact], [*broken, WHOLE]
         first = max(len(self._moments) - 1 - back, 0)
+        earliest = max(first - OUTAGE, 0)
+        while first > earliest and not self.model.used(self._moments[first - 1].observed).any():
+            first -= 1  # nothing was observed then
         self._quiet = self._steps + QUIET
         if any(event.what == "alarm" for event in self.events):
             most = ERROR_SCALES[-1] * MODEL_ERROR

@@ -80,6 +80,17 @@ def test_a_channel_without_readings_is_left_out(known: bool) -> None:
     assert np.isfinite(agent.model.noise[7])
 
 
+def test_what_breaks_while_nothing_is_observed_is_found_after_it() -> None:
+    def outage(step: int, seen: np.ndarray) -> None:
+        if 100 < step < 104:
+            seen[:] = np.inf
+
+    agent, _ = swim(outage, "caudal:length=0.4@20; right_pectoral:weak=0.5@20", 130)
+    found = about(agent, "inferred")[-1]
+    assert found.startswith("right_pectoral:weak=0.5; caudal:length=0.4")
+    assert "_y" not in found  # no sensor is broken
+
+
 def test_without_any_readings_it_swims_by_dead_reckoning() -> None:
     agent, actions = swim(lambda _, seen: seen.fill(np.nan))
     assert np.isfinite(actions).all()
