@@ -66,7 +66,7 @@ KWARGS: list[dict[str, Any]] = [
 ]
 
 
-@pytest.mark.parametrize("kwargs", KWARGS, ids=str)
+@pytest.mark.parametrize("kwargs", KWARGS, ids=lambda one: "-".join(one))
 def test_what_is_written_makes_the_same_environment(kwargs: dict[str, Any]) -> None:
     made = {"engine": "numba", **kwargs}
     env = gym.make("AquaFish-v0", **made)
