@@ -73,7 +73,8 @@ class RecordedSwim:
         turned = np.vstack([np.zeros(3), path.gyro])
         felt = np.round(turned + rng.normal(0.0, self.noise, turned.shape), DIGITS)
         commands = np.vstack([path.commands, path.commands[-1]])
-        return SwimLog(TIMESTEP * np.arange(len(felt)), felt.astype(np.float64), commands)
+        time = np.arange(len(felt), dtype=np.float64) * TIMESTEP
+        return SwimLog(time, felt.astype(np.float64), commands)
 
 
 if __name__ == "__main__":
