@@ -117,8 +117,8 @@ def what_broke(result: Result) -> str:
         if parts:
             clauses.append(f"the {word} has {' and '.join(parts)}")
     if unknown.all() and not clauses:
-        return "what broke the data do not tell"
-    known = "" if not unknown.any() else ", of what the data tell"
+        return "the data do not tell what broke"
+    known = "" if not unknown.any() else ", as far as the data tell"
     return _sentence("compared with the undamaged fish, ", clauses or ["nothing is broken"]) + known
 
 
