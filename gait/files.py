@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.runs.manifest import lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.utils.validation import file_path
 
 CONTROLLER_FILE = "controller.json"
 BODIES_FILE = "bodies.json"
@@ -36,7 +37,7 @@ def run_folder(
     if out is None:
         yield None
         return
-    folder = ensure_writable_directory(out)
+    folder = ensure_writable_directory(file_path("out", out))
     with lock(folder):
         write_manifest(folder, kind, settings, outputs)
         if len(bodies) > 1:

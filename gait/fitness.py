@@ -133,6 +133,8 @@ def swim_scores(
         If an argument does not fit.
     """
     controllers, broken = check_controllers(controllers), Damage.coerce(damage)
+    integer("seed", seed, 0, MAXIMUM_SEED)
+    judged = check_task(task)
     if isinstance(task, str) and task == "forward" and not broken:
         far = swim_all(
             controllers, morphologies, fin_angles, seconds,
@@ -148,9 +150,8 @@ def swim_scores(
             raise InvalidArgumentError(f"{name} has no effect on an episode, which has its own")
     if threads is not None:
         integer("threads", threads, 1, MAXIMUM_THREADS)
-    integer("seed", seed, 0, MAXIMUM_SEED)
     bodies, poses = pair_swims(morphologies, fin_angles)
-    swims, judged = len(poses), check_task(task)
+    swims = len(poses)
     program = program_of(controllers, swims)
     rngs = [np.random.default_rng(seed + q) for q in range(swims)]
     config = check_episode(judged, damage=broken)

@@ -308,6 +308,8 @@ def dense_network(
     (7, 9)
     """
     mean = finite_array("mean", mean, (None,))
+    if not len(mean):
+        raise InvalidArgumentError("mean must have an entry for each input; got none")
     scale = finite_array("scale", scale, mean.shape, np.finfo(float).tiny)
     layers, inputs = _check_layers(layers, len(mean)), len(mean)
     nodes = sum(len(bias) for _, bias in layers)
