@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from aquafish_gym.scenario import Scenario, check_row
-from aquafish_gym.utils.validation import flag, integer
+from aquafish_gym.utils.validation import flag, instance, integer
 
 Triple = tuple[float, float, float]
 MAXIMUM_SUBSTEPS = 64
@@ -58,12 +58,14 @@ class WorldConfig:
         >>> WorldConfig.of(Scenario.create(servo_gain=(1.0, 0.4, 1.0))).servo_gain
         (1.0, 0.4, 1.0)
         """
+        instance("robot", robot, Scenario)
         names = ("current", "drag", "servo_gain")
         rows: dict[str, Any] = {name: getattr(robot, name)[0] for name in names}
         return cls(**rows, lag=float(robot.servo_lag[0]), reactive=robot.reactive)
 
     def edit(self, scenario: Scenario) -> Scenario:
         """Return a scenario in this world: currents and lags add up, drags and gains multiply."""
+        instance("scenario", scenario, Scenario)
         return replace(
             scenario,
             current=scenario.current + self.current,

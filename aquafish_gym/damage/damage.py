@@ -19,9 +19,10 @@ from aquafish_gym.damage.faults import PARTS, RANDOM, Fault, Range
 from aquafish_gym.damage.tiers import TIERS, Chance, Tier
 from aquafish_gym.morphology import FINS, SIZES, Morphology
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, brief
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, positive
 
 Parts = Mapping[str, Mapping[str, Range | None]]
+MAXIMUM_HOLD = 10**6  # physics steps in a control step
 MAXIMUM_FAULTS = 100  # that one robot may have
 SCALED = 0.2, 0.9  # of what a size was, where any fin may break
 
@@ -95,6 +96,7 @@ class Damage:
         A fin is missing one time in four; else its length, width or thickness is multiplied by 0.2
         to 0.9, uniformly. (``Damage.parse("random:moderate").sample(rng)`` breaks servos, too.)
         """
+        instance("rng", rng, np.random.Generator)
         faults = []
         for fin in rng.permutation(FINS)[: rng.integers(1, 3)].tolist():
             missing, size, factor = rng.random() < 0.25, rng.choice(SIZES), rng.uniform(*SCALED)
@@ -119,12 +121,15 @@ class Damage:
 
         A tier's ways to break that fit none of the parts are not drawn.
         """
+        instance("rng", rng, np.random.Generator)
+        instance("parts", parts, Mapping)  # type: ignore[type-abstract]
         if not self.is_random:
             return self
         return type(self)(tuple(chain.from_iterable(_sample(f, rng, parts) for f in self.faults)))
 
     def check_onsets(self, seconds: float) -> None:
         """Raise InvalidArgumentError if a fault begins after an episode of ``seconds``."""
+        positive("seconds", seconds)
         for fault in self.faults:
             latest = fault.onset[1] if isinstance(fault.onset, tuple) else fault.onset
             if latest >= seconds:
@@ -134,6 +139,7 @@ class Damage:
 
     def check_steps(self, dt: float) -> None:
         """Raise InvalidArgumentError if a delay or hold fits no steps of ``dt`` s."""
+        positive("dt", dt)
         for fault in self.faults:
             fault.check_steps(dt)
 
@@ -153,6 +159,8 @@ class Damage:
         InvalidArgumentError
             If a fault does not fit a body, or is random.
         """
+        instance("scenario", scenario, Scenario)
+        integer("hold", hold, 1, MAXIMUM_HOLD)
         if not self.faults:
             return scenario
         rows = np.arange(len(scenario))
@@ -169,6 +177,7 @@ class Damage:
         Steps are of ``dt`` s. A fault holds in the steps that begin at its onset or later, and in
         one at least. InvalidArgumentError if an onset is random.
         """
+        positive("dt", dt)
         spans = [(fault, *fault.steps(dt)) for fault in self.faults]
 
         def active(now: int) -> tuple[Fault, ...]:
@@ -184,10 +193,7 @@ class Damage:
 
         InvalidArgumentError if a fault does not fit the body, or is random.
         """
-        if not isinstance(morphology, Morphology):
-            raise InvalidArgumentError(
-                f"damage is applied to a Morphology; got {brief(morphology)}"
-            )
+        instance("morphology", morphology, Morphology)
         return Morphology.from_array(_break(Scenario.create(morphology), self.faults).body[0])
 
     def apply(self, morphology: Morphology) -> Morphology:

@@ -19,7 +19,13 @@ from aquafish_gym.damage.sensors import GYRO, Readings, break_link, break_sensor
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
 from aquafish_gym.scenario import CHANNELS, LARGEST_SCALE, LONGEST_DELAY, MAXIMUM_SPIN, Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, one_of
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    instance,
+    one_of,
+)
 
 SHORTEST, LONGEST = 1e-3, 1e6  # s
 LARGEST = 1e30  # of a number of an environment whose units are its own, in any precision
@@ -238,9 +244,10 @@ class Fault:
 
 def _words(part: object) -> Mapping[str, Range | None]:
     """Return the words about a part; UnknownNameError if there is no such part."""
+    part = instance("damage part", part, str)
     if part == RANDOM:
         return dict.fromkeys(TIERS)
-    if isinstance(part, str) and (found := _CHANNEL.fullmatch(part)):
+    if found := _CHANNEL.fullmatch(part):
         side, first, last = found.groups()
         if last is not None and int(first) > int(last):
             raise InvalidArgumentError(
@@ -249,7 +256,7 @@ def _words(part: object) -> Mapping[str, Range | None]:
             )
         return CHANNEL_WORDS[side]
     for side in CHANNEL_WORDS:
-        if str(part).lower().startswith(side[:3]):
+        if part.lower().startswith(side[:3]):
             raise InvalidArgumentError(
                 f"damage part must be {side}, {side}_0 or {side}_0-2 to be of the {side}; "
                 f"got {brief(part)}"

@@ -66,7 +66,8 @@ class Channels:
         self._ends = _bounds(self.observation)
         self._neutral = np.clip(0.0, self._low, self._high)
         if neutral is not None:
-            each = np.full(self.action.shape, neutral) if np.ndim(neutral) == 0 else neutral
+            several = isinstance(neutral, list | tuple) or np.ndim(neutral)
+            each = neutral if several else np.full(self.action.shape, neutral)
             ends = self.action.low, self.action.high
             self._neutral = finite_array("neutral", each, self.action.shape, *ends).ravel()
         self._sizes = {"action": len(self._low), "observation": len(self._ends[0])}

@@ -27,6 +27,8 @@ from aquafish_gym.envs.task import Task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
+MOST_STEPS = 360_000  # of 0.01 s in the longest task
+
 
 class FishSpec(EnvSpec):
     """A specification of an environment that ends its episodes by itself."""
@@ -62,10 +64,15 @@ class FishSpec(EnvSpec):
 def check_limit(steps: int | None, last: int, task: Task, dt: float) -> None:
     """Raise InvalidArgumentError for a limit of more steps than an episode has."""
     if steps is not None and steps > last:
+        hint = ""
+        if steps <= MOST_STEPS:
+            hint = (
+                ": for longer episodes give a longer task, such as "
+                f"task=SwimForward(seconds={steps * dt:g})"
+            )
         raise InvalidArgumentError(
             f"max_episode_steps must be at most {last}, the steps of {dt:g} s in the "
-            f"{task.seconds:g} s of the task; got {steps}: for longer episodes give a longer "
-            f"task, such as task=SwimForward(seconds={steps * dt:g})"
+            f"{task.seconds:g} s of the task; got {brief(steps)}{hint}"
         )
 
 

@@ -16,10 +16,10 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.damage.faults import LONGEST, SHORTEST
 from aquafish_gym.damage.sensors import Rows
 from aquafish_gym.envs.autoreset import AutoresetMode
-from aquafish_gym.envs.batching import masked, of_each
+from aquafish_gym.envs.batching import check_seeds, masked, of_each
 from aquafish_gym.envs.channels import Channels
 from aquafish_gym.envs.episode import Setting, check_options
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
 
 Array = NDArray[Any]
 Info = dict[str, Any]
@@ -78,7 +78,7 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         dt: float | None = None,
         neutral: ArrayLike | None = None,
     ) -> None:
-        gym.Wrapper.__init__(self, env)
+        gym.Wrapper.__init__(self, instance("env", env, gym.Env))
         _refuse_twice(env)
         spaces = env.action_space, env.observation_space
         self._channels = Channels(1, *spaces, _time_step(env, dt), _last_step(env), neutral)
@@ -91,6 +91,7 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Array, Info]:
         """Begin an episode; the option ``damage`` is for this one only."""
+        seed = None if seed is None else integer("seed", seed, 0)
         given = check_options(options)
         damage = self._channels.check(given.pop("damage", self._damage))
         observation, info = self.env.reset(seed=seed, options=given or None)
@@ -150,7 +151,7 @@ class VectorFaultWrapper(_VectorWrapper):
         dt: float | None = None,
         neutral: ArrayLike | None = None,
     ) -> None:
-        VectorWrapper.__init__(self, env)
+        VectorWrapper.__init__(self, instance("env", env, VectorEnv))
         _refuse_twice(env)
         if "autoreset_mode" not in env.metadata:
             raise InvalidArgumentError('env must state its metadata["autoreset_mode"]; got none')
@@ -175,6 +176,7 @@ class VectorFaultWrapper(_VectorWrapper):
 
         The option ``damage`` is for these episodes only.
         """
+        seeds = check_seeds(seed, self.num_envs)
         given = check_options(options)
         damages = self._check(given.pop("damage")) if "damage" in given else self._damages
         mask = np.array(given.get("reset_mask", self._everyone >= 0))
@@ -182,9 +184,9 @@ class VectorFaultWrapper(_VectorWrapper):
         if "action_gain" in info:  # of environments that are wrapped inside of the vector
             raise InvalidArgumentError(TWICE)
         if seed is not None:
-            seeds = [int(one) for one in np.atleast_1d(np.array(seed)) if one is not None]
             # Not the streams of the environments, which the seeds themselves begin.
-            self._rng = np.random.default_rng(np.random.SeedSequence(seeds or None).spawn(1)[0])
+            own = [one for one in (seeds[:1] if np.ndim(seed) == 0 else seeds) if one is not None]  # type: ignore[arg-type]
+            self._rng = np.random.default_rng(np.random.SeedSequence(own or None).spawn(1)[0])
         rows = np.flatnonzero(mask)
         self._seen = self._seen.copy()
         self._seen[rows] = self._begin(rows, damages, observations)

@@ -10,7 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour, Floats, floor_below
-from aquafish_gym.utils.validation import InvalidArgumentError, utf8_text
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    fits,
+    instance,
+    sequence,
+    spelled,
+    utf8_text,
+)
 
 _LANE = 3.5  # least distance between the paths of two fish, units
 FISH = 2.4  # room for a fish around its centre
@@ -38,6 +45,17 @@ class FilmedSwim(NamedTuple):
     fin_angles: Floats  #: (T, 3)
 
 
+#: Numbers of a sample, by the column.
+_WIDTHS: dict[str, tuple[int, ...]] = {
+    "time": (),
+    "bodies": (9,),
+    "broken": (3,),
+    "position": (3,),
+    "quaternion": (4,),
+    "fin_angles": (3,),
+}
+
+
 class Course(NamedTuple):
     """Swims in lanes along y, the first the farthest to the left."""
 
@@ -50,10 +68,10 @@ class Course(NamedTuple):
 
 def lay_out(swims: Sequence[FilmedSwim]) -> Course:
     """Return the course of one swim or more."""
-    if not swims:
+    if not len(sequence("swims", swims)):
         raise InvalidArgumentError("swims must be at least one; got none")
-    for swim in swims:
-        utf8_text("a label", swim.label)
+    for i, swim in enumerate(swims):
+        _check(f"swims[{i}]", swim)
     lanes, x = [], 0.0
     for swim in swims:
         good = np.logical_and.accumulate(np.isfinite(swim.position).all(axis=1))
@@ -73,3 +91,17 @@ def lay_out(swims: Sequence[FilmedSwim]) -> Course:
         (-FISH, x - _LANE + FISH),
         [(y, f"{CM_PER_UNIT * y:z.0f} cm" if y else "start") for y in places],
     )
+
+
+def _check(argument: str, swim: FilmedSwim) -> None:
+    """Refuse what is no swim, or has columns of other shapes; numbers may be NaN."""
+    instance(argument, swim, FilmedSwim)
+    utf8_text(f"the label of {argument}", swim.label)
+    samples = len(np.atleast_1d(swim.time))
+    for name, width in _WIDTHS.items():
+        column, shape = np.asarray(getattr(swim, name)), (samples, *width)
+        if not fits(column.shape, shape) or column.dtype.kind not in "fiub":
+            raise InvalidArgumentError(
+                f"{argument}.{name} must be numbers of shape {spelled(shape)}; "
+                f"got {column.dtype} of shape {column.shape}"
+            )

@@ -22,6 +22,8 @@ from aquafish_gym.rendering.scene import CM_PER_UNIT, Floats
 from aquafish_gym.runs.storage import write_bytes
 from aquafish_gym.utils.validation import (
     MissingExtraError,
+    callback,
+    file_path,
     finite_array,
     install_advice,
     integer,
@@ -51,6 +53,7 @@ def film(
     is called with the number of frames drawn and of all.
     """
     suffix = film_suffix(path)
+    callback("progress", progress)
     utf8_text("title", title)
     integer("width", width, 64, 4096)
     integer("height", height, 64, 4096)
@@ -63,7 +66,7 @@ def film(
 
 def film_suffix(path: str | os.PathLike[str]) -> str:
     """Return the suffix of a film's name, one of ``SUFFIXES``, in lower case."""
-    return one_of("the film's suffix", Path(path).suffix.lower(), SUFFIXES)
+    return one_of("the suffix of the film's path", file_path("path", path).suffix.lower(), SUFFIXES)
 
 
 def film_frames(

@@ -22,7 +22,7 @@ from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.course import FilmedSwim, lay_out
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour
 from aquafish_gym.runs.storage import write_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError, utf8_text
+from aquafish_gym.utils.validation import InvalidArgumentError, file_path, utf8_text
 
 
 def write_replay(
@@ -46,6 +46,7 @@ def write_replay(
     True
     """
     utf8_text("title", title)
+    file_path("path", path)
     write_bytes(path, whole_page(title, replay_fragment(swims)).encode())
     return Path(path)
 

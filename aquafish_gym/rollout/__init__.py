@@ -18,9 +18,19 @@ from aquafish_gym.rollout.many import swim_all
 from aquafish_gym.rollout.one import act_alone, swim_one
 from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever, is_ever_late
 from aquafish_gym.scenario import TIMESTEP, Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    instance,
+    integer,
+    sequence,
+)
+from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 
 __all__ = ["Path", "Program", "Trajectories", "rollout"]
+
+MOST_SECONDS = 3600.0
 
 
 def rollout(
@@ -78,15 +88,24 @@ def rollout(
     InvalidArgumentError, EngineUnavailableError
         If arguments do not fit each other.
     """
+    _check(scenario, task, substeps, rngs)
+    batch = len(scenario)
+    gains = _rows("believed_gain", believed_gain, batch)
     if seconds is None:
         if task is None:
             raise InvalidArgumentError("seconds must be given where there is no task")
         seconds = task.seconds
+    seconds = float(finite_array("seconds", seconds, (), TIMESTEP, MOST_SECONDS, "s"))
     if memory is not None and task is None:
         raise InvalidArgumentError("memory must be None where there is no task")
     if not isinstance(policy, Program):
-        interval = 5 if interval is None else interval
-        gained = bool(np.any(np.not_equal(believed_gain, 1.0)))
+        interval = 5 if interval is None else integer("interval", interval, 1)
+        gained = bool((gains != 1.0).any())
+        if len(sequence("policy", policy)) != batch or not all(map(callable, policy)):
+            raise InvalidArgumentError(
+                f"policy must be a Program or {batch} functions, one for each robot; "
+                f"got {brief(policy)}"
+            )
         of_programs = {
             "believed": believed is not None,
             "believed_gain": gained,
@@ -111,9 +130,10 @@ def rollout(
     steps = round(seconds / TIMESTEP)
     if task is not None and steps % interval:
         raise InvalidArgumentError(
-            f"an action is held for {interval} steps, which must divide the {steps} of the task"
+            f"interval must divide the {steps} steps of the task's {seconds:g} s; got {interval}"
         )
-    batch = len(scenario)
+    if memory is not None:
+        memory = finite_array("memory", memory, (batch, None), flat=True)
     needed = ever(scenario, "gyro_noise")
     if memory is None and task is not None and type(task).begin is not Task.begin:
         needed, memory = True, [task.begin(rng) for rng in rngs]
@@ -126,8 +146,7 @@ def rollout(
     plan = Plan(scenario, task, steps, interval, begun, tuple(rngs), substeps)
     check_engine(engine)
     if isinstance(policy, Program):
-        first = scenario.fin_angles if believed is None else believed
-        fins, gains = (np.broadcast_to(one, (batch, 3)) for one in (first, believed_gain))
+        fins = scenario.fin_angles if believed is None else _rows("believed", believed, batch)
         known = task is None or compiled_task(task) is not None
         if engine == "numba" and known and not is_ever_late(scenario):
             return swim_all(policy, plan, fins, gains, dtype, threads, start)
@@ -140,3 +159,25 @@ def rollout(
     returns, diverged, paths = zip(*swum, strict=True)
     end = np.array([path.position[-1] for path in paths])
     return Trajectories(np.array(returns), np.array(diverged), end, paths)
+
+
+def _check(
+    scenario: Scenario, task: Task | None, substeps: int, rngs: Sequence[np.random.Generator]
+) -> None:
+    """Refuse what is no scenario, task, number of substeps or list of generators."""
+    instance("scenario", scenario, Scenario)
+    if task is not None:
+        instance("task", task, Task)
+    integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
+    if not all(isinstance(rng, np.random.Generator) for rng in sequence("rngs", rngs)):
+        raise InvalidArgumentError(f"rngs must be generators of numpy; got {brief(rngs)}")
+
+
+def _rows(argument: str, value: ArrayLike, batch: int) -> NDArray[np.float64]:
+    """Return numbers (B, 3), or (3,) for all, as (B, 3)."""
+    given = finite_array(argument, value, (None, 3), flat=True)
+    if len(given) not in (1, batch):
+        raise InvalidArgumentError(
+            f"{argument} must have shape (3,) or ({batch}, 3); got {given.shape}"
+        )
+    return np.broadcast_to(given, (batch, 3))

@@ -13,7 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.runs.storage import DamagedFileError, open_regular, write_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError, Shape, brief, fits, spelled
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    Shape,
+    brief,
+    file_path,
+    fits,
+    spelled,
+)
 
 MOST_BYTES = 256 * 2**20  # of an archive's arrays together
 _NUMBERS = "fiub"  # kinds of dtype: floats, integers and booleans
@@ -41,7 +48,7 @@ def read_arrays(
     Those named in ``optional`` may be missing. The file has at most ``most_bytes``, and so have the
     arrays. Raises as ``storage.read_document``.
     """
-    name = f"{argument}: {path}"
+    name = f"{argument}: {file_path(argument, path)}"
     try:
         with open_regular(path, argument, most_bytes) as file, zipfile.ZipFile(file) as archive:
             members = archive.infolist()

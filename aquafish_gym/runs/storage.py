@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, parse_json
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, parse_json
 
 MOST_BYTES = 32 * 2**20  # of a document
 _CHECKSUM, _CHECKSUM_DIGITS = "checksum", 16  # its key, and hexadecimal digits of SHA-256
@@ -36,10 +36,10 @@ class CannotWriteError(OSError):
 
 def ensure_writable_directory(path: str | os.PathLike[str], argument: str = "out") -> Path:
     """Return ``path`` as a directory that takes files; created if missing, else refused."""
-    if path == "":  # Path("") is the current directory
+    if isinstance(path, str) and not path:  # Path("") is the current directory
         raise InvalidArgumentError(f"{argument} must be a directory; got ''")
+    directory = file_path(argument, path)
     try:
-        directory = Path(path)
         directory.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=directory):
             pass
@@ -56,7 +56,7 @@ def output_file(path: str | os.PathLike[str], argument: str = "out") -> Path:
 
     A device, a pipe, a socket or a directory of that name is refused. The folder is created.
     """
-    target = Path(path)
+    target = file_path(argument, path)
     try:
         _check_replaceable(target)
     except (OSError, ValueError) as error:
@@ -83,7 +83,7 @@ def write_bytes(path: str | os.PathLike[str], content: bytes) -> None:
     A symbolic link stays, and the file that it names is written. Devices, pipes and directories
     are never replaced.
     """
-    target = Path(path)
+    target = file_path("path", path)
     try:
         _check_replaceable(target)
         real = Path(os.path.realpath(target))
@@ -204,8 +204,8 @@ def open_regular(path: str | os.PathLike[str], argument: str, most_bytes: int) -
 
     Anything else, such as a device or pipe, raises InvalidArgumentError before it is opened.
     """
+    file = file_path(argument, path)
     try:
-        file = Path(path)
         status = file.stat()
         if not stat.S_ISREG(status.st_mode):
             raise OSError(0, "it is no regular file")

@@ -11,7 +11,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -119,6 +119,13 @@ def spelled(shape: Shape) -> str:
     return f"({words[0]},)" if len(words) == 1 else f"({', '.join(words)})"
 
 
+def positive(argument: str, value: float) -> float:
+    """Return ``value`` as a finite number above 0, quickly if it is one."""
+    if type(value) is float and 0.0 < value < math.inf:
+        return value
+    return float(finite_array(argument, value, (), math.ulp(0.0)))
+
+
 def integer(argument: str, value: object, low: int, high: int | None = None) -> int:
     """Return ``value`` as an int in [``low``, ``high``]; booleans are not numbers here."""
     wanted = f"a whole number of at least {low}" + ("" if high is None else f" and at most {high}")
@@ -144,6 +151,13 @@ def instance(argument: str, value: object, kind: type[T]) -> T:
             f"{argument} must be of type {kind.__name__}; got {brief(value)}"
         )
     return value
+
+
+def sequence(argument: str, value: object) -> Sequence[Any]:
+    """Return ``value`` if it is a list, a tuple or an array with a length; text is none."""
+    if isinstance(value, list | tuple) or (isinstance(value, np.ndarray) and value.ndim):
+        return value  # type: ignore[return-value]
+    raise InvalidArgumentError(f"{argument} must be a list or a tuple; got {brief(value)}")
 
 
 def file_path(argument: str, value: object) -> Path:

@@ -9,7 +9,7 @@ import difflib
 import math
 import numbers
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import field, fields, is_dataclass
 from functools import partial
 from typing import Any
@@ -52,7 +52,8 @@ def choice(argument: str, value: object, choices: Iterable[str]) -> None:
     known = list(choices)
     if isinstance(value, str) and value in known:
         return
-    close = difflib.get_close_matches(str(value)[:80], known, n=1, cutoff=0.4)
+    said = value[:80] if isinstance(value, str) else ""
+    close = difflib.get_close_matches(said, known, n=1, cutoff=0.4)
     hint = f"; did you mean {close[0]!r}?" if close else ""
     _require(False, argument, f"one of {', '.join(known)}", value, hint)
 
@@ -65,6 +66,32 @@ def flag(argument: str, value: object) -> None:
 def instance(argument: str, value: object, kind: type) -> None:
     """Refuse ``value`` unless it is a ``kind``."""
     _require(isinstance(value, kind), argument, f"of type {kind.__name__}", value)
+
+
+def text(argument: str, value: object, *, empty: bool = False) -> None:
+    """Refuse ``value`` unless it is text, and not empty unless it may be."""
+    sound = isinstance(value, str) and (empty or value != "")
+    _require(sound, argument, "text" if empty else "text that is not empty", value)
+
+
+def callback(argument: str, value: object) -> None:
+    """Refuse ``value`` unless it is a function or None."""
+    _require(value is None or callable(value), argument, "a function or None", value)
+
+
+def all_of(argument: str, value: Any, kind: type) -> tuple[Any, ...]:
+    """Return a list or tuple of instances of ``kind`` as a tuple; refuse anything else."""
+    sound = isinstance(value, list | tuple) and all(isinstance(one, kind) for one in value)
+    _require(sound, argument, f"a tuple of type {kind.__name__}", value)
+    return tuple(value)
+
+
+def mapping(argument: str, value: object, kind: type) -> None:
+    """Refuse ``value`` unless it is a mapping from names to instances of ``kind``."""
+    sound = isinstance(value, Mapping) and all(
+        isinstance(name, str) and isinstance(one, kind) for name, one in value.items()
+    )
+    _require(sound, argument, f"a mapping from names to {kind.__name__}", value)
 
 
 def at_most(argument: str, value: float, bound: str, limit: float) -> None:
@@ -99,7 +126,7 @@ def real_field(default: float | None, low: float, high: float = math.inf) -> Any
 
 
 def check_fields(settings: Any, prefix: str = "") -> None:
-    """Check the values of settings, a dataclass, and of the dataclasses in its fields.
+    """Check the values of settings, a dataclass; dataclasses in its fields check their own.
 
     None is accepted where it is the default.
     """
@@ -107,7 +134,6 @@ def check_fields(settings: Any, prefix: str = "") -> None:
         name, value = prefix + each.name, getattr(settings, each.name)
         if is_dataclass(each.default):
             instance(name, value, type(each.default))
-            check_fields(value, f"{name}.")
         elif "check" in each.metadata and not (value is None is each.default):
             each.metadata["check"](name, value)
 

@@ -31,6 +31,9 @@ class ExplorationConfig:
     population: int = whole_field(25, 2, MAXIMUM_SIZE)  #: Number of commands that evolve.
     generations: int = whole_field(25, 1, MAXIMUM_SIZE)  #: Generations a round.
 
+    def __post_init__(self) -> None:
+        check_fields(self, "exploration.")
+
 
 @dataclass(frozen=True)
 class EstimationConfig:
@@ -39,6 +42,9 @@ class EstimationConfig:
     #: Number of models that evolve; they survive from round to round.
     population: int = whole_field(25, 2, MAXIMUM_SIZE)
     generations: int = whole_field(100, 1, MAXIMUM_SIZE)  #: Generations a round.
+
+    def __post_init__(self) -> None:
+        check_fields(self, "estimation.")
 
 
 @dataclass(frozen=True)
@@ -54,6 +60,9 @@ class OutOfBandConfig:
     #: Number of earlier experiments, drawn at random, whose angles each inference updates too,
     #: starting from their present pose. The paper locks them in: 0.
     revisit: int = whole_field(0, 0, MAXIMUM_SIZE)
+
+    def __post_init__(self) -> None:
+        check_fields(self, "out_of_band.")
 
 
 @dataclass(frozen=True)

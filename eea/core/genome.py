@@ -11,16 +11,28 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from eea.core.checks import finite, flag, real, whole
+from eea.core.checks import (
+    ConfigurationError,
+    all_of,
+    brief,
+    finite,
+    flag,
+    instance,
+    real,
+    text,
+    whole,
+)
 
 Genomes = NDArray[np.uint8]
 
 ACTION_BITS = 6  # for each servo
 POSE_BITS = 8  # for each hidden angle
+MAXIMUM_GENOMES = 10**6  # of one draw
 MAXIMUM_BITS = 24  # of a variable: its levels are listed where a level of chance is computed
 
 
@@ -41,6 +53,7 @@ class Variable:
     periodic: bool = False
 
     def __post_init__(self) -> None:
+        text("name", self.name)
         whole(f"bits of {self.name}", self.bits, 1, MAXIMUM_BITS)
         real(f"low of {self.name}", self.low, -np.inf)
         real(f"high of {self.name}", self.high, np.nextafter(self.low, np.inf))
@@ -71,8 +84,8 @@ class BitLayout:
     """
 
     def __init__(self, variables: Sequence[Variable]) -> None:
+        self.variables: tuple[Variable, ...] = all_of("variables", variables, Variable)
         whole("the number of variables", len(variables), 1)
-        self.variables: tuple[Variable, ...] = tuple(variables)
         self.bits: int = sum(v.bits for v in self.variables)
         self.low: NDArray[np.float64] = np.array([v.low for v in self.variables])
         self.high: NDArray[np.float64] = np.array([v.high for v in self.variables])
@@ -103,7 +116,7 @@ class BitLayout:
 
     def decode(self, genomes: ArrayLike) -> NDArray[np.float64]:
         """Return the values of genomes (N, bits) as an array (N, variables)."""
-        bits = (np.asarray(genomes, dtype=np.float64) @ self._parity) % 2.0
+        bits = (finite("genomes", genomes, (None, self.bits)) @ self._parity) % 2.0
         # The greatest k may round to just above the range.
         return np.minimum(self.low + self._quantum * (bits @ self._place), self.high)
 
@@ -124,17 +137,29 @@ class BitLayout:
 
     def random(self, count: int, rng: np.random.Generator) -> Genomes:
         """Return ``count`` uniform random genomes, shape (count, bits)."""
+        whole("count", count, 0, MAXIMUM_GENOMES)
+        instance("rng", rng, np.random.Generator)
         return rng.integers(0, 2, size=(count, self.bits), dtype=np.uint8)
 
 
 def model_layout(table: Iterable[tuple[str, float, int]]) -> BitLayout:
     """Return a layout for models from rows of (name, maximum, bits), each range [0, maximum]."""
-    return BitLayout([Variable(name, bits, 0.0, high) for name, high, bits in table])
+    rows = _rows(table, "(name, maximum, bits)")
+    return BitLayout([Variable(name, bits, 0.0, high) for name, high, bits in rows])
 
 
 def action_layout(table: Iterable[tuple[str, float, float]]) -> BitLayout:
     """Return a layout for actions from rows of (servo, lowest, highest speed): 6 bits each."""
-    return BitLayout([Variable(name, ACTION_BITS, low, high) for name, low, high in table])
+    rows = _rows(table, "(servo, lowest, highest speed)")
+    return BitLayout([Variable(name, ACTION_BITS, low, high) for name, low, high in rows])
+
+
+def _rows(table: Iterable[tuple[Any, ...]], wanted: str) -> list[tuple[Any, ...]]:
+    """Return the rows of three of a table."""
+    rows = list(table) if isinstance(table, Iterable) else []
+    if not rows or not all(isinstance(row, list | tuple) and len(row) == 3 for row in rows):
+        raise ConfigurationError(f"table must be rows of {wanted}; got {brief(table)}")
+    return rows
 
 
 def pose_layout(angles: int) -> BitLayout:

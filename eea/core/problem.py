@@ -42,5 +42,5 @@ class Problem:
             raise ConfigurationError("hidden must be a tuple of the hidden angles' names")
         whole("the number of hidden angles", len(self.hidden), 1)
         whole("axes", self.axes, 1, MAXIMUM_AXES)
-        if self.fastest != math.inf:
+        if not (isinstance(self.fastest, float) and self.fastest == math.inf):
             real("fastest", self.fastest, 0.0)

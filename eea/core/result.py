@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from eea.core.angles import Floats, circular_distance
-from eea.core.checks import TargetError
+from eea.core.checks import TargetError, whole
 from eea.core.config import Config
 from eea.core.experiment import Context
 from eea.core.fitness import (
@@ -182,6 +182,7 @@ class Result:
 
         Raises as :meth:`interval`.
         """
+        whole("seed", seed, 0)
         bodies: Floats = self._known_belief().sample(count, np.random.default_rng(seed))
         return bodies
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from eea.core.angles import Floats
 from eea.core.behavior import gyro_samples
-from eea.core.checks import ConfigurationError, TargetError, finite, whole
+from eea.core.checks import ConfigurationError, TargetError, brief, callback, finite, whole
 from eea.core.config import Config
 from eea.core.experiment import Performed, Target, reveals
 from eea.core.problem import Problem
@@ -76,6 +76,8 @@ class Session(ABC, Generic[State]):
         state: State,
         rngs: Streams,
     ) -> None:
+        if not callable(getattr(target, "perform", None)):
+            raise TargetError(f"target must have a method perform; {brief(target)} has none")
         self.config, self.seed = config, seed
         self._target, self._problem = target, problem
         self._truth = None if truth is None else finite("truth", truth, (len(problem.models),))
@@ -115,6 +117,7 @@ class Session(ABC, Generic[State]):
 
     def run(self, progress: Callable[[RoundRecord], None] | None = None) -> Result:
         """Run to a stop rule and call ``progress`` after each round; return the result."""
+        callback("progress", progress)
         for record in self:
             if progress is not None:
                 progress(record)

@@ -13,6 +13,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from eea.core.algorithm import EEA
 from eea.core.angles import Floats
+from eea.core.checks import callback
 from eea.core.config import Config, JointConfig, checked_config
 from eea.core.experiment import Target
 from eea.core.result import Result, RoundRecord
@@ -120,6 +121,7 @@ def estimate_morphology_of(
     config, seed, truth, **simulator
         See ``fish_eea``.
     """
+    callback("progress", progress)
     session = fish_eea(target, config, seed, truth, **simulator)
     return MorphologyEstimate(**vars(session.run(progress)))
 
@@ -153,6 +155,7 @@ def estimate_morphology(
         See ``EngineSimulator``. The current and the substeps hold for the target too.
     """
     settings = checked_config(config)
+    callback("progress", progress)
     target = EngineTarget(
         target_morphology,
         damage,

@@ -9,7 +9,7 @@ import numpy as np
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
 from eea.core.angles import Floats, wrap
-from eea.core.checks import ConfigurationError
+from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
 from eea.fish.joint import GAIN, LAG, SERVOS
 from eea.joint.joint_posterior import SAMPLES, JointPosterior
@@ -48,6 +48,7 @@ def fins_after(result: Result) -> Fins:
     >>> bool((fins_after(found).spread < 0.05).all())
     True
     """
+    instance("result", result, Result)
     belief = result.belief
     if not isinstance(belief, JointPosterior) or not belief.branches[0].parameters.joint.hidden:
         raise ConfigurationError(

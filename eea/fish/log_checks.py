@@ -14,10 +14,10 @@ from typing import NamedTuple, Unpack
 
 import numpy as np
 
-from aquafish_gym.utils.validation import InvalidArgumentError, flag, instance
-from eea.core.checks import TargetError
+from aquafish_gym.utils.validation import InvalidArgumentError, callback, flag, instance, integer
+from eea.core.checks import TargetError, real
 from eea.core.config import FitConfig
-from eea.core.session import streams
+from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.joint import fish_joint
 from eea.fish.log_changes import AXES, LogChange, possible_changes, three, typical_step
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
@@ -137,8 +137,12 @@ def check_log(
     """
     instance("log", log, SwimLog)
     flag("moving", moving)
+    callback("progress", progress)
+    integer("seed", seed, 0, MAXIMUM_SEED)
+    if unexplained is not None:
+        real("unexplained", unexplained, 0.0, 1e6)
     say = progress or (lambda _: None)
-    settings = FitConfig() if joint is None else joint
+    settings = FitConfig() if joint is None else instance("joint", joint, FitConfig)
     seen = _Log(log, settings, seed, moving, simulator)
     if unexplained is None:
         say("fitting the log as it is")

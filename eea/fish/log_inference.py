@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.utils.validation import InvalidArgumentError, flag
+from aquafish_gym.utils.validation import InvalidArgumentError, callback, flag, instance, integer
 from eea.core.angles import Floats
 from eea.core.config import FitConfig, JointConfig
 from eea.core.result import RoundRecord
-from eea.core.session import streams
+from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import fish_joint
 from eea.fish.log_checks import LogCheck, check_log
@@ -100,6 +100,9 @@ def infer_log(
     True
     """
     began = time.monotonic()
+    callback("progress", progress)
+    if joint is not None:
+        instance("joint", joint, FitConfig)
     if flag("check", check) and (prior is not None or start is not None):
         raise InvalidArgumentError("check must be False where prior or start is given; got True")
     windows = log_windows(log, moving, start=start)
@@ -212,6 +215,9 @@ def watch_swim(
     >>> print(watch_swim(log, load_posterior("posterior.npz")))  # doctest: +SKIP
     60 s of swimming, 59 windows: this is still the body that was inferred
     """
+    flag("until_noticed", until_noticed)
+    callback("progress", progress)
+    integer("seed", seed, 0, MAXIMUM_SEED)
     windows = log_windows(log, True, WINDOW)
     joint = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
     check_belief("belief", belief, joint)

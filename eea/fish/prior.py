@@ -9,7 +9,7 @@ from itertools import combinations, product
 import numpy as np
 
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, FINS, Morphology
-from aquafish_gym.utils.validation import InvalidArgumentError, instance
+from aquafish_gym.utils.validation import InvalidArgumentError, instance, sequence
 from eea.core.checks import ConfigurationError, choice, real
 from eea.fish.joint import SERVO, fish_joint
 from eea.fish.simulator import EngineSimulator
@@ -52,8 +52,9 @@ def known_body(
     True
     """
     real("noise", noise, 1e-9)
+    instance("body", body, Morphology)
     joint = fish_joint(EngineSimulator(1))
-    for name in nuisances or ():
+    for name in () if nuisances is None else sequence("nuisances", nuisances):
         choice("nuisances", name, joint.groups)
     names = [d.name for d in DIMENSIONS]
     known = Hypothesis("the body is known", dict(zip(names, body.to_array().tolist(), strict=True)))

@@ -13,6 +13,7 @@ from aquafish_gym.engines.api import simulate
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
+from eea.core.checks import instance, whole
 from eea.core.experiment import Comparer, Simulator, Trials
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
@@ -66,6 +67,7 @@ class EngineSimulator(Simulator):
 
     def simulate(self, trials: Trials) -> ImuLog:
         """Run B trials of bodies (B, 9), commands (B, 3) and fin angles (B, 3)."""
+        instance("trials", trials, Trials)
         return simulate(trials.models, trials.commands, trials.angles, **vars(self))
 
     def comparer(self, steps: int) -> Comparer | None:
@@ -73,6 +75,7 @@ class EngineSimulator(Simulator):
 
         It cannot replace the ``simulate`` of a subclass.
         """
+        whole("steps", steps, 1)
         own = type(self) is EngineSimulator and steps == self.steps
         if not own or resolve_engine("engine", self.engine) != "numba":
             return None

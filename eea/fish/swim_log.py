@@ -16,7 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.runs.storage import DamagedFileError, read_bytes, write_bytes
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, fits
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    fits,
+    flag,
+    instance,
+    integer,
+    sequence,
+)
 from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
 from eea.fish.bunches import bunches_of
@@ -68,7 +77,8 @@ class SwimLog:
             raise InvalidArgumentError("time must have at least one row; it has none")
         gyro = _rows("gyro", self.gyro, (len(time), 3), GYRO)
         commands = _rows("commands", self.commands, (len(time), 3), SERVOS)
-        given = self.trial if np.size(self.trial) else np.ones(len(time))
+        unnumbered = isinstance(self.trial, np.ndarray) and not self.trial.size
+        given = np.ones(len(time)) if unnumbered else self.trial
         numbers = _rows(TRIAL, given, (len(time),), (TRIAL,))
         trial = numbers.astype(np.int64)
         _refuse(numbers != trial, numbers, (TRIAL,), "a whole number")
@@ -106,6 +116,8 @@ class SwimLog:
         TargetError, InvalidArgumentError
             If commands and logs are not equally many or long, or one is no log of this fish.
         """
+        flag("moving", moving)
+        commands, logs = sequence("commands", commands), sequence("logs", logs)
         if not len(commands) == len(logs) > 0:
             raise InvalidArgumentError(
                 "commands and logs must be equally many, and at least one; "
@@ -147,7 +159,8 @@ class SwimLog:
 
     def name(self, index: int) -> str:
         """Return the name of a trial, counted from 0, by its own number."""
-        return f"trial {self.trial[self.blocks[index].start]}"
+        row = self.blocks[integer("index", index, 0, len(self) - 1)].start
+        return f"trial {self.trial[row]}"
 
 
 def shown(seconds: float, digits: int = 3) -> str:
@@ -176,6 +189,7 @@ def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
     >>> read_log("swim.csv").seconds
     (0.64,)
     """
+    instance("log", log, SwimLog)
     text = StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow([*COLUMNS, TRIAL])
@@ -229,9 +243,8 @@ def _rows(
     argument: str, value: ArrayLike, shape: tuple[int | None, ...], columns: Sequence[str]
 ) -> Floats:
     """Return a signal as an array; the row and column of a NaN are named."""
-    array = np.asarray(value)
-    if array.dtype.kind == "f" and fits(array.shape, shape):
-        _refuse(~np.isfinite(array), array, columns, "finite")
+    if isinstance(value, np.ndarray) and value.dtype.kind == "f" and fits(value.shape, shape):
+        _refuse(~np.isfinite(value), value, columns, "finite")
     return finite_array(argument, value, shape)
 
 

@@ -15,7 +15,8 @@ from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_row
-from aquafish_gym.utils.validation import InvalidArgumentError
+from aquafish_gym.utils.validation import InvalidArgumentError, integer
+from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats, wrap
 from eea.core.checks import instance
 from eea.fish.gap import RealityGap
@@ -71,6 +72,9 @@ class EngineTarget:
         gap: RealityGap = NO_GAP,
     ) -> None:
         instance("gap", gap, RealityGap)
+        if rng is not None:
+            instance("rng", rng, np.random.Generator)
+        integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
         self.damage, whole = Damage.coerce(damage), Morphology.coerce(morphology)
         #: The body with every fault of its fins, whenever they begin.
         self.morphology: Morphology = self.damage.body(whole)

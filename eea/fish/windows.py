@@ -20,7 +20,7 @@ from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import check_row
-from aquafish_gym.utils.validation import InvalidArgumentError, flag, instance
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, instance
 from eea.core.angles import Floats
 from eea.fish.readings import NEAR, Readings, readings_of
 from eea.fish.stamps import new_readings, restamped
@@ -64,6 +64,8 @@ class Start:
     @classmethod
     def of_state(cls, state: Floats, command: ArrayLike) -> Start:
         """Return the start of a state (25,) of ``aquafish_gym.physics.layout``, in still water."""
+        numbers = max(rows.stop for rows in FIELDS.values())
+        state = finite_array("state", state, (numbers,))
         turned: Floats = np.array(rotation(tuple(state[FIELDS["orientation"]].tolist())))
         velocity = state[FIELDS["velocity"]] @ turned
         return cls(angles_of_rows(state), velocity, state[FIELDS["spin"]], command)

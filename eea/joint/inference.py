@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from eea.core.angles import Floats
-from eea.core.checks import choice, finite
+from eea.core.checks import callback, choice, finite, instance
 from eea.core.config import FitConfig
 from eea.joint.discrepancy import doubted
 from eea.joint.goodness_of_fit import effective_count
@@ -72,6 +72,14 @@ def fit(
     TargetError
         If no simulation stays finite.
     """
+    instance("observed", observed, Observed)
+    instance("joint", joint, JointProblem)
+    instance("config", config, FitConfig)
+    instance("rng", rng, np.random.Generator)
+    if earlier is not None:
+        instance("earlier", earlier, JointPosterior)
+    callback("progress", progress)
+    callback("doubt", doubt)
     check_nuisances(joint, config)
     finite("signal", observed.signal, (len(observed), None, joint.problem.axes))
     counter = _Counter(joint.simulate)

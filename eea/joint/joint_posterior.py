@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from eea.core.angles import Floats
-from eea.core.checks import whole
+from eea.core.checks import instance, whole
 from eea.core.result import handed_on
 from eea.joint.diagnostics import Fit, beyond_range, findings
 from eea.joint.goodness_of_fit import Goodness
@@ -81,6 +81,7 @@ class JointPosterior:
         They are for other searches, so each size is given to 1e-4 of its range.
         """
         whole("count", count, 1, MAXIMUM_SAMPLES)
+        instance("rng", rng, np.random.Generator)
         layout = self.branches[0].parameters.joint.problem.models
         return handed_on(self._drawn(count, rng), layout)
 

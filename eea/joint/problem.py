@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import numbers
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
@@ -11,7 +12,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.angles import Floats
-from eea.core.checks import ConfigurationError, choice, flag, instance, real, whole
+from eea.core.checks import (
+    ConfigurationError,
+    all_of,
+    brief,
+    callback,
+    choice,
+    finite,
+    flag,
+    instance,
+    mapping,
+    real,
+    text,
+    whole,
+)
 from eea.core.problem import Problem
 
 MOST_STRIDE = 4
@@ -65,10 +79,12 @@ class Nuisance:
     valleys: int = 0
 
     def __post_init__(self) -> None:
+        text("name", self.name)
+        text("group", self.group, empty=True)
         real(f"low of {self.name}", self.low, -math.inf)
         real(f"high of {self.name}", self.high, math.nextafter(self.low, math.inf))
         real(f"nominal of {self.name}", self.nominal, self.low, self.high)
-        if self.sd != math.inf:
+        if not (isinstance(self.sd, float) and self.sd == math.inf):
             real(f"sd of {self.name}", self.sd, 1e-12)
         flag(f"switch of {self.name}", self.switch)
         flag(f"start of {self.name}", self.start)
@@ -98,6 +114,17 @@ class Hypothesis:
     changes: int = 1
     odds: float = 1.0  #: Its prior probability, relative to that of the others.
 
+    def __post_init__(self) -> None:
+        text("name", self.name)
+        mapping("fixed", self.fixed, numbers.Real)
+        for name, value in self.fixed.items():
+            real(f"fixed {name}", value, -math.inf)
+        for name in ("shared_angles", "freed", "changed"):
+            object.__setattr__(self, name, all_of(name, getattr(self, name), str))
+        text("part", self.part, empty=True)
+        whole("changes", self.changes, 0, 1000)
+        real("odds", self.odds, 0.0)
+
 
 @dataclass(frozen=True)
 class Part:
@@ -113,6 +140,11 @@ class Part:
     sizes: Mapping[str, str]  #: Dimension -> its label, such as "length".
     area: tuple[str, ...] = ()  #: Two dimensions whose product is the part's area, if it has one.
     hint: str = ""  #: Which trial would determine them.
+
+    def __post_init__(self) -> None:
+        mapping("sizes", self.sizes, str)
+        object.__setattr__(self, "area", all_of("area", self.area, str))
+        text("hint", self.hint, empty=True)
 
 
 #: Takes bodies, nuisances, commands and angles of B trials; returns (B, K, T, axes), rad/s.
@@ -137,6 +169,14 @@ class Calibration:
     levels: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each dimension.
 
+    def __post_init__(self) -> None:
+        levels = finite("levels", self.levels, (None,))
+        if not len(levels) or (levels <= 0.0).any() or (np.diff(levels) <= 0.0).any():
+            raise ConfigurationError(
+                f"levels must be ascending and more than 0; got {brief(self.levels)}"
+            )
+        finite("rows", self.rows, (len(levels), None))
+
     def factors(self, level: float) -> Floats:
         """Return the factors (n,) at a level; beyond the first and last they are as there."""
         at, knots = np.log(max(level, 1e-12)), np.log(self.levels)
@@ -154,6 +194,13 @@ class Discrepancy:
     shapes: Shapes | None = None  #: The differences of known shape, or none.
     calibration: Calibration | None = None  #: None leaves the intervals as they are.
 
+    def __post_init__(self) -> None:
+        real("share", self.share, 0.0, 1.0)
+        real("duration", self.duration, 1e-12)
+        callback("shapes", self.shapes)
+        if self.calibration is not None:
+            instance("calibration", self.calibration, Calibration)
+
 
 AS_COMMANDED = Hypothesis("every servo does as it is told")
 
@@ -165,6 +212,11 @@ class Prior:
     names: tuple[str, ...]
     mean: Floats  #: (n,)
     covariance: Floats  #: (n, n)
+
+    def __post_init__(self) -> None:
+        count = len(all_of("names", self.names, str))
+        for name, shape in {"mean": (count,), "covariance": (count, count)}.items():
+            object.__setattr__(self, name, finite(name, getattr(self, name), shape))
 
 
 @dataclass(frozen=True)
@@ -210,8 +262,18 @@ class JointProblem:
 
     def __post_init__(self) -> None:
         instance("problem", self.problem, Problem)
-        if self.hidden is None:
-            object.__setattr__(self, "hidden", self.problem.hidden)
+        if not callable(self.simulate):
+            raise ConfigurationError(f"simulate must be a function; got {brief(self.simulate)}")
+        all_of("nuisances", self.nuisances, Nuisance)
+        all_of("hypotheses", self.hypotheses, Hypothesis)
+        mapping("parts", self.parts, Part)
+        instance("nominal", self.nominal, Hypothesis)
+        for name, kind in {"prior": Prior, "discrepancy": Discrepancy}.items():
+            if getattr(self, name) is not None:
+                instance(name, getattr(self, name), kind)
+        whole("stride", self.stride, 1, 1000)
+        hidden_names = self.problem.hidden if self.hidden is None else self.hidden
+        object.__setattr__(self, "hidden", all_of("hidden", hidden_names, str))
         models, hidden = self.problem.models.names, self.problem.hidden
         nuisances = tuple(nuisance.name for nuisance in self.nuisances)
         switches = [nuisance.name for nuisance in self.nuisances if nuisance.switch]

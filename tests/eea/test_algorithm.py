@@ -225,10 +225,6 @@ def test_conditions_have_settings_by_name():
         ({"steps": 100}, "steps must be a power of two; got 100"),
         ({"estimation": None}, "estimation must be of type EstimationConfig; got None"),
         (
-            {"out_of_band": OutOfBandConfig(sampled_models=0)},
-            "out_of_band.sampled_models must be a whole number",
-        ),
-        (
             {"out_of_band": OutOfBandConfig(sampled_models=26)},
             "out_of_band.sampled_models must be at most estimation.population, 25; got 26",
         ),
@@ -237,6 +233,11 @@ def test_conditions_have_settings_by_name():
 def test_bad_paper_settings_are_refused(settings, message):
     with pytest.raises(ConfigurationError, match=message):
         PaperConfig(**settings)
+
+
+def test_settings_of_a_phase_are_checked_where_they_are_made():
+    with pytest.raises(ConfigurationError, match=r"^out_of_band.sampled_models must be a whole"):
+        OutOfBandConfig(sampled_models=0)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,228 @@
+"""Each argument of the algorithms for any robot refuses values of a wrong kind by its name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from strange_values import CALLABLE, Call, cases, complaints, has_every_parameter, options
+
+from eea import (
+    EEA,
+    FIGURES,
+    BitLayout,
+    FitConfig,
+    Hypothesis,
+    JointConfig,
+    JointInference,
+    JointProblem,
+    Nuisance,
+    PaperConfig,
+    Problem,
+    RecordedLog,
+    Simulator,
+    Trials,
+    Variable,
+    action_layout,
+    config_for,
+    figure_config,
+    model_layout,
+    recovery_config,
+    streams,
+)
+from eea.core.config import EstimationConfig, ExplorationConfig, OutOfBandConfig
+from eea.joint.inference import fit
+from eea.joint.observed import Observed
+from eea.joint.problem import Calibration, Discrepancy, Part, Prior
+
+LENGTH = Variable("length", 2, 0.0, 3.0)
+LAYOUT = BitLayout([LENGTH])
+PENDULUM = Problem(LAYOUT, action_layout([("torque", -1.0, 1.0)]), ("angle",), 1)
+
+
+def swing(bodies: Any, nuisances: Any, commands: Any, angles: Any, fine: bool) -> Any:  # noqa: ARG001
+    """Simulate a pendulum."""
+    time = 0.01 * np.arange(1, 65)
+    return (bodies[:, :1] * np.sin(commands[:, :1] * time + angles))[:, :, None]
+
+
+def listen(*_news: object) -> None:
+    """Hear of progress."""
+
+
+class Robot(Simulator):
+    """A pendulum, as target and as simulator."""
+
+    def perform(self, command: Any) -> RecordedLog:
+        """Perform a command."""
+        return RecordedLog(swing(np.ones((1, 1)), None, command[None], np.zeros((1, 1)), True))
+
+    def simulate(self, trials: Trials) -> RecordedLog:
+        """Run trials."""
+        return RecordedLog(swing(trials.models, None, trials.commands, trials.angles, True))
+
+
+JOINT = JointProblem(PENDULUM, swing, (Nuisance("bias", -0.1, 0.1, 0.0),))
+SETTINGS = {
+    "nuisances": ("lag",), "per_trial": (), "noise": 0.01, "alternatives": "never", "bodies": 3,
+    "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
+}  # fmt: skip
+NAMES = "empty list, list of text"
+NOISE = {"nuisances": "none", "noise": "none, fraction, big"}
+ROWS = [
+    Call(
+        Variable,
+        {"name": "length", "bits": 2, "low": 0.0, "high": 3.0, "periodic": False},
+        options(
+            name="text", low="fraction, minus one", high="fraction, big", periodic="true",
+        ),
+        {"low": "length"},
+    ),
+    Call(BitLayout, {"variables": [LENGTH]}),
+    Call(LAYOUT.decode, {"genomes": [[0, 1]]}),
+    Call(LAYOUT.encode, {"values": [[1.0]]}),
+    Call(LAYOUT.random, {"count": 1, "rng": np.random.default_rng(0)}),
+    Call(model_layout, {"table": [("length", 2.0, 6)]}),
+    Call(action_layout, {"table": [("torque", -1.0, 1.0)]}),
+    Call(
+        Problem,
+        {"models": LAYOUT, "actions": LAYOUT, "hidden": ("angle",), "axes": 1, "fastest": 9.0},
+        options(fastest="fraction, infinity, big"),
+    ),
+    Call(ExplorationConfig, {"population": 2, "generations": 1}),
+    Call(EstimationConfig, {"population": 2, "generations": 1}),
+    Call(
+        OutOfBandConfig,
+        {
+            "period": 1, "inner_population": 2, "inner_generations": 1, "sampled_models": 1,
+            "revisit": 0,
+        },
+        options(sampled_models="none"),
+    ),
+    Call(
+        PaperConfig,
+        {
+            "condition": "ideal", "steps": 64, "rounds": 1, "exploration": ExplorationConfig(),
+            "estimation": EstimationConfig(), "out_of_band": OutOfBandConfig(),
+        },
+    ),
+    Call(FitConfig, SETTINGS, options(**NOISE), {"bodies": "bodies"}),
+    Call(
+        JointConfig,
+        {**SETTINGS, "steps": 64, "rounds": 1, "max_interval_width": 0.1},
+        options(**NOISE, max_interval_width="none, fraction"),
+        {"bodies": "bodies"},
+    ),
+    Call(config_for, {"condition": "joint", "rounds": 3}),
+    Call(recovery_config, {"steps": 64, "rounds": 1}),
+    Call(
+        figure_config,
+        {"name": next(iter(FIGURES)), "steps": 64, "rounds": 1},
+        words={"name": "figure"},
+    ),
+    Call(streams, {"seed": 0}),
+    Call(
+        EEA,
+        {
+            "target": Robot(), "simulator": Robot(), "problem": PENDULUM,
+            "config": PaperConfig(condition="none", steps=64), "seed": 0, "truth": [1.0],
+        },
+        options(truth="none"),
+        {"target": "target"},
+    ),
+    Call(
+        EEA(Robot(), Robot(), PENDULUM, PaperConfig(condition="none", steps=64, rounds=1)).run,
+        {"progress": listen},
+        options(progress=f"none, {CALLABLE}"),
+    ),
+    Call(
+        JointInference,
+        {
+            "target": Robot(), "joint": JOINT, "config": JointConfig(steps=64), "seed": 0,
+            "truth": [1.0],
+        },
+        options(truth="none"),
+        {"target": "target"},
+    ),
+    Call(
+        Nuisance,
+        {
+            "name": "bias", "low": -0.1, "high": 0.5, "nominal": 0.0, "sd": 0.05, "group": "bias",
+            "switch": False, "start": False, "valleys": 0,
+        },
+        options(
+            name="text", low="minus one", high="fraction, big", nominal="fraction",
+            sd="fraction, infinity, big", group="text, empty text", switch="true", start="true",
+        ),
+        {"low": "bias"},
+    ),
+    Call(
+        Hypothesis,
+        {
+            "name": "the servo is dead", "fixed": {"servo": 0.0}, "shared_angles": ("angle",),
+            "freed": (), "part": "tail", "changed": (), "changes": 1, "odds": 1.0,
+        },
+        options(
+            name="text", fixed="mapping, empty mapping", part="text, empty text",
+            odds="fraction, big", shared_angles=NAMES, freed=NAMES, changed=NAMES,
+        ),
+    ),
+    Call(
+        Part,
+        {"sizes": {"length": "length"}, "area": ("length", "width"), "hint": "swim"},
+        options(sizes="empty mapping", area=NAMES, hint="text, empty text"),
+    ),
+    Call(
+        Prior,
+        {"names": ("length",), "mean": np.zeros(1), "covariance": np.eye(1)},
+        options(names=NAMES),
+    ),
+    Call(
+        Discrepancy,
+        {"share": 0.01, "duration": 20.0, "shapes": None, "calibration": None},
+        options(
+            share="fraction", duration="fraction, big", shapes=f"none, {CALLABLE}",
+            calibration="none",
+        ),
+    ),
+    Call(Calibration, {"levels": (0.01, 0.1), "rows": ((0.8, 0.9), (1.0, 0.7))}),
+    Call(
+        JointProblem,
+        {
+            "problem": PENDULUM, "simulate": swing, "nuisances": (), "hypotheses": (),
+            "parts": {}, "nominal": Hypothesis("all is well"), "prior": None, "hidden": ("angle",),
+            "discrepancy": None, "stride": 1,
+        },
+        options(
+            simulate=CALLABLE, nuisances="empty list", hypotheses="empty list",
+            parts="empty mapping", prior="none", hidden="none, empty list", discrepancy="none",
+        ),
+    ),
+    Call(
+        fit,
+        {
+            "observed": Observed(np.zeros((1, 1)), np.zeros((1, 64, 1))), "joint": JOINT,
+            "config": FitConfig(bodies=2, descents=1, polished=1, restarts=0),
+            "rng": np.random.default_rng(0), "earlier": None, "progress": listen, "doubt": None,
+        },
+        options(
+            earlier="none", progress=f"none, {CALLABLE}", doubt=f"none, {CALLABLE}",
+        ),
+    ),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "argument"), cases(ROWS))
+def test_strange_values_are_refused_by_the_arguments_name(
+    call: Call, argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert not complaints(call, argument)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("call", ROWS, ids=lambda call: call.name)
+def test_row_has_every_parameter(call: Call) -> None:
+    assert has_every_parameter(call)

@@ -1,0 +1,207 @@
+"""Each argument of the fish's inference refuses values of a wrong kind by its name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from strange_values import (
+    CALLABLE,
+    NO_BODY,
+    NO_DAMAGE,
+    Call,
+    cases,
+    complaints,
+    has_every_parameter,
+    options,
+)
+
+import eea
+from aquafish_gym import Morphology, simulate
+from eea import (
+    EngineSimulator,
+    EngineTarget,
+    JointConfig,
+    RealityGap,
+    Start,
+    SwimLog,
+    Trials,
+    check_log,
+    estimate_morphology,
+    estimate_morphology_of,
+    fins_after,
+    fish_eea,
+    infer_log,
+    known_body,
+    load_posterior,
+    read_log,
+    save_posterior,
+    watch_swim,
+    write_log,
+)
+from eea.core.config import FitConfig
+from eea.fish.estimate import MorphologyEstimate
+
+COMMANDS = [(0.5, -0.5, 1.0), (-0.5, 0.4, 0.7)]
+LOG = SwimLog.of_trials(COMMANDS, [simulate(None, u, steps=64) for u in COMMANDS])
+BODY = Morphology.nominal()
+BELIEF = known_body(BODY, 0.01)
+TARGET = EngineTarget(steps=64, engine="numba")
+SIMULATOR = EngineSimulator(steps=64)
+CONFIG = JointConfig(steps=64, rounds=1)
+WORLD = {
+    "engine": "numba", "dtype": "float32", "current": np.zeros(3), "substeps": 1, "threads": 1
+}  # fmt: skip
+SETTINGS = {"config": CONFIG, "seed": 0}
+
+
+def listen(*_news: object) -> None:
+    """Hear of progress."""
+
+
+FIT: dict[str, Any] = {
+    "nuisances": ("lag",), "per_trial": (), "noise": 0.01, "alternatives": "never", "bodies": 3,
+    "poses": 3, "descents": 2, "polished": 1, "restarts": 0,
+}  # fmt: skip
+ESTIMATE = MorphologyEstimate(CONFIG, 0, eea.fish_problem().models, belief=BELIEF)
+ROWS = [
+    Call(
+        EngineTarget,
+        {
+            "morphology": BODY, "damage": "none", "rng": np.random.default_rng(0), "steps": 64,
+            "engine": "numba", "current": np.zeros(3), "substeps": 1, "gap": RealityGap(),
+        },
+        options(morphology=NO_BODY, damage=NO_DAMAGE, rng="none"),
+    ),
+    Call(TARGET.perform, {"command": np.zeros(3)}),
+    Call(EngineSimulator, {"steps": 64, **WORLD}, options(threads="none")),
+    Call(
+        SIMULATOR.simulate,
+        {"trials": Trials(np.full((1, 9), 0.3), np.full((1, 3), 0.4), np.zeros((1, 3)))},
+    ),
+    Call(SIMULATOR.comparer, {"steps": 64}, options(steps="big, huge")),
+    Call(
+        RealityGap,
+        {
+            "current": np.zeros(3), "drag": (1.0, 1.0), "servo_gain": np.ones(3), "lag": 0.0,
+            "reactive": False, "substeps": 1, "gyro_noise": 0.0, "gyro_bias": np.zeros(3),
+        },
+        options(gyro_noise="fraction", reactive="true", lag="fraction"),
+    ),
+    Call(
+        Start,
+        {
+            "fin_angles": np.zeros(3), "velocity": np.zeros(3), "spin": np.zeros(3),
+            "command": np.zeros(3),
+        },
+    ),
+    Call(Start.of_state, {"state": np.eye(25)[3], "command": np.zeros(3)}),
+    Call(
+        SwimLog,
+        {
+            "time": LOG.time, "gyro": LOG.gyro, "commands": LOG.commands, "trial": LOG.trial,
+        },
+    ),
+    Call(
+        SwimLog.of_trials,
+        {
+            "commands": COMMANDS, "logs": [simulate(None, u, steps=64) for u in COMMANDS],
+            "moving": False,
+        },
+        options(moving="true"),
+    ),
+    Call(LOG.name, {"index": 0}),
+    Call(write_log, {"path": "swim.csv", "log": LOG}, options(path="text")),
+    Call(read_log, {"path": "swim.csv"}, words={"path": "log"}),
+    Call(save_posterior, {"path": "posterior.npz", "belief": BELIEF}, options(path="text")),
+    Call(load_posterior, {"path": "posterior.npz"}, words={"path": "posterior"}),
+    Call(
+        known_body,
+        {"body": BODY, "noise": 0.01, "nuisances": ("lag",)},
+        options(noise="fraction, big", nuisances="none, empty list"),
+        {"body": "body"},
+    ),
+    Call(
+        infer_log,
+        {
+            "log": LOG, "joint": FitConfig(**FIT), "seed": 0, "truth": BODY, "moving": False,
+            "prior": BODY, "start": Start(np.zeros(3)), "check": False, "progress": listen, **WORLD,
+        },
+        options(
+            truth=NO_BODY, prior=NO_BODY, moving="true", progress=f"none, {CALLABLE}",
+            joint="none", start="none", threads="none",
+        ),
+        {"truth": "morpholog", "prior": "morpholog"},
+    ),
+    Call(
+        check_log,
+        {
+            "log": LOG, "joint": FitConfig(**FIT), "seed": 0, "moving": False, "unexplained": 0.5,
+            "progress": listen, **WORLD,
+        },
+        options(
+            joint="none", unexplained="none, fraction", moving="true",
+            progress=f"none, {CALLABLE}", threads="none",
+        ),
+    ),
+    Call(
+        watch_swim,
+        {
+            "log": LOG, "belief": BELIEF, "alarm": 1e-6, "seed": 0, "until_noticed": True,
+            "progress": listen, **WORLD,
+        },
+        options(
+            alarm="fraction", until_noticed="true", progress=f"none, {CALLABLE}",
+            threads="none",
+        ),
+    ),
+    Call(
+        fish_eea,
+        {"target": TARGET, **SETTINGS, "truth": BODY, **WORLD},
+        options(config="none", truth=NO_BODY, threads="none"),
+        {"target": "target", "truth": "morpholog"},
+    ),
+    Call(
+        estimate_morphology_of,
+        {"target": TARGET, **SETTINGS, "progress": listen, "truth": BODY, **WORLD},
+        options(
+            config="none", progress=f"none, {CALLABLE}", truth=NO_BODY, threads="none",
+        ),
+        {"target": "target", "truth": "morpholog"},
+    ),
+    Call(
+        estimate_morphology,
+        {
+            "target_morphology": BODY, "damage": "none", **SETTINGS, "progress": listen,
+            "target_engine": "numba", **WORLD,
+        },
+        options(
+            target_morphology=NO_BODY, damage=NO_DAMAGE, config="none",
+            progress=f"none, {CALLABLE}", threads="none",
+        ),
+        {"target_morphology": "morpholog", "target_engine": "engine"},
+    ),
+    Call(fins_after, {"result": ESTIMATE}),
+    Call(ESTIMATE.interval, {"mass": 0.9}, options(mass="fraction")),
+    Call(ESTIMATE.width, {"mass": 0.9}, options(mass="fraction")),
+    Call(ESTIMATE.sample, {"count": 1, "seed": 0}, options(seed="big, huge")),
+    Call(BELIEF.interval, {"mass": 0.9}, options(mass="fraction")),
+    Call(BELIEF.table, {"mass": 0.9}, options(mass="fraction")),
+    Call(BELIEF.sample, {"count": 1, "rng": np.random.default_rng(0)}),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("call", "argument"), cases(ROWS))
+def test_strange_values_are_refused_by_the_arguments_name(
+    call: Call, argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert not complaints(call, argument)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("call", ROWS, ids=lambda call: call.name)
+def test_row_has_every_parameter(call: Call) -> None:
+    assert has_every_parameter(call)
