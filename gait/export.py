@@ -216,7 +216,7 @@ def _columns(senses: Senses) -> tuple[str, ...]:
 
 def _float(number: float) -> str:
     """Return the shortest literal of a number in float32; a controller's all fit."""
-    return f"{np.float32(number)}f"
+    return str(np.float32(number)) + "f"
 
 
 def _floats(numbers: ArrayLike) -> str:

@@ -66,7 +66,7 @@ def _getter(values: Any) -> Getter:
 
 
 def copied(info: dict[str, Any]) -> dict[str, Any]:
-    """Return a batch's information with arrays that nobody else holds."""
+    """Return a batch's information with arrays of its own."""
     found = {}
     for name, values in info.items():
         array = isinstance(values, np.ndarray)

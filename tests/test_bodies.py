@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,9 @@ def test_bodies_read_back_exactly(tmp_path: Path) -> None:
     assert document["morphologies"][1] == back[1].to_dict()
     changed = path.read_text().replace("caudal", "Caudal", 1)
     path.write_text(changed)
+    with pytest.raises(InvalidArgumentError, match=r"body: .*bodies\.json is damaged.*checksum"):
+        read_bodies(path, "body")
+    path.write_text(re.sub(r'"checksum".*\n', "", changed))
     with pytest.raises(InvalidArgumentError, match=r"body: .*bodies\.json: a body must be"):
         read_bodies(path, "body")
     # By hand, without schema, in either spelling of a body.

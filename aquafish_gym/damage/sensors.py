@@ -122,7 +122,7 @@ class Sensors:
         return self._lines.active
 
     def remember(self, seconds: ArrayLike) -> None:
-        """Keep readings from now on, for delays of up to so many s that come later."""
+        """Keep readings from now on, for later delays of up to ``seconds``."""
         steps = longest(seconds, self._dt)
         if steps:
             self.broken = True

@@ -108,7 +108,7 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
         return tuple(seed for _, seed in self._generators())
 
     def _seed(self, seeds: Sequence[int | None], rows: Rows) -> None:
-        """Let the robots ``rows`` begin anew with their ``seeds``, where they are given one."""
+        """Let the robots ``rows`` begin again with their ``seeds``, where they are given one."""
         found = list(self._generators())
         for i in rows.tolist():
             if seeds[i] is not None:

@@ -78,7 +78,7 @@ class Judge:
         return action if _set_servos()(actions, gains, action, speeds) else None
 
     def outcome(self, before: Floats, channels: int) -> Outcome:
-        """Return an outcome, to be filled, of states ``before`` a step and so many channels."""
+        """Return an outcome, to be filled, of states ``before`` a step and the number of channels."""
         count = before.shape[1]
         return Outcome(
             np.empty_like(before),
@@ -106,7 +106,7 @@ class Judge:
         No reward counts of a robot that diverged, or whose episode was ``over`` (B,).
         """
         finish = _finish(self._rewards, len(memory) > 0)
-        if 0 < len(memory) < REMEMBERED:  # the compiled loop reads so many
+        if 0 < len(memory) < REMEMBERED:  # the compiled loop reads this many numbers
             memory = np.concatenate([memory, np.zeros((REMEMBERED - len(memory), len(over)))])
         finish(states, before, over, action, memory, dt, self._numbers, outcome, *robots)
 

@@ -79,7 +79,7 @@ def check_limit(steps: int | None, last: int, task: Task, dt: float) -> None:
 def limit_asked_for() -> int | None:
     """Return the limit of steps that ``gym.make``, which sets ``spec`` just now, was asked for.
 
-    It tells the environment of no limit. None if somebody else sets ``spec``.
+    It tells the environment of no limit. None if another function sets ``spec``.
     """
     caller = sys._getframe(2)
     if caller.f_code is not gym.make.__code__:
@@ -153,7 +153,7 @@ def read_task(description: Mapping[str, Any]) -> Task:
 
 
 def _rebuilt(kind: Any, state: Mapping[str, Any]) -> Task:
-    """Return a task in a state; as if made anew where it says what it is made of."""
+    """Return a task in a state; made again by its constructor if its fields are known."""
     task: Task = object.__new__(kind)
     if not is_dataclass(kind):
         vars(task).update(state)

@@ -35,7 +35,7 @@ class LogChange:
     axes: tuple[str, str, str] = AXES
     flippers: bool = False  #: Whether the commands of the left and right flipper are exchanged.
     pace: float = 1.0  #: The times are divided by this.
-    rows: int = 0  #: By so many rows the gyroscope's readings are moved to later times.
+    rows: int = 0  #: Rows by which the gyroscope's readings are moved to later times.
     delay: float = 0.0  #: The same in s.
     factor: float = 1.0  #: The rates are multiplied by this.
     constant: tuple[float, float, float] = (0.0, 0.0, 0.0)  #: This is taken from the rates, rad/s.

@@ -50,7 +50,7 @@ DESCENDED = {"axes": 5, "clock": 3, "delay": 2, "other": 4}  # changes of each k
 CONFIRMED = 3
 BETTER = 0.5  # of what the log as it is leaves unexplained
 SAME_PACE = 0.02  # share by which a pace must differ from 1
-IN_MOTION = 2.0  # a start in motion has so many unknowns that it must leave so much less
+IN_MOTION = 2.0  # a start in motion has more unknowns, and must leave less by this factor
 
 
 class TriedChange(NamedTuple):
@@ -63,7 +63,13 @@ class TriedChange(NamedTuple):
 
 @dataclass(frozen=True)
 class LogCheck:
-    """What was tried on a log that no body explains, and what helps."""
+    """What was tried on a log that no body explains, and what helps.
+
+    Examples
+    --------
+    >>> str(LogCheck(0.4, tried=())).partition(":")[0]
+    'no change of axes, flippers, clock or units helps'
+    """
 
     unexplained: float  #: What the log as it is leaves, as a share of the signal's rms.
     tried: tuple[TriedChange, ...]  #: What leaves least first.

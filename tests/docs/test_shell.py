@@ -23,7 +23,6 @@ PAGES = ["README.md", "docs/tutorial.md", *(f"docs/howto/{name}.md" for name in 
 NOT_RUN = {
     "make": "the case study and these tests",
     "pip install": "installs",
-    "ssh": "needs another computer",
     "aquafish view": "serves until Ctrl-C; tests/aquafish/test_viewer.py",
     "dask": "needs other computers; tests/runs/test_jobs.py",
     "aquafish recover --out out/recovery --replicates": "nine times as long as the line before",

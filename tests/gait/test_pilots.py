@@ -159,7 +159,7 @@ def test_what_is_none_of_these_is_refused(given: Any) -> None:
         InvalidArgumentError, match=r"controller must be a function of observations"
     ):
         swim(given, None, engine="numba", seconds=1.0)
-    with pytest.raises(InvalidArgumentError, match=r"controllers must be of type Controller"):
+    with pytest.raises(InvalidArgumentError, match=r"controllers\[0\] must be of type Controller"):
         swim_all([given], None)
 
 
@@ -174,7 +174,7 @@ def test_beliefs_are_not_ignored() -> None:
 def test_as_many_episodes_as_a_batch_has_robots() -> None:
     envs = gym.make_vec("AquaFish-v0", 2, max_episode_steps=3)
     assert evaluate(Acting(), envs, episodes=2).returns.shape == (2,)
-    with pytest.raises(InvalidArgumentError, match="episodes must be 2, one of each robot"):
+    with pytest.raises(InvalidArgumentError, match="episodes must be the 2 robots of env"):
         evaluate(Acting(), envs, episodes=100)
     with pytest.raises(InvalidArgumentError, match="env must be of type VectorEnv"):
         evaluate(Acting(), gym.make("AquaFish-v0", engine="numba"))  # type: ignore[arg-type]
