@@ -78,7 +78,7 @@ class Judge:
         return action if _set_servos()(actions, gains, action, speeds) else None
 
     def outcome(self, before: Floats, channels: int) -> Outcome:
-        """Return an outcome, to be filled, of states ``before`` a step and the number of channels."""
+        """Return an outcome, to be filled, of states ``before`` a step and of some channels."""
         count = before.shape[1]
         return Outcome(
             np.empty_like(before),
