@@ -65,6 +65,13 @@ class Still:
         return (0.0, 0.0, -1.0)
 
 
+class Blind(SelfModelAgent):
+    """The agent that never looks for damage: it only refines the whole robot's gait."""
+
+    def _notice(self, observed: Floats, square: float) -> None:
+        """Notice nothing."""
+
+
 class Oracle(SelfModelAgent):
     """The agent that learns the truth about its body, servos and sensors when they change."""
 
@@ -151,6 +158,7 @@ ENTRANTS: dict[str, Entry] = {
     "direct search": Entry(
         lambda seed, **_: DirectSearch(load_library()[0], seed), lambda: _library(0)
     ),
+    "blind": _self_model(Blind),
     "self-model": _self_model(),
     "self-model, library only": _self_model(refinements=0),
     "self-model, thinking free": _self_model(**_FREE),

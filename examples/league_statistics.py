@@ -17,6 +17,7 @@ Floats = NDArray[np.float64]
 Result = Mapping[str, Any]
 
 SHARES = (0.5, 0.8, 0.9)  # of the oracle's mean pace after the onset
+SUCCESS = 0.8  # of them
 WINDOW = round(5.0 / DT)  # actions over which a pace is taken at least
 HORIZON = 30.0  # s after the onset, which every episode has; recovery times are censored there
 FAR = 1.0  # units: an oracle that makes less cannot be compared with
@@ -82,8 +83,9 @@ def summary(
     ``way_after_onset`` is the interquartile mean in units with its 95% interval; where nothing
     breaks, of the whole way. ``lost`` is the oracle's way less its own, and ``hero_gain`` the
     self-model's less its own, in the same episodes. ``seconds_to`` a share of the oracle's
-    mean pace: the median, and the mean restricted to 30 s; ``failures`` are episodes in which half
-    of that pace is not back after 30 s, or the robot diverged.
+    mean pace: the median, and the mean restricted to 30 s. Of ``compared`` episodes, ``successes``
+    are those in which 80% of that pace is back within 30 s, and ``failures`` those in which half of
+    it is not, or the robot diverged.
     """
     ways = [after_onset(result) for result in results]
     alarms = [[event[0] for event in r["events"] if event[1] == "alarm"] for r in results]
@@ -124,9 +126,12 @@ def summary(
             for share, some in times.items()
         }
         gone = [r["terminated"] for r, _ in pairs]
-        found["failures"] = sum(
-            t == HORIZON or g for t, g in zip(times[SHARES[0]], gone, strict=True)
-        )
+        failed = {
+            share: sum(t == HORIZON or g for t, g in zip(some, gone, strict=True))
+            for share, some in times.items()
+        }
+        found["failures"] = failed[SHARES[0]]
+        found["successes"], found["compared"] = len(pairs) - failed[SUCCESS], len(pairs)
     return found
 
 

@@ -8,14 +8,15 @@ frozen damages, of which --episodes 130 plays each five times; in none nothing b
 your own enters as a class with ``begin(fin_angles)`` and ``act(observation)``: add it to
 ``ENTRANTS``.
 
-DIR holds league.json, {entrant: {tier: {way_after_onset, ...}}}, table.md, pace.png and a file for
-each episode. The same command resumes.
+DIR holds league.json, {entrant: {tier: {way_after_onset, ...}}}, table.md, gain.md, pace.png and a
+file for each episode. The same command resumes. gain.md has the self-model's gain over each entrant
+in the same episodes, and how often each is successful.
 """
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -25,12 +26,12 @@ import tyro
 
 from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.rendering.pictures import save_figure
-from aquafish_gym.runs.storage import write_document
+from aquafish_gym.runs.storage import write_bytes, write_document
 from aquafish_gym.utils.validation import finite_array, integer, one_of
 from league_entrants import ENTRANTS
 from league_episodes import TIERS, Episode, Sensing, Water, play
 from league_statistics import Result, pace_figure, summary
-from tables import do_table
+from tables import do_table, markdown
 
 SCHEMA = "aquafish.league/2"
 HERO, ORACLE = "self-model", "oracle"
@@ -65,7 +66,7 @@ class League:
     """Processes; every core if not given. No result but the CPU times depends on it."""
 
     def execute(self) -> None:
-        """Play the missing episodes; write league.json, table.md and pace.png."""
+        """Play the missing episodes; write league.json, table.md, gain.md and pace.png."""
         for name, known in (("entrants", ENTRANTS), ("tiers", TIERS)):
             for one in getattr(self, name):
                 one_of(name, one, known)
@@ -84,7 +85,7 @@ class League:
         ]
         rows = do_table(
             jobs, play, self.out, "a league", settings,
-            partial(self._tabulate, jobs), self.workers, ("league.json", "pace.png"),
+            partial(self._tabulate, jobs), self.workers, ("league.json", "gain.md", "pace.png"),
             lambda missing: play(missing[0]),  # compiles for all
         )  # fmt: skip
         for row in rows:
@@ -110,6 +111,7 @@ class League:
         }
         write_document(self.out / "league.json", league, SCHEMA)
         save_figure(pace_figure(played, self.entrants, self.tiers), self.out / "pace.png")
+        write_bytes(self.out / "gain.md", markdown(self._gains(league)).encode())
         tier = self.tiers[0]
         rows = [
             [
@@ -137,10 +139,27 @@ class League:
             )
         return rows
 
+    def _gains(self, league: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:
+        """Return the self-model's paired gains over the entrants, and the entrants' successes."""
+        rows = [["entrant", *(f"self-model's gain, {tier}" for tier in self.tiers)]]
+        rows[0] += [f"successes, {tier}" for tier in self.tiers]
+        for entrant, tiers in league.items():
+            found = [tiers[tier] for tier in self.tiers]
+            gains = [
+                _interval(one["hero_gain"], 2) if "hero_gain" in one and entrant != HERO else "-"
+                for one in found
+            ]
+            counts = [
+                f"{one['successes']} of {one['compared']}" if "successes" in one else "-"
+                for one in found
+            ]
+            rows.append([entrant, *gains, *counts])
+        return rows
 
-def _interval(values: Sequence[float]) -> str:
-    middle, low, high = values
-    return f"{middle:z.1f} [{low:z.1f}, {high:z.1f}]"
+
+def _interval(values: Sequence[float], digits: int = 1) -> str:
+    middle, low, high = (f"{value:z.{digits}f}" for value in values)
+    return f"{middle} [{low}, {high}]"
 
 
 if __name__ == "__main__":

@@ -42,10 +42,14 @@ def do_table(
         failures = run_jobs(jobs, work, folder, count=workers, warm_up=warm_up)
         exit_if_failed(failures)
         rows = tabulate([read_result(folder, job) or {} for job in jobs])
-        head, *body = (f"| {' | '.join(row)} |" for row in rows)
-        text = "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body])
-        write_bytes(folder / "table.md", f"{text}\n".encode())
+        write_bytes(folder / "table.md", markdown(rows).encode())
     return rows
+
+
+def markdown(rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown; the first row is its head, only the first column is text."""
+    head, *body = (f"| {' | '.join(row)} |" for row in rows)
+    return "\n".join([head, "|---|" + "---:|" * (len(rows[0]) - 1), *body, ""])
 
 
 def shortened(config: EvolveConfig, divisor: int) -> EvolveConfig:

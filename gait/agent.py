@@ -9,9 +9,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import lane_servo_speeds, reckon
+from aquafish_gym.envs.episode import limits, valid_readings
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.scenario import TIMESTEP
-from aquafish_gym.utils.validation import finite_array, instance
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    instance,
+    real_array,
+)
 from gait import network
 from gait.controller import Controller, program_of
 
@@ -46,6 +53,9 @@ def _compiled() -> Any:
 class ControllerAgent:
     """An agent (see ``gait.evaluate``) whose robots have one controller.
 
+    A reading that is not finite, or outside of the observation space, is not observed: the
+    controller senses the last one of that channel.
+
     Parameters
     ----------
     controller
@@ -61,17 +71,29 @@ class ControllerAgent:
         self.interval = controller.interval
 
     def reset(self, info: dict[str, Any]) -> None:
-        """Begin an episode of each robot, at the true fin angles in ``info``."""
-        self._fins = np.asarray(info["fin_angles"]) / TAU
+        """Begin an episode of each robot, at the true fin angles (B, 3) in ``info``."""
+        if "fin_angles" not in instance("info", info, dict):
+            raise InvalidArgumentError(f"info must have 'fin_angles' (B, 3); got {brief(info)}")
+        self._fins = finite_array("fin_angles", info["fin_angles"], (None, 3), unit="rad") / TAU
+        self._felt = np.zeros((len(self._fins), 12))
         self._scratch = np.zeros((len(self._fins), self._program.scratch))
         self._steps = 0
 
     def act(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
         """Return actions (B, 3) for observations (B, k)."""
-        felt = np.zeros((len(observations), 12))
-        felt[:, :9] = observations[:, :9]
+        if not hasattr(self, "_felt"):
+            raise InvalidArgumentError("reset(info) must be called before act(observations)")
+        needed = 9 + 3 * self._program.observes_goal
+        wanted = f"({len(self._felt)}, {needed} or more)"
+        given = real_array("observations", observations, wanted)
+        if given.ndim != 2 or len(given) != len(self._felt) or given.shape[1] < needed:
+            raise InvalidArgumentError(f"observations must have shape {wanted}; got {given.shape}")
+        felt = np.zeros((len(given), 12))
+        felt[:, :9] = given[:, :9]
         if self._program.observes_goal:
-            felt[:, 9:] = observations[:, -3:]
+            felt[:, 9:] = given[:, -3:]
+        felt = valid_readings(felt, limits(observe_fins=False, has_goal=True))
+        self._felt = felt = np.where(np.isnan(felt), self._felt, felt)
         program, dt = self._program, self._program.interval * TIMESTEP
         actions = np.empty((len(felt), 3))
         _compiled()(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.envs.episode import limits
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.rollout import Program
 from aquafish_gym.rollout.one import act_alone
@@ -241,6 +242,8 @@ class Controller:
             if time >= due - TIMESTEP / 2:
                 due = time + hold
                 entries = np.concatenate([values[:_IMU_ENTRIES], values[-3:]])
+                most = limits(observe_fins=False, has_goal=True)
+                entries = np.clip(entries, -most, most)  # as sensors saturate
                 action = np.array(respond(entries, time))
             return action
 

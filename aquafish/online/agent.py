@@ -4,19 +4,29 @@ from __future__ import annotations
 
 import math
 import time
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import TOLERANCE, Case, Moment
+from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import LARGEST, Swimming, imagine, load_library
-from aquafish.online.watch import ERROR_SCALES, WATER, Calibration
+from aquafish.online.watch import ERROR_SCALES, WATER, Calibration, Readings
+from aquafish_gym.envs.episode import limits, valid_readings
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    instance,
+    integer,
+    real_array,
+)
 from aquafish_gym.world_config import WorldConfig
 from eea.fish.recognition import GYRO, Hypothesis, Recognised
 from eea.fish.self_model import (
@@ -29,10 +39,13 @@ from eea.fish.self_model import (
 from gait.controller import Controller
 from gait.evolve import EvolveConfig, evolve_gait
 
+__all__ = ["AgentConfig", "Event", "SelfModelAgent"]
+
 Floats = NDArray[np.float64]
 
 WHOLE = Hypothesis((), ())
 BACK = {True: 5, False: 2}  # actions before an alarm in which it may have broken; ``gyro_only``
+OUTAGE = 10  # most actions without any reading before these in which it may have broken, too
 ALIKE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
 # In foreign water predictions are good for a few seconds. So the last inference after an alarm uses
 # 12 observations, for 50 actions there is no other alarm, and no gait is refined: one that is best
@@ -40,44 +53,16 @@ ALIKE = 0.05  # of sizes, in units, and of gains: robots that need no other gait
 FOREIGN_LATEST, QUIET = 12, 50
 AGAIN = 3.0  # the model's error grows by this with each alarm after the first
 SHORTEST = 2.0  # s: for less no gait is refined
-
-
-@dataclass(frozen=True)
-class AgentConfig:
-    """Settings of :class:`SelfModelAgent`."""
-
-    seconds: float = 60.0  #: Length of an episode.
-    gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
-    gyro_only: bool = False  #: Whether the gyroscope is the only sensor.
-    #: Numbers of observations from an alarm on with which the robot is inferred, again each time.
-    inferences: tuple[int, ...] = (3, 5, 8, 12, 18)
-    refinements: int = 4  #: Of a gait, one after the other; 0 only chooses it from the library.
-    generations: int = 125  #: Of each refinement.
-    #: Thinking time, s, after which an inference and a refinement can be used, with the next action
-    #: at the earliest; the robot swims on.
-    inference_seconds: float = 0.4
-    refinement_seconds: float = 1.2
-    seed: int = 0  #: Of the refinement.
-
-    def __post_init__(self) -> None:
-        for name in ("seconds", "gyro_noise", "inference_seconds", "refinement_seconds"):
-            finite_array(name, getattr(self, name), (), 0.0)
-        integer("refinements", self.refinements, 0)
-        integer("generations", self.generations, 1)
-        integer("seed", self.seed, 0)
-        if not self.inferences or list(self.inferences) != sorted(set(self.inferences)):
-            raise InvalidArgumentError(
-                f"inferences must be one number or more, increasing; got {self.inferences}"
-            )
-        for number in self.inferences:
-            integer("inferences", number, 1)
+LONGEST = 60.0  # s for which gaits are compared: to imagine more takes longer than the thinking may
+REFINED_GAITS = 6  # of its own, the latest, among which it chooses beside the library's
 
 
 class Event(NamedTuple):
     """Something that the agent noticed or decided."""
 
     seconds: float  #: When, in the episode.
-    what: str  #: "fins", "water", "alarm", "inferred", "unknown", "chose" or "refined".
+    #: "fins", "water", "sensor", "alarm", "inferred", "unknown", "chose" or "refined".
+    what: str
     about: str  #: In words.
     cpu: float = 0.0  #: CPU seconds that it took.
 
@@ -137,16 +122,20 @@ class SelfModelAgent:
         robot: Scenario | None = None,
         hold: int = 20,
     ) -> None:
-        self.library = load_library() if library is None else list(library)
-        self.config, self.hold = config or AgentConfig(), hold
+        self.hold = integer("hold", hold, 1)
         self.dt = hold * TIMESTEP
-        self._whole = Scenario.create() if robot is None else robot
-        if not self.library or len(self._whole) != 1 or self._whole.servo_lag.any():
+        self.config = AgentConfig() if config is None else instance("config", config, AgentConfig)
+        self._whole = Scenario.create() if robot is None else instance("robot", robot, Scenario)
+        if len(self._whole) != 1 or self._whole.servo_lag.any():
             raise InvalidArgumentError(
-                "library must have a gait, and robot must be one robot, without a servo lag"
+                f"robot must be one robot, without a servo lag; got {self._whole!r}"
             )
+        given = load_library() if library is None else library
+        if not isinstance(given, list | tuple) or not given:
+            raise InvalidArgumentError(f"library must have a gait; got {brief(given)}")
+        self.library = [instance("library", gait, Controller) for gait in given]
         for gait in self.library:
-            if gait.interval != integer("hold", hold, 1) or gait.senses.goal:
+            if gait.interval != hold or gait.senses.goal:
                 raise InvalidArgumentError(
                     f"library must have gaits without a goal whose interval is hold, {hold} steps; "
                     f"got {gait!r}"
@@ -168,9 +157,16 @@ class SelfModelAgent:
         self._steps, self._action, self._broken = 0, np.zeros(3, np.float32), WHOLE
         self._case: Case | None = None
         self._quiet, self._foreign = 0, False
+        self._readings = Readings(np.isfinite(noise_of(whole)))
         self._thoughts: list[_Thought] = []
         self._rng = np.random.default_rng(config.seed)
         self._swimming = Swimming(self.library[0], self.hold)
+        self._refined: deque[Controller] = deque(maxlen=REFINED_GAITS)
+
+    @property
+    def _gaits(self) -> list[Controller]:
+        """The gaits that it may choose: the library's, and its own of this episode."""
+        return [*self.library, *self._refined]
 
     @property
     def gait(self) -> Controller:
@@ -179,23 +175,25 @@ class SelfModelAgent:
 
     def reset(self, info: dict[str, Any]) -> None:
         """Begin the episode of a vector environment of one robot; see ``gait.evaluate``."""
-        self.begin(np.reshape(info["fin_angles"], -1))
+        if "fin_angles" not in instance("info", info, dict):
+            raise InvalidArgumentError(f"info must have 'fin_angles' (1, 3); got {brief(info)}")
+        self.begin(finite_array("fin_angles", info["fin_angles"], (1, 3), unit="rad", flat=True)[0])
 
     def act(self, observation: ArrayLike) -> NDArray[np.float32]:
         """Return the action (3,), in [-1, 1], for an observation (9,) or longer.
 
-        Rows (1, k) of a vector environment give (1, 3).
+        Rows (1, k) of a vector environment give (1, 3). A reading that is not finite, or outside of
+        the observation space, is not observed: the self-model predicts it.
         """
-        given = np.asarray(observation, float)
         if not hasattr(self, "model"):
             raise InvalidArgumentError("begin(fin_angles) must be called before act(observation)")
+        wanted = f"({len(CHANNELS)},) or longer, or (1, k)"
+        given = real_array("observation", observation, wanted)
         if given.size < len(CHANNELS) or given.shape[:-1] not in ((), (1,)):
-            raise InvalidArgumentError(
-                f"observation must have shape ({len(CHANNELS)},) or be longer, or (1, k); "
-                f"got {given.shape}"
-            )
+            raise InvalidArgumentError(f"observation must have shape {wanted}; got {given.shape}")
         if self._steps:
-            self._observe(given.reshape(-1)[: len(CHANNELS)])
+            readings, most = given.reshape(-1)[: len(CHANNELS)], limits(False, False)
+            self._observe(valid_readings(readings, most))
         # Inferences first: another robot makes a refinement obsolete.
         while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
             thought = min(due, key=lambda one: isinstance(one.result, Controller))
@@ -206,20 +204,24 @@ class SelfModelAgent:
         return self._action.reshape((*given.shape[:-1], 3))
 
     def _observe(self, observed: Floats) -> None:
-        """Carry the self-model along, and notice and infer what broke."""
+        """Carry the self-model along with an observation."""
         moment = Moment(self.model.state, self._action.astype(float), observed)
         self._moments.append(moment)
         if self._calibration is not None:
             self._calibrate(self._calibration, moment)
-            return
+        else:
+            self.model.step(moment.action)
+            self._notice(observed, self.model.correct(observed))
+        for about in self._readings.add(observed):
+            self._log("sensor", about)
+
+    def _notice(self, observed: Floats, square: float) -> None:
+        """Notice and infer what broke, by an observation and its squared innovation."""
         lost = np.isinf(self.model.noise) & np.isfinite(noise_of(self._intact))
-        self.model.step(moment.action)
-        square = self.model.correct(observed)
         # In foreign water, how surprising another gait is must be learned after each alarm.
         calm = self._foreign and self._steps < self._quiet
-        alarming = self._watch.add(square, int(np.isfinite(self.model.noise).sum()), calm)
-        older, old = self._moments[-3].observed, self._moments[-2].observed
-        silence_ends = lost & (older == old) & (old != observed)  # of a sensor that works again
+        alarming = self._watch.add(square, int(self.model.used(observed).sum()), calm)
+        silence_ends = lost & self._readings.changed(observed)  # of a sensor that works again
         alarming |= bool(silence_ends.any())
         if alarming and (self._case is None or self._case.settled(self._steps)):
             self._case = self._open()
@@ -245,6 +247,7 @@ class SelfModelAgent:
         if enough:
             self._watch, self._drift = calibration.finish()
             self._intact, self._calibration = self.model.robot, None
+            self._change_gait()
 
     def _open(self) -> Case:
         """Return the case of an alarm."""
@@ -255,6 +258,9 @@ class SelfModelAgent:
         if self.model.robot is not self._intact:  # what broke may have ended
             before, broken = [*before, self._intact], [*broken, WHOLE]
         first = max(len(self._moments) - 1 - back, 0)
+        earliest = max(first - OUTAGE, 0)
+        while first > earliest and not self.model.used(self._moments[first - 1].observed).any():
+            first -= 1  # nothing was observed then
         self._quiet = self._steps + QUIET
         if any(event.what == "alarm" for event in self.events):
             most = ERROR_SCALES[-1] * MODEL_ERROR
@@ -276,6 +282,7 @@ class SelfModelAgent:
         if isinstance(thought.result, Controller):
             if thought.result is not self.gait:
                 self._swimming = Swimming(thought.result, self.hold)
+                self._refined.append(thought.result)
             self._refine()
             return
         found = self.recognised = thought.result
@@ -289,7 +296,7 @@ class SelfModelAgent:
         whole = not found.hypothesis.words and not found.sensors
         robot = self._intact if whole else found.robot
         changed = not _alike(robot, self.model.robot)
-        self._watch.squares.clear()
+        self._watch.clear()
         self._broken = found.hypothesis
         self.model.become(robot, state)
         self.model.model_error = np.maximum(self.model.model_error, RECOGNISED_ERROR)
@@ -297,35 +304,42 @@ class SelfModelAgent:
             self._change_gait()
 
     def _change_gait(self) -> None:
-        """Swim the best gait of the library from now on, and refine it meanwhile."""
-        began = time.process_time()
-        left = self.config.seconds - self._steps * self.dt
+        """Swim the best known gait from now on, and refine it meanwhile."""
+        began, left = time.process_time(), self._left(0)
         if left < self.dt:
             return
-        far = imagine(self.library, self.model.robot, self.model.state, left)
+        gaits = self._gaits
+        far = imagine(gaits, self.model.robot, self.model.state, left)
         _, going_on = self._swimming.ahead(self.model, 0, round(left / self.dt))
         about = f"to go on, which should make {going_on:.1f} units"
         if far.max() > going_on:
-            self._swimming = Swimming(self.library[int(far.argmax())], self.hold)
-            about = f"gait {far.argmax()}, which should make {far.max():.1f} units"
+            best = int(far.argmax())
+            self._swimming = Swimming(gaits[best], self.hold)
+            name = f"gait {best}" if best < len(self.library) else "a gait refined before"
+            about = f"{name}, which should make {far.max():.1f} units"
         self._log("chose", about, time.process_time() - began)
         self._rounds = 0 if self._foreign else self.config.refinements
         self._refine()
+
+    def _left(self, actions: int) -> float:
+        """Return for how long, s, gaits are compared that begin some actions from now."""
+        left = self.config.seconds - (self._steps + actions) * self.dt
+        return min(left, LONGEST)
 
     def _refine(self) -> None:
         """Begin to refine the gait, from the state that the robot will be in when that is done."""
         began, config, robot = time.process_time(), self.config, self.model.robot
         self._thoughts = [t for t in self._thoughts if not isinstance(t.result, Controller)]
         actions = self._actions(config.refinement_seconds)
-        left = config.seconds - (self._steps + actions) * self.dt
+        left = self._left(actions)
         if not self._rounds or left < SHORTEST:
             return
         self._rounds -= 1
-        until = round(config.seconds / self.dt) - self._steps
+        until = actions + round(left / self.dt)
         state, expected = self._swimming.ahead(self.model, actions, until)
         first = self.gait
         if len(first.bias) > LARGEST:
-            small = [gait for gait in self.library if len(gait.bias) <= LARGEST]
+            small = [gait for gait in self._gaits if len(gait.bias) <= LARGEST]
             if not small:
                 return
             first = small[int(imagine(small, robot, state, left).argmax())]

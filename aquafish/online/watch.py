@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import Moment
-from aquafish_gym.scenario import Scenario
+from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    finite_array,
+    instance,
+    integer,
+    real_array,
+    spelled,
+)
 from eea.fish.recognition import find_fins
 from eea.fish.self_model import FINS, FLOOR, MODEL_ERROR, START_ERROR, SelfModel, predict
 
@@ -24,6 +31,8 @@ MARGIN, FOREIGN_MARGIN = 2.0, 5.0
 FOUND, FOUND_ERROR = 5, 0.2  # actions after which unknown fin angles are found, and within how much
 WATER, CALIBRATION = 25, 50  # actions after which the water is known, and the model's error
 SETTLED = 10  # actions after which the filter has forgotten how it began
+SILENT = 3  # actions without a reading, from which on a channel is said to give none
+GLITCH = 10.0  # standard deviations from which on one reading alone is none
 ERROR_SCALES = (1.0, 10.0, 100.0, 1000.0)  # of ``MODEL_ERROR``
 FOREIGN = 100.0  # least error scale in water that the model does not describe
 WATERS = (False, True)  # without and with added mass
@@ -41,7 +50,11 @@ class Watch:
 
     margin: float = MARGIN
     squares: list[float] = field(default_factory=list)
+    used: list[int] = field(default_factory=list)
     highest: dict[int, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        finite_array("margin", self.margin, (), 0.0)
 
     def add(self, square: float, used: int, calm: bool = False) -> bool:
         """Add the squared innovation of ``used`` channels; return whether it is alarming.
@@ -49,7 +62,8 @@ class Watch:
         If ``calm``, nothing has broken.
         """
         self.squares.append(square)
-        del self.squares[: -max(WINDOWS)]
+        self.used.append(used)
+        del self.squares[: -max(WINDOWS)], self.used[: -max(WINDOWS)]
         alarming = False
         for window in WINDOWS:
             if len(self.squares) < window:
@@ -58,15 +72,48 @@ class Watch:
             if calm:
                 self.highest[window] = max(self.highest.get(window, 0.0), total)
             usual = self.margin * self.highest.get(window, 0.0)
-            alarming |= total > max(_by_chance(window * used), usual)
+            alarming |= total > max(_by_chance(sum(self.used[-window:])), usual)
         return alarming and not calm
+
+    def clear(self) -> None:
+        """Forget the squared innovations, but not the highest sums."""
+        self.squares.clear()
+        self.used.clear()
+
+
+class Readings:
+    """The last two readings of each sensor channel, and for how many actions it has given none.
+
+    ``expected`` (9,) are the channels that should give readings.
+    """
+
+    def __init__(self, expected: NDArray[np.bool_]) -> None:
+        self._expected = expected
+        self._last = np.full((2, len(CHANNELS)), np.nan)
+        self._silence = np.zeros(len(CHANNELS), np.intp)
+        self._longest = 0 * self._silence
+
+    def changed(self, observed: Floats) -> NDArray[np.bool_]:
+        """Return which channels (9,) read something else now after they repeated a reading."""
+        older, old = self._last
+        found: NDArray[np.bool_] = (older == old) & (old != observed) & np.isfinite(observed)
+        return found
+
+    def add(self, observed: Floats) -> list[str]:
+        """Add an observation; return in words which channels give no readings, each once."""
+        fresh = np.isfinite(observed)
+        self._last[:, fresh] = self._last[1, fresh], observed[fresh]
+        self._silence = np.where(fresh, 0, self._silence + 1)
+        new = self._expected & (self._silence == SILENT) & (self._longest < SILENT)
+        self._longest = np.maximum(self._longest, self._silence)
+        return [f"{CHANNELS[i]} gives no readings" for i in np.flatnonzero(new)]
 
 
 @cache
 def _by_chance(freedom: int) -> float:
     from scipy.stats import chi2  # slow to import
 
-    return float(chi2.isf(ALARM, freedom))
+    return float(chi2.isf(ALARM, freedom)) if freedom else 0.0
 
 
 class Calibration:
@@ -75,26 +122,36 @@ class Calibration:
     Filters with several model errors, in water without and with added mass, run side by side; the
     likeliest is taken. If even that is much in error, the water is foreign, and filters with other
     drags of the fins follow. Fin angles that are None are found after a second.
+
+    Observations (9,) are NaN where a channel was not observed. A single reading that surprises even
+    the most tolerant filter is not used either.
     """
 
-    def __init__(self, robot: Scenario, fin_angles: Floats | None, hold: int) -> None:
+    def __init__(self, robot: Scenario, fin_angles: ArrayLike | None, hold: int) -> None:
+        if len(instance("robot", robot, Scenario)) != 1:
+            raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
+        integer("hold", hold, 1)
+        if fin_angles is not None:
+            fin_angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
         self._robots = [replace(robot, reactive=reactive) for reactive in WATERS]
         self.unknown, self._fitted = fin_angles is None, False
         self._hold, self._start_error = hold, START_ERROR
         self._fins = np.zeros(3) if fin_angles is None else fin_angles
-        self._begin(())
+        self._past: list[tuple[Floats, Floats]] = []
+        self._begin()
 
-    def _begin(self, past: Sequence[Moment]) -> None:
-        """Begin again, with what was done and observed."""
+    def _begin(self) -> None:
+        """Begin again, with the actions and observations of the past."""
         self._models = [
             SelfModel(robot, self._fins, MODEL_ERROR * scale, self._start_error, self._hold)
             for robot in self._robots
             for scale in ERROR_SCALES
         ]
-        self._squares: list[list[float]] = [[] for _ in self._models]
+        self._squares: list[list[tuple[float, int]]] = [[] for _ in self._models]
         self._moments: list[list[Moment]] = [[] for _ in self._models]
-        for moment in past:
-            self._step(moment.action, moment.observed)
+        self._surprising = np.zeros(len(CHANNELS), np.bool_)
+        for action, observed in self._past:
+            self._step(action, observed)
 
     @property
     def best(self) -> int:
@@ -120,39 +177,64 @@ class Calibration:
 
     def add(self, action: Floats, observed: Floats) -> bool:
         """Add an action (3,) and the observation (9,) after it; return whether that is enough."""
+        wanted = spelled((len(CHANNELS),))
+        action, observed = (
+            finite_array("action", action, (3,)),
+            real_array("observed", observed, wanted),
+        )
+        if observed.shape != (len(CHANNELS),):
+            raise InvalidArgumentError(f"observed must have shape {wanted}; got {observed.shape}")
+        past = self._past
+        past.append((action, observed))
         self._step(action, observed)
-        past = self._moments[0]
-        if self.unknown and len(past) == FOUND:
+        heard = sum(bool(np.isfinite(seen).any()) for _, seen in past)
+        if self.unknown and heard == FOUND:
             self.unknown, self._start_error = False, START_ERROR.copy()
             self._start_error[FINS] = FOUND_ERROR
-            actions, seen = np.array([m.action for m in past]), np.array([m.observed for m in past])
+            actions, seen = (np.array(column) for column in zip(*past, strict=True))
             self._fins = find_fins(self._robots, seen, actions, self._hold)
-            self._begin(past)
+            self._begin()
         elif len(past) in (WATER, CALIBRATION) and self.foreign and not self._fitted:
             robot, self._fitted = self.model.robot, True
             self._robots = [replace(robot, drag=np.array([[drag, 1.0]])) for drag in DRAGS]
-            self._begin(past)
+            self._begin()
         return len(past) == CALIBRATION
 
     def _step(self, action: Floats, observed: Floats) -> None:
-        for model, squares, moments in zip(self._models, self._squares, self._moments, strict=True):
-            moments.append(Moment(model.state, action, observed))
+        states = [model.state for model in self._models]
+        for model in self._models:
             model.step(action)
-            squares.append(model.correct(observed))
+        observed = self._without_glitches(observed)
+        for state, model, squares, moments in zip(
+            states, self._models, self._squares, self._moments, strict=True
+        ):
+            moments.append(Moment(state, action, observed))
+            squares.append((model.correct(observed), int(model.used(observed).sum())))
             if len(moments) == SETTLED:
                 model.log_likelihood = 0.0
+
+    def _without_glitches(self, observed: Floats) -> Floats:
+        """Return an observation, NaN where one reading alone surprises every filter."""
+        if self.unknown:
+            return observed
+        surprise = np.min([model.surprise(observed) for model in self._models], axis=0)
+        before, self._surprising = self._surprising, surprise > GLITCH
+        return np.where(self._surprising & ~before, np.nan, observed)
 
     def finish(self) -> tuple[Watch, Floats]:
         """Return a watch, and the rms error (9,) of open-loop predictions, without the noise."""
         model, moments, errors = self.model, self._moments[self.best], []
         watch = Watch(FOREIGN_MARGIN if self.foreign else MARGIN)
-        used = np.isfinite(model.noise)
-        for square in self._squares[self.best][SETTLED:]:
-            watch.add(square, int(used.sum()), calm=True)
+        for square, used in self._squares[self.best][SETTLED:]:
+            watch.add(square, used, calm=True)
         for first in range(SETTLED, len(moments) - AHEAD + 1, EVERY):
             part = moments[first : first + AHEAD]
             actions = np.array([moment.action for moment in part])
             predicted, _ = predict(model.robot, part[0].state, actions, self._hold)
             errors.append(predicted[0] - np.array([moment.observed for moment in part]))
-        mean = np.square(errors).mean(axis=(0, 1))
-        return watch, np.sqrt(np.maximum(mean - np.where(used, model.noise, 0.0) ** 2, FLOOR**2))
+        seen = np.isfinite(errors)
+        count = seen.sum(axis=(0, 1))
+        mean = np.square(np.where(seen, errors, 0.0)).sum(axis=(0, 1)) / np.maximum(count, 1)
+        mean[count == 0] = mean.max()  # of a channel that was never observed
+        noise = np.where(np.isfinite(model.noise), model.noise, 0.0)
+        return watch, np.sqrt(np.maximum(mean - noise**2, FLOOR**2))

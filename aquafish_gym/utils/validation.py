@@ -74,13 +74,7 @@ def finite_array(
     With ``flat``, a batch of one may be given without its leading axis. Text that spells numbers
     is refused, and so are booleans, spans of time and masked entries.
     """
-    wanted = spelled(shape)
-    try:
-        array = _real(value)
-    except (TypeError, ValueError, OverflowError, RecursionError):
-        raise InvalidArgumentError(
-            f"{argument} must be numbers of shape {wanted}; got {brief(value)}"
-        ) from None
+    array, wanted = real_array(argument, value, spelled(shape)), spelled(shape)
     if flat and array.ndim == len(shape) - 1 and array.size:
         array = array[None]
     if not fits(array.shape, shape):
@@ -97,6 +91,19 @@ def finite_array(
             f"{' ' + unit if unit else ''}; got {array[where]:g}"
         )
     return array
+
+
+def real_array(argument: str, value: object, wanted: str) -> NDArray[np.float64]:
+    """Return ``value`` as a new float64 array, whose entries may be NaN or infinite.
+
+    InvalidArgumentError, with the ``wanted`` shape in words, if it does not consist of numbers.
+    """
+    try:
+        return _real(value)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        raise InvalidArgumentError(
+            f"{argument} must be numbers of shape {wanted}; got {brief(value)}"
+        ) from None
 
 
 def fits(shape: tuple[int, ...], wanted: Shape) -> bool:
@@ -209,7 +216,7 @@ def _finite(text: str) -> float:
     return number
 
 
-def _real(value: ArrayLike) -> NDArray[np.float64]:
+def _real(value: Any) -> NDArray[np.float64]:
     """Return numbers as a new array; TypeError or ValueError refuse text, booleans and masks."""
     raw = np.asarray(value)
     if raw.dtype.kind not in "iuf" or np.ma.is_masked(value):

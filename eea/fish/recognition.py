@@ -175,7 +175,7 @@ def recognise(
         (25,) the states before the first action, the second, and so on, at any of which something
         may have broken.
     observed, actions
-        (K, 9) observations, each after its action (K, 3).
+        (K, 9) observations, NaN where a channel was not observed, each after its action (K, 3).
     drift
         (9,) rms error of the model's own predictions.
     tolerance
@@ -184,8 +184,7 @@ def recognise(
         For how many steps of 0.01 s an action is held.
     """
     noise = np.hypot(noise_of(before[-1]), drift)
-    last = observed[-FEWEST:]  # no whole channel repeats itself
-    silent = (last == last[-1]).all(axis=0) if len(last) == FEWEST else last[-1] == 0.0
+    silent, zero = _repeated(observed)
     counted = np.where(silent, np.inf, noise)
     everything = all_hypotheses()
 
@@ -227,10 +226,10 @@ def recognise(
     robot = broken(before[b], [hypothesis])
     robot = replace(robot, **{name: getattr(before[-1], name) for name in SENSORS})
     predicted, ended = predict(robot, states[onset], actions[onset:], hold)
-    used = np.isfinite(noise)
+    used = np.isfinite(noise) & np.isfinite(observed).any(axis=0)
     errors = np.where(used, observed[onset:] - predicted[0], 0.0)
     silent &= used
-    robot, words, odd = _with_sensors(robot, errors, silent, observed[-1] == 0.0, noise, tolerance)
+    robot, words, odd = _with_sensors(robot, errors, silent, zero, noise, tolerance)
     explained = odd <= max(1, int(used.sum()) // 3)
     others = [(total, cases[k][0], one) for total, k, one in best.values()]
     return Recognised(
@@ -254,17 +253,21 @@ def _alternatives(
 def mismatch(predicted: Floats, observed: Floats, noise: Floats) -> Floats:
     """Return minus the log likelihoods (N,) of predictions (N, K, 9).
 
-    Each channel's own error is profiled out. Channels of infinite ``noise`` (9,) do not count.
+    Each channel's own error is profiled out. Channels of infinite ``noise`` (9,) do not count, and
+    neither do observations that are NaN.
     """
-    used, count = np.isfinite(noise), len(observed)
+    seen = np.isfinite(observed)
+    used = np.isfinite(noise) & seen.any(axis=0)
+    seen, count = seen[:, used], seen[:, used].sum(axis=0)
     variance = np.square(noise[used]) + FLOOR**2
     errors = predicted[:, :, used] - observed[:, used]
+    errors[:, ~seen] = 0.0
     squares = np.square(errors).sum(axis=1)
     found = 0.5 * count * np.log(variance + squares / count)
-    if count >= FEWEST:
-        around = squares - count * np.square(errors.mean(axis=1))
-        biased = 0.5 * count * np.log(variance + around / count)
-        found = np.minimum(found, biased + BIAS_COST + 0.5 * np.log(count))
+    around = squares - count * np.square(errors.sum(axis=1) / count)
+    biased = 0.5 * count * np.log(variance + around / count)
+    biased += np.where(count >= FEWEST, BIAS_COST + 0.5 * np.log(count), np.inf)
+    found = np.minimum(found, biased)
     total: Floats = found.sum(axis=1)
     return np.where(np.isfinite(total), total, np.inf)
 
@@ -302,27 +305,45 @@ def find_fins(
     return found
 
 
+def _repeated(observed: Floats) -> tuple[Flags, Flags]:
+    """Return which channels (9,) of observations (K, 9) are silent, and which read 0 at last.
+
+    No whole channel repeats itself.
+    """
+    silent, zero = np.zeros((2, observed.shape[1]), np.bool_)
+    for i, column in enumerate(observed.T):
+        last = column[np.isfinite(column)][-FEWEST:]
+        if len(last):
+            zero[i] = last[-1] == 0.0
+            silent[i] = (last == last[-1]).all() if len(last) == FEWEST else zero[i]
+    return silent, zero
+
+
 def _with_sensors(
     robot: Scenario, errors: Floats, silent: Flags, zero: Flags, expected: Floats, tolerance: Floats
 ) -> tuple[Scenario, tuple[str, ...], int]:
     """Return a robot with the sensors that errors (K, 9) show, in words, and how many are odd.
 
-    ``expected`` (9,) is the rms error of whole channels. An odd channel observes something else
-    than its robot should, for no reason known here. It is not used, as if it were stuck.
+    Errors of what was not observed are NaN. ``expected`` (9,) is the rms error of whole channels.
+    An odd channel observes something else than its robot should, for no reason known here. It is
+    not used, as if it were stuck.
     """
-    count, mean, noise = len(errors), errors.mean(axis=0), robot.gyro_noise
-    off = ~silent & (np.sqrt(np.square(errors).mean(axis=0)) > tolerance)
-    biased = off & (errors.std(axis=0) < STEADY * np.abs(mean)) & (count >= FEWEST)
+    seen, noise = np.isfinite(errors), robot.gyro_noise
+    errors, count = np.where(seen, errors, 0.0), np.maximum(seen.sum(axis=0), 1)
+    mean = errors.sum(axis=0) / count
+    deviation = np.sqrt((np.square(errors - mean) * seen).sum(axis=0) / count)
+    off = ~silent & (np.sqrt(np.square(errors).sum(axis=0) / count) > tolerance)
+    biased = off & (deviation < STEADY * np.abs(mean)) & (count >= FEWEST)
     odd, words = off & ~biased, list[str]()
     # All channels of a noisy gyroscope are, though one by itself may not be over its tolerance.
-    heard = ~(silent | biased)[GYRO] & np.isfinite(expected[GYRO])
-    gyro = errors[:, GYRO][:, heard]
-    power, usual = np.square(gyro).sum(), np.hypot(expected, SLACK * tolerance)[GYRO][heard]
-    louder = power > np.square(usual).mean() * (gyro.size + LOUD * gyro.size**0.5)
-    white = (gyro[1:] * gyro[:-1]).sum() < WHITE * power
-    if louder and white and gyro.shape[1] >= 2 and count >= FEWEST_WHITE:
-        noise, odd[GYRO] = np.sqrt(power / gyro.size).reshape(1), False
-        words = [f"gyro:noise={noise[0]:.3g}"]
+    heard = ~(silent | biased)[GYRO] & np.isfinite(expected[GYRO]) & seen[:, GYRO].any(axis=0)
+    gyro, size = errors[:, GYRO][:, heard], int(seen[:, GYRO][:, heard].sum())
+    if gyro.shape[1] >= 2 and size >= FEWEST_WHITE * gyro.shape[1]:
+        power, usual = np.square(gyro).sum(), np.hypot(expected, SLACK * tolerance)[GYRO][heard]
+        louder = power > np.square(usual).mean() * (size + LOUD * size**0.5)
+        if louder and (gyro[1:] * gyro[:-1]).sum() < WHITE * power:  # white
+            noise, odd[GYRO] = np.sqrt(power / size).reshape(1), False
+            words = [f"gyro:noise={noise[0]:.3g}"]
     kinds = {"dropped": silent & zero, "stuck": silent & ~zero, "bias": biased, "odd": odd}
     for name, flags in kinds.items():
         for i in np.flatnonzero(flags):

@@ -15,7 +15,8 @@ from scipy.spatial.transform import Rotation
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, LEFT, RATES, angles_of_rows, start_rows
-from aquafish_gym.scenario import Scenario
+from aquafish_gym.scenario import MAXIMUM_CURRENT, MAXIMUM_SPIN, Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +43,7 @@ class SelfModel:
     fin_angles
         (3,) at the start, rad. It begins at rest.
     model_error, start_error
-        (12,) see ``MODEL_ERROR`` and ``START_ERROR``.
+        (12,) see ``MODEL_ERROR`` and ``START_ERROR``; positive.
     hold
         For how many steps of 0.01 s an action is held.
 
@@ -73,10 +74,16 @@ class SelfModel:
         start_error: Floats = START_ERROR,
         hold: int = 20,
     ) -> None:
-        self.model_error, self.hold = model_error, hold
-        self.covariance: Floats = np.diag(start_error**2)
+        if len(instance("robot", robot, Scenario)) != 1:
+            raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
+        angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
+        self.model_error = finite_array("model_error", model_error, (SIZE,), 0.0)
+        self.hold = integer("hold", hold, 1)
+        self.covariance: Floats = np.diag(
+            finite_array("start_error", start_error, (SIZE,), 0.0) ** 2
+        )
         self.log_likelihood = 0.0
-        self.become(robot, start_rows(np.array([fin_angles], np.float64))[:, 0])
+        self.become(robot, start_rows(angles[None])[:, 0])
 
     def become(self, robot: Scenario, state: Floats) -> None:
         """Replace the robot and its state (25,); keep the covariance."""
@@ -97,13 +104,45 @@ class SelfModel:
         errors -= mean
         self.covariance = errors.T @ errors / len(errors) + np.diag(self.model_error**2)
 
+    def used(self, observed: Floats) -> NDArray[np.bool_]:
+        """Return which channels (9,) of an observation correct the state."""
+        found: NDArray[np.bool_] = np.isfinite(self.noise) & np.isfinite(observed)
+        return found
+
     def correct(self, observed: Floats) -> float:
-        """Correct the state by an observation (9,).
+        """Correct the state by an observation (9,), NaN where a channel was not observed.
 
         Return the squared error of its prediction in standard deviations: chi-square with a degree
         of freedom for each channel that is used, if the model is right.
         """
-        used = np.isfinite(self.noise)
+        errors, seen, covariance, innovation = self._compare(observed)
+        cross = errors.T @ seen / len(errors)
+        gain = np.linalg.solve(covariance, cross.T).T
+        correction = np.asarray(gain @ innovation, np.float64)
+        self.state = moved(self.state, correction[None])[:, 0]
+        # A wild reading would make it faster than the physics can simulate, for ever.
+        for field, most in (("velocity", MAXIMUM_CURRENT), ("spin", MAXIMUM_SPIN)):
+            self.state[FIELDS[field]] = self.state[FIELDS[field]].clip(-most, most)
+        left = self.covariance - gain @ cross.T
+        self.covariance = 0.5 * (left + left.T) + 1e-14 * np.eye(SIZE)
+        square = float(innovation @ np.linalg.solve(covariance, innovation))
+        self.log_likelihood -= 0.5 * (square + float(np.linalg.slogdet(covariance)[1]))
+        return square
+
+    def surprise(self, observed: Floats) -> Floats:
+        """Return how many standard deviations (9,) each channel of an observation is off.
+
+        0 of one that is not used.
+        """
+        _, _, covariance, innovation = self._compare(observed)
+        return np.abs(innovation) / np.sqrt(np.diag(covariance))
+
+    def _compare(self, observed: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """Return errors (24, 12) of the state and what they change of the observation (24, 9).
+
+        Also the covariance (9, 9) of the observation, and its innovation (9,).
+        """
+        used = self.used(observed)
         errors = _POINTS @ np.linalg.cholesky(self.covariance).T
         seen = observe(moved(self.state, errors))
         mean = seen.mean(axis=0)
@@ -111,15 +150,7 @@ class SelfModel:
         noise = np.where(used, np.hypot(self.noise, FLOOR), 1.0)
         covariance = seen.T @ seen / len(errors) + np.diag(noise**2)
         innovation = np.where(used, observed - self.robot.sensor_bias[0] - mean, 0.0)
-        cross = errors.T @ seen / len(errors)
-        gain = np.linalg.solve(covariance, cross.T).T
-        correction = np.asarray(gain @ innovation, np.float64)
-        self.state = moved(self.state, correction[None])[:, 0]
-        left = self.covariance - gain @ cross.T
-        self.covariance = 0.5 * (left + left.T) + 1e-14 * np.eye(SIZE)
-        square = float(innovation @ np.linalg.solve(covariance, innovation))
-        self.log_likelihood -= 0.5 * (square + float(np.linalg.slogdet(covariance)[1]))
-        return square
+        return errors, seen, covariance, innovation
 
 
 def predict(

@@ -125,3 +125,22 @@ def test_initial_fin_angles_are_found_within_a_second(robot: Scenario) -> None:
         found = find_fins(waters, seen, STROKES[:5])
         error = np.arctan2(np.sin(found - FINS), np.cos(found - FINS))
         np.testing.assert_allclose(error, 0.0, atol=0.05)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_what_was_not_observed_does_not_count(noise: float) -> None:
+    whole = replace(WHOLE, gyro_noise=np.array([noise]))
+    seen = observe("left_pectoral:length=0.33; gyro_z:bias=0.2", noise)
+    seen[3, 6] = seen[5:8, 2] = seen[:, 1] = seen[-1, 8] = np.nan
+    found = recognise([whole], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    assert str(found.hypothesis).startswith("left_pectoral:length=0.3")
+    assert [word.partition("=")[0] for word in found.sensors] == ["gyro_z:bias"]
+    assert found.explained
+    assert not found.robot.sensor_dropped.any()
+
+
+def test_a_dropped_channel_with_a_gap_is_dropped() -> None:
+    seen = observe("gyro_y:dropped")
+    seen[-2, 7] = np.nan
+    found = recognise([WHOLE], [STATE], seen, STROKES, DRIFT, TOLERANCE)
+    assert found.sensors == ("gyro_y:dropped",)

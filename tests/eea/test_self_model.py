@@ -112,3 +112,27 @@ def test_predictions_begin_in_a_state_each() -> None:
     for b in range(2):
         alone, _ = predict(robots.take([b]), states[:, b], STROKES[:3])
         np.testing.assert_array_equal(alone[0], together[b])
+
+
+def test_a_channel_without_readings_corrects_as_little_as_a_dropped_one() -> None:
+    observed, _ = swim(Scenario.create(fin_angles=FINS, gyro_noise=0.01), 0.01)
+    dropped = Damage.parse("gyro_y:dropped; north_x:dropped").edit(Scenario.create(gyro_noise=0.01))
+    models = SelfModel(Scenario.create(gyro_noise=0.01), FINS), SelfModel(dropped, FINS)
+    gone = [CHANNELS.index(name) for name in ("gyro_y", "north_x")]
+    silent = observed.copy()
+    silent[:, gone] = np.nan
+    one, other = (
+        follow(model, seen) for model, seen in zip(models, (silent, observed), strict=True)
+    )
+    np.testing.assert_array_equal(one, other)
+    np.testing.assert_array_equal(models[0].state, models[1].state)
+    assert models[0].surprise(silent[-1])[gone].tolist() == [0.0, 0.0]
+
+
+def test_no_reading_makes_the_model_faster_than_it_can_simulate() -> None:
+    model, rng = SelfModel(Scenario.create(), FINS), np.random.default_rng(0)
+    for stroke in STROKES:
+        model.step(stroke)
+        model.correct(rng.uniform(-30.0, 30.0, 9))
+        assert np.isfinite(model.state).all()
+        assert np.abs(model.state[FIELDS["velocity"]]).max() <= 20.0

@@ -5,11 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import gymnasium as gym
 import numpy as np
 import pytest
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.runs.storage import read_document
+from league_entrants import ENTRANTS
 from league_episodes import HELD_OUT, TIERS, UNKNOWN, Episode, play
 from league_statistics import HORIZON, after_onset, interval, recovered, summary
 from recovery_league import SCHEMA, League
@@ -35,6 +37,7 @@ def test_a_league_of_one_episode(tmp_path: Path, capsys: pytest.CaptureFixture[s
     still, ppo = (league[name]["severe"]["way_after_onset"][0] for name in league)
     assert still < 1.0 < ppo
     assert (tmp_path / "pace.png").stat().st_size > 10_000
+    assert "| still | - | - |" in (tmp_path / "gain.md").read_text()
     assert "PPO, fins" in capsys.readouterr().out
 
 
@@ -43,6 +46,38 @@ def test_an_episode_breaks_at_the_same_time_for_all() -> None:
     assert one["onsets"] == other["onsets"]
     assert one["onsets"][0] > 70
     assert len(one["way"]) == 301
+
+
+def test_the_league_tells_the_gain_of_the_self_model_over_each_entrant() -> None:
+    ways = {"self-model": [result([1.0]), result([0.9])], "blind": [result([0.5]), result([0.8])]}
+    hero = ways["self-model"]
+    league = {name: {"mild": summary(ways[name], 1, hero, hero)} for name in ways}
+    rows = League(entrants=tuple(ways), tiers=("mild",))._gains(league)
+    gain = np.mean(
+        [after_onset(h) - after_onset(b) for h, b in zip(hero, ways["blind"], strict=True)]
+    )
+    assert rows[0] == ["entrant", "self-model's gain, mild", "successes, mild"]
+    assert rows[1] == ["self-model", "-", "2 of 2"]
+    assert rows[2][1].startswith(f"{gain:.2f} [")
+    assert rows[2][2] == "1 of 2"
+
+
+def test_blind_refines_the_whole_robots_gait_and_never_looks_for_damage() -> None:
+    env = gym.make("AquaFishRecovery-v0", damage="caudal:missing@15", engine="numba")
+    events: dict[str, list[str]] = {}
+    swum: dict[str, list[Any]] = {}
+    for name in ("blind", "self-model"):
+        observation, info = env.reset(seed=1)
+        agent: Any = ENTRANTS[name].make(generations=10, refinements=1)
+        agent.begin(info["fin_angles"])
+        swum[name] = []
+        for _ in range(90):
+            swum[name].append(agent.act(observation))
+            observation, *_ = env.step(swum[name][-1])
+        events[name] = [event.what for event in agent.events]
+    assert events["blind"] == ["chose", "refined"]
+    assert events["self-model"][:4] == ["chose", "refined", "alarm", "inferred"]
+    np.testing.assert_array_equal(swum["blind"][:75], swum["self-model"][:75])
 
 
 def test_a_gyroscope_alone_observes_nothing_else() -> None:
@@ -74,6 +109,8 @@ def test_the_summary_compares_with_the_oracle_episode_by_episode() -> None:
     lost = [after_onset(o) - after_onset(m) for o, m in zip(oracle, mine, strict=True)]
     assert found["lost"][0] == pytest.approx(np.mean(lost))
     assert found["failures"] == 1
+    assert (found["successes"], found["compared"]) == (0, 2)
+    assert summary(oracle, 1, oracle, None)["successes"] == 2
     assert found["false_alarms"] == 1
     assert found["seconds_to"]["50%"]["mean"] == HORIZON / 2
     assert "hero_gain" not in found

@@ -1,0 +1,48 @@
+"""Settings of the agent that swims on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from aquafish_gym.scenario import check_row
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    flag,
+    integer,
+)
+
+
+@dataclass(frozen=True)
+class AgentConfig:
+    """Settings of :class:`~aquafish.online.agent.SelfModelAgent`."""
+
+    seconds: float = 60.0  #: Length of an episode.
+    gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
+    gyro_only: bool = False  #: Whether the gyroscope is the only sensor.
+    #: Numbers of observations from an alarm on with which the robot is inferred, again each time.
+    inferences: tuple[int, ...] = (3, 5, 8, 12, 18)
+    refinements: int = 4  #: Of a gait, one after the other; 0 only chooses it from the library.
+    generations: int = 125  #: Of each refinement.
+    #: Thinking time, s, after which an inference and a refinement can be used, with the next action
+    #: at the earliest; the robot swims on.
+    inference_seconds: float = 0.4
+    refinement_seconds: float = 1.2
+    seed: int = 0  #: Of the refinement.
+
+    def __post_init__(self) -> None:
+        for name in ("seconds", "inference_seconds", "refinement_seconds"):
+            finite_array(name, getattr(self, name), (), 0.0, unit="s")
+        check_row("gyro_noise", self.gyro_noise)
+        flag("gyro_only", self.gyro_only)
+        integer("refinements", self.refinements, 0)
+        integer("generations", self.generations, 1)
+        integer("seed", self.seed, 0)
+        given = self.inferences
+        numbers = list(given) if isinstance(given, list | tuple) else []
+        counts = [integer("inferences", number, 1) for number in numbers]
+        if not counts or counts != sorted(set(counts)):
+            raise InvalidArgumentError(
+                f"inferences must be one number or more, increasing; got {brief(given)}"
+            )
