@@ -23,7 +23,7 @@ from aquafish_gym.rollout import rollout
 from aquafish_gym.runs.progress import show_share
 from aquafish_gym.runs.storage import output_file
 from aquafish_gym.scenario import Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, utf8_text
 from gait.controller import INTERVAL, Controller
 from gait.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
@@ -137,7 +137,11 @@ def filmed(
 
     A fin is broken if it has another size or its servo does not follow its command.
     """
-    scenario = damage.edit(Scenario.create(body), INTERVAL)
+    utf8_text("label", label)
+    if not isinstance(swim, Swim | RolloutPath):
+        raise InvalidArgumentError(f"swim must be a recorded swim; got {brief(swim)}")
+    instance("body", body, Morphology)
+    scenario = instance("damage", damage, Damage).edit(Scenario.create(body), INTERVAL)
     bodies, broken = np.empty((len(swim.time), 9)), np.empty((len(swim.time), 3), bool)
     for step, now in [(0, scenario), *((change.step, change.to) for change in scenario.schedule)]:
         later = swim.time > (step - 0.5) * TIMESTEP
