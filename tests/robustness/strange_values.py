@@ -109,8 +109,10 @@ class Call:
         if not isinstance(error, InvalidArgumentError | ConfigurationError | TargetError):
             return f"raises {error!r}"
         said = str(error)
-        word = "morpholog" if argument in BODY_ARGUMENTS else argument.rstrip("s")
-        if self.words.get(argument, word) not in said or "\n" in said or len(said) > 500:
+        names = [self.words.get(argument, argument.rstrip("s"))]
+        if argument in BODY_ARGUMENTS:
+            names.append("morpholog")
+        if not any(name in said for name in names) or "\n" in said or len(said) > 500:
             return f"says {said!r}"
         return None
 
