@@ -68,7 +68,9 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
             raise InvalidArgumentError(
                 f'autoreset_mode of envs must be "Disabled"; got {getattr(mode, "value", mode)!r}'
             )
-        space = observation_space or envs.single_observation_space
+        space = envs.single_observation_space
+        if observation_space is not None:
+            space = instance("observation_space", observation_space, Box)
         if not isinstance(space, Box):
             raise InvalidArgumentError(
                 "envs must observe a Box; gymnasium.wrappers.vector.FlattenObservation makes one; "
@@ -84,7 +86,9 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
 
     def set_options(self, options: Sequence[Options] | Options | None = None) -> None:
         """Set the options of the next reset: one dictionary for all robots, or one for each."""
-        several = options if isinstance(options, list | tuple) else [options or {}]
+        several = (
+            options if isinstance(options, list | tuple) else [{} if options is None else options]
+        )
         for one in several:
             if "reset_mask" in instance("options", one, dict):
                 raise InvalidArgumentError(

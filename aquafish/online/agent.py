@@ -122,7 +122,7 @@ class SelfModelAgent:
         robot: Scenario | None = None,
         hold: int = 20,
     ) -> None:
-        self.hold = integer("hold", hold, 1)
+        self.hold = integer("hold", hold, 1, 1000)
         self.dt = hold * TIMESTEP
         self.config = AgentConfig() if config is None else instance("config", config, AgentConfig)
         self._whole = Scenario.create() if robot is None else instance("robot", robot, Scenario)

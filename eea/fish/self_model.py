@@ -16,7 +16,16 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, LEFT, RATES, angles_of_rows, start_rows
 from aquafish_gym.scenario import MAXIMUM_CURRENT, MAXIMUM_SPIN, Scenario
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    finite_array,
+    instance,
+    integer,
+    real_array,
+)
+
+ROWS = max(rows.stop for rows in FIELDS.values())  # of a state
+MAXIMUM_HOLD = 1000  # physics steps of an action
 
 Floats = NDArray[np.float64]
 
@@ -78,7 +87,7 @@ class SelfModel:
             raise InvalidArgumentError(f"robot must be one robot; got {robot!r}")
         angles = finite_array("fin_angles", fin_angles, (3,), unit="rad")
         self.model_error = finite_array("model_error", model_error, (SIZE,), 0.0)
-        self.hold = integer("hold", hold, 1)
+        self.hold = integer("hold", hold, 1, MAXIMUM_HOLD)
         self.covariance: Floats = np.diag(
             finite_array("start_error", start_error, (SIZE,), 0.0) ** 2
         )
@@ -93,6 +102,7 @@ class SelfModel:
 
     def step(self, action: ArrayLike) -> None:
         """Predict the state after an action (3,) in [-1, 1]."""
+        action = finite_array("action", action, (3,))
         spread = _POINTS @ np.linalg.cholesky(self.covariance).T
         points = moved(self.state, np.concatenate([np.zeros((1, SIZE)), spread]))
         self._lanes.place(points)
@@ -161,6 +171,14 @@ def predict(
     They begin in ``states`` (25, N), or all in one (25,). Also return the states (25, N) in which
     they end. Sensors are whole. In single precision, on one thread.
     """
+    count = len(instance("robots", robots, Scenario))
+    actions = finite_array("actions", actions, (None, 3))
+    integer("hold", hold, 1, MAXIMUM_HOLD)
+    states = real_array("states", states, f"({ROWS}, {count})")
+    if states.shape not in ((ROWS,), (ROWS, 1), (ROWS, count)):
+        raise InvalidArgumentError(
+            f"states must have shape ({ROWS},) or ({ROWS}, {count}); got {states.shape}"
+        )
     lanes = LaneBatch(robots, threads=1)
     lanes.place(np.broadcast_to(states.reshape(len(states), -1), (len(states), len(robots))))
     observed = np.empty((len(robots), len(actions), 9))

@@ -9,16 +9,22 @@ import pytest
 from strange_values import Call, cases, complaints, has_every_parameter, options
 
 from aquafish.online import AgentConfig, SelfModelAgent
-from aquafish.online.gaits import load_library
+from aquafish.online.gaits import imagine, load_library
 from aquafish_gym import Damage, Morphology
+from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.scenario import Scenario
+from eea.fish.self_model import SelfModel, predict
 from gait.film import filmed
 from gait.rollout import swim
+from gait.sb3_env import SB3VecEnv
 
 ROBOT = Scenario.create()
 LIBRARY = load_library()[:1]
 AGENT = SelfModelAgent(LIBRARY)
 AGENT.begin(np.zeros(3))
+MODEL = SelfModel(ROBOT, np.zeros(3))
+STATE = MODEL.state
+VENV = SB3VecEnv(AquaFishVectorEnv(2, autoreset_mode="Disabled"))
 BODY = Morphology.nominal()
 ROWS = [
     Call(
@@ -27,6 +33,7 @@ ROWS = [
         options(library="none", config="none", robot="none"),
     ),
     Call(AGENT.begin, {"fin_angles": np.zeros(3)}, options(fin_angles="none")),
+    Call(AGENT.act, {"observation": np.zeros(9)}),
     Call(AGENT.reset, {"info": {"fin_angles": np.zeros(3)}}),
     Call(
         AgentConfig,
@@ -42,6 +49,31 @@ ROWS = [
             seed="big, huge",
         ),
     ),
+    Call(load_library, {"path": "library.json"}, options(path="none"), {"path": "library"}),
+    Call(
+        imagine,
+        {"controllers": LIBRARY, "robot": ROBOT, "state": STATE, "seconds": 0.2},
+        options(seconds="fraction", controllers="empty list", state="none"),
+        {"state": "start"},
+    ),
+    Call(
+        SelfModel,
+        {
+            "robot": ROBOT, "fin_angles": np.zeros(3), "hold": 20,
+            "model_error": np.full(12, 1e-5), "start_error": np.full(12, 1e-4),
+        },
+    ),
+    Call(MODEL.step, {"action": np.zeros(3)}),
+    Call(
+        predict,
+        {"robots": ROBOT, "states": STATE[:, None], "actions": np.zeros((1, 3)), "hold": 20},
+    ),
+    Call(
+        SB3VecEnv,
+        {"envs": AquaFishVectorEnv(2, autoreset_mode="Disabled"), "observation_space": None},
+        options(observation_space="none"),
+    ),
+    Call(VENV.set_options, {"options": {}}, options(options="none, empty mapping, mapping")),
     Call(
         filmed,
         {
