@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from itertools import accumulate
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,6 +44,8 @@ class Export:
     It has a state, a function that resets it, and one that takes a step. It allocates no memory and
     needs only math.h. Beside it goes a CSV of test vectors, by which the file can check itself.
     """
+
+    example: ClassVar[str] = "out/evolve/controller.json --c fish.c"
 
     controller: Annotated[Positional[Path], arg(metavar="FILE")]
     """A controller.json, as evolve and baseline write it."""

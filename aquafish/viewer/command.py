@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from tyro.conf import arg
 
@@ -33,6 +33,8 @@ class View:
     The page is served at 127.0.0.1 alone, until Ctrl-C. A gait, random actions, a policy or, of one
     robot, the agent with a self-model steers.
     """
+
+    example: ClassVar[str] = "--robots 3 --damage left_pectoral:length=0.5@5"
 
     robots: int = 1  #: Number of robots, at most 64.
     controller: Annotated[Path | None, arg(metavar="FILE")] = None

@@ -13,16 +13,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 MOST_SILENCE = 4.0  # s
 
 
-class _PlainConsole(Console):
-    """A console that leaves a broken pipe to the command line."""
-
-    def on_broken_pipe(self) -> None:
-        raise BrokenPipeError
-
-
 def plain_console(stderr: bool = False) -> Console:
     """Return a console that prints lines as they are."""
-    return _PlainConsole(highlight=False, soft_wrap=True, markup=False, stderr=stderr)
+    return Console(highlight=False, soft_wrap=True, markup=False, stderr=stderr)
 
 
 def progress_bar(console: Console, unit: str) -> Progress:
