@@ -268,7 +268,7 @@ def swim(
     assumed = angles if believed is None else finite_array("believed", believed, (3,), unit="rad")
     gain = config.servo_gain if believed_gain is None else believed_gain
     gain = finite_array("believed_gain", gain, (3,))
-    steps = _interval(controller, interval)
+    steps = held_steps(controller, interval)
     if isinstance(controller, Controller):
         policy = controller.policy(assumed, gain)
         steps = INTERVAL
@@ -292,8 +292,8 @@ def swim(
     return Swim(**vars(path), current=config.current)
 
 
-def _interval(controller: AgentLike, interval: int | None) -> int:
-    """Return for how many steps of 0.01 s an action of a controller is held."""
+def held_steps(controller: object, interval: int | None = None) -> int:
+    """Return for how many steps of 0.01 s an action of a controller is held; see ``swim``."""
     own = own_interval(controller)
     if interval is None:
         usual = INTERVAL if takes_time(controller, optional=True) else FRAME_SKIP
