@@ -147,9 +147,9 @@ ROWS = [
         swim,
         {
             "controller": FINS, "morphology": BODY, "fin_angles": np.zeros(3), "engine": "numba",
-            **SWIM, "believed": np.zeros(3),
+            **SWIM, "believed": np.zeros(3), "interval": 5,
         },
-        options(controller="type", morphology="none, empty mapping", **SWUM),
+        options(controller="type", morphology="none, empty mapping", interval="none", **SWUM),
     ),
     Call(
         swim_all,
@@ -230,7 +230,6 @@ ROWS = [
         },
         options(
             controller="type", morphology="none, empty mapping", seconds="fraction", world="none",
-            believed_gain="none",
         ),
     ),
     Call(
