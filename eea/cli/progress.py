@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Event, Thread
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from aquafish_gym.runs.progress import every
 
 MOST_SILENCE = 4.0  # s
 
@@ -38,17 +39,11 @@ def waiting(task: str) -> Iterator[Callable[[str], None]]:
             yield lambda doing: status.update(f"{task}: {doing}")
         return
     console.print(f"{task} ...")
-    began, doing, done = time.monotonic(), [""], Event()
+    began, doing = time.monotonic(), [""]
 
-    def repeat() -> None:
-        while not done.wait(MOST_SILENCE):
-            detail = f": {doing[0]}" if doing[0] else ""
-            console.print(f"{time.monotonic() - began:.0f} s{detail} ...")
+    def say() -> None:
+        detail = f": {doing[0]}" if doing[0] else ""
+        console.print(f"{time.monotonic() - began:.0f} s{detail} ...")
 
-    thread = Thread(target=repeat, daemon=True)
-    thread.start()
-    try:
+    with every(MOST_SILENCE, say):
         yield lambda words: doing.__setitem__(0, words)
-    finally:
-        done.set()
-        thread.join()
