@@ -25,7 +25,16 @@ from tyro.conf import arg
 
 from aquafish_gym import __version__
 from aquafish_gym.bodies import read_bodies
+from aquafish_gym.command_help import (
+    FULL_HELP,
+    SHORT_HELP,
+    asked_help,
+    commands_help,
+    option_names,
+    print_help,
+)
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.utils.streams import keep_streams
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
@@ -36,7 +45,6 @@ from aquafish_gym.utils.validation import (
 Errors = tuple[type[Exception], ...]
 BAD_INPUT: Errors = (InvalidArgumentError, EngineUnavailableError, MissingExtraError)
 FAILED, REFUSED, INTERRUPTED = 1, 2, 130
-UNREAD = 141  # as of a program that SIGPIPE ends
 RESUMES = "the same command resumes"  # in the message of an interrupted command
 
 # Options that several commands have: one name, one meaning, one wording.
@@ -141,14 +149,17 @@ def run_command_line(
     """Run a command of a program, by default with the process's arguments; return the exit code.
 
     It is 0; 1 if the machine fails, such as a full disk; 2 for a wrong command, option or
-    setting, which errors in ``refused`` report; 130 after Ctrl-C or SIGTERM; 141 if the reader of
-    the output has left. Other errors pass.
+    setting, which errors in ``refused`` report; 130 after Ctrl-C or SIGTERM. A reader of the output
+    that has left changes nothing. Other errors pass.
     """
     words = sys.argv[1:] if arguments is None else list(arguments)
-    prog = f"python -m {program}" if Path(sys.argv[0]).name == "__main__.py" else program
-    fill_streams()
+    started = Path(sys.argv[0])
+    prog = f"python {started}" if started.suffix == ".py" else program
+    if started.name == "__main__.py":
+        prog = f"python -m {program}"
+    keep_streams()
     try:
-        with _interrupts():
+        with _interrupts(), _flushed():
             if words == ["--version"]:
                 print(f"{program} {__version__}")
             else:
@@ -156,16 +167,10 @@ def run_command_line(
                     command, prog, words = _chosen(prog, commands, words)
                 _refuse_empty_values(words)
                 parse(command, prog, words, refused).execute()
-            sys.stdout.flush()
     except SystemExit as leaving:
         return leaving.code if isinstance(leaving.code, int) else int(leaving.code is not None)
     except KeyboardInterrupt as stop:  # its text may say what is left to do
         return _fail(program, str(stop) or "interrupted", INTERRUPTED)
-    except BrokenPipeError:
-        # The reader has left, as head does; nor can the rest be written at the exit.
-        with contextlib.suppress(OSError, ValueError):
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return UNREAD
     except refused as error:
         return _fail(program, str(error), REFUSED)
     except OSError as error:
@@ -174,16 +179,13 @@ def run_command_line(
     return 0
 
 
-def fill_streams() -> None:
-    """Open the null device for standard streams that are closed, so that no file takes their place.
-
-    What the terminal cannot show, such as a file's name that is not UTF-8, is written with escapes.
-    """
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            setattr(sys, name, Path(os.devnull).open(mode))  # noqa: SIM115
-    if isinstance(sys.stdout, io.TextIOWrapper) and sys.stdout.errors == "strict":
-        sys.stdout.reconfigure(errors="backslashreplace")
+@contextlib.contextmanager
+def _flushed() -> Iterator[None]:
+    """Write at the end what was printed, so that a full disk is an error in time."""
+    try:
+        yield
+    finally:
+        sys.stdout.flush()
 
 
 @contextlib.contextmanager
@@ -239,23 +241,13 @@ def _chosen(
     """Return the command's class, its name with the program's, and the words of its options."""
     if not isinstance(commands, Mapping):
         return commands, prog, words
-    if not words or words[0] in ("-h", "--help"):
-        print(_usage(prog, commands), file=sys.stdout if words else sys.stderr)
+    if not words or words[0] in (*SHORT_HELP, *FULL_HELP):
+        print(commands_help(prog, commands), file=sys.stdout if words else sys.stderr)
         raise SystemExit(0 if words else REFUSED)
     name = one_of("the command", words[0], commands)
     place = commands[name][0]
     command = resolve_name(place) if isinstance(place, str) else place
     return command, f"{prog} {name}", words[1:]
-
-
-def _usage(prog: str, commands: Commands) -> str:
-    """Return a line for each command."""
-    width = max(map(len, commands))
-    first = (
-        f"usage: {prog} COMMAND [OPTIONS]; "
-        f"{prog} COMMAND --help lists the options, -H explains them\n"
-    )
-    return "\n".join([first, *(f"  {n:{width}}  {text}" for n, (_, text) in commands.items())])
 
 
 def parse(
@@ -264,15 +256,17 @@ def parse(
     words: Sequence[str],
     refused: Errors = BAD_INPUT,
 ) -> Command:
-    """Return the command with the options of ``words``; --help prints and exits.
+    """Return the command with the options of ``words``; --help and -H print and exit.
 
     Raises InvalidArgumentError for a wrong option, and what the command's own checks raise.
     """
+    if word := asked_help(words):
+        print_help(command, prog, word in FULL_HELP)
+        raise SystemExit(0)
     box = io.StringIO()
     try:
         with contextlib.redirect_stderr(box):
-            # The short help has a line for each option; --help-verbose explains them.
-            made: Command = tyro.cli(command, prog=prog, args=words, compact_help=True)
+            made: Command = tyro.cli(command, prog=prog, args=words)
     except SystemExit as leaving:
         cause: BaseException | None = leaving
         while cause is not None and not isinstance(cause, refused):
@@ -305,7 +299,7 @@ def _one_line(box: str, command: type[Command]) -> str:
     if found := re.search(r"Unrecognized options: (\S+?)(,|\s|$)", text):
         if not found[1].startswith("-"):
             return f"unexpected argument {found[1]!r}"
-        nearest = difflib.get_close_matches(found[1], _options(command), n=1)
+        nearest = difflib.get_close_matches(found[1], option_names(command), n=1)
         return f"unknown option {found[1]}" + (f"; did you mean {nearest[0]}?" if nearest else "")
     if found := re.match(r"Error parsing (\S+): .*?(int|float)\b.*: '(.*)'", message):
         kind = "a whole number" if found[2] == "int" else "a number"
@@ -315,14 +309,6 @@ def _one_line(box: str, command: type[Command]) -> str:
     ):
         one_of(found[2], found[1], re.findall(r"'(.*?)'", found[3]))
     return message
-
-
-def _options(command: type[Command]) -> list[str]:
-    """Return the names of a command's options, as its help lists them."""
-    text = io.StringIO()
-    with contextlib.redirect_stdout(text), contextlib.suppress(SystemExit):
-        tyro.cli(command, args=["--help"], compact_help=True)
-    return re.findall(r"--[\w.-]+", text.getvalue())
 
 
 def _fail(program: str, sentence: str, code: int) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 from rich.console import Console
@@ -32,6 +32,8 @@ from eea import (
 @dataclass(frozen=True)
 class CompareConditions:
     """Compare the conditions on a damaged robot."""
+
+    example: ClassVar[str] = "--damage caudal:length=0.5 --replicates 3"
 
     damage: str = "left_pectoral:length=0.5"
     """Damage of the robot."""

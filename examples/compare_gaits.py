@@ -12,7 +12,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from rich.console import Console
@@ -80,6 +80,9 @@ def compare(job: Job) -> dict[str, Any]:
 @dataclass(frozen=True)
 class CompareGaits:
     """Compare gaits for a sample of a posterior with gaits for its median body, in a table."""
+
+    example: ClassVar[str] = "--noise 0.03 --replicates 3 --out out/compare_gaits"
+    main_options: ClassVar[tuple[str, ...]] = ("out", "noise", "trials", "replicates", "workers")
 
     out: Out = Path("out/compare_gaits")
     noise: tuple[float, ...] = (0.03, 0.1)

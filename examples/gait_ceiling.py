@@ -12,7 +12,7 @@ import sys
 import time
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import tyro
@@ -84,6 +84,8 @@ def climb(job: Job) -> dict[str, Any]:
 @dataclass(frozen=True)
 class Ceiling:
     """Search gaits for the whole robot and damaged ones, in a table."""
+
+    example: ClassVar[str] = "--replicates 2 --budget-divisor 10 --out out/ceiling"
 
     out: Out = Path("out/ceiling")
     replicates: Annotated[int, tyro.conf.arg(aliases=("--seeds",))] = 10

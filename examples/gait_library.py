@@ -14,10 +14,11 @@ import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from rich.progress import track
+from tyro.conf import arg
 
 from aquafish.online.gaits import SCHEMA
 from aquafish_gym.command_line import run_command_line
@@ -40,11 +41,14 @@ SEARCH = EvolveConfig(
 class Library:
     """Evolve a gait for each of some robots that random damage broke, and write a library."""
 
-    out: Path = Path("out/library.json")
+    example: ClassVar[str] = "--gaits 4 --out out/library.json"
+
+    out: Annotated[Path, arg(metavar="FILE")] = Path("out/library.json")
+    """The library."""
     gaits: int = 24
-    """For broken robots: four of five severely, the others moderately."""
+    """Gaits for broken robots: four of five severely, the others moderately."""
     seed: int = 7
-    """Of the damage."""
+    """Seed of the damage."""
 
     def execute(self) -> None:
         """Write the library; takes five seconds a gait."""

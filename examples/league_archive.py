@@ -17,12 +17,13 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
 from rich.progress import track
+from tyro.conf import arg
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online.gaits import load_library, read_library
@@ -144,9 +145,14 @@ def make_robots(count: int) -> Any:
 class MakeArchive:
     """Make the archive of Intelligent Trial and Error."""
 
-    out: Path = Path("out/archive.json")
+    example: ClassVar[str] = "--batches 24 --out out/archive.json"
+
+    out: Annotated[Path, arg(metavar="FILE")] = Path("out/archive.json")
+    """The archive."""
     batches: int = 240
+    """Of swims, each of which adds to the archive."""
     seed: int = 0
+    """Seed of everything random."""
 
     def execute(self) -> None:
         """Write the archive."""

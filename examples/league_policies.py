@@ -19,11 +19,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from gymnasium.spaces import Box
 from numpy.typing import NDArray
+from tyro.conf import arg
 
 from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.bodies import body_array
@@ -174,9 +175,13 @@ def numbers(model: Any, normal: Any) -> dict[str, NDArray[np.float64]]:
 class Policies:
     """Train the learned rivals of the recovery league; write NAME.json for each."""
 
+    example: ClassVar[str] = "--kinds plain --out out/policies"
+
     out: Out = Path("out/policies")
-    kinds: tuple[str, ...] = tuple(KINDS)
+    kinds: Annotated[tuple[str, ...], arg(metavar="KIND")] = tuple(KINDS)
+    """Some of plain, frames and lstm."""
     seed: int = 0
+    """Seed of everything random."""
 
     def execute(self) -> None:
         """Train one after another."""

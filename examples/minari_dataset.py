@@ -13,7 +13,7 @@ import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import gymnasium as gym
 import numpy as np
@@ -38,18 +38,23 @@ class MinariDataset:
         A controller.json, as evolve and baseline write it.
     """
 
+    example: ClassVar[str] = "out/evolve/controller.json --episodes 5 --out out/minari"
+
     controller: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="FILE")]
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")] = Path("out/minari")
     """Folder of datasets."""
     name: str = "aquafish/damaged-v0"
     """What the dataset is called in it."""
     env: str = "AquaFish-v0"
+    """Id of the environment."""
     damage: str = "random:moderate@2-10"
     """What breaks; see the page of damage."""
     noise: float = 0.1
     """Standard deviation of what is added to its actions, so that others are seen, too."""
     episodes: int = 20
+    """Number of episodes."""
     seed: int = 0
+    """Seed of everything random."""
 
     def execute(self) -> None:
         """Swim and write."""

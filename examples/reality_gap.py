@@ -13,7 +13,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
 
@@ -41,6 +41,11 @@ MOST_SEEDS = 10_000
 @dataclass(frozen=True)
 class Gap:
     """Compare the methods in worlds that their models do not know, on held-out damages."""
+
+    example: ClassVar[str] = "--worlds drag --replicates 2 --out out/gap"
+    main_options: ClassVar[tuple[str, ...]] = (
+        "out", "worlds", "methods", "replicates", "rounds", "generations", "smoke", "workers",
+    )  # fmt: skip
 
     out: Out = Path("out/gap")
     worlds: Annotated[

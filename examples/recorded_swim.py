@@ -14,6 +14,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -35,6 +36,8 @@ HELD = 150  # steps for which the later swim holds a command
 class RecordedSwim:
     """Write swim.csv, the body that swam as body.json, and a later swim, later.csv."""
 
+    example: ClassVar[str] = "--damage caudal:length=0.5 --out out/logs"
+
     out: Out = Path("examples/logs")
     damage: str = "left_pectoral:length=0.5"
     """What broke before both swims."""
@@ -43,7 +46,7 @@ class RecordedSwim:
     noise: float = 0.01
     """Standard deviation of the gyroscope's noise, rad/s."""
     seed: int = 0
-    """Of the fins' starting angles and the noise."""
+    """Seed of the fins' starting angles and the noise."""
 
     def execute(self) -> None:
         """Swim, and write."""

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import tyro
 
@@ -41,6 +41,8 @@ HERO, ORACLE = "self-model", "oracle"
 class League:
     """Let entrants play the same episodes, in which something breaks while they swim."""
 
+    example: ClassVar[str] = "--entrants self-model blind --episodes 5 --out out/league"
+
     out: Out = Path("out/league")
     entrants: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of: {'; '.join(ENTRANTS)}.")
@@ -49,7 +51,7 @@ class League:
         tuple[str, ...], tyro.conf.arg(metavar="TIER", help=f"Some of: {'; '.join(TIERS)}.")
     ] = ("severe", "moderate", "mild")
     episodes: int = 100
-    """Of each tier."""
+    """Episodes of each tier."""
     first: int = 0
     """The number of the first episode; those of the reference scores are 0 to 99."""
     noise: float = 0.01

@@ -135,6 +135,8 @@ def share(distances: Sequence[Sequence[float]], best: Sequence[float]) -> str:
 class Scores:
     """Score simple, evolved and learned controllers at every task, whole and under each tier."""
 
+    example: ClassVar[str] = "--tasks forward --replicates 1 --budget-divisor 20 --out out/scores"
+
     out: Out = Path("out/scores")
     entries: Annotated[
         tuple[str, ...], tyro.conf.arg(metavar="NAME", help=f"Some of {'; '.join(ROWS)}.")
@@ -144,6 +146,7 @@ class Scores:
     replicates: int = 5
     """Replicates of what is evolved or learned, with seeds from 100 upwards."""
     episodes: int = EPISODES
+    """Episodes that each controller plays of each task."""
     budget_divisor: int = 1
     """Divide the cost of evolution and learning by this, for a quick look."""
     workers: int | None = None

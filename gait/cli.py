@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 import tyro
@@ -47,16 +47,16 @@ from gait.transfer import TransferConfig, transfer
 class Evolve(Given):
     """Evolve a gait for a body, or for a sample of bodies.
 
+    Into --out go controller.json (the best so far), history.csv (a row a generation), history.png,
+    checkpoint.json and settings.json. The same command resumes an interrupted run; with more
+    generations (--generations, with NEAT --cma-generations) it goes on,
+    unless several starts of plain NEAT follow each other.
+
     CMA-ES starts from the best of many random networks, and by successive halving the best start
     goes on. --search neat evolves networks by NEAT, and CMA-ES tunes the best ones; --paper is the
     paper's plain NEAT. --senses imu clock fins adds the fins, whose initial angles a self-model
     estimates. A bodies.json with a sample of bodies, as estimations write it, gives a gait that
     does well on all of them at no extra time.
-
-    Into --out go controller.json (the best so far), history.csv (a row a generation), history.png,
-    checkpoint.json and settings.json. The same command resumes an interrupted run; with more
-    generations (--generations, with NEAT --cma-generations) it goes on,
-    unless several starts of plain NEAT follow each other.
 
     Columns of history.csv, with distances in units of 5 cm:
     - generation: from 0, over all starts.
@@ -68,6 +68,12 @@ class Evolve(Given):
     - distance: the winner's from the zero pose, on the first body.
     - nodes, connections: of the winner's network.
     """
+
+    example: ClassVar[str] = "--morphology out/swim/bodies.json --out out/evolve"
+    main_options: ClassVar[tuple[str, ...]] = (
+        "out", "morphology", "damage", "config", "senses", "task", "search", "generations", "seed",
+        "threads",
+    )  # fmt: skip
 
     out: Out = Path("out/evolve")
     morphology: BodiesFile = None
@@ -119,6 +125,14 @@ class TransferCommand:
 
     Into --out go settings.json, transfer.json and trajectories.png.
     """
+
+    example: ClassVar[str] = (
+        "--controller out/evolve/controller.json --damage left_pectoral:length=0.5"
+    )
+    main_options: ClassVar[tuple[str, ...]] = (
+        "controller", "target_morphology", "damage", "out", "config", "poses", "seconds", "seed",
+        "target_engine",
+    )  # fmt: skip
 
     controller: Annotated[Path, tyro.conf.arg(metavar="FILE")]
     """A controller.json, as evolve writes it; it holds the body it was evolved on."""
@@ -176,6 +190,8 @@ class BaselineCommand:
     - training: mean distance of the epoch's episodes, with exploration.
     - score: mean distance in 20 s without exploration, from 32 fixed random poses.
     """
+
+    example: ClassVar[str] = "--damage random:moderate --out out/baseline"
 
     out: Out = Path("out/baseline")
     morphology: BodiesFile = None

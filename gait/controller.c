@@ -18,6 +18,10 @@
 //? goal
  * goal       the way to the goal (x, y, z) in body axes, in units of 5 cm.
 //.
+//? senses
+ *            A reading that is NaN, infinite or out of range (up and north 1, $RANGES)
+ *            is not observed: the last one is held.
+//.
 //? fins
  * fin_angles where the left pectoral, the right pectoral and the tail's beat begin, in rad.
  * servo_gain how fast each servo turns relative to its command: 1 if it is whole.
@@ -68,6 +72,9 @@ typedef struct {
     float fins[3];  /* in turns */
     float gain[3];
 //.
+//? goal
+    float goal[3];  /* the last that was observed */
+//.
 } NAME_state;
 
 static float NAME_clip(float x, float limit)
@@ -76,6 +83,14 @@ static float NAME_clip(float x, float limit)
     return limit < low ? limit : low;
 }
 
+//? senses
+/* Whether a reading is one of a sensor: NaN, infinities and numbers out of its range are not. */
+static int NAME_observed(float reading, float limit)
+{
+    return fabsf(reading) <= limit;
+}
+
+//.
 //? tanh
 /* The Pade approximant [7/6] of tanh(z / 32), then five times the double-angle formula. */
 static float NAME_tanh(float z)
@@ -137,6 +152,10 @@ void NAME_reset(NAME_state *state$RESET_PARAMETERS)
         state->gain[i] = servo_gain[i];
     }
 //.
+//? goal
+    for (int i = 0; i < 3; i++)
+        state->goal[i] = 0.0f;
+//.
 }
 
 void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[3])
@@ -145,10 +164,13 @@ void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[3])
     float *input = state->values;
 //? imu
 
-    for (int i = 0; i < 6; i++)
-        *input++ = imu[i];
-    for (int i = 6; i < 9; i++) /* 2 rad/s is 1 */
-        *input++ = NAME_clip(imu[i] * 0.5f, 1.0f);
+    /* What is not observed keeps its last value, or 0 at first. */
+    for (int i = 0; i < 6; i++, input++)
+        if (NAME_observed(imu[i], $UNIT_LIMIT))
+            *input = imu[i];
+    for (int i = 6; i < 9; i++, input++) /* 2 rad/s is 1 */
+        if (NAME_observed(imu[i], $GYRO_LIMIT))
+            *input = NAME_clip(imu[i] * 0.5f, 1.0f);
 //.
 //? clock
 
@@ -174,10 +196,14 @@ void NAME_step(NAME_state *state$STEP_PARAMETERS, float command[3])
 //? goal
 
     /* Bounded, with the direction kept: a way d long becomes d / sqrt(d^2 + 5^2). */
-    const float shrink = 1.0f / sqrtf(fmaf(goal[0], goal[0],
-                                      fmaf(goal[1], goal[1], fmaf(goal[2], goal[2], 25.0f))));
+    float *way = state->goal;
     for (int i = 0; i < 3; i++)
-        *input++ = goal[i] * shrink;
+        if (NAME_observed(goal[i], $GOAL_LIMIT))
+            way[i] = goal[i];
+    const float shrink = 1.0f / sqrtf(fmaf(way[0], way[0],
+                                      fmaf(way[1], way[1], fmaf(way[2], way[2], 25.0f))));
+    for (int i = 0; i < 3; i++)
+        *input++ = way[i] * shrink;
 //.
 
     /* input is now the first node's value. A layer's nodes see their own values of the step before. */

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from itertools import accumulate
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,7 @@ from tyro.conf import Positional, arg
 
 from aquafish_gym import command
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.envs.episode import RANGE_TOLERANCE, limits
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.compiling import compiled_function, register_module
 from aquafish_gym.physics.layout import fetch_vector, put_vector
@@ -44,6 +45,8 @@ class Export:
     It has a state, a function that resets it, and one that takes a step. It allocates no memory and
     needs only math.h. Beside it goes a CSV of test vectors, by which the file can check itself.
     """
+
+    example: ClassVar[str] = "out/evolve/controller.json --c fish.c"
 
     controller: Annotated[Positional[Path], arg(metavar="FILE")]
     """A controller.json, as evolve and baseline write it."""
@@ -103,6 +106,8 @@ def c_source(controller: Controller, name: str) -> str:
     start = ["fin_angles", "servo_gain"] * senses.fins
     sizes = {"imu": 9, "goal": 3, "fin_angles": 3, "servo_gain": 3}
     rows = {"imu": "row", "goal": "row + 9" if senses.imu else "row"}
+    most = limits(observe_fins=False, has_goal=True)
+    unit, spin, way = most[[0, 6, 9]] * RANGE_TOLERANCE
     values = {
         "DESCRIPTION": repr(controller),
         "MILLISECONDS": controller.interval * round(1000 * TIMESTEP),
@@ -127,6 +132,10 @@ def c_source(controller: Controller, name: str) -> str:
         "STEP_PARAMETERS": "".join(f", const float {x}[{sizes[x]}]" for x in given),
         "STEP_CALL": "".join(f", {x}" for x in given),
         "STEP_TEST": "".join(f", {rows[x]}" for x in given),
+        "UNIT_LIMIT": _float(unit),
+        "GYRO_LIMIT": _float(spin),
+        "GOAL_LIMIT": _float(way),
+        "RANGES": f"gyroscope {most[6]:.4g} rad/s, goal {most[9]:.4g}",
         "COLUMNS": len(_columns(senses)) + len(OUTPUTS),
         "FIN_ANGLES": _floats(FIN_ANGLES),
         "SERVO_GAIN": _floats(SERVO_GAIN),
@@ -136,6 +145,7 @@ def c_source(controller: Controller, name: str) -> str:
         "clock": senses.clock > 0,
         "fins": senses.fins,
         "goal": senses.goal,
+        "senses": senses.imu or senses.goal,
         "waves": senses.clock > 0 or senses.fins,
         "tanh": hidden or not clipped,
     }
@@ -155,14 +165,25 @@ def make_vectors(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return random observations (steps, n) and the commands (steps, 3) that follow, in float32.
 
-    The observations are up, north and gyro if the controller has an IMU, then the way to the goal
-    if it senses one. The swim begins with ``FIN_ANGLES`` and ``SERVO_GAIN``.
+    The observations, all in range, are up, north and gyro if the controller has an IMU, then the
+    way to the goal if it senses one.
     """
-    scale = np.repeat((1.0, 10.0), (9, 3))  # goals are units away
+    scale = np.repeat((0.6, 1.0, 10.0), (6, 3, 3))  # goals are units away
     felt = np.random.default_rng(seed).standard_normal((steps, 12)) * scale
-    observations = felt.astype(np.float32)
+    most = limits(observe_fins=False, has_goal=True)
+    observations = np.clip(felt, -most, most).astype(np.float32)
+    senses = controller.senses
+    seen = observations[:, [*range(9 * senses.imu), *range(9, 9 + 3 * senses.goal)]]
+    return seen, answers(controller, observations)
+
+
+def answers(controller: Controller, observations: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the commands (T, 3) that follow observations (T, 12): up, north, gyro, goal.
+
+    The swim begins with ``FIN_ANGLES`` and ``SERVO_GAIN``.
+    """
     program = program_of([controller])
-    commands = np.empty((steps, 3), np.float32)
+    commands = np.empty((len(observations), 3), np.float32)
     for module in (network, command):
         register_module(module)
     compiled_function(replay, slow=True)(
@@ -175,8 +196,7 @@ def make_vectors(
         controller.interval,
         commands.ravel(),
     )
-    senses = controller.senses
-    return observations[:, [*range(9 * senses.imu), *range(9, 9 + 3 * senses.goal)]], commands
+    return commands
 
 
 def replay(

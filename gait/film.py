@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle, islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from tyro.conf import Positional, arg
@@ -37,6 +37,14 @@ class Film(Given):
     With several controllers, bodies or damages there is a fish for each; a single one is for all
     fish. Broken fins are yellow with a black edge.
     """
+
+    example: ClassVar[str] = (
+        'out/evolve/controller.json --damage none "left_pectoral:length=0.5" --html swim.html'
+    )
+    main_options: ClassVar[tuple[str, ...]] = (
+        "controllers", "out", "html", "morphology", "damage", "label", "title", "engine", "seconds",
+        "seed",
+    )  # fmt: skip
 
     controllers: Annotated[Positional[tuple[Path, ...]], arg(metavar="FILE")]
     """One controller.json or more, as evolve writes it."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 import inspect
 from collections.abc import Callable
-from typing import Any, Protocol, TypeAlias, TypeGuard, runtime_checkable
+from typing import Any, NamedTuple, Protocol, TypeAlias, TypeGuard, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +23,7 @@ from gait.policy import ControllerLike, HasPolicy, Policy, new_policy
 
 Observations = NDArray[np.float32]
 
+_OBSERVED, _FIN_WAVES = 9, 6  # numbers of an observation, and of fin angles as sines and cosines
 KINDS = (
     "a function of observations (E, k), or of an observation and the time; an object with "
     "act(observations), with predict(observations), as a model of stable-baselines3, or with "
@@ -98,6 +99,32 @@ def takes_time(steers: object, *, optional: bool = False) -> TypeGuard[Controlle
     return sum(p.default is p.empty for p in by_place) > 1
 
 
+class Beliefs(NamedTuple):
+    """Whether a controller uses what it is given of its fins."""
+
+    angles: bool  #: Initial fin angles.
+    gains: bool  #: Servo gains.
+
+    @classmethod
+    def of(cls, steers: object) -> Beliefs:
+        """Return those of whatever steers one robot."""
+        if isinstance(steers, Controller):
+            return cls(steers.senses.fins, steers.senses.fins)
+        shape = getattr(getattr(steers, "observation_space", None), "shape", None)
+        reckons = shape == (_OBSERVED + _FIN_WAVES,)
+        begins = any(callable(getattr(steers, name, None)) for name in ("reset", "begin"))
+        return cls(reckons or (isinstance(steers, Agent) and begins), reckons)
+
+    def check(self, **given: tuple[str, object, bool]) -> None:
+        """Refuse what was given without effect: field -> the argument's name, value, whether."""
+        for field, (name, value, is_given) in given.items():
+            if is_given and not getattr(self, field):
+                raise InvalidArgumentError(
+                    f"{name} must not be given to a controller that does not sense its fins or has "
+                    f"beliefs of its own; got {brief(value)}"
+                )
+
+
 def make_pilot(
     steers: object, frame_skip: int | None, dt: float | None, argument: str = "agent"
 ) -> Pilot:
@@ -150,7 +177,7 @@ def reckoning(
     the angles ``fins`` (3,) in rad, its commands and the servo gains (3,). ``hold`` is for how
     many steps of 0.01 s an action is held.
     """
-    shape = getattr(getattr(steers, "observation_space", None), "shape", None)
+    sees_fins = Beliefs.of(steers).gains
     turns = TAU * TIMESTEP * hold
     angles: Vector = (float(fins[0]), float(fins[1]), float(fins[2]))
     pilot.reset({"fin_angles": fins[None]})
@@ -158,7 +185,7 @@ def reckoning(
     def policy(observation: NDArray[np.float64], time: float) -> ArrayLike:  # noqa: ARG001
         nonlocal angles
         seen = observation
-        if shape == (len(observation) + 6,):
+        if sees_fins:
             seen = np.concatenate([observation, np.sin(angles), np.cos(angles)])
         (action,) = np.asarray(pilot.act(seen[None].astype(np.float32)), np.float64).reshape(-1, 3)
         left, right, caudal = np.clip(action, -1.0, 1.0)

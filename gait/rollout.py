@@ -26,7 +26,7 @@ from aquafish_gym.utils.validation import (
 )
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, check_controllers, program_of
-from gait.pilots import AgentLike, make_pilot, own_interval, reckoning, takes_time
+from gait.pilots import AgentLike, Beliefs, make_pilot, own_interval, reckoning, takes_time
 from gait.policy import new_policy
 
 Floats = NDArray[np.float64]
@@ -136,7 +136,7 @@ def swim_all(
         The water and the servos, without a lag; None is ``WorldConfig()``.
     believed, believed_gain
         What controllers that sense their fins assume: initial angles (Q, 3) or (1, 3) in rad, and
-        servo gains (3,) or (Q, 3). None for the true ones.
+        servo gains (3,) or (Q, 3). None for the true ones. Refused if none senses them.
     start
         A state (25,) in which all swims begin, as the vector environment's ``states`` has it; its
         fin angles stand for ``fin_angles``, which is then left out. None begins at rest.
@@ -173,6 +173,11 @@ def swim_all(
     angles = _for_each_swim("believed", poses if believed is None else believed, swims)
     known = world.servo_gain if believed_gain is None else believed_gain
     gains = _for_each_swim("believed_gain", known, swims)
+    if controllers and not any(controller.senses.fins for controller in controllers):
+        Beliefs(angles=False, gains=False).check(
+            angles=("believed", believed, believed is not None),
+            gains=("believed_gain", believed_gain, believed_gain is not None),
+        )
     distances = np.empty((len(controllers), swims))
     if not distances.size:
         return distances
@@ -249,6 +254,7 @@ def swim(
         Of one swim; otherwise as of :func:`swim_all`. A ``world`` may have a lag.
     believed, believed_gain
         What a controller, agent or model that senses its fins assumes, as of :func:`swim_all`.
+        Refused if it does not, or has beliefs of its own, as an agent has of its gains.
     interval
         Steps of 0.01 s for which an action is held. None: a controller's or agent's own; else 5
         for a policy, and 20, the environments' ``frame_skip``, for what acts in one.
@@ -268,15 +274,15 @@ def swim(
     assumed = angles if believed is None else finite_array("believed", believed, (3,), unit="rad")
     gain = config.servo_gain if believed_gain is None else believed_gain
     gain = finite_array("believed_gain", gain, (3,))
-    steps = _interval(controller, interval)
+    Beliefs.of(controller).check(
+        angles=("believed", believed, believed is not None),
+        gains=("believed_gain", believed_gain, believed_gain is not None),
+    )
+    steps = held_steps(controller, interval)
     if isinstance(controller, Controller):
         policy = controller.policy(assumed, gain)
         steps = INTERVAL
     elif takes_time(controller, optional=True):
-        if believed is not None or believed_gain is not None:
-            raise InvalidArgumentError(
-                "believed and believed_gain must be None for a policy of yours, which has its own"
-            )
         policy = new_policy(controller)
     else:
         pilot = make_pilot(controller, steps, steps * TIMESTEP, "controller")
@@ -292,8 +298,8 @@ def swim(
     return Swim(**vars(path), current=config.current)
 
 
-def _interval(controller: AgentLike, interval: int | None) -> int:
-    """Return for how many steps of 0.01 s an action of a controller is held."""
+def held_steps(controller: object, interval: int | None = None) -> int:
+    """Return for how many steps of 0.01 s an action of a controller is held; see ``swim``."""
     own = own_interval(controller)
     if interval is None:
         usual = INTERVAL if takes_time(controller, optional=True) else FRAME_SKIP

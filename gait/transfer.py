@@ -19,7 +19,7 @@ from aquafish_gym.utils.validation import (
 )
 from aquafish_gym.world_config import WorldConfig
 from gait.controller import MAXIMUM_SEED, Controller
-from gait.pilots import AgentLike, takes_time
+from gait.pilots import AgentLike, Beliefs
 from gait.rollout import (
     MAXIMUM_POSES,
     SECONDS,
@@ -47,9 +47,10 @@ class TransferConfig:
     target_engine: str = "auto"
     """Engine of the target: auto (PyBullet if installed, else numba), pybullet or numba."""
     angle_error: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Error of the initial fin angles that the controller assumes on the target, in rad."""
+    """Error of the initial fin angles that the controller, which senses them, assumes on the
+    target, in rad."""
     believed_gain: tuple[float, float, float] = (1.0, 1.0, 1.0)
-    """Servo gains that the controller assumes on the target."""
+    """Servo gains that the controller, which senses its fins, assumes on the target."""
 
     def __post_init__(self) -> None:
         integer("poses", self.poses, 1, MAXIMUM_POSES)
@@ -179,19 +180,23 @@ def score(
     angles = finite_array("poses", poses, (None, 3), unit="rad")
     world = check_world(world)
     error = finite_array("angle_error", angle_error, (3,), unit="rad")
+    gain = finite_array("believed_gain", believed_gain, (3,))
+    beliefs = Beliefs.of(controller)
+    beliefs.check(
+        angles=("angle_error", angle_error, bool(error.any())),
+        gains=("believed_gain", believed_gain, bool((gain != 1.0).any())),
+    )
+    known = gain if beliefs.gains else None
 
     def swim_from(pose: NDArray[np.float64]) -> Swim:
-        # A function has beliefs of its own: others are refused, not ignored.
-        own = takes_time(controller, optional=True) and not isinstance(controller, Controller)
-        fins = None if own and not error.any() else pose + error
-        gain = None if own and (np.asarray(believed_gain) == 1.0).all() else believed_gain
-        return swim(controller, morphology, pose, engine, seconds, world, fins, gain)
+        fins = pose + error if beliefs.angles else None
+        return swim(controller, morphology, pose, engine, seconds, world, fins, known)
 
     batch = resolve_engine("engine", engine) == "numba" and not world.lag
     if isinstance(controller, Controller) and batch:
         distances = swim_all(
             [controller], morphology, angles, seconds, "float64",
-            world=world, believed=angles + error, believed_gain=believed_gain,
+            world=world, believed=angles + error if beliefs.angles else None, believed_gain=known,
         )[0]  # fmt: skip
     else:
         distances = np.array([swim_from(pose).distance for pose in angles])

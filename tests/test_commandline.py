@@ -9,11 +9,13 @@ import subprocess
 import sys
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import pytest
+from rich.console import Console
+from tyro.conf import arg
 
 from aquafish_gym.command_line import AnyDamage, read_morphology, run_command_line
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
@@ -44,6 +46,51 @@ class Swim:
         print(f"swam with {self.damage}")
 
 
+@dataclass(frozen=True)
+class Pool:
+    """Length and water of a pool."""
+
+    length: float = 25.0
+    """How long, in m."""
+    warm: bool = False
+    """Whether it is warm."""
+
+
+@dataclass(frozen=True)
+class Race:
+    """Race in a pool.
+
+    The first wins.
+
+    The others do not.
+    """
+
+    example: ClassVar[str] = "--length 50"
+    main_options: ClassVar[tuple[str, ...]] = ("lanes", "pool", "length")
+
+    lanes: int = 8
+    """How many swim."""
+    pool: Annotated[Pool, arg(name="")] = field(default_factory=Pool)
+    spare: Pool = field(default_factory=Pool)
+
+    def execute(self) -> None:
+        """Swim."""
+
+
+@dataclass(frozen=True)
+class Talker:
+    """Print much on both streams, then write a file."""
+
+    file: Path
+
+    def execute(self) -> None:
+        """Print and write."""
+        for stream in (sys.stdout, sys.stderr):
+            print("words " * 10_000, file=stream, flush=True)
+            Console(file=stream).print("words " * 10_000)
+        self.file.write_text("done")
+
+
 COMMANDS = {"swim": (Swim, "swim somewhere"), "again": (f"{__name__}:Swim", "swim again")}
 
 
@@ -54,11 +101,25 @@ def run(*words: str) -> int:
 def test_success_is_0_and_help_explains(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--far", "2") == 0
     assert capsys.readouterr().out == "swam with none\n"
-    for words, explained in (("--help", False), ("--help-verbose", True)):
-        assert run(words) == 0
-        printed = capsys.readouterr().out
-        assert "--far FLOAT" in printed
-        assert ("How far." in printed) is explained
+    for word in ("-h", "--help", "-H", "--help-verbose"):
+        assert run(word) == 0
+        assert re.search(r"--far FLOAT +How far\.", capsys.readouterr().out)
+
+
+def test_help_explains_the_options_that_matter_and_has_an_example(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    run_command_line("fish", Race, ["--help"])
+    short = capsys.readouterr().out
+    assert "Race in a pool. The first wins.\n" in short
+    assert " --length 50\n" in short
+    assert "-H explains all" in short
+    assert set(re.findall(r"^\W*(--\w+)", short, re.MULTILINE)) == {"--lanes", "--length"}
+    run_command_line("fish", Race, ["-H"])
+    full = capsys.readouterr().out
+    assert "The others do not." in full
+    assert " --length 50\n" in full
+    assert {"--warm", "--spare.length", "--lanes"} <= set(re.findall(r"--[\w.]+", full))
 
 
 def test_version_names_the_program(capsys: pytest.CaptureFixture[str]) -> None:
@@ -166,20 +227,27 @@ def test_termination_is_an_interruption(capsys: pytest.CaptureFixture[str]) -> N
     assert signal.getsignal(signal.SIGTERM) == before
 
 
-def test_a_reader_that_leaves_is_no_error() -> None:
+@pytest.mark.parametrize("buffering", ["", "1"])
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_reader_that_leaves_is_no_error(stream: str, buffering: str, tmp_path: Path) -> None:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "from test_commandline import Swim\n"
+        "from test_commandline import Talker\n"
         "from aquafish_gym.command_line import run_command_line\n"
-        "sys.exit(run_command_line('fish', Swim, sys.argv[2:]))\n"
+        "sys.exit(run_command_line('fish', Talker, sys.argv[2:]))\n"
     )
-    for words in (["--help"], ["--far", "2"]):
+    done = tmp_path / "done"
+    for words, number in (["--help"], 0), (["--file", str(done)], 0), (["--fiel", "x"], 2):
         ours, theirs = os.pipe()
         os.close(ours)
         command = [sys.executable, "-c", code, str(Path(__file__).parent), *words]
-        done = subprocess.run(command, stdout=theirs, stderr=subprocess.PIPE, text=True)
+        streams: dict[str, Any] = dict.fromkeys(("stdout", "stderr"), subprocess.PIPE)
+        environment = {**os.environ, "PYTHONUNBUFFERED": buffering}
+        process = subprocess.run(command, **{**streams, stream: theirs}, env=environment)
         os.close(theirs)
-        assert (done.returncode, done.stderr) == (141, ""), words
+        assert process.returncode == number, (words, process)
+        assert b"Traceback" not in (process.stderr or b"")
+    assert done.exists()
 
 
 def test_no_message_or_page_installs_a_package_that_is_not_published() -> None:
@@ -188,7 +256,7 @@ def test_no_message_or_page_installs_a_package_that_is_not_published() -> None:
     texts = [root / "README.md"]
     for folder in folders:
         texts += [p for suffix in ("py", "md") for p in (root / folder).rglob(f"*.{suffix}")]
-    wrong = re.compile(r"install[^\n]*aquafish[-_]gym\b")
+    wrong = re.compile(r"install\b[^\n]*aquafish[-_]gym\b")
     assert [str(path) for path in texts if wrong.search(path.read_text(encoding="utf-8"))] == []
 
 

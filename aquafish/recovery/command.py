@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from rich.console import Console
 from rich.markdown import Markdown
@@ -57,6 +57,12 @@ class Recover(Given):
     its outcome.json, morphology.json and controller.json (bodies.json with joint inference). The
     same command resumes.
     """
+
+    example: ClassVar[str] = "--damage left_pectoral:length=0.5 --replicates 3 --out out/recovery"
+    main_options: ClassVar[tuple[str, ...]] = (
+        "out", "damage", "held_out", "morphology", "seed", "replicates", "gyro_noise",
+        "target_engine", "workers", "redraw",
+    )  # fmt: skip
 
     out: Out = Path("out/recovery")
     damage: BodyDamage = "left_pectoral:length=0.5"

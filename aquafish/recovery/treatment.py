@@ -189,7 +189,8 @@ def treat(job: Treatment) -> dict[str, Any]:
     model = _model(job)
     # A sample needs random poses; without any, the gait is for the one body.
     evolved = evolve_gait(model.bodies if job.gait.poses else [model.body], job.gait)
-    config = replace(job.transfer, **model.fins)
+    sensed = model.fins if "fins" in job.gait.senses else {}
+    config = replace(job.transfer, **sensed)
     scored = transfer(evolved.controller, job.target, config, model.body)
     native, target = (
         np.array([one.distance, *one.random_distances]) for one in (scored.native, scored.target)

@@ -5,18 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from tyro.conf import arg
 
 from aquafish.online.gaits import load_library
 from aquafish.viewer.live import (
     MAXIMUM_ROBOTS,
-    POLICY_INTERVAL,
     LiveSwim,
     Pilot,
-    PolicyAgent,
     gait_pilot,
+    pilot_of,
     random_pilot,
     self_model_pilot,
 )
@@ -34,11 +33,14 @@ class View:
     robot, the agent with a self-model steers.
     """
 
+    example: ClassVar[str] = "--robots 3 --damage left_pectoral:length=0.5@5"
+
     robots: int = 1  #: Number of robots, at most 64.
     controller: Annotated[Path | None, arg(metavar="FILE")] = None
     """A controller.json, as evolve and baseline write it; without it, a gait of the library."""
     policy: Annotated[str | None, arg(metavar="MODULE:FUNCTION")] = None
-    """A function from observation and time to an action, or an object with a method policy."""
+    """Your controller: a function from observation and time to an action, or what else
+    ``gait.swim`` takes, such as an agent or a model of stable-baselines3."""
     damage: EpisodeDamage = "none"
     gyro_noise: float = 0.0  #: Standard deviation of the gyroscope's noise, rad/s.
     gyro_only: bool = False  #: Whether the self-model uses the gyroscope alone.
@@ -46,6 +48,11 @@ class View:
     seed: int = 0  #: Seed of everything random.
 
     def __post_init__(self) -> None:
+        if self.gyro_only and self.robots != 1:
+            raise InvalidArgumentError(
+                f"gyro_only must be false with {self.robots} robots: it is of the self-model, "
+                "which steers one robot"
+            )
         integer("robots", self.robots, 1, MAXIMUM_ROBOTS)
         integer("port", self.port, 1, 65535)
 
@@ -57,7 +64,7 @@ class View:
                 policy = resolve_name(self.policy)
             except (ImportError, AttributeError, ValueError) as error:
                 raise InvalidArgumentError(f"policy must be MODULE:FUNCTION; {error}") from None
-            found["policy"] = Pilot(PolicyAgent(policy), POLICY_INTERVAL)
+            found["policy"] = pilot_of(policy)
         gait = Controller.load(self.controller) if self.controller else load_library()[0]
         found["gait"] = gait_pilot(gait)
         found["random"] = random_pilot(self.seed)

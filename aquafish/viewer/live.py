@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,11 +23,12 @@ from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
 from aquafish_gym.physics.kinematics import rotation, to_world
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
-from aquafish_gym.utils.validation import InvalidArgumentError, integer
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.fish.self_model import SIZE, moved, predict
-from gait.agent import ControllerAgent
 from gait.controller import Controller
-from gait.policy import ControllerLike, new_policy
+from gait.pilots import Pilot as Agent
+from gait.pilots import make_pilot
+from gait.rollout import held_steps
 
 Floats = NDArray[np.float64]
 
@@ -36,17 +37,9 @@ MAXIMUM_FAULTS = 30  # of a robot
 UPDATE = 5  # steps of 0.01 s in an update
 LONGEST_STRIKE = 2.0  # s of delay for which what was before a strike is kept
 HORIZON = 20.0  # s ahead for which the self-model agent chooses a gait
-POLICY_INTERVAL = 5  # steps of 0.01 s that an action of a policy is held
 SAMPLES = 12  # of what the self-model may be
 _DRAWS: Floats = np.random.default_rng(0).standard_normal((SAMPLES, SIZE))
 _NOTHING: Wrench = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-
-
-class Agent(Protocol):
-    """What steers the robots; see ``gait.evaluate``."""
-
-    def reset(self, info: dict[str, Any], /) -> None: ...
-    def act(self, observations: NDArray[np.float32], /) -> ArrayLike: ...
 
 
 class Pilot(NamedTuple):
@@ -56,37 +49,23 @@ class Pilot(NamedTuple):
     interval: int
 
 
-class PolicyAgent:
-    """An agent whose robots have a policy each: a function of observation and time."""
-
-    def __init__(self, policy: ControllerLike, interval: int = POLICY_INTERVAL) -> None:
-        self._policy, self._interval = policy, interval * TIMESTEP
-
-    def reset(self, info: dict[str, Any]) -> None:
-        """Begin a swim of each robot."""
-        self._policies = [new_policy(self._policy) for _ in info["fin_angles"]]
-        self._time = 0.0
-
-    def act(self, observations: NDArray[np.float32]) -> Floats:
-        """Return actions (B, 3)."""
-        pairs = zip(self._policies, observations.astype(float), strict=True)
-        actions = [policy(one, self._time) for policy, one in pairs]
-        self._time += self._interval
-        clipped: Floats = np.clip(np.array(actions, float).reshape(-1, 3), -1.0, 1.0)
-        return clipped
+def pilot_of(steers: object) -> Pilot:
+    """Return a pilot of whatever steers robots; see ``gait.pilots.KINDS``."""
+    interval = held_steps(steers)
+    return Pilot(make_pilot(steers, interval, interval * TIMESTEP, "policy"), interval)
 
 
 def random_pilot(seed: int) -> Pilot:
     """Return a pilot whose actions are uniformly random."""
     rng = np.random.default_rng(seed)
-    return Pilot(PolicyAgent(lambda _observation, _time: rng.uniform(-1.0, 1.0, 3), 20), 20)
+    return pilot_of(lambda observations: rng.uniform(-1.0, 1.0, (len(observations), 3)))
 
 
 def gait_pilot(gait: Controller) -> Pilot:
     """Return a pilot that swims a gait."""
     if gait.senses.goal:
         raise InvalidArgumentError("the gait must have no goal: the viewer's water has none")
-    return Pilot(ControllerAgent(gait), gait.interval)
+    return pilot_of(gait)
 
 
 class LiveSwim:
@@ -221,7 +200,8 @@ class LiveSwim:
         agent = self.pilot.agent
         if isinstance(agent, SelfModelAgent):
             agent.config = replace(agent.config, seconds=self.seconds + HORIZON)
-        self.actions = np.asarray(agent.act(self.observed), float).reshape(self.count, 3)
+        actions = np.asarray(agent.act(self.observed), float).reshape(self.count, -1)
+        self.actions = np.clip(finite_array("actions", actions, (self.count, 3)), -1.0, 1.0)
         self.held = 0
 
     def _become(self) -> None:

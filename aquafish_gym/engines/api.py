@@ -28,7 +28,7 @@ def simulate(
     fin_angles: object = (0.0, 0.0, 0.0),
     steps: int = 512,
     engine: str = "numba",
-    dtype: str = "float32",
+    dtype: str | None = None,
     current: ArrayLike = (0.0, 0.0, 0.0),
     substeps: int = 1,
     threads: int | None = None,
@@ -64,14 +64,15 @@ def simulate(
         ``"numba"`` (all robots at once), ``"pybullet"`` (one after another) or ``"auto"``
         (PyBullet where it is installed).
     dtype
-        ``"float32"`` or ``"float64"``, for the compiled engine; PyBullet always computes in
-        double precision.
+        ``"float32"``, the compiled engine's default, or ``"float64"``, in which PyBullet always
+        computes: it refuses the other.
     current
         (3,) or (B, 3) the water's own velocity in the world, units/s, up to 20 each way.
     substeps
         Physics steps a sample.
     threads
-        For the compiled engine: how many; None takes every core. No result depends on it.
+        For the compiled engine: how many; None takes every core. No result depends on it. Refused
+        with PyBullet, which takes one.
     record
         ``"rpy"``, ``"gyro"``, ``"attitude"`` (both) or ``"pose"`` (these, position, quaternion
         and fin angles). What is not recorded is None in the log.
@@ -87,7 +88,8 @@ def simulate(
         A number or (B,), 0 to 1 s: the delay from a command to the servos' motion. A servo's speed
         is constant within a sample: in the sample in which a lag ends, it is the mean.
     interval
-        How many samples each command of a series is held: 5 for one at 20 Hz.
+        How many samples each command of a series is held: 5 for one at 20 Hz. Refused with
+        commands that are held throughout.
     begun
         For the compiled engine, as the next two: how many samples of the series had passed when the
         trial began, in mid-swim. Its servos turn already then.
@@ -139,7 +141,7 @@ def simulate_scenario(
     commands: NDArray[np.float64],
     steps: int = 512,
     engine: str = "numba",
-    dtype: str = "float32",
+    dtype: str | None = None,
     substeps: int = 1,
     threads: int | None = None,
     record: str = "attitude",
@@ -153,11 +155,23 @@ def simulate_scenario(
     engine = check_engine(resolve_engine("engine", engine))
     steps = integer("steps", steps, 1, MAXIMUM_STEPS)
     substeps = integer("substeps", substeps, 1, MAXIMUM_SUBSTEPS)
+    if dtype is None:
+        dtype = "float32" if engine == "numba" else "float64"
     kind = getattr(np, one_of("dtype", dtype, ("float32", "float64")))
     threads = None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS)
     record = one_of("record", record, RECORDS)
     interval = integer("interval", interval, 1, MAXIMUM_STEPS)
     begun = integer("begun", begun, 0, MAXIMUM_STEPS)
+    if interval != 1 and commands.ndim == 2:
+        raise InvalidArgumentError(
+            "interval must be 1 for commands that are held throughout; for a series commands must "
+            f"have shape (B, K, 3); got {interval} with {commands.shape}"
+        )
+    if engine != "numba" and (dtype != "float64" or threads is not None):
+        raise InvalidArgumentError(
+            f'dtype must be "float64" and threads None for the engine "{engine}", which computes '
+            f"in double precision on one thread; got {dtype!r} and {threads}"
+        )
     _check_log_fits(len(scenario), steps, record, kind)
     # The engines are imported here: importing the package stays quick, and works without PyBullet.
     if engine == "numba":

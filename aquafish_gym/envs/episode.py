@@ -325,13 +325,16 @@ def bounds(observe_fins: bool, has_goal: bool) -> tuple[Floats, Floats]:
     return -most, most
 
 
+RANGE_TOLERANCE = 1.0 + 1e-6  # of the range of a reading: single precision rounds
+
+
 def valid_readings(readings: ArrayLike, most: Floats) -> Floats:
     """Return readings (..., k), NaN where they lie outside of the observation space.
 
     No sensor reads such a number, so its transmission failed. ``most`` (k,) are the ``limits``.
     """
     values = np.asarray(readings, np.float64)
-    inside = np.abs(values) <= most * (1.0 + 1e-6)  # single precision rounds
+    inside = np.abs(values) <= most * RANGE_TOLERANCE
     return np.where(inside, values, np.nan)
 
 

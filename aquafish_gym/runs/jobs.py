@@ -10,6 +10,7 @@ command resumes. Times are no results: what a work returns under ``seconds`` goe
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
@@ -19,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
+from aquafish_gym.runs.progress import every
 from aquafish_gym.runs.storage import (
     decode_document,
     encode_document,
@@ -31,6 +33,9 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 
 SCHEMA, TIMES = "aquafish.result/1", "aquafish.times/1"
 TRIES = 3  # how often unfinished jobs are started if worker processes die
+SILENT_SECONDS = 25.0  # at most without a line
+BEAT_SECONDS = 5.0  # between two looks whether a line is due
+COMPILING = "what is not compiled yet compiles first, for up to a minute"  # in every worker
 _LONGEST = 300  # characters of a failure's reason
 
 
@@ -115,7 +120,7 @@ def run_jobs(
 
     tries = 0
     try:
-        with _progress(len(left)) as report:
+        with _progress(len(left), len(jobs)) as report:
             while left:
                 try:
                     run_left(report)
@@ -202,30 +207,40 @@ def _answer(future: Future[tuple[bytes | None, str]]) -> tuple[bytes | None, str
 
 
 @contextmanager
-def _progress(total: int) -> Iterator[Report]:
-    """Show a bar on a terminal, or a line for each finished job elsewhere."""
+def _progress(total: int, jobs: int) -> Iterator[Report]:
+    """Show a bar on a terminal, or a line for each finished job and each half minute elsewhere."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
         MofNCompleteColumn,
         Progress,
         TextColumn,
+        TimeElapsedColumn,
         TimeRemainingColumn,
     )
 
     console = Console(stderr=True)
-    columns = (BarColumn(24), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn())
     text = TextColumn("{task.description}", markup=False)
-    done = 0
+    done, began, said = 0, time.monotonic(), time.monotonic()
     with Progress(*columns, text, console=console, disable=not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
 
         def report(text: str, ended: int) -> None:
-            nonlocal done
+            nonlocal done, said
             done += ended
             bar.update(task, completed=done, description=text)
             if bar.disable:
                 count = f"{done}/{total}  " if ended else ""
+                said = time.monotonic()
                 print(f"{count}{text}", file=sys.stderr, flush=True)
 
-        yield report
+        def beat() -> None:
+            now = time.monotonic()
+            if bar.disable and now - said >= SILENT_SECONDS:
+                report(f"{done}/{total}  {now - began:.0f} s; the next jobs still run", 0)
+
+        first = f"; {COMPILING}" if total else ""
+        report(f"{jobs} jobs, {jobs - total} done already, {total} to do{first}", 0)
+        with every(min(BEAT_SECONDS, SILENT_SECONDS), beat):
+            yield report

@@ -6,8 +6,27 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from threading import Event, Thread
 
 QUIET_SECONDS = 5.0  # at most, between two lines
+
+
+@contextmanager
+def every(seconds: float, say: Callable[[], None]) -> Iterator[None]:
+    """Call a function every so many seconds, from a thread, until the block ends."""
+    ended = Event()
+
+    def repeat() -> None:
+        while not ended.wait(seconds):
+            say()
+
+    thread = Thread(target=repeat, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @contextmanager

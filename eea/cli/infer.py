@@ -6,7 +6,7 @@ import hashlib
 from contextlib import nullcontext
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
@@ -43,6 +43,8 @@ class Infer:
     axes, signs, exchanged flippers, the clock, units. Into --out go result.json, morphology.json,
     posterior.npz, posterior.png and bodies.json, as of run.
     """
+
+    example: ClassVar[str] = "--log examples/logs/swim.csv --out out/swim"
 
     log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
     out: OptionalOut = None

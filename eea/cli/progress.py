@@ -5,24 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from threading import Event, Thread
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from aquafish_gym.runs.progress import every
+
 MOST_SILENCE = 4.0  # s
-
-
-class _PlainConsole(Console):
-    """A console that leaves a broken pipe to the command line."""
-
-    def on_broken_pipe(self) -> None:
-        raise BrokenPipeError
 
 
 def plain_console(stderr: bool = False) -> Console:
     """Return a console that prints lines as they are."""
-    return _PlainConsole(highlight=False, soft_wrap=True, markup=False, stderr=stderr)
+    return Console(highlight=False, soft_wrap=True, markup=False, stderr=stderr)
 
 
 def progress_bar(console: Console, unit: str) -> Progress:
@@ -45,17 +39,11 @@ def waiting(task: str) -> Iterator[Callable[[str], None]]:
             yield lambda doing: status.update(f"{task}: {doing}")
         return
     console.print(f"{task} ...")
-    began, doing, done = time.monotonic(), [""], Event()
+    began, doing = time.monotonic(), [""]
 
-    def repeat() -> None:
-        while not done.wait(MOST_SILENCE):
-            detail = f": {doing[0]}" if doing[0] else ""
-            console.print(f"{time.monotonic() - began:.0f} s{detail} ...")
+    def say() -> None:
+        detail = f": {doing[0]}" if doing[0] else ""
+        console.print(f"{time.monotonic() - began:.0f} s{detail} ...")
 
-    thread = Thread(target=repeat, daemon=True)
-    thread.start()
-    try:
+    with every(MOST_SILENCE, say):
         yield lambda words: doing.__setitem__(0, words)
-    finally:
-        done.set()
-        thread.join()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from tyro.conf import FlagCreatePairsOff, arg
 
@@ -48,6 +48,12 @@ class Run(Given):
     bodies from the posterior, bodies.json. The same command starts the run again; a folder with
     other settings is refused.
     """
+
+    example: ClassVar[str] = "--damage left_pectoral:length=0.5 --seed 1 --out out/run"
+    main_options: ClassVar[tuple[str, ...]] = (
+        "out", "condition", "paper", "rounds", "seed", "damage", "target_morphology",
+        "target_engine", "threads",
+    )  # fmt: skip
 
     out: Out = Path("out/run")
     #: How the hidden fin angles are inferred: "joint" infers body, angles and nuisances together,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
 from tyro.conf import arg
@@ -45,6 +45,12 @@ class StudyCommand(Given):
     and figures. The same command resumes an interrupted study; a command with more seeds, steps or
     arms extends it.
     """
+
+    example: ClassVar[str] = "--figure 9 --replicates 5 --out out/study"
+    main_options: ClassVar[tuple[str, ...]] = (
+        "out", "figure", "conditions", "preset", "steps", "replicates", "seed", "damage", "workers",
+        "scheduler",
+    )  # fmt: skip
 
     out: Out = Path("out/study")
     #: Figures of the paper to make, 5 to 10, or all of these.
@@ -151,6 +157,8 @@ def _objective_fitness(result: dict[str, Any]) -> str:
 @dataclass(frozen=True)
 class Plot:
     """Write the tables and figures of a study from its finished replicates."""
+
+    example: ClassVar[str] = "out/study --format png pdf"
 
     folder: tyro.conf.Positional[Path]  #: The directory of a study.
     format: tuple[Format, ...] = ("png",)  #: File formats of the figures.

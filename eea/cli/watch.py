@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
@@ -28,6 +28,8 @@ class Watch:
     if the fit is bad, the body has changed, and infer on the rest of the record finds the new one.
     Into --out go settings.json, watched.json and watched.png.
     """
+
+    example: ClassVar[str] = "--log examples/logs/later.csv --posterior out/swim/posterior.npz"
 
     log: Annotated[Path, arg(metavar="FILE", help="The recorded swim, a CSV.")]
     posterior: Annotated[Path, arg(metavar="FILE", help="posterior.npz of infer or run.")]

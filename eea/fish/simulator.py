@@ -56,7 +56,7 @@ class EngineSimulator(Simulator):
     steps: int  #: Length of a trial in steps of 0.01 s.
     #: See ``aquafish_gym.simulate``. The compiled engine's single precision is the fastest.
     engine: str = "numba"
-    dtype: str = "float32"
+    dtype: str | None = None
     current: ArrayLike = (0.0, 0.0, 0.0)
     substeps: int = 1
     threads: int | None = None
@@ -84,4 +84,6 @@ class EngineSimulator(Simulator):
 
         if steps < SHORTEST:
             return None
-        return SpectralComparer(steps, self.dtype, self.current, self.substeps, self.threads)
+        return SpectralComparer(
+            steps, self.dtype or "float32", self.current, self.substeps, self.threads
+        )

@@ -22,11 +22,10 @@ from aquafish.viewer.command import View
 from aquafish.viewer.live import (
     SAMPLES,
     LiveSwim,
-    Pilot,
-    PolicyAgent,
     gait_pilot,
     imagine_ghost,
     part_forces,
+    pilot_of,
     random_pilot,
     self_model_pilot,
 )
@@ -101,7 +100,7 @@ def test_damage_of_one_robot_leaves_the_others_and_can_be_repaired() -> None:
 
 
 def test_sizes_and_current_act_in_mid_swim() -> None:
-    live = LiveSwim(Pilot(PolicyAgent(still), 5), 2)
+    live = LiveSwim(pilot_of(still), 2)
     live.advance(10)
     sizes = Morphology.nominal().to_array()
     sizes[7] = 0.5
@@ -188,11 +187,35 @@ def test_the_ghost_is_the_self_model_with_its_uncertainty() -> None:
     assert sampled <= {one.robot.body[0].tobytes() for one in agent.recognised.alternatives}
 
 
+class Seen:
+    """What predicts, as a model of stable-baselines3."""
+
+    def predict(self, observation: Any, *_: Any, **__: Any) -> tuple[Any, None]:
+        return observation[:, :3], None
+
+
+@pytest.mark.parametrize("steers", [lambda observations: observations[:, :3], Seen()])
+def test_what_acts_in_an_environment_steers_as_well(steers: Any) -> None:
+    pilot = pilot_of(steers)
+    live = LiveSwim(pilot, 2)
+    assert pilot.interval == 20
+    expected = np.clip(live.observed[:, :3], -1.0, 1.0)
+    live.advance()
+    np.testing.assert_array_equal(live.actions, expected)
+
+
+@pytest.mark.parametrize("action", [(np.nan, 0.0, 0.0), (0.0, 0.0), (0.0,) * 4])
+def test_a_policy_that_returns_no_action_is_refused(action: Any) -> None:
+    live = LiveSwim(pilot_of(lambda _observation, _time: action))
+    with pytest.raises(InvalidArgumentError, match="actions must"):
+        live.advance()
+
+
 def test_a_policy_swims_as_it_does_alone() -> None:
     def policy(_observation: Any, time: float) -> tuple[float, float, float]:
         return (np.sin(time), 0.5, 1.0)
 
-    live = LiveSwim(Pilot(PolicyAgent(policy), 5))
+    live = LiveSwim(pilot_of(policy))
     start = angles_of_rows(live.states)[:, 0]
     alone = swim_alone(
         policy, Scenario.create().body[0], engine="numba", seconds=2, fin_angles=start
@@ -212,6 +235,8 @@ def test_without_viser_the_extra_is_named(
 def test_wrong_options_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["view", "--robots", "65"]) == 2
     assert "robots" in capsys.readouterr().err
+    assert main(["view", "--robots", "2", "--gyro-only"]) == 2
+    assert "gyro_only must be false with 2 robots" in capsys.readouterr().err
     with pytest.raises(InvalidArgumentError, match="MODULE:FUNCTION"):
         View(policy="no_such_module:f").pilots()
 

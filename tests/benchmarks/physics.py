@@ -27,7 +27,8 @@ def open_loop(settings: Settings, cleanup: ExitStack) -> Group:
         def call() -> object:
             return simulate(
                 trials.morphologies[few], trials.commands[few], trials.fin_angles[few],
-                steps=settings.steps, engine=engine, dtype=dtype, threads=threads, record=record,
+                steps=settings.steps, engine=engine, dtype=dtype, record=record,
+                threads=threads if engine == "numba" else None,
             )  # fmt: skip
 
         return Row(what, engine, dtype, robots, threads, robots * settings.steps, call)

@@ -30,7 +30,8 @@ def swim(commands: Any = SERIES, **options: Any) -> Any:
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_series_of_one_command_equals_that_command(lag: float, dtype: str) -> None:
     held, series = SERIES[:, 0], np.repeat(SERIES[:, :1], COMMANDS, axis=1)
-    one, other = (swim(c, lag=lag, dtype=dtype) for c in (held, series))
+    one = swim(held, lag=lag, dtype=dtype, interval=1)
+    other = swim(series, lag=lag, dtype=dtype)
     if lag == 0.0 or dtype == "float64":
         assert_allclose(one.gyro, other.gyro, rtol=0, atol=1e-12 if dtype == "float64" else 0)
     else:  # the shares of a command that follows itself add up to one but for rounding
@@ -92,6 +93,9 @@ def test_trial_in_two_parts_equals_the_whole(cut: int, reactive: bool) -> None:
         ({"spin": (0.0, 0.0, 101.0)}, r"spin\[0, 2\] must lie in"),
         ({"velocity": np.zeros((2, 3))}, "velocity and spin must be equally many"),
         ({"engine": "pybullet", "begun": 3}, 'begun, velocity and spin must be 0 .* "pybullet"'),
+        ({"engine": "pybullet", "dtype": "float32"}, "dtype must be \"float64\" .* 'float32'"),
+        ({"engine": "pybullet", "threads": 2}, "threads None .* got 'float64' and 2"),
+        ({"commands": SERIES[:, 0]}, r"interval must be 1 for commands that are held throughout"),
     ],
 )
 def test_wrong_series_is_refused(wrong: dict[str, Any], says: str) -> None:

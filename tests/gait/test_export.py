@@ -102,6 +102,32 @@ def test_ten_thousand_steps_are_equal_to_the_bit(
 
 
 @needs_cc
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_reading_that_cannot_be_is_not_observed(kind: str, tmp_path: Path) -> None:
+    """It neither reaches the memory nor the reckoned fins: the last one is held."""
+    controller = KINDS[kind]
+    source, table = export.export_c(controller, tmp_path / f"{kind}.c")
+    rng, steps = np.random.default_rng(1), 500
+    whole = rng.uniform(-1.0, 1.0, (steps, 12)).astype(np.float32)
+    broken = whole.copy()
+    where = rng.random(whole.shape) < 0.1
+    where[0, 6], where[1] = True, True
+    broken[where] = rng.choice(
+        np.array([np.nan, np.inf, -np.inf, 1e30, -3000.0], np.float32), where.sum()
+    )
+    held = np.zeros_like(whole)
+    for t in range(steps):
+        held[t] = np.where(where[t], held[t - 1] if t else 0.0, whole[t])
+    senses = controller.senses
+    columns = [*range(9 * senses.imu), *range(9, 9 + 3 * senses.goal)]
+    rows = np.concatenate([broken[:, columns], export.answers(controller, held)], axis=1)
+    first = table.read_text(encoding="utf-8").splitlines()[0]
+    lines = [first, *(",".join(map(str, row)) for row in rows)]
+    table.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    assert build(source, "-O2").stdout == "500 steps, 0 numbers differ, by at most 0\n"
+
+
+@needs_cc
 def test_the_self_test_sees_a_wrong_number(tmp_path: Path) -> None:
     source, table = export.export_c(KINDS["neat"], tmp_path / "fish.c")
     lines = table.read_text(encoding="utf-8").splitlines()

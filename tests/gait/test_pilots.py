@@ -8,12 +8,14 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium.spaces import Box
 
 from aquafish.online import SelfModelAgent
 from aquafish_gym import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import Controller, evaluate, swim, swim_all
 from gait.agent import ControllerAgent
+from gait.network import Senses
 from gait.transfer import TransferConfig, transfer
 
 ACTION = (0.2, -0.4, 1.0)
@@ -163,12 +165,52 @@ def test_what_is_none_of_these_is_refused(given: Any) -> None:
         swim_all([given], None)
 
 
-def test_beliefs_are_not_ignored() -> None:
-    with pytest.raises(InvalidArgumentError, match="believed and believed_gain must be None"):
-        swim(steady, None, engine="numba", believed=(0.0, 0.0, 0.0))
-    config = TransferConfig(angle_error=(0.1, 0.0, 0.0), target_engine="numba")
-    with pytest.raises(InvalidArgumentError, match="believed and believed_gain must be None"):
-        transfer(steady, None, config, Morphology.nominal())
+class Model:
+    """A model of stable-baselines3 that observes so many numbers."""
+
+    def __init__(self, numbers: int) -> None:
+        self.observation_space = Box(-1.0, 1.0, (numbers,))
+
+    def predict(self, observation: Any, *_: Any, **__: Any) -> tuple[Any, None]:
+        return observation[:, -3:], None
+
+
+def blind() -> Controller:
+    return Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0)
+
+
+@pytest.mark.parametrize(
+    "controller",
+    [steady, blind(), Acting(), Model(9), lambda observations: np.zeros((len(observations), 3))],
+)
+@pytest.mark.parametrize("name", ["believed", "believed_gain"])
+def test_beliefs_are_not_ignored(controller: Any, name: str) -> None:
+    with pytest.raises(InvalidArgumentError, match=f"{name} must not be given"):
+        swim(controller, None, engine="numba", seconds=0.1, **{name: np.ones(3)})
+    config = {"believed": {"angle_error": (0.1, 0.0, 0.0)}, "believed_gain": {name: (1, 1, 0.5)}}
+    ((argument, value),) = config[name].items()
+    options = TransferConfig(**{argument: value}, seconds=0.1, target_engine="numba", poses=1)
+    with pytest.raises(InvalidArgumentError, match=f"{argument} must not be given"):
+        transfer(controller, None, options, Morphology.nominal())
+    if isinstance(controller, Controller):
+        with pytest.raises(InvalidArgumentError, match=f"{name} must not be given"):
+            swim_all([controller], None, seconds=0.1, **{name: np.ones((1, 3))})
+    plain = TransferConfig(seconds=0.1, target_engine="numba", poses=1)
+    transfer(controller, None, plain, Morphology.nominal())
+
+
+def test_beliefs_are_taken_by_those_that_use_them() -> None:
+    knowing = {"believed": (1.0, 0.0, 0.0), "believed_gain": (1.0, 0.5, 1.0)}
+    senses = Senses(fins=True)
+    feeling = Controller(
+        np.full((3, len(senses.names) + 3), 0.1) * ([1.0] * len(senses.names) + [0.0] * 3),
+        np.zeros(3), np.ones(3), 0.7, Morphology.nominal(), 0, senses=senses,
+    )  # fmt: skip
+    for controller in (feeling, Model(15)):
+        options: Any = {"engine": "numba", "seconds": 1.0}
+        plain = swim(controller, None, **options).position
+        for name, value in knowing.items():
+            assert (swim(controller, None, **options, **{name: value}).position != plain).any()
 
 
 def test_as_many_episodes_as_a_batch_has_robots() -> None:

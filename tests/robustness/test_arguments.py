@@ -86,7 +86,7 @@ ROWS = [
         swim,
         {
             "controller": FINS, "morphology": BODY, "fin_angles": np.zeros(3), "engine": "numba",
-            **SWIM, "believed": np.zeros(3), "interval": None,
+            **SWIM, "believed": np.zeros(3), "interval": 5,
         },
         options(controller=CALLABLE, morphology=NO_BODY, interval="none", **SWUM),
     ),

@@ -67,7 +67,7 @@ SIMULATE = {
     "commands": no_rows(3, -0.5, 1.0),
     "steps": no_whole(1, 1_000_000),
     "engine": NAMES,
-    "dtype": NAMES,
+    "dtype": NAMES.filter(lambda name: name is not None),
     "current": no_rows(3, -20.0, 20.0),
     "substeps": no_whole(1, 64),
     "threads": no_whole(1, 1024),

@@ -53,7 +53,7 @@ def run_simulate(job: tuple[str, int]) -> str:
         rng.uniform(-3, 3, (count, 3)),
         steps=300,
         engine=engine,
-        threads=2,
+        threads=2 if engine == "numba" else None,
         record="pose",
     )
     return digest(log.rpy, log.gyro, log.position, log.quaternion, log.fin_angles)

@@ -85,6 +85,23 @@ def test_only_missing_and_damaged_results_are_computed(tmp_path, undisturbed, ca
     assert contents(tmp_path) == undisturbed
 
 
+def slow(job):
+    """Take a second."""
+    time.sleep(1.0)
+    return {"number": job.number}
+
+
+def test_long_jobs_are_not_silent(tmp_path, capfd, monkeypatch):
+    monkeypatch.setattr("aquafish_gym.runs.jobs.SILENT_SECONDS", 0.2)
+    assert run_jobs(JOBS[:1], slow, tmp_path, count=1) == []
+    first, *lines = capfd.readouterr().err.splitlines()
+    assert first.startswith("1 jobs, 0 done already, 1 to do; what is not compiled yet")
+    assert sum("s; the next jobs still run" in line for line in lines) >= 2
+    assert lines[-1].startswith("1/1  count 0")
+    assert run_jobs(JOBS[:1], slow, tmp_path, count=1) == []
+    assert capfd.readouterr().err == "1 jobs, 1 done already, 0 to do\n"
+
+
 def test_a_failing_job_leaves_the_others_alone(tmp_path, undisturbed):
     bad = [Task(0, action) for action in ("err", "nan")]
     failures = run_jobs([*bad, *JOBS], work, tmp_path, count=2)
