@@ -76,7 +76,7 @@ ROWS = [
         options(morphology=NO_BODY, damage=NO_DAMAGE, rng="none"),
     ),
     Call(TARGET.perform, {"command": np.zeros(3)}),
-    Call(EngineSimulator, {"steps": 64, **WORLD}, options(threads="none")),
+    Call(EngineSimulator, {"steps": 64, **WORLD}, options(threads="none", dtype="none")),
     Call(
         SIMULATOR.simulate,
         {"trials": Trials(np.full((1, 9), 0.3), np.full((1, 3), 0.4), np.zeros((1, 3)))},
@@ -131,7 +131,7 @@ ROWS = [
         },
         options(
             truth=NO_BODY, prior=NO_BODY, moving="true", progress=f"none, {CALLABLE}",
-            joint="none", start="none", threads="none",
+            joint="none", start="none", threads="none", dtype="none",
         ),
         {"truth": "morpholog", "prior": "morpholog"},
     ),
@@ -143,7 +143,7 @@ ROWS = [
         },
         options(
             joint="none", unexplained="none, fraction", moving="true",
-            progress=f"none, {CALLABLE}", threads="none",
+            progress=f"none, {CALLABLE}", threads="none", dtype="none",
         ),
     ),
     Call(
@@ -154,20 +154,20 @@ ROWS = [
         },
         options(
             alarm="fraction", until_noticed="true", progress=f"none, {CALLABLE}",
-            threads="none",
+            threads="none", dtype="none",
         ),
     ),
     Call(
         fish_eea,
         {"target": TARGET, **SETTINGS, "truth": BODY, **WORLD},
-        options(config="none", truth=NO_BODY, threads="none"),
+        options(config="none", truth=NO_BODY, threads="none", dtype="none"),
         {"target": "target", "truth": "morpholog"},
     ),
     Call(
         estimate_morphology_of,
         {"target": TARGET, **SETTINGS, "progress": listen, "truth": BODY, **WORLD},
         options(
-            config="none", progress=f"none, {CALLABLE}", truth=NO_BODY, threads="none",
+            config="none", progress=f"none, {CALLABLE}", truth=NO_BODY, threads="none", dtype="none",
         ),
         {"target": "target", "truth": "morpholog"},
     ),
@@ -179,7 +179,7 @@ ROWS = [
         },
         options(
             target_morphology=NO_BODY, damage=NO_DAMAGE, config="none",
-            progress=f"none, {CALLABLE}", threads="none",
+            progress=f"none, {CALLABLE}", threads="none", dtype="none",
         ),
         {"target_morphology": "morpholog", "target_engine": "engine"},
     ),

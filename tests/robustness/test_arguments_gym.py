@@ -140,7 +140,7 @@ ROWS = [
         },
         options(
             morphologies=NO_BODY, threads="none", reactive="true", servo_gain="fraction, minus one",
-            lag="fraction, empty list",
+            lag="fraction, empty list", dtype="none",
         ),
     ),
     Call(
