@@ -167,7 +167,8 @@ ROWS = [
         estimate_morphology_of,
         {"target": TARGET, **SETTINGS, "progress": listen, "truth": BODY, **WORLD},
         options(
-            config="none", progress=f"none, {CALLABLE}", truth=NO_BODY, threads="none", dtype="none",
+            config="none", progress=f"none, {CALLABLE}", truth=NO_BODY, threads="none",
+            dtype="none",
         ),
         {"target": "target", "truth": "morpholog"},
     ),
