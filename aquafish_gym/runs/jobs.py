@@ -240,7 +240,7 @@ def _progress(total: int, jobs: int) -> Iterator[Report]:
             if bar.disable and now - said >= SILENT_SECONDS:
                 report(f"{done}/{total}  {now - began:.0f} s; the next jobs still run", 0)
 
-        first = f"; {COMPILING}" if total else ""
-        report(f"{jobs} jobs, {jobs - total} done already, {total} to do{first}", 0)
+        if total:
+            report(f"{jobs} jobs, {jobs - total} done already, {total} to do; {COMPILING}", 0)
         with every(min(BEAT_SECONDS, SILENT_SECONDS), beat):
             yield report
