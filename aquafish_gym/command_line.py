@@ -25,11 +25,13 @@ from tyro.conf import arg
 
 from aquafish_gym import __version__
 from aquafish_gym.bodies import read_bodies
+from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
     MissingExtraError,
+    integer,
     one_of,
 )
 
@@ -101,6 +103,12 @@ TargetEngine = Annotated[
     arg(help="Engine of the target; auto is PyBullet where it is installed, else numba."),
 ]
 Threads = Annotated[int | None, arg(help="Cores to use; None for all. No result depends on it.")]
+
+
+def check_threads(threads: int | None) -> None:
+    """Raise InvalidArgumentError unless ``threads`` can be a number of cores."""
+    if threads is not None:
+        integer("threads", threads, 1, MAXIMUM_THREADS)
 
 
 class Command(Protocol):

@@ -90,6 +90,17 @@ def test_other_pages_are_refused_at_the_handshake(viewer: Viewer) -> None:
         assert socket.recv(timeout=10)
 
 
+def test_a_connection_that_asks_nothing_is_no_error(
+    viewer: Viewer, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Browsers open them in advance; websockets logs each with a traceback."""
+    for _ in range(3):
+        create_connection(("127.0.0.1", viewer.port)).close()
+    with enter(viewer):
+        time.sleep(0.5)
+    assert "handshake" not in caplog.text
+
+
 SLIDER = SimpleNamespace(value=1.0, min=0.25, max=4.0)
 NUMBER = SimpleNamespace(value=1, min=1, max=64)
 CHOICE = SimpleNamespace(value="a", options=("a", "b"))
