@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -95,7 +97,8 @@ def test_a_connection_that_asks_nothing_is_no_error(
 ) -> None:
     """Browsers open them in advance; websockets logs each with a traceback."""
     for _ in range(3):
-        create_connection(("127.0.0.1", viewer.port)).close()
+        port = urlsplit(viewer.url).port
+        socket.create_connection(("127.0.0.1", port)).close()
     with enter(viewer):
         time.sleep(0.5)
     assert "handshake" not in caplog.text
