@@ -33,12 +33,14 @@ from aquafish_gym.command_help import (
     option_names,
     print_help,
 )
+from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.streams import keep_streams
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
     InvalidArgumentError,
     MissingExtraError,
+    integer,
     one_of,
 )
 
@@ -109,6 +111,12 @@ TargetEngine = Annotated[
     arg(help="Engine of the target; auto is PyBullet where it is installed, else numba."),
 ]
 Threads = Annotated[int | None, arg(help="Cores to use; None for all. No result depends on it.")]
+
+
+def check_threads(threads: int | None) -> None:
+    """Raise InvalidArgumentError unless ``threads`` can be a number of cores."""
+    if threads is not None:
+        integer("threads", threads, 1, MAXIMUM_THREADS)
 
 
 class Command(Protocol):

@@ -6,6 +6,7 @@ viewer's own page in, and only messages that one of its controls can send.
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -115,6 +116,11 @@ def _finite(value: object) -> bool:
     )
 
 
+def _is_no_knock(record: logging.LogRecord) -> bool:
+    """Return False for a connection that asks nothing, as browsers open them in advance."""
+    return record.msg != "opening handshake failed"
+
+
 def as_code(text: object) -> str:
     """Return text for viser's Markdown, which runs HTML and expressions in braces, as a span.
 
@@ -143,6 +149,7 @@ def guarded(check: Callable[[object], Message | None]) -> Iterator[None]:
     from websockets.asyncio import server
 
     serve, opened = server.serve, []
+    logging.getLogger("websockets.server").addFilter(_is_no_knock)
 
     class Connection(server.ServerConnection):
         """A connection that only receives messages that pass."""

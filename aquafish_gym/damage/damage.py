@@ -116,6 +116,11 @@ class Damage:
         words |= {chance.word for tier in tiers for chance in tier.chances}
         return not words.isdisjoint(("scale", "delay", "hold"))
 
+    @property
+    def certain(self) -> Self:
+        """The faults that are not drawn."""
+        return type(self)(tuple(fault for fault in self.faults if not fault.is_random))
+
     def sample(self, rng: np.random.Generator, parts: Parts = PARTS) -> Self:
         """Return the damage of one episode, with random faults, of ``parts``, and onsets drawn.
 

@@ -190,6 +190,9 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self._reckoned: Vector = self._fin_angles
         self._state = at_rest((0.0, 0.0, 0.0))
 
+    def _cut_off(self, seconds: float) -> None:
+        self._config = self._config.within(seconds)
+
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:

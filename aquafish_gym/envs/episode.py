@@ -46,7 +46,7 @@ class EpisodeConfig:
     """What an episode begins with; made by :func:`check_episode`.
 
     ``fin_angles`` is ``"random"`` or three angles in rad; ``hold`` is for how many steps of 0.01 s
-    an action is held.
+    an action is held; ``limit`` is after how many s an episode is cut off, if before its end.
     """
 
     task: Task
@@ -55,6 +55,11 @@ class EpisodeConfig:
     damage: Damage
     fin_angles: str | Triple
     hold: int = 1
+    limit: float = math.inf
+
+    def within(self, seconds: float) -> EpisodeConfig:
+        """Return it for episodes that are cut off after ``seconds``; late damage is refused."""
+        return replace(self, limit=seconds).with_options({"damage": self.damage})
 
     def with_options(self, options: Mapping[str, Any]) -> EpisodeConfig:
         """Return it with the options of ``reset``."""
@@ -69,6 +74,7 @@ class EpisodeConfig:
             fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
         )
         found.damage.check_onsets(self.task.seconds)
+        found.damage.certain.check_onsets(self.limit)
         found.damage.check_steps(TIMESTEP * self.hold)
         if not found.damage.is_random:
             body = found.morphology.to_array()[None]
@@ -276,8 +282,14 @@ class Setting:
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        check_limit(limit_asked_for(), self._last, self.task, self.dt)
+        limit = limit_asked_for()
+        check_limit(limit, self._last, self.task, self.dt)
+        if limit is not None and 0 < limit < self._last:
+            self._cut_off(limit * self.dt)
         self._spec = spec and FishSpec.of(spec, self._last)
+
+    def _cut_off(self, seconds: float) -> None:
+        """Note that episodes are cut off after ``seconds``; refuse damage that comes later."""
 
 
 def float_action(action: object, shape: tuple[int, ...]) -> Floats | NDArray[np.float32]:

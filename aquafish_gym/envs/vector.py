@@ -132,6 +132,11 @@ class AquaFishVectorEnv(
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
         start = episode.check_episode(self.task, current=current, hold=self.frame_skip)
+        if max_episode_steps is not None:
+            limit = integer("max_episode_steps", max_episode_steps, 1)
+            check_limit(limit, self._last, self.task, self.dt)
+            self._last = limit
+            start = start.within(limit * self.dt)
         self._everyone = np.arange(self.num_envs)
         self._configs = batching.with_options(
             [start] * self.num_envs,
@@ -153,10 +158,6 @@ class AquaFishVectorEnv(
         )
         # The present states (25, num_envs), or the last ones before a robot diverged.
         self._now: States = self._lanes.state_rows().copy()
-        if max_episode_steps is not None:
-            limit = integer("max_episode_steps", max_episode_steps, 1)
-            check_limit(limit, self._last, self.task, self.dt)
-            self._last = limit
         self._judge = Judge(self.task)
         self._steps: Counts = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []

@@ -10,7 +10,13 @@ from typing import Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
-from aquafish_gym.command_line import BodyFile, OptionalOut, Threads, read_morphology
+from aquafish_gym.command_line import (
+    BodyFile,
+    OptionalOut,
+    Threads,
+    check_threads,
+    read_morphology,
+)
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.runs.storage import ensure_writable_directory
@@ -69,6 +75,7 @@ class Infer:
         joint = FitConfig(noise=self.noise, nuisances=self.nuisances)
         truth = None if self.truth is None else read_morphology(self.truth, "truth")
         streams(self.seed)  # refuses a wrong seed
+        check_threads(self.threads)
         console = plain_console()
         for sentence in windows.remarks:
             console.print(sentence)

@@ -9,12 +9,14 @@ from typing import Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
-from aquafish_gym.command_line import OptionalOut, Threads
+from aquafish_gym.command_line import OptionalOut, Threads, check_threads
 from aquafish_gym.runs.manifest import result_folder
 from aquafish_gym.runs.storage import write_document
 from eea.cli.progress import waiting
+from eea.core.session import streams
 from eea.fish import load_posterior, read_log, watch_swim
 from eea.fish.swim_log import SwimLog
+from eea.joint.change_detection import check_alarm
 
 KIND = "a swim that was watched"
 WATCHED, PICTURE, SCHEMA = "watched.json", "watched.png", "eea.watched/1"
@@ -41,6 +43,9 @@ class Watch:
     def execute(self) -> None:
         """Watch the swim and print what was detected."""
         log, belief = read_log(self.log), load_posterior(self.posterior)
+        check_alarm(self.alarm)
+        streams(self.seed)  # refuses a wrong seed
+        check_threads(self.threads)
         settings = {
             "log": _digest(self.log),
             "posterior": _digest(self.posterior),

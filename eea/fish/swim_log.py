@@ -38,6 +38,8 @@ FASTEST = 10.0  # rad/s: of 20,000 random bodies at full speed none turns faster
 #: there: rows need not follow the swim, only outnumber what is unknown. An environment's action
 #: lasts 0.2 s; in a gap that misses rows the servos may have done anything.
 MOST_GAP = 0.25
+#: Units of time that a logger may write, s, and the least time between two rows in them.
+UNITS, FEWEST_APART = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}, 5e-4
 FEWEST = 16  # samples of a trial: 48 numbers for some 30 unknowns
 MOST_BYTES = 64 * 2**20  # of a file: more than an hour at 100 rows a second
 
@@ -233,10 +235,22 @@ def _table(content: bytes) -> list[Floats]:
     for number, row in enumerate(table, 1):
         try:
             rows.append([float(row[name]) for name in used])
-        except (TypeError, ValueError) as error:
-            raise InvalidArgumentError(f"row {number} must have numbers; {error}") from None
+        except (TypeError, ValueError):
+            name = next(name for name in used if not _is_number(row[name]))
+            found = "nothing" if not row[name] else brief(row[name])
+            hint = ": number the trials" if name == TRIAL else ""
+            raise InvalidArgumentError(
+                f"row {number} must have numbers; {name} is {found}{hint}"
+            ) from None
     numbers = np.array(rows).reshape(-1, len(used))
     return [numbers[:, 0], numbers[:, 1:4], numbers[:, 4:7], *numbers[:, 7:].T]
+
+
+def _is_number(text: str | None) -> bool:
+    try:
+        return text is not None and float(text) is not None
+    except ValueError:
+        return False
 
 
 def _rows(
@@ -266,9 +280,11 @@ def _check_time(time: Floats, rows: slice, name: str) -> None:
         )
     typical = float(np.median(steps))
     if typical > MOST_GAP:
+        units = [unit for unit, size in UNITS.items() if FEWEST_APART < typical * size < MOST_GAP]
         raise InvalidArgumentError(
             f"{name} must have at least {1.0 / MOST_GAP:g} rows a second, with time in s; it has "
             f"one in {shown(typical)} s"
+            + "".join(f": is the time in {unit}?" for unit in units[:1])
         )
     wrong = np.flatnonzero((steps <= 0.0) | (steps > MOST_GAP))
     if not len(wrong):

@@ -43,6 +43,11 @@ class WindowTest(NamedTuple):
     excess: float  #: The cost relative to its mean for the same body.
 
 
+def check_alarm(alarm: float) -> None:
+    """Raise InvalidArgumentError unless ``alarm`` can be a probability of false alarms."""
+    real("alarm", alarm, LEAST_ALARM, 1.0)
+
+
 class ChangeDetector:
     """Tests windows of a swim against a posterior, each by itself.
 
@@ -62,7 +67,7 @@ class ChangeDetector:
     def __init__(
         self, joint: JointProblem, belief: JointPosterior, alarm: float = ALARM, seed: int = 0
     ) -> None:
-        real("alarm", alarm, LEAST_ALARM, 1.0)
+        check_alarm(alarm)
         whole("seed", seed, 0)
         self.alarm = alarm
         self._rng = np.random.default_rng(seed)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -11,6 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -88,6 +90,18 @@ def test_other_pages_are_refused_at_the_handshake(viewer: Viewer) -> None:
             enter(viewer, origin=origin)
     with enter(viewer, origin=viewer.url) as socket:
         assert socket.recv(timeout=10)
+
+
+def test_a_connection_that_asks_nothing_is_no_error(
+    viewer: Viewer, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Browsers open them in advance; websockets logs each with a traceback."""
+    for _ in range(3):
+        port = urlsplit(viewer.url).port
+        socket.create_connection(("127.0.0.1", port)).close()
+    with enter(viewer):
+        time.sleep(0.5)
+    assert "handshake" not in caplog.text
 
 
 SLIDER = SimpleNamespace(value=1.0, min=0.25, max=4.0)

@@ -97,6 +97,7 @@ def test_without_the_truth_there_is_no_fitness(tmp_path, capsys):
         (("--nuisances", "curent"), "did you mean 'current'?"),
         (("--truth", "nothing.json"), "truth must be a file that can be read"),
         (("--seed", "-1"), "seed must be a whole number"),
+        (("--out", "new", "--threads", "0"), "threads must be a whole number of at least 1"),
         (("--out", "/dev/null/x"), "out must be a directory that can be written"),
     ],
 )

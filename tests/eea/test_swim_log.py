@@ -67,6 +67,11 @@ WRONG = {
         "row 42: time must be later than the row before within trial 1, by at most 0.25 s",
     ),
     "slow": ({"time": 30 * LOG.time}, "at least 4 rows a second, with time in s"),
+    "milliseconds": ({"time": 1e3 * LOG.time}, "time in s; .* is the time in milliseconds[?]"),
+    "nanoseconds": (
+        {"time": (1e9 * LOG.time).astype(np.int64)},
+        "time in s; .* is the time in nanoseconds[?]",
+    ),
     "degrees": ({"gyro": np.rad2deg(LOG.gyro)}, r"gyro_\w must be at most 10 rad/s"),
     "command": ({"commands": put(LOG.commands, 2, 0.7)}, r"row 3: left_pectoral must be in"),
     "half": ({"trial": put(LOG.trial, 5, 1.5)}, "row 6: trial must be a whole number; got 1.5"),
@@ -111,8 +116,15 @@ def test_arguments_of_another_type_are_named(make, argument):
 ROW = "0,0,0,0,0,0,0\n"
 TEXTS = {
     "missing": (HEADING.replace("gyro_x", "gyr_x") + "\n" + ROW, "must have one column gyro_x"),
-    "word": (HEADING + "\n" + ROW + ROW.replace("0,", "x,", 1), "row 2 must have numbers"),
-    "ragged": (HEADING + "\n" + ROW + "0,0\n", "row 2 must have numbers"),
+    "word": (
+        HEADING + "\n" + ROW + ROW.replace("0,", "x,", 1),
+        "row 2 must have numbers; time is 'x'",
+    ),
+    "ragged": (HEADING + "\n" + ROW + "0,0\n", "row 2 must have numbers; gyro_y is nothing"),
+    "trial of words": (
+        f"{HEADING},trial\n" + ROW.replace("\n", ",run1\n"),
+        "row 1 must have numbers; trial is 'run1': number the trials",
+    ),
     "empty": ("", "must have one column time"),
     "only a heading": (HEADING + "\n", "time must have at least one row"),
 }

@@ -66,6 +66,18 @@ def test_what_is_no_posterior_is_refused(
     assert "posterior" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize("option", ["alarm", "seed", "threads"])
+def test_nothing_is_written_for_a_wrong_option(
+    option: str, belief: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_log(tmp_path / "swim.csv", swim(5, 200))
+    words = ["watch", "--log", str(tmp_path / "swim.csv"), "--posterior", str(belief)]
+    out = tmp_path / "out"
+    assert main([*words, "--out", str(out), f"--{option}", "-1"]) == 2
+    assert f"{option} must be" in capsys.readouterr().err
+    assert not out.exists()
+
+
 def test_the_seconds_of_all_trials_count(belief: Path) -> None:
     first, second = swim(5, 320), swim(7, 320)
     log = SwimLog(

@@ -250,6 +250,28 @@ def test_a_specification_says_how_long_an_episode_is() -> None:
         assert env.spec.max_episode_steps == length(env)
 
 
+def test_damage_after_the_limit_is_refused() -> None:
+    """Where ``max_episode_steps`` cuts episodes off before the task does; also in a reset."""
+    short, late = {"max_episode_steps": 30}, "caudal:seized@10"
+    refused = pytest.raises(
+        InvalidArgumentError, match=r"before the episode ends at 6 s; got caudal"
+    )
+    sync = {"vectorization_mode": "sync", "engine": "numba"}
+    for make in (
+        lambda **kwargs: gym.make("AquaFish-v0", engine="numba", **kwargs),
+        lambda **kwargs: gym.make_vec("AquaFish-v0", 2, **kwargs),
+        lambda **kwargs: gym.make_vec("AquaFish-v0", 2, **sync, **kwargs),
+    ):
+        with refused:
+            make(damage=late, **short)
+        env = make(damage="caudal:seized@5.8", **short)
+        with refused:
+            env.reset(options={"damage": late})
+        env.reset(options={"damage": "caudal:seized@5.8"})
+        make(damage=late)
+    gym.make("AquaFishRecovery-v0", engine="numba", **short)  # may be late by chance
+
+
 def test_an_onset_that_never_comes_is_refused() -> None:
     """Where several limits are, the first to come counts; in a batch, each environment's own."""
     for env in (
