@@ -38,8 +38,8 @@ def test_the_command_fails_where_a_block_does(
     code: str, status: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     block = Trainer("Mine", "-e .", "py", code)
-    monkeypatch.setattr(command, "read_trainers", lambda page: {"mine": block})
-    monkeypatch.setattr(command, "install", lambda trainer, venv: Path(sys.executable))
+    monkeypatch.setattr(command, "read_trainers", lambda _: {"mine": block})
+    monkeypatch.setattr(command, "install", lambda *_: Path(sys.executable))
     assert command.main(["Mine"]) == status
     said = capsys.readouterr()
     assert (f"Mine: {SHOWN}" in said.out) == (status == 0)
