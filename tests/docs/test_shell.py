@@ -28,6 +28,7 @@ NOT_RUN = {
     "aquafish recover --out out/recovery --replicates": "nine times as long as the line before",
     "aquafish study --figure all": "hours, on the computers above",
     "python -m rl_zoo3.train": "tests/envs/test_trainers.py",
+    "python -m tests.trainers": "installs gigabytes; tests/envs/test_trainers_page.py",
     "python examples/minari_dataset.py": "tests/envs/test_trainers.py",
 }
 TINY = "--generations 1 --random-candidates 6 --restarts 1 --poses 2"

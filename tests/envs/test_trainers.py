@@ -18,6 +18,8 @@ from gymnasium.wrappers import vector as several
 
 from aquafish_gym import IDS, Morphology
 from gait.controller import Controller
+from tests.trainers.page import PAGE as BLOCKS
+from tests.trainers.page import read_trainers, score, shown_line
 
 COUNT = 4
 PAGE = pathlib.Path(__file__).parents[2] / "docs" / "howto" / "train.md"
@@ -203,17 +205,15 @@ def test_the_pages_torchrl_runs() -> None:
     assert names["rollout"].batch_size == (64, 200)
 
 
-@pytest.mark.parametrize(("trainer", "package"), [("TorchRL", "torchrl"), ("Minari", "minari")])
+@pytest.mark.parametrize(("trainer", "package"), [("torchrl", "torchrl"), ("minari", "minari")])
 def test_a_block_of_the_page_scores_its_policy(
     trainer: str, package: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip(package)
-    page = PAGE.with_name("trainers.md")
-    found = re.search(rf"^## {trainer}$.*?^```py\n(.*?)^```$", page.read_text(), re.M | re.S)
-    assert found is not None
+    page = BLOCKS.read_text(encoding="utf-8")
     monkeypatch.chdir(PAGE.parents[2])
-    exec(compile(found[1], page.name, "exec"), {"__name__": "trainers"})
-    assert re.search(r"^-?\d+\.\d \[.*\] in 10 episodes$", capsys.readouterr().out, re.M)
+    exec(compile(read_trainers(page)[trainer].code, trainer, "exec"), {"__name__": "trainers"})
+    assert score(capsys.readouterr().out, shown_line(page))
 
 
 def test_a_minari_dataset(tmp_path: pathlib.Path) -> None:

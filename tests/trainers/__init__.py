@@ -1,0 +1,1 @@
+"""Run the blocks of docs/howto/trainers.md: ``python -m tests.trainers``."""
