@@ -53,8 +53,8 @@ def commands_help(prog: str, commands: Mapping[str, tuple[Any, str]]) -> str:
     """Return a line for each command of a table."""
     width = max(map(len, commands))
     first = (
-        f"usage: {prog} COMMAND [OPTIONS]; {prog} COMMAND --help explains the options that matter "
-        "and has an example, -H explains all\n"
+        f"usage: {prog} COMMAND [OPTIONS]\n"
+        "COMMAND --help explains the options that matter and has an example, -H explains all\n"
     )
     return "\n".join([first, *(f"  {n:{width}}  {text}" for n, (_, text) in commands.items())])
 

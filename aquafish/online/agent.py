@@ -183,7 +183,8 @@ class SelfModelAgent:
         """Return the action (3,), in [-1, 1], for an observation (9,) or longer.
 
         Rows (1, k) of a vector environment give (1, 3). A reading that is not finite, or outside of
-        the observation space, is not observed: the self-model predicts it.
+        the observation space, is not observed: the self-model predicts it. Nor is a direction of
+        length 0.
         """
         if not hasattr(self, "model"):
             raise InvalidArgumentError("begin(fin_angles) must be called before act(observation)")
@@ -193,7 +194,7 @@ class SelfModelAgent:
             raise InvalidArgumentError(f"observation must have shape {wanted}; got {given.shape}")
         if self._steps:
             readings, most = given.reshape(-1)[: len(CHANNELS)], limits(False, False)
-            self._observe(valid_readings(readings, most))
+            self._observe(_with_directions(valid_readings(readings, most)))
         # Inferences first: another robot makes a refinement obsolete.
         while due := [thought for thought in self._thoughts if thought.due <= self._steps]:
             thought = min(due, key=lambda one: isinstance(one.result, Controller))
@@ -379,3 +380,16 @@ def _alike(one: Scenario, other: Scenario) -> bool:
     sizes = np.abs(one.body - other.body).max()
     gains = np.abs(one.servo_gain - other.servo_gain).max()
     return bool(max(sizes, gains) <= ALIKE)
+
+
+def _with_directions(readings: Floats) -> Floats:
+    """Return readings (9,), NaN where up or north has no length: one axis may read 0, not all.
+
+    An observation of nothing but zeros was not transmitted.
+    """
+    if not readings.any():
+        return np.full_like(readings, np.nan)
+    for direction in (slice(0, 3), slice(3, 6)):
+        if not readings[direction].any():
+            readings[direction] = np.nan
+    return readings

@@ -55,7 +55,7 @@ class EpisodeConfig:
     damage: Damage
     fin_angles: str | Triple
     hold: int = 1
-    limit: float = math.inf
+    limit: float | None = None
 
     def within(self, seconds: float) -> EpisodeConfig:
         """Return it for episodes that are cut off after ``seconds``; late damage is refused."""
@@ -74,7 +74,8 @@ class EpisodeConfig:
             fin_angles=check_fin_angles(options.get("fin_angles", self.fin_angles)),
         )
         found.damage.check_onsets(self.task.seconds)
-        found.damage.certain.check_onsets(self.limit)
+        if self.limit is not None:
+            found.damage.certain.check_onsets(self.limit)
         found.damage.check_steps(TIMESTEP * self.hold)
         if not found.damage.is_random:
             body = found.morphology.to_array()[None]

@@ -69,6 +69,20 @@ def test_a_glitch_is_not_observed(channel: int, reading: float, untouched: SelfM
     np.testing.assert_allclose(agent.model.state, untouched.model.state, atol=0.01)
 
 
+@pytest.mark.parametrize("channels", [slice(0, 3), slice(3, 6), slice(0, 9)])
+def test_a_direction_without_length_is_not_observed(
+    channels: slice, untouched: SelfModelAgent
+) -> None:
+    def spoil(step: int, seen: np.ndarray) -> None:
+        if step in (30, 31, 60):
+            seen[channels] = 0.0
+
+    agent, _ = swim(spoil, "caudal:missing@20")
+    assert len(about(agent, "alarm")) == 1  # at 20 s
+    assert set(about(agent, "inferred")) == {"caudal:missing"}
+    np.testing.assert_allclose(agent.model.state, untouched.model.state, atol=0.01)
+
+
 @pytest.mark.parametrize("known", [True, False], ids=["fins known", "fins unknown"])
 def test_a_channel_without_readings_is_left_out(known: bool) -> None:
     spoil = at(tuple(range(30, 110)), 7, np.nan)
