@@ -13,7 +13,7 @@ QUIET_SECONDS = 5.0  # at most, between two lines
 
 @contextmanager
 def every(seconds: float, say: Callable[[], None]) -> Iterator[None]:
-    """Call a function every so many seconds, from a thread, until the block ends."""
+    """Call a function at intervals of some seconds, from a thread, until the block ends."""
     ended = Event()
 
     def repeat() -> None:

@@ -26,7 +26,7 @@ BLOCK = re.compile(r"(<!-- benchmark: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTA
 
 # Arguments that set how much work is done for one unit of a figure.
 _WORK: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
-    "simulate": (aquafish_gym.simulate, ("dtype", "substeps")),
+    "simulate": (aquafish_gym.simulate, ("substeps",)),
     "AquaFish-v0": (AquaFishEnv, ("frame_skip", "task", "observe_fins", "reactive")),
     "make_vec": (AquaFishVectorEnv, ("frame_skip", "dtype", "task", "observe_fins", "reactive")),
     "EvolveConfig": (EvolveConfig, ("poses",)),
@@ -35,6 +35,7 @@ _WORK: dict[str, tuple[Callable[..., Any], tuple[str, ...]]] = {
 _OF_GROUPS = {
     "environments": ("AquaFish-v0", "make_vec"),
     "learning": ("AquaFish-v0", "make_vec"),
+    "training": ("AquaFish-v0", "make_vec"),
     "neat": ("EvolveConfig",),
     "tasks": ("AquaFish-v0", "make_vec"),
     "pictures": ("AquaFish-v0",),
