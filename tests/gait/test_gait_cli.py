@@ -93,13 +93,19 @@ def test_transfer_prints_and_writes_the_same_numbers(
         (["evolve", "--out", ""], "--out must not be empty"),
         (["evolv"], "did you mean 'evolve'"),
         (["evolve", "--out", "{dir}", "--cma-generations", "9"], "has an effect only with"),
-        (["evolve", "--out", "{dir}", "--paper", "--search", "cma"], "paper has an effect only with"),
+        (
+            ["evolve", "--out", "{dir}", "--paper", "--search", "cma"],
+            "paper has an effect only with",
+        ),
         (
             ["evolve", "--out", "{dir}", "--paper", "--controller", "recurrent"],
             "controller has an effect only with",
         ),
         (["evolve", "--out", "{dir}", "--task", "station", "--seconds", "20"], "--seconds has no"),
-        (["evolve", "--out", "{dir}", "--senses", "imu", "--harmonics", "3"], "harmonics has an effect only with"),
+        (
+            ["evolve", "--out", "{dir}", "--senses", "imu", "--harmonics", "3"],
+            "harmonics has an effect only with",
+        ),
         (
             ["evolve", "--out", "{dir}", "--controller", "linear", "--hidden", "6"],
             "hidden has an effect only with",
