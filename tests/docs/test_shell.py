@@ -25,7 +25,7 @@ NOT_RUN = {
     "pip install": "installs",
     "aquafish view": "serves until Ctrl-C; tests/aquafish/test_viewer.py",
     "dask": "needs other computers; tests/runs/test_jobs.py",
-    "aquafish recover --out out/recovery --replicates": "nine times as long as the line before",
+    "aquafish recover": "minutes; tests/aquafish/test_recovery.py",
     "aquafish study --figure all": "hours, on the computers above",
     "python -m rl_zoo3.train": "tests/envs/test_trainers.py",
     "python -m tests.trainers": "installs gigabytes; tests/envs/test_trainers_page.py",
@@ -34,12 +34,6 @@ NOT_RUN = {
 TINY = "--generations 1 --random-candidates 6 --restarts 1 --poses 2"
 #: What makes commands shorter, by how they begin.
 SHORTER = {
-    "aquafish recover": (
-        "--rounds 2 --joint-rounds 1 --steps 64 --models 6 --angle-sets 6 --generations 3 "
-        "--population 12 --gait-poses 1 --search-generations 3 --search-restarts 1 "
-        "--random-candidates 10 --search-population 10 --direct-generations 2 --poses 2 "
-        "--seconds 2 --target-engine numba --no-film"
-    ),
     "aquafish run": "--rounds 1 --target-engine numba",
     "aquafish evolve": TINY,
     "aquafish baseline": "--steps 1600 --environments 16",
