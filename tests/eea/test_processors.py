@@ -69,7 +69,6 @@ def test_an_inferred_body_and_its_gait_do_not_depend_on_the_processor() -> None:
         np.testing.assert_allclose(other[3], first[3], rtol=1e-6)  # as they are, not handed on
 
 
-@pytest.mark.slow
 def test_an_agent_that_swims_on_does_not_depend_on_the_processor() -> None:
     first, *others = outputs(SWUM_ON)
     for other in others:

@@ -68,7 +68,6 @@ def test_ctrl_c_ends_a_cold_compile_within_seconds(cold: dict[str, str]) -> None
     assert time.monotonic() - begun < 20  # 2 s on an idle machine; its pool took 40
 
 
-@pytest.mark.slow
 def test_no_ctrl_c_is_lost_in_llvms_callbacks() -> None:
     """ctypes drops what is raised in a callback, and LLVM makes some while it generates code."""
     dropping = ctypes.CFUNCTYPE(None)(functools.partial(signal.raise_signal, signal.SIGINT))

@@ -114,7 +114,6 @@ def test_direct_search_keeps_the_better_of_two_gaits() -> None:
     assert (agent.best()[0].bias == better.bias).all()
 
 
-@pytest.mark.slow
 def test_the_archive_holds_gaits_of_many_descriptors() -> None:
     gaits, paces, descriptors, offline = load_archive(MADE / "archive.json")
     assert len(gaits) == len(paces) == len(descriptors) > 300

@@ -72,7 +72,6 @@ def test_a_share_needs_an_oracle_that_swims() -> None:
     assert "| none | 6 | 0.625 [0.607, 0.643] |" in text
 
 
-@pytest.mark.slow
 def test_a_small_suite_is_reported_and_resumed(tmp_path: Path) -> None:
     small = Gap(
         out=tmp_path, worlds=("plain",), methods=("none", "joint"), replicates=1, rounds=2,

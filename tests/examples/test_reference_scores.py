@@ -36,7 +36,6 @@ def test_a_committed_controller_has_its_committed_scores() -> None:
             np.testing.assert_allclose(found[column][name], values, rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.slow
 def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
     command = small(tmp_path, "zero", "CPG")
     command.execute()

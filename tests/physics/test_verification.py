@@ -39,7 +39,6 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[pathlib.Path, str]:
     return out, done.stdout
 
 
-@pytest.mark.slow
 def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
     out, printed = quick
     report = json.loads((out / "report.json").read_text())
@@ -54,7 +53,6 @@ def test_it_runs_every_study(quick: tuple[pathlib.Path, str]) -> None:
         assert (out / f"{name}.png").stat().st_size > 20_000
 
 
-@pytest.mark.slow
 def test_it_fills_a_page(quick: tuple[pathlib.Path, str]) -> None:
     out, _ = quick
     tables = make_tables(json.loads((out / "report.json").read_text()))

@@ -296,7 +296,6 @@ def test_sources_and_versions_are_told_apart(monkeypatch, tmp_path):
     assert len(digests) == 2
 
 
-@pytest.mark.slow
 def test_a_cluster_that_has_lost_its_workers_ends_the_command(dask_cluster, monkeypatch, tmp_path):
     monkeypatch.setattr(cluster, "ANSWER_SECONDS", 5.0)
     lost = threading.Timer(2.0, dask_cluster.scale, (0,))
