@@ -24,7 +24,15 @@ from aquafish_gym.envs.tasks import REMEMBERED, Step, Task, compiled_task
 from aquafish_gym.imu import GYRO_RANGE
 from aquafish_gym.physics.arithmetic import Vector, clip
 from aquafish_gym.physics.compiling import compiled, register, register_module, source_stamp
-from aquafish_gym.physics.layout import FIELDS, ORIENTATION, POSITION, SPIN, STATE_ROWS, VELOCITY
+from aquafish_gym.physics.layout import (
+    FIELDS,
+    ORIENTATION,
+    POSITION,
+    SPIN,
+    STATE_ROWS,
+    VELOCITY,
+    angles_of_rows,
+)
 from aquafish_gym.physics.simd import inlined
 
 Floats = NDArray[np.floating]
@@ -45,6 +53,7 @@ class Outcome(NamedTuple):
     moved: NDArray[np.float64]  #: (7, B) ``motion``
     terms: NDArray[np.float64]  #: (T, B) terms of a built-in task's reward, 0 if it does not count
     reward: NDArray[np.float64]  #: (B,) their sum
+    fin_angles: NDArray[np.float64]  #: (3, B) rad
 
 
 class Judge:
@@ -87,6 +96,7 @@ class Judge:
             np.empty((len(MOTION), count)),
             np.empty((len(self.names), count)),
             np.empty(count),
+            np.empty((3, count)),
         )
 
     def fill(
@@ -108,7 +118,10 @@ class Judge:
         finish = _finish(self._rewards, len(memory) > 0)
         if 0 < len(memory) < REMEMBERED:  # the compiled loop reads this many numbers
             memory = np.concatenate([memory, np.zeros((REMEMBERED - len(memory), len(over)))])
-        finish(states, before, over, action, memory, dt, self._numbers, outcome, *robots)
+        *compiled, fin_angles = outcome
+        finish(states, before, over, action, memory, dt, self._numbers, tuple(compiled), *robots)
+        part = slice(*robots)
+        fin_angles[:, part] = angles_of_rows(outcome.now[:, part])  # numpy's, which is no loop's
 
 
 @functools.cache

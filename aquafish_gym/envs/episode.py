@@ -122,16 +122,21 @@ def begin_episodes(
     Each robot draws its fin angles, then its task's memory, then its damage: a seed gives the same
     task with and without damage. ``hold`` is how many steps of 0.01 s an action is held.
     """
+    # Most robots share a configuration: each is asked once for what is not drawn.
+    numbers: dict[int, int] = {}
+    which = [numbers.setdefault(id(config), len(numbers)) for config in configs]
+    distinct = [configs[which.index(i)] for i in range(len(numbers))]
+    random = [isinstance(config.fin_angles, str) for config in distinct]
+    drawn = [config.damage.is_random for config in distinct]
     angles, memories, damages = np.empty((len(configs), 3)), [], []
-    for row, config, rng in zip(angles, configs, rngs, strict=True):
-        random = isinstance(config.fin_angles, str)
-        row[:] = rng.uniform(-math.pi, math.pi, 3) if random else config.fin_angles
+    for row, i, config, rng in zip(angles, which, configs, rngs, strict=True):
+        row[:] = rng.uniform(-math.pi, math.pi, 3) if random[i] else config.fin_angles
         memories.append(config.task.begin(rng))
-        damages.append(config.damage.sample(rng))
+        damages.append(config.damage.sample(rng) if drawn[i] else config.damage)
     fields = {
-        "body": np.array([config.morphology.to_array() for config in configs]),
+        "body": np.array([config.morphology.to_array() for config in distinct])[which],
         "fin_angles": angles,
-        "current": np.array([config.current for config in configs]),
+        "current": np.array([config.current for config in distinct])[which],
     }
     scenario = edit_each(Scenario.fill(fields, reactive), damages, hold)
     if any(map(len, damages)):  # servos without power leave their angles to be drawn

@@ -214,10 +214,12 @@ class AquaFishVectorEnv(
             self._begin_next(over)
             outcome.moved[:, over] = 0.0  # they are at the origin
             outcome.seen[over] = self._truth(np.flatnonzero(over))
+            outcome.fin_angles[:, over] = angles_of_rows(self._now[:, over])
         self._see_further(outcome.seen)
         self._sense(self._everyone, outcome.seen)
         ended = self._steps == self._last
-        info = self._info(dict(zip(MOTION, outcome.moved, strict=True)), terms, diverged)
+        moved = dict(zip(MOTION, outcome.moved, strict=True))
+        info = self._info(moved, terms, diverged, outcome.fin_angles)
         info = batching.masked(info, np.ones(self.num_envs, np.bool_))
         if ended.any() and self.autoreset_mode is AutoresetMode.SAME_STEP:
             last = self._seen.copy()
@@ -354,11 +356,13 @@ class AquaFishVectorEnv(
         # Views of all robots: fancy indexing would take as long as all that is computed here.
         self._seen[slice(None) if len(rows) == self.num_envs else rows] = seen
 
-    def _info(self, moved: dict[str, Floats], terms: Terms, diverged: Mask) -> Info:
-        """Return ``info`` with what ``motion_info`` says of the step."""
+    def _info(
+        self, moved: dict[str, Floats], terms: Terms, diverged: Mask, fin_angles: Floats
+    ) -> Info:
+        """Return ``info`` with what ``motion_info`` says of the step, and fin angles (3, B)."""
         return moved | {
             "diverged": diverged.copy(),
-            "fin_angles": np.ascontiguousarray(angles_of_rows(self._now).T),
+            "fin_angles": np.ascontiguousarray(fin_angles.T),
             **self._robots.truth(),
             **terms,
         }
@@ -369,7 +373,8 @@ class AquaFishVectorEnv(
         step = self._step_from(self._now, np.zeros((3, self.num_envs)))
         still = motion_info(step.after, step.after, self.dt)
         nothing = dict.fromkeys(self.task.reward_terms(step), zeros)
-        return self._info(still, nothing, np.zeros(self.num_envs, np.bool_))
+        nobody = np.zeros(self.num_envs, np.bool_)
+        return self._info(still, nothing, nobody, angles_of_rows(self._now))
 
     def render(self) -> tuple[Any, ...] | None:
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
