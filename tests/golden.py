@@ -127,6 +127,39 @@ def exported() -> Any:
         return [path.read_text() for path in export_c(random_networks()[0], f"{folder}/fish.c")]
 
 
+# The agent that swims on
+
+
+def agent_episode() -> Any:
+    """Return the events and actions of an episode in which a fin and a sensor break."""
+    from aquafish.online import SelfModelAgent
+
+    env = gym.make(
+        "AquaFishRecovery-v0", damage="left_pectoral:length=0.4@12; gyro_x:bias=0.2@20",
+        engine="numba", max_episode_steps=150,
+    )  # fmt: skip
+    seen, info = env.reset(seed=7)
+    agent, actions, over = SelfModelAgent(), [], False
+    agent.begin(info["fin_angles"])
+    while not over:
+        actions.append(np.asarray(agent.act(seen), np.float64).round(3).tolist())
+        seen, _, _, over, info = env.step(np.asarray(actions[-1], np.float32))
+    env.close()
+    return [[(event.seconds, event.what) for event in agent.events], actions, info["y_position"]]
+
+
+def league_row() -> Any:
+    """Return the ways of two entrants in one short episode of the league."""
+    sys.path.append(str(ROOT / "examples"))
+    from league_episodes import Episode, play
+
+    rows = [play(Episode(name, "severe", 0, seconds=32.0)) for name in ("blind", "self-model")]
+    return [
+        [row["onsets"], [event[:2] for event in row["events"]], np.round(row["way"], 3)]
+        for row in rows
+    ]
+
+
 # Commands
 
 
@@ -303,6 +336,8 @@ ENVIRONMENTS: dict[str, Callable[[], Any]] = {
     "swims float32": partial(swims, "float32"),
     "swims float64": partial(swims, "float64"),
     "export": exported,
+    "agent episode": agent_episode,
+    "league row": league_row,
 }  # fmt: skip
 
 NAMES = (*ENVIRONMENTS, *COMMANDS)

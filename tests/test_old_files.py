@@ -1,0 +1,89 @@
+"""Files that an earlier version wrote are read, or refused by their schema.
+
+``tests/old_files`` holds what the commands of ``golden.py`` wrote before the packages were
+rearranged. They are never written again: a version with another schema refuses them.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from aquafish_gym import Morphology
+from aquafish_gym.bodies import read_bodies
+from aquafish_gym.runs.storage import DamagedFileError, read_document
+from eea import load_posterior
+from eea.study.results import read_study
+from gait import Controller, swim
+from tests.golden import CMA, RECOVER, aquafish, canonical, eea, gait, without_joint_inference
+
+OLD = Path(__file__).parent / "old_files"
+DOCUMENTS = [path for path in sorted(OLD.rglob("*.json")) if '"schema"' in path.read_text()]
+
+
+def test_a_controller_swims_and_is_written_as_it_was(tmp_path: Path) -> None:
+    controller = Controller.load(OLD / "evolve/controller.json")
+    assert np.isfinite(swim(controller, Morphology.nominal(), seconds=1).position).all()
+    controller.save(tmp_path / "controller.json")
+    before, after = (
+        json.loads((p / "controller.json").read_text()) for p in (OLD / "evolve", tmp_path)
+    )
+    assert after == before
+
+
+def test_bodies_and_the_posterior_they_were_drawn_from_are_read() -> None:
+    bodies = read_bodies(OLD / "infer/bodies.json")
+    posterior = load_posterior(OLD / "infer/posterior.npz")
+    result = json.loads((OLD / "infer/result.json").read_text())
+    body = Morphology.from_json((OLD / "infer/morphology.json").read_text())
+    assert len(bodies) > 1
+    np.testing.assert_allclose(body.to_array(), result["morphology"], atol=1e-4)  # as handed on
+    assert np.isfinite(posterior.sample(4, np.random.default_rng(0))).all()
+
+
+def test_a_study_is_read() -> None:
+    table = read_study(OLD / "study").table
+    assert len(table) == len((OLD / "study/results.csv").read_text().splitlines()) - 1
+
+
+def resumed(run: Callable[[Path], None], name: str, folder: Path) -> Path:
+    """Resume a copy of a folder; return it."""
+    out = folder / name
+    shutil.copytree(OLD / name, out)
+    run(out)
+    return out
+
+
+def test_a_finished_search_is_resumed(tmp_path: Path) -> None:
+    out = resumed(gait(*CMA), "evolve", tmp_path)
+    for file in ("checkpoint.json", "controller.json", "history.csv"):
+        assert (out / file).read_bytes() == (OLD / "evolve" / file).read_bytes()
+
+
+def test_a_finished_study_is_resumed(tmp_path: Path) -> None:
+    out = resumed(eea("study", "--preset", "smoke", "--workers", "1"), "study", tmp_path)
+    assert (out / "results.csv").read_text() == (OLD / "study/results.csv").read_text()
+
+
+def test_a_finished_recovery_is_reported_again(tmp_path: Path) -> None:
+    out = resumed(aquafish(*RECOVER), "recovery", tmp_path)
+    before, after = (without_joint_inference(each) for each in (OLD / "recovery", out))
+    assert canonical(after) == canonical(before)
+
+
+@pytest.mark.parametrize("path", DOCUMENTS, ids=lambda path: str(path.relative_to(OLD)))
+def test_another_schema_is_refused(path: Path, tmp_path: Path) -> None:
+    document: dict[str, Any] = json.loads(path.read_text())
+    schema = document["schema"]
+    assert read_document(path, schema)
+    del document["checksum"]
+    newer = tmp_path / "newer.json"
+    newer.write_text(json.dumps(document | {"schema": f"{schema}0"}))
+    with pytest.raises(DamagedFileError, match=rf"must be of schema {schema}; it has"):
+        read_document(newer, schema)
