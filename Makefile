@@ -35,14 +35,14 @@ lint: $(VENV)/.installed-test
 
 # Is the physics right, and how fast is it? ARGS="--help" lists the parts of each.
 verify: $(VENV)/.installed-test
-	$(PY) -m tests.verification $(ARGS)
+	$(PY) -m instruments.verification $(ARGS)
 
 # Is joint inference right and honest? It takes about an hour on two cores; ARGS="--bodies 0.1" is less.
 verify-inference: $(VENV)/.installed-test
-	$(PY) -m tests.inference $(ARGS)
+	$(PY) -m instruments.inference $(ARGS)
 
 bench: $(VENV)/.installed-test
-	$(PY) -m tests.benchmarks $(ARGS)
+	$(PY) -m instruments.benchmarks $(ARGS)
 
 docs: $(VENV)/.installed-docs
 	$(VENV)/bin/sphinx-build -W -j auto $(ARGS) docs docs/_build

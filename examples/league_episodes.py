@@ -164,7 +164,7 @@ def _engine(water: Water) -> str | type[World]:
     if not water.startswith("mujoco"):
         return "pybullet" if water == "pybullet" else "numba"
     sys.path.append(str(Path(__file__).parents[1]))  # where the tests are
-    from tests.verification.mujoco_world import BoxWorld, MujocoWorld
+    from instruments.verification.mujoco_world import BoxWorld, MujocoWorld
 
     return BoxWorld if water == "mujoco" else MujocoWorld
 

@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from aquafish_gym import simulate
-from tests.benchmarks import starting
-from tests.benchmarks.__main__ import main
-from tests.benchmarks.measure import measure
-from tests.benchmarks.page import BLOCK, say_defaults, work_defaults
-from tests.benchmarks.report import make_records
-from tests.benchmarks.rows import GROUPS, Settings, load_provider
+from instruments.benchmarks import starting
+from instruments.benchmarks.__main__ import main
+from instruments.benchmarks.measure import measure
+from instruments.benchmarks.page import BLOCK, say_defaults, work_defaults
+from instruments.benchmarks.report import make_records
+from instruments.benchmarks.rows import GROUPS, Settings, load_provider
 
 TINY = Settings(robots=17, steps=4, seed=0, cores=2, quick=True)
 NEEDS = {"mujoco": "mujoco", "learning": "stable_baselines3", "training": "stable_baselines3"}
@@ -77,7 +77,7 @@ def test_neat_python_baseline_swims_the_same_distance() -> None:
     from aquafish_gym.morphology import Morphology
     from gait.rollout import swim
     from gait.search.neat import Evolution
-    from tests.benchmarks.gait import _build, swim_as_usual
+    from instruments.benchmarks.gait import _build, swim_as_usual
 
     body = Morphology.nominal()
     world = BulletWorld()
@@ -94,8 +94,8 @@ def test_mujoco_baseline_turns_the_same_fins() -> None:
     """It would be no comparison if its servos did not follow, or if it had given up."""
     pytest.importorskip("mujoco")
     from aquafish_gym.physics.kinematics import SWEEP
-    from tests.benchmarks.mujoco_rollout import Rollout
-    from tests.verification.trials import random_trials
+    from instruments.benchmarks.mujoco_rollout import Rollout
+    from instruments.verification.trials import random_trials
 
     trials = random_trials(40, seed=1)
     log = simulate(trials.morphologies, trials.commands, trials.fin_angles, steps=200,

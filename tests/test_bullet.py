@@ -24,7 +24,7 @@ from aquafish_gym.physics.dynamics import step
 from aquafish_gym.physics.kinematics import State, at_rest, caudal_angle, drive, rotation
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.scenario import Scenario
-from tests.verification.trials import Trials
+from instruments.verification.trials import Trials
 
 pytest.importorskip("pybullet")
 

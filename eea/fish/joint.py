@@ -210,7 +210,7 @@ def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Disc
 def discrepancy_table() -> dict[str, Any]:
     """Return the measured discrepancy and the factors of the intervals.
 
-    ``python -m tests.inference.discrepancy`` makes the file.
+    ``python -m instruments.inference.discrepancy`` makes the file.
     """
     return read_packaged("eea.fish", "discrepancy.json", DISCREPANCY_SCHEMA)
 

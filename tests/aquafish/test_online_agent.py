@@ -227,7 +227,7 @@ def test_the_drag_of_foreign_water_is_measured(drag: float) -> None:
 @pytest.mark.slow
 def test_nothing_alarms_it_in_water_that_it_does_not_know() -> None:
     pytest.importorskip("mujoco")
-    from tests.verification.mujoco_world import BoxWorld
+    from instruments.verification.mujoco_world import BoxWorld
 
     env = gym.make("AquaFishRecovery-v0", damage=None, engine=BoxWorld)
     observation, info = env.reset(seed=3)

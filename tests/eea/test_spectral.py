@@ -10,7 +10,7 @@ from eea.core.experiment import Simulator, Trials
 from eea.core.model_evaluator import DIVERGED, ModelEvaluator
 from eea.fish.simulator import EngineSimulator
 from eea.fish.spectral import SpectralComparer
-from tests.verification.trials import random_trials
+from instruments.verification.trials import random_trials
 
 STEPS, MODELS = 128, 6
 T = random_trials(30, 1)

@@ -7,13 +7,13 @@ import pytest
 
 import aquafish_gym
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA
-from tests.verification.agreement import (
+from instruments.verification.agreement import (
     QUANTILES,
     WHAT,
     quantiles,
     single_precision,
 )
-from tests.verification.trials import random_trials
+from instruments.verification.trials import random_trials
 
 Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -19,7 +19,7 @@ from llvmlite import binding
 
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import MAXIMA
-from tests.verification.trials import lane_batch, random_trials
+from instruments.verification.trials import lane_batch, random_trials
 
 FIELDS = ("rpy", "gyro", "position", "quaternion", "fin_angles")
 DTYPES = (np.float32, np.float64)
@@ -99,7 +99,7 @@ SCRIPT = """
 import hashlib, json
 import numpy as np
 from aquafish_gym.engines.compiled import lanes
-from tests.verification.trials import lane_batch, random_trials
+from instruments.verification.trials import lane_batch, random_trials
 
 used, inner = [], lanes.compile_kernel
 lanes.compile_kernel = lambda *a, **k: used.append(inner(*a, **k)) or used[-1]

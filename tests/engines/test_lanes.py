@@ -16,7 +16,7 @@ from aquafish_gym import simulate
 from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics import compiling, hydrodynamics
 from aquafish_gym.utils.validation import InvalidArgumentError
-from tests.verification.trials import lane_batch
+from instruments.verification.trials import lane_batch
 
 Trial = tuple[np.ndarray, np.ndarray, np.ndarray]
 

@@ -17,8 +17,8 @@ from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS, STATE_ROWS
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
-from tests.verification.foreign_law import Defects, simulate_law
-from tests.verification.trials import lane_batch, one_world, random_trials, rotations
+from instruments.verification.foreign_law import Defects, simulate_law
+from instruments.verification.trials import lane_batch, one_world, random_trials, rotations
 
 COUNT = 21  # no multiple of a register's robots
 TRIALS = random_trials(COUNT, seed=3)

@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 
 from aquafish_gym import simulate
 from aquafish_gym.utils.validation import InvalidArgumentError
-from tests.verification.trials import lane_batch, one_world, random_trials, rotations
+from instruments.verification.trials import lane_batch, one_world, random_trials, rotations
 
 COUNT, COMMANDS, INTERVAL, STEPS = 9, 12, 5, 70
 TRIALS = random_trials(COUNT, seed=5)

@@ -13,7 +13,7 @@ from aquafish_gym.engines.compiled.spectrum import (
     padded,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
-from tests.verification.trials import lane_batch, random_trials, rotations
+from instruments.verification.trials import lane_batch, random_trials, rotations
 
 COUNT = 35  # no multiple of any width
 ROUNDING = {np.float32: 3e-7, np.float64: 1e-15}

@@ -17,8 +17,8 @@ from aquafish_gym.engines.compiled.single import STATE, CompiledWorld
 from aquafish_gym.physics.kinematics import State, rotation, to_world
 from aquafish_gym.physics.layout import LEFT, STATE_NUMBERS, angles_of_rows
 from aquafish_gym.scenario import Scenario
-from tests.verification import harness
-from tests.verification.trials import lane_batch
+from instruments.verification import harness
+from instruments.verification.trials import lane_batch
 
 Array = NDArray[np.float64]
 Vector = tuple[float, float, float]

@@ -27,9 +27,8 @@ from aquafish_gym.physics.robot import (
     MOUNT_WIDTH,
     RADIUS,
 )
-from swimmers import SWIMMERS, CannotError, Swimmer
-from tests.verification import harness
-from tests.verification.harness import (
+from instruments.verification import harness
+from instruments.verification.harness import (
     BACKENDS,
     POSITION,
     QUATERNION,
@@ -38,14 +37,15 @@ from tests.verification.harness import (
     VELOCITY,
     march,
 )
-from tests.verification.momentum import (
+from instruments.verification.momentum import (
     Momentum,
     angular_momentum,
     kinetic_energy,
     total_momentum,
 )
-from tests.verification.rk4 import rotation_matrix
-from tests.verification.trials import random_trials
+from instruments.verification.rk4 import rotation_matrix
+from instruments.verification.trials import random_trials
+from swimmers import SWIMMERS, CannotError, Swimmer
 
 NOMINAL = Morphology.nominal().to_array()
 NO_FINS = np.zeros((1, 9))

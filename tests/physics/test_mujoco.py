@@ -15,11 +15,11 @@ from aquafish_gym.physics.kinematics import SWEEP
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
-from tests.verification.convergence import attitude_gap
-from tests.verification.harness import POSITION, QUATERNION, march
-from tests.verification.mechanics import extrapolate
-from tests.verification.mujoco_world import BoxWorld, MujocoWorld
-from tests.verification.trials import random_trials
+from instruments.verification.convergence import attitude_gap
+from instruments.verification.harness import POSITION, QUATERNION, march
+from instruments.verification.mechanics import extrapolate
+from instruments.verification.mujoco_world import BoxWorld, MujocoWorld
+from instruments.verification.trials import random_trials
 
 pytest.importorskip("mujoco")
 

@@ -12,12 +12,12 @@ from aquafish_gym.morphology import MAXIMA
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters
 from aquafish_gym.physics.robot import BODY_MASS
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError
-from tests.verification import mechanics
-from tests.verification.momentum import Momentum, inertia_and_swing
-from tests.verification.mujoco_model import load_mujoco, mujoco_model
-from tests.verification.mujoco_robot import DryRobot
-from tests.verification.rk4 import integrate, quaternion_rate, rotation_matrix
-from tests.verification.trials import random_trials
+from instruments.verification import mechanics
+from instruments.verification.momentum import Momentum, inertia_and_swing
+from instruments.verification.mujoco_model import load_mujoco, mujoco_model
+from instruments.verification.mujoco_robot import DryRobot
+from instruments.verification.rk4 import integrate, quaternion_rate, rotation_matrix
+from instruments.verification.trials import random_trials
 
 
 @pytest.fixture(scope="module")

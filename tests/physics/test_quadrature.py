@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.physics.hydrodynamics import DENSITY, NORMAL_DRAG, SKIN_FRICTION
-from tests.verification.harness import drag
-from tests.verification.momentum import Momentum
-from tests.verification.quadrature import (
+from instruments.verification.harness import drag
+from instruments.verification.momentum import Momentum
+from instruments.verification.quadrature import (
     body_by_law,
     body_reference,
     capsule_wrench,
@@ -24,8 +24,8 @@ from tests.verification.quadrature import (
     random_motion,
     relative_errors,
 )
-from tests.verification.surface import Surface
-from tests.verification.trials import random_trials
+from instruments.verification.surface import Surface
+from instruments.verification.trials import random_trials
 
 Array = NDArray[np.float64]
 

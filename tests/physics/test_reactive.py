@@ -42,12 +42,12 @@ from aquafish_gym.physics.robot import (
     Fin,
     Robot,
 )
-from tests.verification import propulsion
-from tests.verification.lattice import ASPECTS, lattice_share
-from tests.verification.momentum import inertia_and_swing
-from tests.verification.propulsion import lighthill_thrust, tail_body
-from tests.verification.rk4 import rotation_matrix
-from tests.verification.water_momentum import (
+from instruments.verification import propulsion
+from instruments.verification.lattice import ASPECTS, lattice_share
+from instruments.verification.momentum import inertia_and_swing
+from instruments.verification.propulsion import lighthill_thrust, tail_body
+from instruments.verification.rk4 import rotation_matrix
+from instruments.verification.water_momentum import (
     ReactiveMomentum,
     water_inertia_and_swing,
 )

@@ -23,11 +23,11 @@ from aquafish_gym.physics.reactive import step_reactive
 from aquafish_gym.physics.robot import (
     Robot,
 )
-from tests.verification import propulsion, reactive_terms
-from tests.verification.propulsion import tail_body
-from tests.verification.rk4 import rotation_matrix
-from tests.verification.trials import lane_batch, random_trials
-from tests.verification.water_momentum import (
+from instruments.verification import propulsion, reactive_terms
+from instruments.verification.propulsion import tail_body
+from instruments.verification.rk4 import rotation_matrix
+from instruments.verification.trials import lane_batch, random_trials
+from instruments.verification.water_momentum import (
     scheme_errors,
 )
 

@@ -9,13 +9,18 @@ import pytest
 from numpy.testing import assert_allclose
 
 from aquafish_gym.physics.kinematics import SWEEP
-from tests.verification import fish_data, real_fish
-from tests.verification.momentum import Momentum
-from tests.verification.propulsion import straight_swims
-from tests.verification.real_fish import BODIES, NAMED, exponent
-from tests.verification.tables import Report
-from tests.verification.tail_swims import beat_tails, steady_swims, tail_commands, turns_per_beat
-from tests.verification.water_momentum import ReactiveMomentum
+from instruments.verification import fish_data, real_fish
+from instruments.verification.momentum import Momentum
+from instruments.verification.propulsion import straight_swims
+from instruments.verification.real_fish import BODIES, NAMED, exponent
+from instruments.verification.tables import Report
+from instruments.verification.tail_swims import (
+    beat_tails,
+    steady_swims,
+    tail_commands,
+    turns_per_beat,
+)
+from instruments.verification.water_momentum import ReactiveMomentum
 
 THIN = NAMED["thin tail alone"]
 

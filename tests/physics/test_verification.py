@@ -1,4 +1,4 @@
-"""The command ``python -m tests.verification``: its report, tables, pictures and page."""
+"""The command ``python -m instruments.verification``: its report, tables, pictures and page."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import sys
 import numpy as np
 import pytest
 
-from tests.verification.report import tables_of
-from tests.verification.strokes import flipper_stroke, tail_stroke
-from tests.verification.tables import TABLES, fill_page, make_tables
+from instruments.verification.report import tables_of
+from instruments.verification.strokes import flipper_stroke, tail_stroke
+from instruments.verification.tables import TABLES, fill_page, make_tables
 
 ROOT = pathlib.Path(__file__).parents[2]
 REPORT = ROOT / "docs" / "physics" / "report.json"
@@ -22,7 +22,7 @@ PICTURES = ("strokes", "convergence", "quadrature", "single_precision", "real_fi
 
 def verification(*arguments: str, **keywords: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, "-m", "tests.verification", *arguments],
+        [sys.executable, "-m", "instruments.verification", *arguments],
         capture_output=True, text=True, cwd=ROOT, **keywords,
     )  # type: ignore[call-overload,no-any-return]  # fmt: skip
 
@@ -72,7 +72,7 @@ def test_the_documentation_holds_the_tables_of_its_report() -> None:
     for name in tables:
         assert f"<!-- table: {name} -->" in text
     assert [fill_page(one, tables) for one in texts] == texts, (
-        "run: python -m tests.verification --out docs/physics "
+        "run: python -m instruments.verification --out docs/physics "
         "--page docs/physics.md docs/real_fish.md"
     )
     for name in PICTURES:

@@ -29,7 +29,7 @@ from gait.controller import Controller
 from gait.network import Senses
 from gait.rollout import random_poses, swim, swim_all
 from gait.transfer import score
-from tests.verification.trials import one_world
+from instruments.verification.trials import one_world
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA
 THICKNESS, WIDTH, LENGTH = [2, 5, 6], [0, 3, 8], [1, 4, 7]

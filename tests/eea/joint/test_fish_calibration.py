@@ -1,4 +1,4 @@
-"""Is joint inference honest on the fish itself? Small versions of ``python -m tests.inference``."""
+"""Is joint inference honest on the fish itself? Small ``python -m instruments.inference``."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from eea.joint.inference import mixture
 from eea.joint.least_squares import Regression
 from eea.joint.parameters import Parameters
 from eea.joint.search import search
-from tests.inference.calibration import coverage, rank_uniformity, ranks
-from tests.inference.cases import DRAWS, examine, truth_of
-from tests.inference.robots import NOMINAL, SPANS, Robot, draw_body, draw_world
-from tests.inference.settings import Setting
-from tests.inference.summary import NAMES
+from instruments.inference.calibration import coverage, rank_uniformity, ranks
+from instruments.inference.cases import DRAWS, examine, truth_of
+from instruments.inference.robots import NOMINAL, SPANS, Robot, draw_body, draw_world
+from instruments.inference.settings import Setting
+from instruments.inference.summary import NAMES
 
 # As much of a search as one trial needs, and no hypotheses: nothing here is seized.
 QUICK = FitConfig(bodies=48, poses=48, descents=16, alternatives="never")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from tests.inference.cases import Case, measure
-from tests.inference.settings import SETTINGS
-from tests.inference.swims import SWIMS
-from tests.inference.tables import Pictures, make_tables
-from tests.verification.tables import fill_page
+from instruments.inference.cases import Case, measure
+from instruments.inference.settings import SETTINGS
+from instruments.inference.swims import SWIMS
+from instruments.inference.tables import Pictures, make_tables
+from instruments.verification.tables import fill_page
 
 DOCS = Path(__file__).parents[3] / "docs"
 

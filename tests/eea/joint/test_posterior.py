@@ -3,8 +3,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from instruments.inference.calibration import coverage, rank_uniformity, ranks
 from linear_worlds import fit, mixture, mode, observe
-from tests.inference.calibration import coverage, rank_uniformity, ranks
 
 REPLICATES = 200
 

@@ -1,0 +1,4 @@
+"""What measures the project: verification of the physics, inference's errors and coverage, speed.
+
+Each is a command, such as ``python -m instruments.verification``, and writes a page of the docs.
+"""

@@ -1,0 +1,126 @@
+"""Measure joint inference: ``python -m instruments.inference``."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import tyro
+from rich.console import Console
+
+from aquafish_gym.command_line import run_command_line
+from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
+from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
+from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
+from instruments.inference.cases import Case, measure
+from instruments.inference.plots import save_pictures
+from instruments.inference.settings import EVERY, FOREIGN_SETTINGS, SETTINGS
+from instruments.inference.summary import summarise
+from instruments.inference.swims import SWIMS, summarise_swims
+from instruments.inference.tables import Pictures, make_tables
+from instruments.verification.mujoco_model import load_mujoco
+from instruments.verification.tables import fill_page
+
+SCHEMA = "aquafish.inference/1"
+REPORT = "report.json"
+
+
+@dataclass(frozen=True)
+class Inference:
+    """Infer many random robots and print errors, coverage, missed optima and alarms.
+
+    Results are kept: the same command goes on where it was stopped.
+    """
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIRECTORY")] = Path("out/inference")
+    """Directory of every robot's result, report.json and the pictures."""
+    page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """A Markdown page whose marked tables to fill, such as docs/inference.md."""
+    bodies: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1.0
+    """Number of robots, as a share of each setting's own."""
+    seed: int = 0
+    """Seed of all that is random."""
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SETTING ...")] = ()
+    """Some of the settings: exact, quiet, loud, prior, world, edges, reactive, mujoco, foreign for
+    all foreign worlds or one such as law-0.01; and of the swims: window, unchanged, struck,
+    recovery. By default all but the foreign."""
+    workers: int | None = None
+    """Processes, of one thread each; a core each by default."""
+
+    def cases(self) -> dict[str, list[Case]]:
+        """Return the robots of each setting."""
+        integer("seed", self.seed, 0)
+        if not 0.0 < self.bodies <= 100.0:
+            raise InvalidArgumentError(f"bodies must be over 0, 100 at most; got {self.bodies}")
+        sizes = {name: setting.robots for name, setting in EVERY.items()} | SWIMS
+        names = [
+            each
+            for name in self.only
+            for each in (FOREIGN_SETTINGS if name == "foreign" else [one_of("only", name, sizes)])
+        ] or [*SETTINGS, *SWIMS]
+        if "mujoco" in names:
+            load_mujoco()
+        if self.page is not None and self.only:
+            raise InvalidArgumentError("page needs all settings; leave out only")
+        counts = {name: round(self.bodies * sizes[name]) for name in names}
+        least = {name: 10 if name == "prior" else 2 for name in names}  # for ranks
+        return {
+            name: [Case(name, i, self.seed) for i in range(max(least[name], count))]
+            for name, count in counts.items()
+        }
+
+    def execute(self) -> None:
+        """Infer the robots that are missing, and print the tables."""
+        cases = self.cases()
+        if self.page is not None and not self.page.is_file():
+            raise InvalidArgumentError(f"page must be a file that exists; got {self.page}")
+        folder = ensure_writable_directory(self.out, "out")
+        with lock(folder):
+            write_manifest(folder, "a measurement of inference", {"seed": self.seed})
+            self._work([case for some in cases.values() for case in some], folder)
+            report = {
+                "seed": self.seed,
+                "code": [(read_manifest(folder) or {}).get("versions", {})],
+                "settings": {
+                    name: summarise(name, [_read(folder, case) for case in some])
+                    for name, some in cases.items()
+                    if name in EVERY
+                },
+                "swims": {
+                    name: summarise_swims(name, [_read(folder, case) for case in some])
+                    for name, some in cases.items()
+                    if name in SWIMS
+                },
+            }
+            write_document(folder / REPORT, report, SCHEMA)
+            pictures = save_pictures(report, folder)
+        tables = make_tables(report)
+        console = Console(highlight=False)
+        for table in tables.values():
+            console.print(table.rich())
+        if self.page is not None:
+            shown = Pictures(folder.resolve().name, tuple(pictures))
+            filled = fill_page(self.page.read_text(encoding="utf-8"), {**tables, "pictures": shown})
+            write_bytes(self.page, filled.encode())
+
+    def _work(self, cases: list[Case], folder: Path) -> None:
+        failures = run_jobs(cases, measure, folder, count=self.workers, warm_up=_warm_up)
+        exit_if_failed(failures)
+
+
+def _read(folder: Path, case: Case) -> dict[str, Any]:
+    document = read_result(folder, case)
+    assert document is not None
+    return document
+
+
+def _warm_up(cases: Sequence[Case]) -> None:
+    measure(cases[0])
+
+
+if __name__ == "__main__":
+    sys.exit(run_command_line("instruments.inference", Inference))

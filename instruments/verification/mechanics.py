@@ -1,0 +1,135 @@
+"""The multibody mechanics without water, against MuJoCo's.
+
+Random robots are set moving, their servos run for 5 s, and three statements of the motion are
+compared with the one that MuJoCo's inertia matrix and bias forces give: the momentum form, and
+the engines' scheme at ever shorter steps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.physics.kinematics import SWEEP
+from aquafish_gym.physics.layout import start_rows
+from instruments.verification.convergence import attitude_gap
+from instruments.verification.harness import (
+    POSITION,
+    QUATERNION,
+    RATES,
+    SPIN,
+    VELOCITY,
+    march,
+)
+from instruments.verification.momentum import Momentum, angular_momentum, total_momentum
+from instruments.verification.mujoco_robot import DryRobot
+from instruments.verification.trials import Trials, random_trials
+
+Array = NDArray[np.float64]
+
+SECONDS = 5.0
+ORACLE_STEP = 0.005
+STEPS = (0.01, 0.005, 0.0025)
+EXTRAPOLATED = "extrapolated"
+WHAT = {"position": "units", "attitude": "rad", "momentum": "units^4/s", "angular": "units^5/s"}
+
+
+def random_starts(count: int, seed: int) -> tuple[Trials, Array, Array]:
+    """Return trials, and a velocity (count, 3) and a spin (count, 3) to start them with."""
+    rng = np.random.default_rng(seed + 1)
+    velocity, spin = 0.3 * rng.normal(size=(count, 3)), rng.normal(size=(count, 3))
+    return random_trials(count, seed), velocity, spin
+
+
+def moving_rows(trials: Trials, velocity: Array, spin: Array) -> Array:
+    """Return states (25, B), upright, whose servos already run."""
+    rows = start_rows(trials.fin_angles)
+    rows[VELOCITY], rows[SPIN] = velocity.T, spin.T
+    omega = 2 * np.pi * trials.commands
+    omega[:, 2] *= SWEEP * np.cos(trials.fin_angles[:, 2])
+    rows[RATES] = omega.T
+    return rows
+
+
+def compare(
+    robots: int = 20, seed: int = 0, seconds: float = SECONDS
+) -> Iterator[dict[str, Array]]:
+    """Yield each robot's gaps to MuJoCo: ``{statement: (4,)}`` in the order of ``WHAT``.
+
+    The statement ``mujoco`` is MuJoCo's motion itself, whose momenta should not have changed;
+    its first two gaps are 0.
+    """
+    trials, velocity, spin = random_starts(robots, seed)
+    rows = moving_rows(trials, velocity, spin)
+    ends = {
+        h: march(
+            "float64", trials.morphologies, rows, trials.commands, h, round(seconds / h), wet=False
+        )
+        for h in STEPS
+    }
+    for b in range(robots):
+        yield _compare_one(b, trials, velocity[b], spin[b], ends, seconds)
+
+
+def _compare_one(
+    b: int, trials: Trials, velocity: Array, spin: Array, ends: dict[float, Array], seconds: float
+) -> dict[str, Array]:
+    body, command, angles = trials.morphologies[b], trials.commands[b], trials.fin_angles[b]
+    dry, count = DryRobot(body, command, angles), round(seconds / ORACLE_STEP)
+    start = np.concatenate([np.zeros(3), [0, 0, 0, 1.0], velocity, spin])
+    truth = dry.run(start, ORACLE_STEP, count)
+    linear, angular = dry.momenta(0.0, start)
+
+    def gaps(position: Array, quaternion: Array, p: Array, momentum: Array) -> Array:
+        return np.array(
+            [
+                np.linalg.norm(position - truth[:3]),
+                attitude_gap(quaternion, truth[3:7]),
+                np.linalg.norm(p - linear),
+                np.linalg.norm(momentum - angular),
+            ]
+        )
+
+    found = {"mujoco": gaps(truth[:3], truth[3:7], *dry.momenta(seconds, truth))}
+    model = Momentum.of(body, command, angles, wet=False)
+    y = model.run(model.moving(velocity, spin), ORACLE_STEP, count)
+    found["momentum"] = gaps(y[:3], y[3:7], *model.momenta(y))
+    for h, end in ends.items():
+        row = end[:, b]
+        momenta = total_momentum(body, row), angular_momentum(body, row)
+        found[f"{h:g}"] = gaps(row[POSITION], row[QUATERNION], *momenta)
+    row = extrapolate(*(end[:, b] for end in ends.values()))
+    row[QUATERNION] /= np.linalg.norm(row[QUATERNION])
+    momenta = total_momentum(body, row), angular_momentum(body, row)
+    found[EXTRAPOLATED] = gaps(row[POSITION], row[QUATERNION], *momenta)
+    return found
+
+
+def extrapolate(coarse: Array, middle: Array, fine: Array) -> Array:
+    """Return what three steps, each half of the one before, tend to (Richardson).
+
+    It cancels errors in the first and second power of the step, and so shows a wrong term that
+    the scheme's own error would hide.
+    """
+    limit: Array = (coarse - 6 * middle + 8 * fine) / 3
+    return limit
+
+
+def summary(parts: list[dict[str, Array]]) -> list[dict[str, object]]:
+    """Return median and maximum over robots for each statement and each of ``WHAT``."""
+    records: list[dict[str, object]] = []
+    for statement in parts[0]:
+        gaps = np.array([part[statement] for part in parts])
+        for i, (what, unit) in enumerate(WHAT.items()):
+            records.append(
+                {
+                    "statement": statement,
+                    "what": what,
+                    "unit": unit,
+                    "median": float(np.median(gaps[:, i])),
+                    "maximum": float(gaps[:, i].max()),
+                }
+            )
+    return records
