@@ -15,6 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online.case import TOLERANCE, Case, Moment
 from aquafish.online.config import AgentConfig
 from aquafish.online.gaits import LARGEST, Swimming, imagine, load_library
+from aquafish.online.recognition import GYRO, Hypothesis, Recognised
+from aquafish.online.self_model import (
+    MODEL_ERROR,
+    RECOGNISED_ERROR,
+    SelfModel,
+    noise_of,
+    predict,
+)
 from aquafish.online.watch import ERROR_SCALES, WATER, Calibration, Readings
 from aquafish_gym.envs.episode import limits, valid_readings
 from aquafish_gym.physics.layout import angles_of_rows
@@ -28,14 +36,6 @@ from aquafish_gym.utils.validation import (
     real_array,
 )
 from aquafish_gym.world_config import WorldConfig
-from eea.fish.recognition import GYRO, Hypothesis, Recognised
-from eea.fish.self_model import (
-    MODEL_ERROR,
-    RECOGNISED_ERROR,
-    SelfModel,
-    noise_of,
-    predict,
-)
 from gait.controller import Controller
 from gait.evolve import EvolveConfig, evolve_gait
 
@@ -96,7 +96,7 @@ class SelfModelAgent:
     Attributes
     ----------
     model
-        Its :class:`~eea.fish.self_model.SelfModel`.
+        Its :class:`~aquafish.online.self_model.SelfModel`.
     events
         What it noticed and decided in this episode.
     recognised

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish.online.recognition import GYRO, Hypothesis, Recognised, recognise
+from aquafish.online.self_model import predict
 from aquafish_gym.scenario import Scenario
-from eea.fish.recognition import GYRO, Hypothesis, Recognised, recognise
-from eea.fish.self_model import predict
 
 Floats = NDArray[np.float64]
 

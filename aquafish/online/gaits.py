@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish.online.self_model import SelfModel, observe, predict
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.runs.storage import read_document, read_packaged
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.world_config import WorldConfig
-from eea.fish.self_model import SelfModel, observe, predict
 from gait.controller import Controller, program_of
 from gait.fitness import swim_scores
 

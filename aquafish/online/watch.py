@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.case import Moment
+from aquafish.online.recognition import find_fins
+from aquafish.online.self_model import FINS, FLOOR, MODEL_ERROR, START_ERROR, SelfModel, predict
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -18,8 +20,6 @@ from aquafish_gym.utils.validation import (
     real_array,
     spelled,
 )
-from eea.fish.recognition import find_fins
-from eea.fish.self_model import FINS, FLOOR, MODEL_ERROR, START_ERROR, SelfModel, predict
 
 Floats = NDArray[np.float64]
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online import AgentConfig, SelfModelAgent
+from aquafish.online.self_model import SIZE, moved, predict
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage, Fault, edit_each
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
@@ -24,7 +25,6 @@ from aquafish_gym.physics.kinematics import rotation, to_world
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from eea.fish.self_model import SIZE, moved, predict
 from gait.controller import Controller
 from gait.pilots import Pilot as Agent
 from gait.pilots import make_pilot

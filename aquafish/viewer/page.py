@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from aquafish.online import SelfModelAgent
+from aquafish.online.self_model import ATTITUDE, VELOCITY
+from aquafish.online.self_model import FINS as FIN_ANGLES
 from aquafish.online.watch import CALIBRATION
 from aquafish.viewer import live
 from aquafish.viewer.door import as_code, checked_message, guarded
@@ -28,8 +30,6 @@ from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Robots
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, install_advice
-from eea.fish.self_model import ATTITUDE, VELOCITY
-from eea.fish.self_model import FINS as FIN_ANGLES
 
 MN_PER_UNIT = 6.25
 MOST_TODO = 20  # requests between two updates

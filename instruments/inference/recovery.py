@@ -11,6 +11,7 @@ import numpy as np
 
 import aquafish_gym  # noqa: F401  registers the environment
 from aquafish.online.gaits import load_library
+from aquafish.online.recognition import recognise
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
@@ -19,7 +20,6 @@ from aquafish_gym.scenario import Scenario
 from eea import SwimLog, infer_log
 from eea.core.config import FitConfig
 from eea.fish.joint import SERVO
-from eea.fish.recognition import recognise
 from eea.fish.windows import Start
 from eea.joint.joint_posterior import JointPosterior
 from instruments.inference.robots import SPANS, Floats

@@ -11,11 +11,11 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import Swimming, imagine, load_library
+from aquafish.online.self_model import SelfModel, observe, predict
 from aquafish.online.watch import Calibration, Watch
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.world_config import WorldConfig
-from eea.fish.self_model import SelfModel, observe, predict
 from gait import EvolveConfig, evaluate, evolve_gait
 
 QUICK = AgentConfig(seconds=60.0, generations=2, refinements=1)

@@ -12,11 +12,11 @@ import pytest
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library
+from aquafish.online.self_model import MODEL_ERROR, SelfModel
 from aquafish.online.watch import Calibration, Watch
 from aquafish_gym.envs.episode import limits
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
-from eea.fish.self_model import MODEL_ERROR, SelfModel
 from gait.agent import ControllerAgent
 
 QUICK = AgentConfig(generations=1, refinements=0)

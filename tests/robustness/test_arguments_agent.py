@@ -10,10 +10,10 @@ from strange_values import Call, cases, complaints, has_every_parameter, options
 
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine, load_library
+from aquafish.online.self_model import SelfModel, predict
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.scenario import Scenario
-from eea.fish.self_model import SelfModel, predict
 from gait.film import filmed
 from gait.rollout import swim
 from gait.sb3_env import SB3VecEnv

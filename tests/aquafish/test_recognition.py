@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from aquafish.online.recognition import all_hypotheses, broken, find_fins, recognise
+from aquafish.online.self_model import SelfModel, predict
 from aquafish_gym.damage import Damage
 from aquafish_gym.scenario import Scenario
-from eea.fish.recognition import all_hypotheses, broken, find_fins, recognise
-from eea.fish.self_model import SelfModel, predict
 
 STROKES = np.random.default_rng(3).uniform(-1.0, 1.0, (12, 3))
 WHOLE = Scenario.create()

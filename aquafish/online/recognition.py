@@ -19,11 +19,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from aquafish.online.self_model import FLOOR, noise_of, predict
 from aquafish_gym.damage.faults import break_fin
 from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.scenario import CHANNELS, Scenario
-from eea.fish.self_model import FLOOR, noise_of, predict
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]

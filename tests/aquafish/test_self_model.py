@@ -7,12 +7,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from aquafish.online.self_model import (
+    MODEL_ERROR,
+    SIZE,
+    SelfModel,
+    difference,
+    moved,
+    observe,
+    predict,
+)
 from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.scenario import CHANNELS, Scenario
-from eea.fish.self_model import MODEL_ERROR, SIZE, SelfModel, difference, moved, observe, predict
 
 STROKES = np.random.default_rng(0).uniform(-1.0, 1.0, (40, 3))
 FINS = np.array([0.4, -1.0, 2.0])
