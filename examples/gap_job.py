@@ -23,9 +23,9 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.problem import AS_COMMANDED
 from eea.study.presets import smoke
 from gait import Controller
-from gait.evolve import EvolveConfig, evolve_gait
-from gait.rollout import random_poses
-from gait.transfer import score
+from gait.scores.rollout import random_poses
+from gait.scores.transfer import score
+from gait.search.evolve import EvolveConfig, evolve_gait
 from gap_worlds import WORLDS, gap_of, seized_of
 
 METHODS: tuple[Condition, ...] = ("none", "in-band", "out-of-band", "joint")

@@ -30,9 +30,9 @@ from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.command import COMMAND_HIGH, scale_action
 from aquafish_gym.command_line import run_command_line
 from aquafish_gym.runs.storage import write_document
-from gait.agent import ControllerAgent
-from gait.controller import Controller
-from gait.network import GAIN
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.controller import Controller
+from gait.controllers.network import GAIN
 from league_policy import CLOCK, DT, SENSES, Offline, drive, inputs, reckoned
 
 Floats = NDArray[np.float64]

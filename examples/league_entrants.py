@@ -14,7 +14,7 @@ from aquafish.online.agent import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.scenario import CHANNELS
 from eea.core.angles import Floats
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 from league_policy import Offline, Policy, PolicyAgent
 from league_trials import DirectSearch, TrialAndError, load_archive
 

@@ -16,7 +16,7 @@ import aquafish_gym  # noqa: F401  registers the environments
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import CHANNELS
-from gait.evaluation import FIRST_SEED
+from gait.scores.evaluation import FIRST_SEED
 from league_entrants import ENTRANTS, TRUTH, Oracle
 
 NAME = "AquaFishRecovery-v0"

@@ -30,7 +30,7 @@ from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.bodies import body_array
 from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import one_of
-from gait.learning import GAMMA, isolated_rng, load_extra
+from gait.learning.train import GAMMA, isolated_rng, load_extra
 from league_policy import CLOCK, LARGEST, SENSES, Offline, Policy, drive
 
 TIERS = ("severe", "moderate", "mild")
@@ -70,7 +70,7 @@ def make_robots(seed: int) -> Any:
 
     gait = load_library()[0]
 
-    class Robots(import_module("gait.sb3_env").LaneVecEnv):  # type: ignore[misc]
+    class Robots(import_module("gait.learning.sb3_env").LaneVecEnv):  # type: ignore[misc]
         def __init__(self) -> None:
             self._previous = np.zeros((ROBOTS, 3), np.float32)
             damage = [DAMAGE.format(TIERS[i % len(TIERS)]) for i in range(ROBOTS)]

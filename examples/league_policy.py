@@ -17,8 +17,8 @@ from aquafish.online.gaits import load_library
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.runs.storage import read_document, write_document
-from gait.controller import Controller
-from gait.network import GAIN, Senses, observe
+from gait.controllers.controller import Controller
+from gait.controllers.network import GAIN, Senses, observe
 
 Floats = NDArray[np.float64]
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.gaits import load_library
 from aquafish_gym.runs.storage import read_document
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 from league_archive import SCHEMA, varied
 from league_policy import DT, Offline, known_or_zero, reckoned
 

@@ -26,7 +26,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, in
 from eea.core.checks import ConfigurationError
 from eea.core.config import JointConfig, recovery_config
 from eea.study.presets import smoke
-from gait.evolve import EvolveConfig
+from gait.search.evolve import EvolveConfig
 from gap_figures import draw_all
 from gap_job import METHODS, ORACLE, GapJob, Settings, run_job, warm_up
 from gap_report import build_report, results, to_markdown

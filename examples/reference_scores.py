@@ -33,8 +33,8 @@ from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.rendering.pictures import save_figure
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
-from gait.evaluation import EPISODES, Interval, interquartile_mean
-from gait.learning import LearningConfig, load_extra
+from gait.learning.train import LearningConfig, load_extra
+from gait.scores.evaluation import EPISODES, Interval, interquartile_mean
 from score_entries import ENTRIES, ORACLE_CONFIG, RECOVERY, oracle
 from score_episodes import COLUMNS, play
 from score_figures import curves_figure, scores_figure

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from aquafish_gym.bodies import MorphologiesLike
 from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.world_config import WorldConfig
-from gait.config import EvolveConfig, Sense, TaskName
-from gait.controller import Controller
-from gait.evaluation import Agent
-from gait.evolve import Evolved, evolve_gait
-from gait.learning import LearningConfig, train
+from gait.controllers.controller import Controller
+from gait.learning.train import LearningConfig, train
+from gait.scores.evaluation import Agent
+from gait.search.config import EvolveConfig, Sense, TaskName
+from gait.search.evolve import Evolved, evolve_gait
 from score_episodes import swim_to_onset
 from tables import shortened
 

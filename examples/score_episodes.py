@@ -13,8 +13,8 @@ from aquafish_gym import IDS
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from gait import Controller, evaluate
-from gait.agent import ControllerAgent
-from gait.evaluation import EPISODES, FIRST_SEED, AgentLike
+from gait.controllers.agent import ControllerAgent
+from gait.scores.evaluation import EPISODES, FIRST_SEED, AgentLike
 
 WHOLE = "whole"
 COLUMNS = (WHOLE, *TIERS)

@@ -1,19 +1,20 @@
 """Gaits: controllers evolved for a body, and how they swim on another.
 
-``gait.transfer`` compares two bodies, ``gait.learning`` trains PPO for comparison, ``gait.plots``
-draws.
+``controllers`` is what steers a robot, ``scores`` how far it swims, ``search`` how one is evolved,
+``learning`` PPO for comparison. ``gait.agent``, ``gait.evaluation`` and ``gait.sb3_env`` are names
+that users import.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from gait.controller import Controller
-    from gait.evaluation import Evaluation, evaluate
-    from gait.evolve import EvolveConfig, Evolved, damaged_at_random, evolve_gait
-    from gait.fitness import distances
-    from gait.policy import ControllerLike, HasPolicy, Policy
-    from gait.rollout import Swim, random_poses, swim, swim_all
+    from gait.controllers.controller import Controller
+    from gait.controllers.policy import ControllerLike, HasPolicy, Policy
+    from gait.scores.evaluation import Evaluation, evaluate
+    from gait.scores.fitness import distances
+    from gait.scores.rollout import Swim, random_poses, swim, swim_all
+    from gait.search.evolve import EvolveConfig, Evolved, damaged_at_random, evolve_gait
 
 __all__ = [
     "Controller",
@@ -36,7 +37,10 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a name when it is first used, so that a command handles Ctrl-C from the start."""
-    rooms = ("controller", "evaluation", "evolve", "fitness", "policy", "rollout")
+    rooms = (
+        "controllers.controller", "controllers.policy", "scores.rollout", "scores.fitness",
+        "scores.evaluation", "search.evolve",
+    )  # fmt: skip
     for room in rooms if name in __all__ else ():
         module = import_module(f"gait.{room}")
         if hasattr(module, name):

@@ -29,18 +29,18 @@ from aquafish_gym.runs.manifest import result_folder
 from aquafish_gym.runs.progress import show_progress
 from aquafish_gym.runs.storage import write_document
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import Controller
-from gait.evolve import (
+from gait.controllers.controller import Controller
+from gait.files import CONTROLLER_FILE
+from gait.learning.train import CURVE_FILE, CurvePoint, LearningConfig, train
+from gait.scores.transfer import TransferConfig, transfer
+from gait.search.evolve import (
     FINAL_POSES,
     EvolveConfig,
     Evolved,
     Generation,
     evolve_gait,
 )
-from gait.files import CONTROLLER_FILE
-from gait.history import HISTORY_FILE
-from gait.learning import CURVE_FILE, CurvePoint, LearningConfig, train
-from gait.transfer import TransferConfig, transfer
+from gait.search.history import HISTORY_FILE
 
 
 @dataclass(frozen=True)

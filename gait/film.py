@@ -24,8 +24,8 @@ from aquafish_gym.runs.progress import show_share
 from aquafish_gym.runs.storage import output_file
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, utf8_text
-from gait.controller import INTERVAL, Controller
-from gait.rollout import SECONDS, ZERO_POSE, Swim, step_count
+from gait.controllers.controller import INTERVAL, Controller
+from gait.scores.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
 WHOLE = Damage()
 

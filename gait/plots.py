@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from gait.rollout import Swim
+from gait.scores.rollout import Swim
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -121,7 +121,7 @@ def swims(dtype: str) -> Any:
 
 def exported() -> Any:
     """Return a controller's C file and its test vectors, as written."""
-    from gait.export import export_c
+    from gait.controllers.export import export_c
 
     with tempfile.TemporaryDirectory() as folder:
         return [path.read_text() for path in export_c(random_networks()[0], f"{folder}/fish.c")]

@@ -75,7 +75,7 @@ def test_neat_python_baseline_swims_the_same_distance() -> None:
     pytest.importorskip("pybullet")
     from aquafish_gym.engines.bullet.world import BulletWorld
     from aquafish_gym.morphology import Morphology
-    from gait.rollout import swim
+    from gait.scores.rollout import swim
     from gait.search.neat import Evolution
     from instruments.benchmarks.gait import _build, swim_as_usual
 

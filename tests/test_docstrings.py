@@ -21,7 +21,7 @@ ROOMS = (
     "gait",
 )
 # What can only be imported with a heavy extra.
-NEEDS_EXTRAS = ("gait.sb3_env",)
+NEEDS_EXTRAS = ("gait.learning.sb3_env",)
 
 
 def modules(package: str) -> list[str]:

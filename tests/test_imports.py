@@ -21,7 +21,7 @@ MODULES = (
     "eea.__main__",
     "gait",
     "gait.__main__",
-    "gait.learning",
+    "gait.learning.train",
     "gait.plots",
 )
 

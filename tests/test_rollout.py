@@ -16,10 +16,10 @@ from aquafish_gym.rollout import Trajectories, rollout
 from aquafish_gym.rollout.one import act_alone
 from aquafish_gym.scenario import Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.agent import ControllerAgent
-from gait.controller import Controller, program_of
-from gait.network import Senses
-from gait.rollout import random_poses
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.controller import Controller, program_of
+from gait.controllers.network import Senses
+from gait.scores.rollout import random_poses
 from gait.search.templates import Template
 
 ROBOTS, SECONDS, INTERVAL = 5, 4.0, 20

@@ -36,8 +36,8 @@ from aquafish_gym.utils.validation import (
     real_array,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import Controller
-from gait.evolve import EvolveConfig, evolve_gait
+from gait.controllers.controller import Controller
+from gait.search.evolve import EvolveConfig, evolve_gait
 
 __all__ = ["AgentConfig", "Event", "SelfModelAgent"]
 

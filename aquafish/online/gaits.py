@@ -15,8 +15,8 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.runs.storage import read_document, read_packaged
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import Controller, program_of
-from gait.fitness import swim_scores
+from gait.controllers.controller import Controller, program_of
+from gait.scores.fitness import swim_scores
 
 Floats = NDArray[np.float64]
 

@@ -39,9 +39,9 @@ from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.scenario import MAXIMUM_SPIN
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, JointConfig, PaperConfig, recovery_config
-from gait.controller import Controller
-from gait.evolve import EvolveConfig
-from gait.transfer import TransferConfig
+from gait.controllers.controller import Controller
+from gait.scores.transfer import TransferConfig
+from gait.search.evolve import EvolveConfig
 
 SCHEMA = "aquafish.recovery/1"
 REPORT, PAGE = "report.json", "report.html"

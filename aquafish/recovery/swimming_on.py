@@ -15,9 +15,9 @@ from aquafish_gym.damage import Fault
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import Scenario
-from gait.controller import Controller
-from gait.rollout import random_poses
-from gait.transfer import TransferConfig
+from gait.controllers.controller import Controller
+from gait.scores.rollout import random_poses
+from gait.scores.transfer import TransferConfig
 
 Floats = NDArray[np.float64]
 ONSET = 12.0  # s; in the first ten the agent measures its model's error

@@ -20,10 +20,10 @@ from eea.core.fitness import objective_fitness
 from eea.fish import EngineTarget, RealityGap, fish_eea, fish_problem
 from eea.fish.fins import fins_after
 from eea.study.presets import smoke
-from gait.controller import Controller
-from gait.evolve import EvolveConfig, damaged_at_random, evolve_gait
-from gait.rollout import Swim
-from gait.transfer import TransferConfig, transfer
+from gait.controllers.controller import Controller
+from gait.scores.rollout import Swim
+from gait.scores.transfer import TransferConfig, transfer
+from gait.search.evolve import EvolveConfig, damaged_at_random, evolve_gait
 
 Floats = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from aquafish.viewer.live import (
 from aquafish.viewer.page import Viewer, viser_module
 from aquafish_gym.command_line import EpisodeDamage
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 
 
 @dataclass(frozen=True)

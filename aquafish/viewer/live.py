@@ -25,10 +25,10 @@ from aquafish_gym.physics.kinematics import rotation, to_world
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
-from gait.controller import Controller
-from gait.pilots import Pilot as Agent
-from gait.pilots import make_pilot
-from gait.rollout import held_steps
+from gait.controllers.controller import Controller
+from gait.controllers.pilots import Pilot as Agent
+from gait.controllers.pilots import make_pilot
+from gait.scores.rollout import held_steps
 
 Floats = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ class Pilot(NamedTuple):
 
 
 def pilot_of(steers: object) -> Pilot:
-    """Return a pilot of whatever steers robots; see ``gait.pilots.KINDS``."""
+    """Return a pilot of whatever steers robots; see ``gait.controllers.pilots.KINDS``."""
     interval = held_steps(steers)
     return Pilot(make_pilot(steers, interval, interval * TIMESTEP, "policy"), interval)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 
 # Stages of successive halving: the number of searches, and the generations that each then has.
 Stages = Sequence[tuple[int, int]]

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
 from gait.search.templates import Template
 

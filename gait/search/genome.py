@@ -10,8 +10,8 @@ import numpy as np
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
-from gait.controller import INTERVAL, Controller
-from gait.network import OUTPUTS, Senses
+from gait.controllers.controller import INTERVAL, Controller
+from gait.controllers.network import OUTPUTS, Senses
 
 ACTIVATION, AGGREGATION = "tanh", "sum"  # neat-python's names of what a controller computes
 
@@ -33,7 +33,7 @@ def genome_to_controller(
         Its inputs are ``senses.names``, and its outputs the three servos. Every node that reaches
         an output has the activation tanh and the aggregation sum.
     clock, morphology, seed, senses, interval
-        As of :class:`~gait.controller.Controller`.
+        As of :class:`~gait.controllers.controller.Controller`.
     config
         neat-python's configuration of the run that evolved it. With ``feed_forward = False`` the
         controller's commands are those of ``neat.nn.RecurrentNetwork``, where a node has the other

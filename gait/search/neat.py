@@ -16,8 +16,8 @@ from typing import Any
 import neat
 import numpy as np
 
-from gait.controller import Controller
-from gait.network import Senses
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses
 from gait.search import cma
 from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
 from gait.search.genome import genome_to_controller as genome_to_controller

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
-from gait.controller import INTERVAL, Controller
-from gait.network import OUTPUTS, Senses
+from gait.controllers.controller import INTERVAL, Controller
+from gait.controllers.network import OUTPUTS, Senses
 
 CLOCK_OCTAVES = 4.0  # bounds of a tuned clock, relative to the initial one
 # Standard deviation of random weights, at which nodes saturate and fins turn. Memory weights start

@@ -25,13 +25,13 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import install_advice
-from gait.agent import ControllerAgent
-from gait.controller import INTERVAL, Controller
-from gait.evolve import EvolveConfig
-from gait.fitness import DIVERGED_SPEED, swim_scores
-from gait.learning import LearningConfig
-from gait.network import GYRO_SCALE, Senses
-from gait.rollout import SECONDS, random_poses, step_count, swim_all
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.controller import INTERVAL, Controller
+from gait.controllers.network import GYRO_SCALE, Senses
+from gait.learning.train import LearningConfig
+from gait.scores.fitness import DIVERGED_SPEED, swim_scores
+from gait.scores.rollout import SECONDS, random_poses, step_count, swim_all
+from gait.search.evolve import EvolveConfig
 from gait.search.neat import Evolution, genome_to_controller, load_config
 from gait.search.templates import Template
 from instruments.benchmarks.rows import Group, Row, Settings, missing_pybullet
@@ -201,7 +201,7 @@ def learning(settings: Settings, cleanup: ExitStack) -> Group:
     try:
         vec_env: Any = import_module("stable_baselines3.common.vec_env")
         monitor: Any = import_module("stable_baselines3.common.monitor").Monitor
-        lanes: Any = import_module("gait.sb3_env").LaneVecEnv
+        lanes: Any = import_module("gait.learning.sb3_env").LaneVecEnv
     except ImportError:
         return Group(title, unit, [], [NO_LEARNING])
 

@@ -20,7 +20,7 @@ import aquafish_gym
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.evolve import EvolveConfig
+from gait.search.evolve import EvolveConfig
 
 BLOCK = re.compile(r"(<!-- benchmark: ([\w ]+) -->\n).*?(<!-- end -->)", re.DOTALL)
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import gymnasium as gym
 
-from gait.evaluation import evaluate
-from gait.learning import isolated_rng
+from gait.learning.train import isolated_rng
+from gait.scores.evaluation import evaluate
 from instruments.benchmarks.gait import NO_LEARNING
 from instruments.benchmarks.rows import Group, Row, Settings
 
@@ -29,7 +29,7 @@ def until_it_swims(settings: Settings, _cleanup: ExitStack) -> Group:
     title, unit = f"PPO until {SHARE:.0%} of the reference return: time", "training"
     try:
         vec_env: Any = import_module("stable_baselines3.common.vec_env")
-        adapter: Any = import_module("gait.sb3_env").SB3VecEnv
+        adapter: Any = import_module("gait.learning.sb3_env").SB3VecEnv
     except ImportError:
         return Group(title, unit, [], [NO_LEARNING])
     count = 2 if settings.quick else ROBOTS

@@ -19,9 +19,9 @@ from aquafish_gym.scenario import Scenario
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
 from eea.fish.windows import BEFORE
 from eea.joint.joint_posterior import JointPosterior
-from gait.controller import INTERVAL, Controller
-from gait.evolve import EvolveConfig, evolve_gait
-from gait.policy import new_policy
+from gait.controllers.controller import INTERVAL, Controller
+from gait.controllers.policy import new_policy
+from gait.search.evolve import EvolveConfig, evolve_gait
 from instruments.inference.recovery import measure_recovery, summarise_recovery
 from instruments.inference.robots import SPANS, Floats
 

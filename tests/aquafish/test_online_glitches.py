@@ -17,7 +17,7 @@ from aquafish.online.watch import Calibration, Watch
 from aquafish_gym.envs.episode import limits
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.agent import ControllerAgent
+from gait.controllers.agent import ControllerAgent
 
 QUICK = AgentConfig(generations=1, refinements=0)
 MOST = limits(observe_fins=False, has_goal=False)

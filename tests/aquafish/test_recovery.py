@@ -28,7 +28,7 @@ from aquafish.recovery.treatment import BODIES, TREATMENTS
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
 from aquafish_gym.command_line import read_morphology
 from aquafish_gym.morphology import Morphology
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 from tests.browser import browser
 
 PICTURES = ["bodies", "sizes", "paths", "fitness", "distances"]

@@ -59,13 +59,13 @@ def test_the_cache_is_tied_to_the_physics_sources(
     assert compiling.source_stamp() != before
 
 
-@pytest.mark.parametrize("module", ["aquafish_gym.command", "gait.network"])
+@pytest.mark.parametrize("module", ["aquafish_gym.command", "gait.controllers.network"])
 def test_the_cache_is_tied_to_all_that_a_policy_imports(
     tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch, module: str
 ) -> None:
     """A network freezes the servos' bounds, which another file states."""
     from aquafish_gym.engines.compiled.kernel import compile_kernel
-    from gait.network import respond
+    from gait.controllers.network import respond
 
     stamps = compiling.source_stamp(compile_kernel, respond), compiling.source_stamp()
     frozen = sys.modules[module]

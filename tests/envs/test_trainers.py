@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as several
 
 from aquafish_gym import IDS, Morphology
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 from tests.trainers.page import PAGE as BLOCKS
 from tests.trainers.page import read_trainers, score, shown_line
 

@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import Morphology
-from gait.controller import Controller
-from gait.evolve import Evolved, evolve_gait
-from gait.history import Generation
-from gait.network import Senses
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses
+from gait.search.evolve import Evolved, evolve_gait
+from gait.search.history import Generation
 from gait.search.neat import genome_to_controller, load_config
 
 INPUT_COUNT = len(Senses().names)
@@ -81,7 +81,7 @@ class WeightScorer:
 
 def evolve_with(scorer: WeightScorer, *arguments: Any, **options: Any) -> Evolved:
     """Evolve a gait, with a scorer in place of ``swim_all``."""
-    with patch("gait.fitness.swim_all", scorer):
+    with patch("gait.scores.fitness.swim_all", scorer):
         return evolve_gait(*arguments, **options)
 
 

@@ -15,10 +15,10 @@ from hypothesis import strategies as st
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import DamagedFileError, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controller import MAXIMUM_SUM, Controller
-from gait.export import make_vectors
-from gait.network import HEADER, forward
-from gait.rollout import swim_all
+from gait.controllers.controller import MAXIMUM_SUM, Controller
+from gait.controllers.export import make_vectors
+from gait.controllers.network import HEADER, forward
+from gait.scores.rollout import swim_all
 from gait_fakes import INPUT_COUNT, make_controller
 
 

@@ -15,12 +15,12 @@ from aquafish_gym.bodies import median_body, read_bodies, sample_stamp
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controller import Controller
-from gait.evolve import EvolveConfig, Generation, damaged_at_random, evolve_gait
+from gait.controllers.controller import Controller
 from gait.files import BODIES_FILE, CONTROLLER_FILE
-from gait.fitness import DIVERGED_SPEED, distances
-from gait.history import CHECKPOINT_FILE, CHECKPOINT_SCHEMA, HISTORY_FILE
-from gait.rollout import SECONDS, ZERO_POSE, random_poses, stream
+from gait.scores.fitness import DIVERGED_SPEED, distances
+from gait.scores.rollout import SECONDS, ZERO_POSE, random_poses, stream
+from gait.search.evolve import EvolveConfig, Generation, damaged_at_random, evolve_gait
+from gait.search.history import CHECKPOINT_FILE, CHECKPOINT_SCHEMA, HISTORY_FILE
 from gait_fakes import WeightScorer, contents, evolve_with, read_history
 
 CONFIG = EvolveConfig(paper=True, seed=1000, generations=6, population=20, poses=2)

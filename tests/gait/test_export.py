@@ -15,11 +15,11 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.storage import write_document
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait import export
 from gait.__main__ import main
-from gait.controller import SCHEMA, Controller, program_of
-from gait.learning import dense_network
-from gait.network import Senses
+from gait.controllers import export
+from gait.controllers.controller import SCHEMA, Controller, program_of
+from gait.controllers.network import Senses
+from gait.learning.train import dense_network
 from gait.search.templates import Template
 from gait_fakes import make_controller
 

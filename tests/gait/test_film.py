@@ -11,7 +11,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from gait.__main__ import main
 from gait.film import filmed
-from gait.rollout import swim
+from gait.scores.rollout import swim
 from gait_fakes import make_controller
 
 NOMINAL = Morphology.nominal()

@@ -17,7 +17,7 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics import compiling
 from gait.__main__ import main
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 from gait_fakes import contents, make_controller, read_history
 
 QUICK = ["--paper", "--generations", "3", "--population", "12", "--seconds", "1", "--seed", "1000"]

@@ -7,9 +7,9 @@ import pytest
 
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait import fitness
-from gait.fitness import DIVERGED_SPEED, distances, draw_swims, penalize_diverged
-from gait.rollout import random_poses, stream, swim_all
+from gait.scores import fitness
+from gait.scores.fitness import DIVERGED_SPEED, distances, draw_swims, penalize_diverged
+from gait.scores.rollout import random_poses, stream, swim_all
 from gait_fakes import make_controller
 
 BODIES = np.random.default_rng(5).uniform(0.2, 0.9, (5, 9)) * MAXIMA

@@ -18,13 +18,13 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
-from gait import learning
-from gait.controller import Controller
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses, forward
 from gait.files import BODIES_FILE, CONTROLLER_FILE
-from gait.fitness import swim_scores
-from gait.learning import CURVE_FILE, CurvePoint, LearningConfig, _Learner, train
-from gait.network import Senses, forward
-from gait.rollout import random_poses, stream, swim_all
+from gait.learning import train as learning
+from gait.learning.train import CURVE_FILE, CurvePoint, LearningConfig, _Learner, train
+from gait.scores.fitness import swim_scores
+from gait.scores.rollout import random_poses, stream, swim_all
 from gait.search.templates import Template
 from gait_fakes import contents
 
@@ -38,7 +38,7 @@ CONFIG = LearningConfig(
 def robots(count: int, senses: Senses, interval: int = 100, seconds: float = 20.0) -> Any:
     """Return robots whose reward is their speed alone."""
     pytest.importorskip("stable_baselines3")
-    env = importlib.import_module("gait.sb3_env").LaneVecEnv
+    env = importlib.import_module("gait.learning.sb3_env").LaneVecEnv
     task = SwimForward(seconds=seconds, ctrl_weight=0.0)
     return env(count, HALF.to_array()[None], senses, 0.7, interval, task)
 
@@ -103,7 +103,7 @@ def test_robots_observe_a_controllers_inputs(senses: Senses) -> None:
 
 def test_ppo_learns_on_an_adapted_batch() -> None:
     sb3 = pytest.importorskip("stable_baselines3")
-    adapter = importlib.import_module("gait.sb3_env").SB3VecEnv
+    adapter = importlib.import_module("gait.learning.sb3_env").SB3VecEnv
     envs = gym.make_vec("AquaFish-v0", num_envs=4, autoreset_mode="Disabled")
     model = sb3.PPO("MlpPolicy", adapter(envs), n_steps=100, batch_size=100, n_epochs=1, seed=0)
     model.learn(400)
@@ -182,7 +182,7 @@ def test_robots_have_the_bodies_of_a_sample_in_turn(tmp_path: Path) -> None:
     found = train(bodies, replace(CONFIG, steps=1), out=tmp_path)
     assert read_bodies(tmp_path / BODIES_FILE) == tuple(bodies)
     assert str(found.controller.sample).startswith("2 bodies, ")
-    env = importlib.import_module("gait.sb3_env").LaneVecEnv
+    env = importlib.import_module("gait.learning.sb3_env").LaneVecEnv
     dealt = env(3, body_array(bodies), Senses(), 0.7, 100)
     dealt.reset()
     _, _, _, _, info = dealt.envs.step(np.zeros((3, 3), np.float32))

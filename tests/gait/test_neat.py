@@ -11,7 +11,7 @@ import neat
 import numpy as np
 
 from aquafish_gym.morphology import Morphology
-from gait.network import OUTPUTS, Senses
+from gait.controllers.network import OUTPUTS, Senses
 from gait.search.neat import Evolution, genome_to_controller
 
 

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait import network
-from gait.controller import Controller
-from gait.network import Senses
+from gait.controllers import network
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses
 from gait.search.neat import genome_to_controller, load_config
 from gait_fakes import INPUT_COUNT, random_genome
 

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import sine_cosine
 from aquafish_gym.physics.attitude import attitude, directions
-from gait import network
-from gait.network import Senses
+from gait.controllers import network
+from gait.controllers.network import Senses
 from gait.search.neat import genome_to_controller
 from gait_fakes import random_genome
 

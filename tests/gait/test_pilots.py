@@ -14,9 +14,9 @@ from aquafish.online import SelfModelAgent
 from aquafish_gym import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait import Controller, evaluate, swim, swim_all
-from gait.agent import ControllerAgent
-from gait.network import Senses
-from gait.transfer import TransferConfig, transfer
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.network import Senses
+from gait.scores.transfer import TransferConfig, transfer
 
 ACTION = (0.2, -0.4, 1.0)
 

@@ -14,11 +14,11 @@ from aquafish_gym.damage import Damage
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.agent import ControllerAgent
-from gait.controller import Controller
-from gait.evolve import EvolveConfig, evolve_gait
-from gait.network import Senses
-from gait.rollout import ZERO_POSE, spread_poses, stream, swim_all
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses
+from gait.scores.rollout import ZERO_POSE, spread_poses, stream, swim_all
+from gait.search.evolve import EvolveConfig, evolve_gait
 from gait.search.templates import Template
 from gait_fakes import contents, make_controller
 

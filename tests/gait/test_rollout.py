@@ -14,13 +14,13 @@ from aquafish_gym.command import scale_action
 from aquafish_gym.damage import Damage
 from aquafish_gym.utils.validation import InvalidArgumentError, UnknownNameError
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import Controller
-from gait.evolve import EvolveConfig, evolve_gait
-from gait.fitness import distances
-from gait.network import Senses
-from gait.rollout import ZERO_POSE, random_poses, spread_poses, stream, swim, swim_all
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses
+from gait.scores.fitness import distances
+from gait.scores.rollout import ZERO_POSE, random_poses, spread_poses, stream, swim, swim_all
+from gait.scores.transfer import TransferConfig, score, transfer
+from gait.search.evolve import EvolveConfig, evolve_gait
 from gait.search.templates import Template
-from gait.transfer import TransferConfig, score, transfer
 from gait_fakes import make_controller
 
 BODY = Morphology.nominal()

@@ -15,12 +15,12 @@ from gymnasium.wrappers import vector as several
 
 from aquafish_gym import VectorFaultWrapper
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.sb3_infos import Info, Table
+from gait.learning.sb3_infos import Info, Table
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecVideoRecorder
 
-ADAPTER = importlib.import_module("gait.sb3_env")
+ADAPTER = importlib.import_module("gait.learning.sb3_env")
 SHORT = {"max_episode_steps": 6}
 STILL = "left_pectoral:seized; right_pectoral:seized; caudal:seized"
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from aquafish_gym.morphology import Morphology
-from gait.evolve import EvolveConfig, make_search
-from gait.history import Generation
-from gait.network import Senses
+from gait.controllers.network import Senses
 from gait.search.ask_tell import Proposal, Relay, Search, halve
 from gait.search.cma import multistart
+from gait.search.evolve import EvolveConfig, make_search
+from gait.search.history import Generation
 from gait.search.templates import Template
 from gait_fakes import WeightScorer, evolve_with
 

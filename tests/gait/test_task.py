@@ -13,13 +13,13 @@ import pytest
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.agent import ControllerAgent
-from gait.config import EvolveConfig
-from gait.controller import Controller
-from gait.evolve import evolve_gait
-from gait.fitness import swim_scores
-from gait.network import Senses
-from gait.rollout import random_poses, swim_all
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses
+from gait.scores.fitness import swim_scores
+from gait.scores.rollout import random_poses, swim_all
+from gait.search.config import EvolveConfig
+from gait.search.evolve import evolve_gait
 from gait.search.templates import Template
 from gait_fakes import contents
 

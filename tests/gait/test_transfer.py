@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.policy import Policy
-from gait.rollout import swim, swim_all
-from gait.transfer import TransferConfig, transfer
+from gait.controllers.policy import Policy
+from gait.scores.rollout import swim, swim_all
+from gait.scores.transfer import TransferConfig, transfer
 from gait_fakes import make_controller
 
 QUICK = TransferConfig(poses=3, seconds=2.0)
@@ -117,8 +117,8 @@ def test_paths_are_drawn_from_above(tmp_path: Path) -> None:
 
 
 def test_diverged_distance_is_null_in_json() -> None:
-    from gait.rollout import Swim
-    from gait.transfer import Scored, Transfer
+    from gait.scores.rollout import Swim
+    from gait.scores.transfer import Scored, Transfer
 
     path = Swim(np.zeros(1), np.full((1, 3), np.nan), np.zeros((1, 4)), np.zeros((1, 3)))
     lost = Scored(path, np.array([1.0, np.nan]))

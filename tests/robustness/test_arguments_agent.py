@@ -15,8 +15,8 @@ from aquafish_gym import Damage, Morphology
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.scenario import Scenario
 from gait.film import filmed
-from gait.rollout import swim
-from gait.sb3_env import SB3VecEnv
+from gait.learning.sb3_env import SB3VecEnv
+from gait.scores.rollout import swim
 
 ROBOT = Scenario.create()
 LIBRARY = load_library()[:1]

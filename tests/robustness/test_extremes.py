@@ -25,10 +25,10 @@ from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.physics import layout
 from aquafish_gym.rollout import one
 from aquafish_gym.scenario import Scenario
-from gait.controller import Controller
-from gait.network import Senses
-from gait.rollout import random_poses, swim, swim_all
-from gait.transfer import score
+from gait.controllers.controller import Controller
+from gait.controllers.network import Senses
+from gait.scores.rollout import random_poses, swim, swim_all
+from gait.scores.transfer import score
 from instruments.verification.trials import one_world
 
 CORNERS = np.array(list(itertools.product((0.0, 1.0), repeat=9))) * MAXIMA

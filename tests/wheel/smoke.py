@@ -33,7 +33,7 @@ def check_content() -> None:
     held = [str(file) for file in files("aquafish-gym") or [] if ".." not in file.parts]
     packages = {name.partition("/")[0] for name in held if not name.startswith("aquafish_gym-")}
     assert packages == PACKAGES, packages
-    data = ("gait/controller.c", "gait/search/neat.ini")
+    data = ("gait/controllers/controller.c", "gait/search/neat.ini")
     for name in (*(f"{package}/py.typed" for package in PACKAGES), *data):
         assert name in held, name
     assert not Path(str(aquafish_gym.__file__)).is_relative_to(Path.cwd()), "not the wheel's"

@@ -25,16 +25,23 @@ from aquafish_gym.utils.validation import (
     integer,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.config import CMA_POPULATION
-from gait.config import EvolveConfig as EvolveConfig
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 from gait.files import run_folder
-from gait.fitness import Swims, draw_swims, every_pair, swim_scores
-from gait.history import FILES, History, Scores, finalists_of, read_checkpoint
-from gait.history import Generation as Generation
-from gait.rollout import ZERO_POSE, check_state, lane_world, random_poses, spread_poses, stream
+from gait.scores.fitness import Swims, draw_swims, every_pair, swim_scores
+from gait.scores.rollout import (
+    ZERO_POSE,
+    check_state,
+    lane_world,
+    random_poses,
+    spread_poses,
+    stream,
+)
 from gait.search import cma, neat
 from gait.search.ask_tell import Proposal, Relay, Search
+from gait.search.config import CMA_POPULATION
+from gait.search.config import EvolveConfig as EvolveConfig
+from gait.search.history import FILES, History, Scores, finalists_of, read_checkpoint
+from gait.search.history import Generation as Generation
 from gait.search.templates import Template
 
 FINAL_POSES = 32  # random ones of the fixed swims from which a run's best controller is chosen
@@ -108,9 +115,9 @@ def evolve_gait(
 ) -> Evolved:
     """Evolve a controller that swims a body forward, or does another task, or a sample of bodies.
 
-    A sample costs no more than one body: each swim has its own body and pose (``gait.fitness``
-    says why). Only the leaders of each generation swim on every body, so fifty bodies are nearly
-    free, and hundreds are not.
+    A sample costs no more than one body: each swim has its own body and pose; see
+    ``gait.scores.fitness``. Only the leaders of each generation swim on every body, so fifty bodies
+    are nearly free, and hundreds are not.
 
     Parameters
     ----------

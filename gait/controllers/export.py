@@ -27,9 +27,9 @@ from aquafish_gym.physics.layout import fetch_vector, put_vector
 from aquafish_gym.physics.simd import zero_lanes
 from aquafish_gym.runs.storage import output_file, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, instance
-from gait import network
-from gait.controller import Controller, program_of
-from gait.network import OUTPUTS, Senses
+from gait.controllers import network
+from gait.controllers.controller import Controller, program_of
+from gait.controllers.network import OUTPUTS, Senses
 
 VECTORS = 1000
 FIN_ANGLES = (0.5, -1.0, 2.0)  # rad, at the start of the test vectors
@@ -151,7 +151,8 @@ def c_source(controller: Controller, name: str) -> str:
     }
     # In the template, a line "//? part" begins what only some controllers have, and "//." ends it.
     lines, kept = [], True
-    for line in files("gait").joinpath("controller.c").read_text(encoding="utf-8").splitlines():
+    template = files("gait.controllers").joinpath("controller.c").read_text(encoding="utf-8")
+    for line in template.splitlines():
         if line.startswith("//"):
             kept = line == "//." or parts[line.removeprefix("//? ")]
         elif kept:

@@ -17,9 +17,9 @@ from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
-from gait.agent import ControllerAgent
-from gait.controller import Controller
-from gait.policy import ControllerLike, HasPolicy, Policy, new_policy
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.controller import Controller
+from gait.controllers.policy import ControllerLike, HasPolicy, Policy, new_policy
 
 Observations = NDArray[np.float32]
 

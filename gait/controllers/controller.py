@@ -28,9 +28,9 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-from gait import network
-from gait.network import OUTPUTS, Senses
-from gait.policy import Policy
+from gait.controllers import network
+from gait.controllers.network import OUTPUTS, Senses
+from gait.controllers.policy import Policy
 
 SCHEMA = "gait.controller/2"
 MAXIMUM_NODES = 1000

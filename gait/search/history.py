@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.config import Plan
-from gait.controller import Controller
+from gait.controllers.controller import Controller
 from gait.files import CONTROLLER_FILE, write_rows
 from gait.search.ask_tell import Proposal
+from gait.search.config import Plan
 
 # Fitness from random poses is noisy, and the best of many controllers is the luckiest. So the
 # leaders of each generation swim again, from poses that are fixed for the run.

@@ -33,13 +33,13 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-from gait.config import Sense, TaskName, check_interval, check_senses, make_senses
-from gait.controller import MAXIMUM_SEED, Controller
-from gait.evolve import FINAL_POSES
+from gait.controllers.controller import MAXIMUM_SEED, Controller
+from gait.controllers.network import GAIN, OUTPUTS, Senses
 from gait.files import CONTROLLER_FILE, run_folder, write_rows
-from gait.fitness import swim_scores
-from gait.network import GAIN, OUTPUTS, Senses
-from gait.rollout import random_poses, stream
+from gait.scores.fitness import swim_scores
+from gait.scores.rollout import random_poses, stream
+from gait.search.config import Sense, TaskName, check_interval, check_senses, make_senses
+from gait.search.evolve import FINAL_POSES
 
 CURVE_FILE = "curve.csv"
 FILES = (CURVE_FILE, CONTROLLER_FILE)  # and a sample's bodies.json
@@ -127,7 +127,8 @@ class Learned:
         The one with the highest score over all epochs.
     score
         Its mean distance in 20 s from 32 fixed random poses, in units of 5 cm (see
-        :func:`gait.fitness.swim_scores` for other tasks); for a sample, from as many for each body.
+        :func:`gait.scores.fitness.swim_scores` for other tasks); for a sample, from as many for
+        each body.
     curve
         One point an epoch.
     """
@@ -218,7 +219,7 @@ class _Learner:
         vec_env = load_extra("stable_baselines3.common.vec_env")
         logger = load_extra("stable_baselines3.common.logger")
         self.bodies, self.config = bodies, config
-        self.robots = load_extra("gait.sb3_env").LaneVecEnv(
+        self.robots = load_extra("gait.learning.sb3_env").LaneVecEnv(
             config.environments, bodies, config.inputs, CLOCK, config.interval, config.task, damage,
         )  # fmt: skip
         # Without a clip, which the exported weights could not express.

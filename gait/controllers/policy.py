@@ -30,7 +30,7 @@ class Policy(Protocol):
 class HasPolicy(Protocol):
     """A controller that makes a new policy for each swim, as one with a memory must.
 
-    Its ``morphology``, if it has one, is its native body; see ``gait.transfer``.
+    Its ``morphology``, if it has one, is its native body; see ``gait.scores.transfer``.
     """
 
     def policy(self) -> Policy:

@@ -15,9 +15,9 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-from gait.controller import INTERVAL, MAXIMUM_HARMONICS, MAXIMUM_SEED
-from gait.network import Senses
-from gait.rollout import MAXIMUM_THREADS, SECONDS, step_count
+from gait.controllers.controller import INTERVAL, MAXIMUM_HARMONICS, MAXIMUM_SEED
+from gait.controllers.network import Senses
+from gait.scores.rollout import MAXIMUM_THREADS, SECONDS, step_count
 from gait.search import cma, neat
 from gait.search.ask_tell import generation_count, halving_stages
 

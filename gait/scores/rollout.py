@@ -25,9 +25,22 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import INTERVAL, MAXIMUM_SEED, Controller, check_controllers, program_of
-from gait.pilots import AgentLike, Beliefs, make_pilot, own_interval, reckoning, takes_time
-from gait.policy import new_policy
+from gait.controllers.controller import (
+    INTERVAL,
+    MAXIMUM_SEED,
+    Controller,
+    check_controllers,
+    program_of,
+)
+from gait.controllers.pilots import (
+    AgentLike,
+    Beliefs,
+    make_pilot,
+    own_interval,
+    reckoning,
+    takes_time,
+)
+from gait.controllers.policy import new_policy
 
 Floats = NDArray[np.float64]
 

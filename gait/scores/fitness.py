@@ -21,8 +21,8 @@ from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import MAXIMUM_SEED, Controller, check_controllers, program_of
-from gait.rollout import MAXIMUM_THREADS, SECONDS, ZERO_POSE, pair_swims, swim_all
+from gait.controllers.controller import MAXIMUM_SEED, Controller, check_controllers, program_of
+from gait.scores.rollout import MAXIMUM_THREADS, SECONDS, ZERO_POSE, pair_swims, swim_all
 
 # A diverged robot scores as if it had swum backwards at this speed (units/s), faster than any does.
 DIVERGED_SPEED = -5.0

@@ -18,9 +18,9 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from aquafish_gym.world_config import WorldConfig
-from gait.controller import MAXIMUM_SEED, Controller
-from gait.pilots import AgentLike, Beliefs
-from gait.rollout import (
+from gait.controllers.controller import MAXIMUM_SEED, Controller
+from gait.controllers.pilots import AgentLike, Beliefs
+from gait.scores.rollout import (
     MAXIMUM_POSES,
     SECONDS,
     Swim,

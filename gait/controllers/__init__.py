@@ -1,0 +1,1 @@
+"""What steers a robot: networks, controllers, other policies and agents, and controllers in C."""

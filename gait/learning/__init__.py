@@ -1,0 +1,1 @@
+"""PPO for comparison, and environments for stable-baselines3."""

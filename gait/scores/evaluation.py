@@ -1,0 +1,175 @@
+"""Score an agent on an environment: the return of each episode, and their mean with an interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium as gym
+import numpy as np
+from gymnasium.vector import VectorEnv
+from numpy.typing import ArrayLike, NDArray
+
+from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
+from gait.controllers.controller import MAXIMUM_SEED
+from gait.controllers.pilots import Agent, AgentLike, make_pilot
+
+__all__ = ["Agent", "AgentLike", "Evaluation", "evaluate", "interquartile_mean"]
+
+Floats = NDArray[np.float64]
+Interval = tuple[float, float, float]  # a mean, and the lower and upper end of its interval
+
+FIRST_SEED = 10**9  # of the reference scores' episodes
+EPISODES = 100
+RESAMPLES = 1000  # of the bootstrap
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """The results of E episodes of at most T steps.
+
+    Attributes
+    ----------
+    returns
+        (E,) sums of the rewards.
+    y_position
+        (T + 1, E) where each robot was along +y at first and after each step, in units of 5 cm;
+        the last value is repeated when an episode is over. NaN if the environment does not tell.
+    broken
+        (T, E) whether any fault was active after each step.
+
+    Examples
+    --------
+    >>> Evaluation(np.array([1.0, 3.0]), np.zeros((2, 2)), np.zeros((1, 2), bool)).mean
+    2.0
+    """
+
+    returns: Floats
+    y_position: Floats
+    broken: NDArray[np.bool_]
+
+    @property
+    def mean(self) -> float:
+        """The mean return."""
+        return float(self.returns.mean())
+
+    @property
+    def iqm(self) -> Interval:
+        """The interquartile mean of the returns with its 95% bootstrap interval."""
+        return interquartile_mean([self.returns])
+
+    @property
+    def onset(self) -> NDArray[np.intp]:
+        """The step (E,) in which something first broke; 0 if nothing did."""
+        return np.asarray(self.broken.argmax(axis=0))
+
+    def way_since(self, steps: NDArray[np.intp]) -> Floats:
+        """Return the distance (E,) along +y from before step ``steps[i]`` to the end, in units."""
+        way: Floats = self.y_position[-1] - self.y_position[steps, np.arange(len(steps))]
+        return way
+
+    def __str__(self) -> str:
+        middle, low, high = self.iqm
+        return f"{middle:.1f} [{low:.1f}, {high:.1f}] in {len(self.returns)} episodes"
+
+
+def evaluate(
+    agent: AgentLike,
+    env: str | VectorEnv[Any, Any, Any] = "AquaFish-v0",
+    *,
+    episodes: int | None = None,
+    seed: int = FIRST_SEED,
+    **options: Any,
+) -> Evaluation:
+    """Return the returns of an agent in E episodes, with statistics.
+
+    With the default seed and number, these are the episodes of the reference scores.
+
+    Parameters
+    ----------
+    agent
+        A function of observations (E, k) that returns actions (E, 3); a ``Controller``, which is
+        given the true initial fin angles; a model of stable-baselines3 or another object with
+        ``predict``; an object with ``act`` (see :class:`gait.controllers.pilots.Agent`); or a
+        policy of one robot, as of :func:`gait.swim`, called once a step.
+    env, episodes, options
+        An environment id, the number E of its robots, which is 100 by default, and its options
+        such as ``damage="random:severe"``; or a vector environment of E robots alone.
+    seed
+        Episode i has the seed ``seed + i``.
+
+    Raises
+    ------
+    InvalidArgumentError
+        If the agent is not one of these, or an argument is wrong.
+
+    Examples
+    --------
+    >>> found = evaluate(lambda observations: np.zeros((len(observations), 3)), episodes=4)
+    >>> found.returns.shape, found.y_position.shape
+    ((4,), (101, 4))
+    """
+    if isinstance(env, str):
+        number = integer("episodes", EPISODES if episodes is None else episodes, 1, 1_000_000)
+        try:
+            made = gym.make_vec(env, number, vectorization_mode="vector_entry_point", **options)
+        except gym.error.Error as error:
+            raise InvalidArgumentError(f"env must be an environment's id: {error}") from None
+        try:
+            return _play(agent, made, seed)
+        finally:
+            made.close()
+    instance("env", env, VectorEnv)
+    if episodes not in (None, env.num_envs):
+        raise InvalidArgumentError(
+            f"episodes must be the {env.num_envs} robots of env, or left out; got {episodes}"
+        )
+    if options:
+        raise InvalidArgumentError(
+            f"options must come with an id, as the environment is made already; got {set(options)}"
+        )
+    return _play(agent, env, seed)
+
+
+def _play(agent: AgentLike, envs: VectorEnv[Any, Any, Any], seed: int) -> Evaluation:
+    """Play one episode of each robot to its end."""
+    observations, info = envs.reset(seed=integer("seed", seed, 0, MAXIMUM_SEED))
+    number = envs.num_envs
+    base: Any = envs.unwrapped
+    pilot = make_pilot(agent, getattr(base, "frame_skip", None), getattr(base, "dt", None))
+    pilot.reset(info)
+    returns, over = np.zeros(number), np.zeros(number, np.bool_)
+    y, broken = [np.asarray(info.get("y_position", np.full(number, np.nan)))], []
+    while not over.all():
+        actions = np.asarray(pilot.act(observations), np.float32)
+        observations, rewards, terminated, truncated, info = envs.step(actions)
+        returns += np.where(over, 0.0, rewards)
+        y.append(np.where(over, y[-1], info.get("y_position", y[-1])))
+        broken.append(info.get("faults", np.zeros(number, int)) > 0)
+        over |= terminated | truncated
+    return Evaluation(returns, np.array(y), np.array(broken))
+
+
+def interquartile_mean(runs: ArrayLike, seed: int = 0) -> Interval:
+    """Return the interquartile mean of all episodes of runs (R, E) and its 95% interval.
+
+    The bootstrap draws runs, and episodes of each (Agarwal et al., "Deep reinforcement learning at
+    the edge of the statistical precipice", 2021).
+
+    Examples
+    --------
+    >>> interquartile_mean([[1.0, 2.0, 3.0, 1000.0]])[0]
+    2.5
+    """
+    from scipy.stats import trim_mean
+
+    table = finite_array("runs", runs, (None, None))
+    if not table.size:
+        raise InvalidArgumentError(f"runs must be one or more; got {table.shape}")
+    number, episodes = table.shape
+    rng = np.random.default_rng(integer("seed", seed, 0, MAXIMUM_SEED))
+    drawn = rng.integers(number, size=(RESAMPLES, number, 1))
+    resampled = table[drawn, rng.integers(episodes, size=(RESAMPLES, number, episodes))]
+    means = trim_mean(resampled.reshape(RESAMPLES, -1), 0.25, axis=1)
+    low, high = np.quantile(means, (0.025, 0.975)).tolist()
+    return float(trim_mean(table, 0.25, axis=None)), low, high
