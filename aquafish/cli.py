@@ -12,7 +12,7 @@ CASE_STUDY = ("aquafish.recovery.command:Recover", "the case study: damage, self
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; return the exit code, see ``run_command_line``."""
     try:  # imported here, so that Ctrl-C is answered from the start
-        from aquafish_gym.command_line import end_at_signals, run_command_line
+        from aquafish_gym.runs.command_line import end_at_signals, run_command_line
 
         with end_at_signals("aquafish"):
             from eea.__main__ import COMMANDS, REFUSED

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.morphology import FINS, MAXIMA, Morphology, MorphologyLike
-from aquafish_gym.runs.storage import read_document, write_document
+from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
 SCHEMA = "aquafish.bodies/1"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from aquafish_gym.command_line import BAD_INPUT, Commands, run_command_line
+from aquafish_gym.runs.command_line import BAD_INPUT, Commands, run_command_line
 from eea.core.checks import ConfigurationError, TargetError
 
 REFUSED = (*BAD_INPUT, ConfigurationError, TargetError)

@@ -18,7 +18,7 @@ from rich.table import Table
 from tyro.conf import arg
 
 from aquafish_gym import Damage
-from aquafish_gym.command_line import BAD_INPUT, TargetEngine, run_command_line
+from aquafish_gym.runs.command_line import BAD_INPUT, TargetEngine, run_command_line
 from aquafish_gym.utils.validation import integer
 from eea import (
     CONDITIONS,

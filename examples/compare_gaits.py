@@ -21,7 +21,7 @@ from tyro.conf import arg
 
 from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.command_line import Out, run_command_line
+from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import finite_array, integer
 from eea import JointConfig
 from eea.core import streams

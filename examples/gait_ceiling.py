@@ -21,7 +21,7 @@ from rich.table import Table
 
 from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
-from aquafish_gym.command_line import Out, run_command_line
+from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import integer
 from gait import EvolveConfig, distances, evolve_gait, random_poses
 from tables import do_table, shortened

@@ -21,11 +21,11 @@ from rich.progress import track
 from tyro.conf import arg
 
 from aquafish.online.gaits import SCHEMA
-from aquafish_gym.command_line import run_command_line
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import read_document, write_document
+from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.world_config import WorldConfig
 from gait import Controller, EvolveConfig, evolve_gait
 from gait.search.cma import CANDIDATE_POSES

@@ -28,8 +28,8 @@ from tyro.conf import arg
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.command import COMMAND_HIGH, scale_action
-from aquafish_gym.command_line import run_command_line
-from aquafish_gym.runs.storage import write_document
+from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.utils.storage import write_document
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.network import GAIN

@@ -28,7 +28,7 @@ from tyro.conf import arg
 
 from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.bodies import body_array
-from aquafish_gym.command_line import Out, run_command_line
+from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import one_of
 from gait.learning.train import GAMMA, isolated_rng, load_extra
 from league_policy import CLOCK, LARGEST, SENSES, Offline, Policy, drive

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish.online.gaits import load_library
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.physics.arithmetic import TAU
-from aquafish_gym.runs.storage import read_document, write_document
+from aquafish_gym.utils.storage import read_document, write_document
 from gait.controllers.controller import Controller
 from gait.controllers.network import GAIN, Senses, observe
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish.online.gaits import load_library
-from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.storage import read_document
 from gait.controllers.controller import Controller
 from league_archive import SCHEMA, varied
 from league_policy import DT, Offline, known_or_zero, reckoned

@@ -22,8 +22,8 @@ from rich.console import Console
 from rich.progress import track
 
 from aquafish_gym import IDS
-from aquafish_gym.command_line import BAD_INPUT, run_command_line
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.runs.command_line import BAD_INPUT, run_command_line
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait.controllers.controller import Controller
 

@@ -17,11 +17,11 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import tyro
 
-from aquafish_gym.command_line import BAD_INPUT, Out, run_command_line
 from aquafish_gym.engines.api import check_engine
+from aquafish_gym.runs.command_line import BAD_INPUT, Out, run_command_line
 from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from eea.core.checks import ConfigurationError
 from eea.core.config import JointConfig, recovery_config

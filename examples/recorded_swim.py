@@ -19,10 +19,10 @@ from typing import ClassVar
 import numpy as np
 
 from aquafish_gym import Damage, Morphology, simulate
-from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.rollout import rollout
-from aquafish_gym.runs.storage import ensure_writable_directory, write_document
+from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.storage import ensure_writable_directory, write_document
 from eea import RecordedLog, SwimLog, write_log
 
 COMMANDS = [(0.5, -0.5, 1.0), (-0.5, -0.5, 0.5), (0.5, 0.5, 1.0)]  # rev/s, rev/s, Hz

@@ -24,9 +24,9 @@ from typing import Annotated, Any, ClassVar
 
 import tyro
 
-from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.rendering.pictures import save_figure
-from aquafish_gym.runs.storage import write_bytes, write_document
+from aquafish_gym.runs.command_line import Out, run_command_line
+from aquafish_gym.utils.storage import write_bytes, write_document
 from aquafish_gym.utils.validation import finite_array, integer, one_of
 from league_entrants import ENTRANTS
 from league_episodes import TIERS, Episode, Sensing, Water, play

@@ -29,9 +29,9 @@ import tyro
 from rich.console import Console
 from rich.table import Table
 
-from aquafish_gym.command_line import Out, run_command_line
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.rendering.pictures import save_figure
+from aquafish_gym.runs.command_line import Out, run_command_line
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from gait.learning.train import LearningConfig, load_extra
 from gait.scores.evaluation import EPISODES, Interval, interquartile_mean

@@ -9,7 +9,7 @@ from typing import Any
 
 from aquafish_gym.runs.jobs import Job, exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, write_manifest
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes
+from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes
 from gait.search.config import EvolveConfig
 
 

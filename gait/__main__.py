@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from aquafish_gym.command_line import Commands, run_command_line
+from aquafish_gym.runs.command_line import Commands, run_command_line
 
 COMMANDS: Commands = {
     "evolve": ("gait.cli:Evolve", "evolve a gait for a body, or for a sample of bodies"),

@@ -11,7 +11,10 @@ import tyro
 from rich.console import Console
 
 from aquafish_gym.bodies import read_bodies
-from aquafish_gym.command_line import (
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.api import check_engine
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.command_line import (
     RESUMES,
     BodiesFile,
     BodyDamage,
@@ -22,12 +25,9 @@ from aquafish_gym.command_line import (
     TargetMorphology,
     read_morphology,
 )
-from aquafish_gym.damage import Damage
-from aquafish_gym.engines.api import check_engine
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.manifest import result_folder
 from aquafish_gym.runs.progress import show_progress
-from aquafish_gym.runs.storage import write_document
+from aquafish_gym.utils.storage import write_document
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller
 from gait.files import CONTROLLER_FILE

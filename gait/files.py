@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.runs.manifest import result_folder
-from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import file_path
 
 CONTROLLER_FILE = "controller.json"

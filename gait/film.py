@@ -11,7 +11,6 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 from tyro.conf import Positional, arg
 
-from aquafish_gym.command_line import FILMED_DAMAGE, Given, TargetEngine, read_morphology
 from aquafish_gym.damage import Damage
 from aquafish_gym.engines.api import TIMESTEP, check_engine
 from aquafish_gym.morphology import Morphology
@@ -20,9 +19,10 @@ from aquafish_gym.rendering.films import film, film_suffix
 from aquafish_gym.rendering.replay import write_replay
 from aquafish_gym.rollout import Path as RolloutPath
 from aquafish_gym.rollout import rollout
+from aquafish_gym.runs.command_line import FILMED_DAMAGE, Given, TargetEngine, read_morphology
 from aquafish_gym.runs.progress import show_share
-from aquafish_gym.runs.storage import output_file
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.storage import output_file
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, utf8_text
 from gait.controllers.controller import INTERVAL, Controller
 from gait.scores.rollout import SECONDS, ZERO_POSE, Swim, step_count

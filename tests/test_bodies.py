@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from aquafish_gym.bodies import SCHEMA, body_array, read_bodies, write_bodies
-from aquafish_gym.command_line import read_morphology
 from aquafish_gym.morphology import MAXIMA, Morphology
+from aquafish_gym.runs.command_line import read_morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 BODIES = np.random.default_rng(5).uniform(0.0, 1.0, (3, 9)) * MAXIMA

@@ -13,8 +13,8 @@ import pytest
 import aquafish.cli
 import eea.__main__
 import gait.__main__
-from aquafish_gym.command_help import print_help
-from aquafish_gym.command_line import parse
+from aquafish_gym.runs.command_help import print_help
+from aquafish_gym.runs.command_line import parse
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 MOST_OPTIONS = 12

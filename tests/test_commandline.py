@@ -17,7 +17,7 @@ import pytest
 from rich.console import Console
 from tyro.conf import arg
 
-from aquafish_gym.command_line import AnyDamage, read_morphology, run_command_line
+from aquafish_gym.runs.command_line import AnyDamage, read_morphology, run_command_line
 from aquafish_gym.utils.validation import EngineUnavailableError, InvalidArgumentError, integer
 
 
@@ -233,7 +233,7 @@ def test_a_reader_that_leaves_is_no_error(stream: str, buffering: str, tmp_path:
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from test_commandline import Talker\n"
-        "from aquafish_gym.command_line import run_command_line\n"
+        "from aquafish_gym.runs.command_line import run_command_line\n"
         "sys.exit(run_command_line('fish', Talker, sys.argv[2:]))\n"
     )
     done = tmp_path / "done"

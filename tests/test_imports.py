@@ -12,6 +12,10 @@ import pytest
 
 PACKAGES = ("aquafish", "aquafish_gym", "eea", "gait")
 HEAVY = ("matplotlib", "mujoco", "pybullet", "stable_baselines3", "torch")
+# What is installed with the package and the environments do without.
+NOT_OF_ENVIRONMENTS = (
+    *HEAVY, "PIL", "aquafish_gym.runs", "cma", "neat", "pandas", "rich", "tyro", "viser"
+)  # fmt: skip
 # Programs and modules that use a heavy library only when they are asked to.
 MODULES = (
     "aquafish_gym",
@@ -31,6 +35,22 @@ def test_importing_loads_nothing_heavy(module: str) -> None:
     code = f"import sys, {module}; print(*sorted({set(HEAVY)!r} & set(sys.modules)))"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=120
+    )
+    assert result.stdout.split() == []
+
+
+def test_environments_load_numpy_gymnasium_and_numba_alone() -> None:
+    code = f"""
+import sys, gymnasium, aquafish_gym
+for name in ("AquaFish-v0", "AquaFishRecovery-v0"):
+    env = gymnasium.make(name, engine="numba")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+gymnasium.make_vec("AquaFish-v0", num_envs=2).reset(seed=0)
+print(*sorted({set(NOT_OF_ENVIRONMENTS)!r} & set(sys.modules)))
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=300
     )
     assert result.stdout.split() == []
 

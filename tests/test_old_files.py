@@ -17,7 +17,7 @@ import pytest
 
 from aquafish_gym import Morphology
 from aquafish_gym.bodies import read_bodies
-from aquafish_gym.runs.storage import DamagedFileError, read_document
+from aquafish_gym.utils.storage import DamagedFileError, read_document
 from eea import load_posterior
 from eea.study.results import read_study
 from gait import Controller, swim

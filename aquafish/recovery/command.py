@@ -23,7 +23,8 @@ from aquafish.recovery.report import (
 from aquafish.recovery.treatment import TREATMENTS, Treatment, treat, warm_up
 from aquafish_gym import Damage
 from aquafish_gym.bodies import write_bodies
-from aquafish_gym.command_line import (
+from aquafish_gym.engines.api import check_engine
+from aquafish_gym.runs.command_line import (
     BodyDamage,
     BodyFile,
     Given,
@@ -31,12 +32,11 @@ from aquafish_gym.command_line import (
     TargetEngine,
     read_morphology,
 )
-from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.jobs import exit_if_failed, finished, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.scenario import MAXIMUM_SPIN
+from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from eea.core.config import MAXIMUM_ROUNDS, RECOVERY, JointConfig, PaperConfig, recovery_config
 from gait.controllers.controller import Controller

@@ -20,7 +20,7 @@ from aquafish.viewer.live import (
     self_model_pilot,
 )
 from aquafish.viewer.page import Viewer, viser_module
-from aquafish_gym.command_line import EpisodeDamage
+from aquafish_gym.runs.command_line import EpisodeDamage
 from aquafish_gym.utils.validation import InvalidArgumentError, integer
 from gait.controllers.controller import Controller
 

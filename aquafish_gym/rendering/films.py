@@ -11,15 +11,15 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
 
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.camera import Camera, Frame, View
 from aquafish_gym.rendering.course import FISH, FilmedSwim, lay_out
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Floats
-from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import (
     MissingExtraError,
     callback,
@@ -30,6 +30,9 @@ from aquafish_gym.utils.validation import (
     one_of,
     utf8_text,
 )
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 SUFFIXES = (".mp4", ".webp", ".gif")
 _HOLD = 1.5  # s, of the last frame
@@ -92,6 +95,8 @@ def film_frames(
     moments = [*np.arange(0.0, end - 1e-9, speed / fps), *[end] * (1 + round(_HOLD * fps))]
     pace = "" if speed == 1 else f"  (x {speed:g})"
     size = max(10, height // 24)
+    from PIL import Image, ImageDraw, ImageFont  # environments never need it
+
     font, edge = ImageFont.load_default(size), size // 2
     for number, moment in enumerate(moments, 1):
         last = [max(0, int(np.searchsorted(lane.time, moment + 1e-9)) - 1) for lane in lanes]
@@ -137,6 +142,8 @@ def fitting_view(points: Floats, aspect: float) -> View:
 
 def _line(view: View, points: Floats, cover: Floats) -> Image.Image:
     """Return the mask of a line through points (n, 3), which robots cover."""
+    from PIL import Image, ImageDraw
+
     height, width = cover.shape
     mask = Image.new("L", (2 * width, 2 * height))  # drawn larger, then averaged
     pixels = [(x, y) for x, y, _ in view.project(points, *mask.size)]
@@ -146,6 +153,8 @@ def _line(view: View, points: Floats, cover: Floats) -> Image.Image:
 
 def _animate(frames: Iterator[Frame], suffix: str, fps: float) -> bytes:
     """Return a film as .gif or .webp."""
+    from PIL import Image
+
     pause, content = 1000 / fps, BytesIO()
     if suffix == ".gif":
         pause = 10 * max(2, round(100 / fps))  # viewers slow down anything shorter than 20 ms

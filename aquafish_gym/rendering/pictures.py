@@ -10,7 +10,7 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import one_of
 
 # Without versions and dates, equal pictures are equal files.

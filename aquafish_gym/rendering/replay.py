@@ -21,7 +21,7 @@ import numpy as np
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.course import FilmedSwim, lay_out
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour
-from aquafish_gym.runs.storage import write_bytes
+from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, file_path, utf8_text
 
 

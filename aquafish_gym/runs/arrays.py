@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.runs.storage import DamagedFileError, open_regular, write_bytes
+from aquafish_gym.utils.storage import DamagedFileError, open_regular, write_bytes
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     Shape,

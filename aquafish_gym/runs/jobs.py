@@ -21,14 +21,14 @@ from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from aquafish_gym.runs.progress import every
-from aquafish_gym.runs.storage import (
+from aquafish_gym.runs.workers import POLL_SECONDS, Workers, workers
+from aquafish_gym.utils.storage import (
     decode_document,
     encode_document,
     read_document,
     write_bytes,
     write_document,
 )
-from aquafish_gym.runs.workers import POLL_SECONDS, Workers, workers
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 SCHEMA, TIMES = "aquafish.result/1", "aquafish.times/1"

@@ -16,7 +16,7 @@ from pathlib import Path
 from platform import python_version
 from typing import Any
 
-from aquafish_gym.runs.storage import ensure_writable_directory, read_document, write_document
+from aquafish_gym.utils.storage import ensure_writable_directory, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 LOCK, SETTINGS = ".aquafish.lock", "settings.json"

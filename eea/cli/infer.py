@@ -10,16 +10,16 @@ from typing import Annotated, ClassVar, Literal
 
 from tyro.conf import arg
 
-from aquafish_gym.command_line import (
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.command_line import (
     BodyFile,
     OptionalOut,
     Threads,
     check_threads,
     read_morphology,
 )
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
-from aquafish_gym.runs.storage import ensure_writable_directory
+from aquafish_gym.utils.storage import ensure_writable_directory
 from aquafish_gym.utils.validation import one_of
 from eea.cli.outcome import draw_outcome, file_lines, write_outcome
 from eea.cli.progress import plain_console, waiting

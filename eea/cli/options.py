@@ -6,7 +6,7 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
-from aquafish_gym.command_line import option_name
+from aquafish_gym.runs.command_line import option_name
 from eea.core.checks import ConfigurationError
 from eea.core.config import (
     CONDITIONS,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import write_document
+from aquafish_gym.utils.storage import write_document
 from eea.core.result import SCHEMA, Result
 from eea.fish import save_posterior
 

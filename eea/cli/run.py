@@ -8,7 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from tyro.conf import FlagCreatePairsOff, arg
 
-from aquafish_gym.command_line import (
+from aquafish_gym.damage import Damage
+from aquafish_gym.runs.command_line import (
     AnyDamage,
     Given,
     Out,
@@ -17,9 +18,8 @@ from aquafish_gym.command_line import (
     Threads,
     read_morphology,
 )
-from aquafish_gym.damage import Damage
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
-from aquafish_gym.runs.storage import ensure_writable_directory
+from aquafish_gym.utils.storage import ensure_writable_directory
 from eea.cli.options import AlgorithmOptions
 from eea.cli.outcome import draw_outcome, file_lines, remove_outcome, write_outcome
 from eea.cli.progress import plain_console, progress_bar

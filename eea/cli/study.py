@@ -9,7 +9,9 @@ from typing import Annotated, Any, ClassVar, Literal
 import tyro
 from tyro.conf import arg
 
-from aquafish_gym.command_line import (
+from aquafish_gym.damage import Damage
+from aquafish_gym.engines.packages import resolve_engine
+from aquafish_gym.runs.command_line import (
     AnyDamage,
     Given,
     Out,
@@ -17,12 +19,10 @@ from aquafish_gym.command_line import (
     TargetMorphology,
     read_morphology,
 )
-from aquafish_gym.damage import Damage
-from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.runs.jobs import exit_if_failed, finished, run_jobs
 from aquafish_gym.runs.manifest import lock
-from aquafish_gym.runs.storage import ensure_writable_directory
 from aquafish_gym.runs.workers import check_workers
+from aquafish_gym.utils.storage import ensure_writable_directory
 from eea.cli.options import AlgorithmOptions
 from eea.core.checks import ConfigurationError
 from eea.core.config import Condition, Config, config_for

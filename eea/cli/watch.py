@@ -9,9 +9,9 @@ from typing import Annotated, Any, ClassVar
 
 from tyro.conf import arg
 
-from aquafish_gym.command_line import OptionalOut, Threads, check_threads
+from aquafish_gym.runs.command_line import OptionalOut, Threads, check_threads
 from aquafish_gym.runs.manifest import result_folder
-from aquafish_gym.runs.storage import write_document
+from aquafish_gym.utils.storage import write_document
 from eea.cli.progress import waiting
 from eea.core.session import streams
 from eea.fish import load_posterior, read_log, watch_swim

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS
-from aquafish_gym.runs.storage import read_packaged
 from aquafish_gym.scenario import TIMESTEP, Change, Scenario
+from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
 from eea.fish.simulator import EngineSimulator, fish_problem

@@ -6,7 +6,7 @@ import os
 from typing import Any
 
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
-from aquafish_gym.runs.storage import DamagedFileError
+from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import instance
 from eea.core.checks import ConfigurationError
 from eea.joint.joint_posterior import JointPosterior

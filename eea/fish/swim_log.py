@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW, SERVOS, check_commands
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.runs.storage import DamagedFileError, read_bytes, write_bytes
+from aquafish_gym.utils.storage import DamagedFileError, read_bytes, write_bytes
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.morphology import FINS
-from aquafish_gym.runs.storage import write_bytes, write_document
+from aquafish_gym.utils.storage import write_bytes, write_document
 from eea.study.arms import MINUS, angle_label, duration_name, signed, spoken
 from eea.study.figures import save_study_figures
 from eea.study.results import CSV, StudyResults, read_study

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from aquafish_gym.runs.jobs import read_result
-from aquafish_gym.runs.storage import DamagedFileError, read_bytes
+from aquafish_gym.utils.storage import DamagedFileError, read_bytes
 from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
 from eea.fish import RealityGap

@@ -16,7 +16,7 @@ from typing import Any
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.manifest import read_manifest, refuse_difference, versions
-from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
+from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import Config

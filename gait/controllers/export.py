@@ -25,7 +25,7 @@ from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.compiling import compiled_function, register_module
 from aquafish_gym.physics.layout import fetch_vector, put_vector
 from aquafish_gym.physics.simd import zero_lanes
-from aquafish_gym.runs.storage import output_file, write_bytes
+from aquafish_gym.utils.storage import output_file, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, instance
 from gait.controllers import network
 from gait.controllers.controller import Controller, program_of

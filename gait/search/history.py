@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
+from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.files import CONTROLLER_FILE, write_rows

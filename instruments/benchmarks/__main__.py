@@ -14,9 +14,9 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import MAXIMUM_STEPS
-from aquafish_gym.runs.storage import ensure_writable_directory, write_document
+from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.utils.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from instruments.benchmarks.measure import LEAST_SECONDS, measure
 from instruments.benchmarks.page import blocks_of, present_commit, work_defaults, write_block

@@ -11,10 +11,10 @@ from typing import Annotated, Any
 import tyro
 from rich.console import Console
 
-from aquafish_gym.command_line import run_command_line
+from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.runs.jobs import exit_if_failed, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, integer, one_of
 from instruments.inference.cases import Case, measure
 from instruments.inference.plots import save_pictures

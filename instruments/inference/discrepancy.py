@@ -25,9 +25,9 @@ import numpy as np
 import tyro
 from rich.progress import track
 
-from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import TIMESTEP, simulate
-from aquafish_gym.runs.storage import write_document
+from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import integer
 from eea import FitConfig
 from eea.core.session import streams

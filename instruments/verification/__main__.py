@@ -12,9 +12,9 @@ import tyro
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from aquafish_gym.command_line import run_command_line
 from aquafish_gym.engines.api import check_engine
-from aquafish_gym.runs.storage import ensure_writable_directory, write_bytes, write_document
+from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, install_advice, integer, one_of
 from instruments.verification.report import QUICK, STUDIES, Effort, make_report, tables_of
 from instruments.verification.tables import fill_page

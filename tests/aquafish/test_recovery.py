@@ -26,8 +26,8 @@ from aquafish.online.gaits import load_library
 from aquafish.recovery.page import report_page
 from aquafish.recovery.treatment import BODIES, TREATMENTS
 from aquafish_gym.bodies import body_array, read_bodies, sample_stamp
-from aquafish_gym.command_line import read_morphology
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.command_line import read_morphology
 from gait.controllers.controller import Controller
 from tests.browser import browser
 

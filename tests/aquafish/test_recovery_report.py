@@ -11,7 +11,7 @@ import pytest
 
 from aquafish.recovery.command import SCHEMA
 from aquafish.recovery.report import build_report, to_markdown
-from aquafish_gym.runs.storage import encode_document
+from aquafish_gym.utils.storage import encode_document
 
 COMMITTED = Path(__file__).parents[2] / "docs" / "recovery"
 

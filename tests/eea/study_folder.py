@@ -9,7 +9,7 @@ import numpy as np
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, MAXIMA, Morphology
 from aquafish_gym.runs.jobs import SCHEMA
-from aquafish_gym.runs.storage import encode_document, write_document
+from aquafish_gym.utils.storage import encode_document, write_document
 from eea.study import study
 from eea.study.replicate import ReplicateKey
 

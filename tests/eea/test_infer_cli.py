@@ -12,8 +12,8 @@ from scipy.interpolate import CubicSpline
 from aquafish_gym import Damage, Morphology, simulate
 from aquafish_gym.bodies import read_bodies
 from aquafish_gym.engines.api import simulate_scenario
-from aquafish_gym.runs.storage import read_document
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.storage import read_document
 from eea import RecordedLog, SwimLog, infer_log, load_posterior, write_log
 from eea.__main__ import main
 

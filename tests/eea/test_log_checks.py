@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym import Damage, Morphology, simulate
-from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.storage import read_document
 from eea import RecordedLog, SwimLog, check_log, infer_log, load_posterior, write_log
 from eea.__main__ import main
 from eea.fish.log_changes import DEGREE, LogChange

@@ -9,7 +9,7 @@ import shutil
 import numpy as np
 import pytest
 
-from aquafish_gym.runs.storage import DamagedFileError
+from aquafish_gym.utils.storage import DamagedFileError
 from eea.core.checks import ConfigurationError
 from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
 from eea.study.report import markdown, report

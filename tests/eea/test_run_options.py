@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from aquafish_gym.command_line import parse
-from aquafish_gym.runs.storage import write_document
+from aquafish_gym.runs.command_line import parse
+from aquafish_gym.utils.storage import write_document
 from eea.__main__ import main
 from eea.cli.run import Run
 from eea.cli.study import StudyCommand

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from aquafish_gym.command_line import parse
+from aquafish_gym.runs.command_line import parse
 from aquafish_gym.runs.jobs import SCHEMA as RESULT
 from aquafish_gym.runs.manifest import write_manifest
-from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.storage import read_document
 from eea.__main__ import REFUSED as ERRORS
 from eea.__main__ import main
 from eea.cli.study import StudyCommand

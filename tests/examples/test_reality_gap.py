@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.storage import read_document
 from gap_job import ORACLE, GapJob
 from gap_report import build_report, results, to_markdown
 from gap_worlds import WORLDS, gap_of

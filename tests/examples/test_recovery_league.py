@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.storage import read_document
 from league_entrants import ENTRANTS
 from league_episodes import HELD_OUT, TIERS, UNKNOWN, Episode, play
 from league_statistics import HORIZON, after_onset, interval, recovered, summary

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from aquafish_gym import IDS, WorldConfig
-from aquafish_gym.runs.storage import read_document
+from aquafish_gym.utils.storage import read_document
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
 from gait import Controller, swim_all
 from reference_scores import FIRST_SEED, Scores, share

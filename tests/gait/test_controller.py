@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import DamagedFileError, write_document
+from aquafish_gym.utils.storage import DamagedFileError, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import MAXIMUM_SUM, Controller
 from gait.controllers.export import make_vectors

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.bodies import median_body, read_bodies, sample_stamp
 from aquafish_gym.morphology import MAXIMA, Morphology
-from aquafish_gym.runs.storage import DamagedFileError, read_document, write_document
+from aquafish_gym.utils.storage import DamagedFileError, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.files import BODIES_FILE, CONTROLLER_FILE

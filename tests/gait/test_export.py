@@ -12,8 +12,8 @@ import pytest
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
 from aquafish_gym.engines.compiled.lanes import LaneBatch, pack_rows
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.runs.storage import write_document
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.__main__ import main
 from gait.controllers import export

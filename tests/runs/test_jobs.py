@@ -20,8 +20,8 @@ from run_jobs_here import Task, work
 from aquafish_gym.runs import cluster
 from aquafish_gym.runs import workers as pools
 from aquafish_gym.runs.jobs import finished, read_result, run_jobs
-from aquafish_gym.runs.storage import DamagedFileError
 from aquafish_gym.runs.workers import workers
+from aquafish_gym.utils.storage import DamagedFileError
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 JOBS = [Task(number) for number in range(4)]

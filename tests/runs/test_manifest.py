@@ -8,7 +8,7 @@ import re
 import pytest
 
 from aquafish_gym.runs.manifest import LOCK, lock, read_manifest, write_manifest
-from aquafish_gym.runs.storage import write_document
+from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 SETTINGS = {"steps": 3, "damage": [{"fin": "left"}], "gait": {"seed": 1, "poses": 8}}

@@ -17,9 +17,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aquafish_gym.runs import storage
 from aquafish_gym.runs.arrays import read_arrays, write_arrays
-from aquafish_gym.runs.storage import (
+from aquafish_gym.utils import storage
+from aquafish_gym.utils.storage import (
     CannotWriteError,
     DamagedFileError,
     decode_document,

@@ -14,7 +14,7 @@ from typing import Annotated
 
 import tyro
 
-from aquafish_gym.command_line import run_command_line
+from aquafish_gym.runs.command_line import run_command_line
 from aquafish_gym.utils.validation import one_of
 from tests.trainers.page import PAGE, ROOT, Trainer, read_trainers, score, shown_line
 

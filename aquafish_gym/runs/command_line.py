@@ -25,7 +25,9 @@ from tyro.conf import arg
 
 from aquafish_gym import __version__
 from aquafish_gym.bodies import read_bodies
-from aquafish_gym.command_help import (
+from aquafish_gym.engines.packages import MAXIMUM_THREADS
+from aquafish_gym.morphology import Morphology
+from aquafish_gym.runs.command_help import (
     FULL_HELP,
     SHORT_HELP,
     asked_help,
@@ -33,8 +35,6 @@ from aquafish_gym.command_help import (
     option_names,
     print_help,
 )
-from aquafish_gym.engines.packages import MAXIMUM_THREADS
-from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.streams import keep_streams
 from aquafish_gym.utils.validation import (
     EngineUnavailableError,
