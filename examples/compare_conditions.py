@@ -13,12 +13,12 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 from rich.console import Console
-from rich.progress import track
 from rich.table import Table
 from tyro.conf import arg
 
 from aquafish_gym import Damage
 from aquafish_gym.runs.command_line import BAD_INPUT, TargetEngine, run_command_line
+from aquafish_gym.runs.progress import track
 from aquafish_gym.utils.validation import integer
 from eea import (
     CONDITIONS,
@@ -63,7 +63,7 @@ class CompareConditions:
         for name, config in configs.items():
             found: list[MorphologyEstimate] = [
                 estimate_morphology(None, damage, config, seed, target_engine=self.target_engine)
-                for seed in track(seeds, name, console=Console(stderr=True))
+                for seed in track(seeds, name, len(seeds))
             ]
             fits = np.array([estimate.objective_fitness for estimate in found])
             table.add_row(

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 import numpy as np
-from rich.progress import track
 from tyro.conf import arg
 
 from aquafish.online.gaits import SCHEMA
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.runs.progress import track
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.world_config import WorldConfig
@@ -57,7 +57,8 @@ class Library:
         # A curve's last row counts PPO's actions, or CMA-ES's generations.
         steps = [scored[0]["curve"][-1][0] * SEARCH.interval, swum(scored[1]["curve"][-1][0])]
         seconds = [one["cpu_seconds"] for one in scored]
-        for k, robot in enumerate(track(broken_robots(self.gaits, self.seed), "gaits")):
+        robots = broken_robots(self.gaits, self.seed)
+        for k, robot in enumerate(track(robots, "gaits", len(robots))):
             world, config = WorldConfig.of(robot), replace(SEARCH, seed=k)
             began = time.process_time()
             found.append(evolve_gait(robot.body[0], config, world=world).controller)

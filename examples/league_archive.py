@@ -22,13 +22,13 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 import gymnasium as gym
 import numpy as np
 from numpy.typing import NDArray
-from rich.progress import track
 from tyro.conf import arg
 
 import aquafish_gym  # noqa: F401  registers the environments
 from aquafish.online.gaits import load_library, read_library
 from aquafish_gym.command import COMMAND_HIGH, scale_action
 from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.runs.progress import show_progress, track
 from aquafish_gym.utils.storage import write_document
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
@@ -162,8 +162,9 @@ class MakeArchive:
         # The pace in the search is the best of many, so the luckiest: measure it again.
         count = len(archive.paces)
         robots = make_robots(POSES * count)
-        paces, descriptors = measured(archive.vectors, POSES, robots, self.seed)
-        first = swim(ControllerAgent(load_library()[0]), make_robots(POSES), self.seed)
+        with show_progress("measuring the elites", 1):
+            paces, descriptors = measured(archive.vectors, POSES, robots, self.seed)
+            first = swim(ControllerAgent(load_library()[0]), make_robots(POSES), self.seed)
         steps = (self.batches * BATCH * REPEATS + POSES * (count + 1)) * round(SECONDS / 0.01)
         library = read_library()["offline"]
         offline = Offline(

@@ -18,12 +18,11 @@ from typing import Annotated, ClassVar
 import gymnasium as gym
 import numpy as np
 import tyro
-from rich.console import Console
-from rich.progress import track
 
 from aquafish_gym import IDS
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.runs.command_line import BAD_INPUT, run_command_line
+from aquafish_gym.runs.progress import track
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
 from gait.controllers.controller import Controller
 
@@ -77,9 +76,7 @@ class MinariDataset:
         )
         collector, rng = DataCollector(made, record_infos=True), np.random.default_rng(self.seed)
         returns = []
-        for episode in track(
-            range(self.episodes), "swimming", console=Console(stderr=True), transient=True
-        ):
+        for episode in track(range(self.episodes), "swimming", self.episodes):
             seen, info = collector.reset(seed=self.seed + episode)
             act, total, over, step = controller.policy(info["fin_angles"]), 0.0, False, 0
             while not over:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from threading import Event, Thread
+from threading import Event, Lock, Thread
+from typing import TypeVar
+
+T = TypeVar("T")
 
 QUIET_SECONDS = 5.0  # at most, between two lines
+BEAT_SECONDS = 0.5  # between two looks at the clock
 
 
 @contextmanager
@@ -40,22 +44,52 @@ def show_progress(label: str, total: int) -> Iterator[Callable[[int, str], None]
 
     console = Console(stderr=True)
     columns = TextColumn("{task.description}"), BarColumn(bar_width=10), MofNCompleteColumn()
-    live = console.is_terminal
-    tenths, said = 0, time.monotonic()
-    with Progress(
-        *columns, TimeElapsedColumn(), console=console, transient=True, disable=not live
-    ) as bar:
-        task = bar.add_task(label, total=total)
+    if console.is_terminal:
+        with Progress(*columns, TimeElapsedColumn(), console=console, transient=True) as bar:
+            task = bar.add_task(label, total=total)
+            yield lambda done, text: bar.update(task, completed=done, description=text)
+        return
+    lines = _Lines(label, total)
+    with every(BEAT_SECONDS, lines.beat):
+        yield lines.show
 
-        def show(done: int, text: str) -> None:
-            nonlocal tenths, said
-            bar.update(task, completed=done, description=text)
-            quiet = time.monotonic() - said
-            if not live and (done * 10 // total > tenths or quiet > QUIET_SECONDS):
-                tenths, said = done * 10 // total, time.monotonic()
-                print(f"{done}/{total}  {text}", file=sys.stderr, flush=True)
 
-        yield show
+class _Lines:
+    """Lines of progress on stderr, at most ``QUIET_SECONDS`` apart.
+
+    A thread calls ``beat`` meanwhile, so that a step longer than that is not silent.
+    """
+
+    def __init__(self, label: str, total: int) -> None:
+        self._done, self._text, self._total = 0, label, total
+        self._began = self._said = time.monotonic()
+        self._lock = Lock()
+
+    def show(self, done: int, text: str) -> None:
+        """Take how much is done, and a line about it; print it where another tenth is done."""
+        with self._lock:
+            tenths = self._done * 10 // self._total
+            self._done, self._text = done, text
+            if done * 10 // self._total > tenths:
+                self._print(text)
+
+    def beat(self) -> None:
+        """Print where nothing was printed for long."""
+        with self._lock:
+            if time.monotonic() - self._said > QUIET_SECONDS - BEAT_SECONDS:
+                self._print(f"{self._text}, {time.monotonic() - self._began:.0f} s")
+
+    def _print(self, text: str) -> None:
+        self._said = time.monotonic()
+        print(f"{self._done}/{self._total}  {text}", file=sys.stderr, flush=True)
+
+
+def track(items: Iterable[T], label: str, total: int) -> Iterator[T]:
+    """Yield items, of which there are ``total``, and show how many are done."""
+    with show_progress(label, total) as show:
+        for done, item in enumerate(items, 1):
+            yield item
+            show(done, label)
 
 
 @contextmanager

@@ -7,18 +7,19 @@ import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from itertools import count
 from pathlib import Path
 from typing import Annotated, Any
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish_gym.engines.api import MAXIMUM_STEPS
 from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.runs.progress import show_progress
 from aquafish_gym.utils.storage import ensure_writable_directory, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer, one_of
-from instruments.benchmarks.measure import LEAST_SECONDS, measure
+from instruments.benchmarks.measure import LEAST_SECONDS, Timing, measure
 from instruments.benchmarks.page import blocks_of, present_commit, work_defaults, write_block
 from instruments.benchmarks.report import as_text, machine_facts, make_records, make_table
 from instruments.benchmarks.rows import GROUPS, Group, Settings, load_provider
@@ -113,22 +114,24 @@ class Bench:
 def time_groups(
     names: list[str], settings: Settings, turns: int, seconds: float = LEAST_SECONDS
 ) -> tuple[dict[str, Group], list[dict[str, Any]]]:
-    """Time the groups of these names under a progress bar; return them and all their records."""
+    """Time the groups of these names and show progress; return them and all their records."""
     least = 0.0 if settings.quick else seconds
     groups: dict[str, Group] = {}
     records: list[dict[str, Any]] = []
-    columns = (TextColumn("{task.description:>12}"), BarColumn(), MofNCompleteColumn(),
-               TimeElapsedColumn())  # fmt: skip
-    bar = Console(stderr=True)
-    with Progress(*columns, console=bar, transient=True, disable=not bar.is_terminal) as progress:
-        for name in names:
-            task = progress.add_task(name, total=None)
-            with ExitStack() as cleanup:
+    for name in names:
+        with ExitStack() as cleanup:
+            with show_progress(f"{name}: preparing", 1):
                 group = groups[name] = load_provider(name)(settings, cleanup)
-                progress.update(task, total=len(group.rows) * (turns + 1))
-                timings = measure(group, turns, least, lambda task=task: progress.advance(task))  # type: ignore[misc]
-            records += make_records(name, group, timings, len(records) + 1)
+            timings = _time_group(name, group, turns, least)
+        records += make_records(name, group, timings, len(records) + 1)
     return groups, records
+
+
+def _time_group(name: str, group: Group, turns: int, least_seconds: float) -> list[Timing]:
+    """Time the rows of a group and show progress."""
+    ticks = count(1)
+    with show_progress(name, len(group.rows) * (turns + 1)) as show:
+        return measure(group, turns, least_seconds, lambda: show(next(ticks), name))
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -23,10 +23,10 @@ from typing import Annotated
 
 import numpy as np
 import tyro
-from rich.progress import track
 
 from aquafish_gym.engines.api import TIMESTEP, simulate
 from aquafish_gym.runs.command_line import run_command_line
+from aquafish_gym.runs.progress import track
 from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import integer
 from eea import FitConfig
@@ -146,10 +146,11 @@ def measure(trials: int, rng: np.random.Generator) -> tuple[float, float]:
     nothing = np.empty((0, 3))
     commands = np.array([fast_command(fish_problem().actions, nothing, rng) for _ in bodies])
     angles = rng.uniform(-np.pi, np.pi, (trials, 3))
-    log = simulate(bodies, commands, angles, STEPS, engine="numba", dtype="float64")
-    ours = np.asarray(log.gyro, np.float64)
+    ours = simulate(bodies, commands, angles, STEPS, engine="numba", dtype="float64").gyro
     each = zip(bodies, commands, angles, strict=True)
-    apart = np.array([simulate_law(*trial, STEPS) for trial in each]) - ours
+    apart = (
+        np.array([simulate_law(*trial, STEPS) for trial in track(each, "trials", trials)]) - ours
+    )
     kept = np.isfinite(apart).all(axis=(1, 2))
     shares = (apart[kept] ** 2).mean(axis=(1, 2)) / (ours[kept] ** 2).mean(axis=(1, 2))
     alike = autocorrelation(apart[kept], LAGS)[0]

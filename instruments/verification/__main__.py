@@ -10,7 +10,6 @@ from typing import Annotated
 
 import tyro
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from aquafish_gym.engines.api import check_engine
 from aquafish_gym.runs.command_line import run_command_line
@@ -54,9 +53,7 @@ class Verification:
                 raise InvalidArgumentError(f"page must be a file that exists; got {page}")
         if "agreement" in names:
             check_engine("pybullet")
-        steps = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn()
-        with Progress(*steps, TimeElapsedColumn(), console=Console(stderr=True)) as progress:
-            report = make_report(QUICK if self.quick else Effort(), self.seed, progress, names)
+        report = make_report(QUICK if self.quick else Effort(), self.seed, names)
         tables = tables_of(report)
         console = Console(highlight=False)
         for table in tables.values():

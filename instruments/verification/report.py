@@ -9,9 +9,9 @@ from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.progress import Progress
 
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.runs.progress import show_progress, track
 from aquafish_gym.utils.validation import EngineUnavailableError
 from instruments.verification import (
     agreement,
@@ -68,24 +68,16 @@ class Studies:
         How much to do.
     seed
         All that is random follows from it.
-    progress
-        Where to show how far it is.
     """
 
-    def __init__(self, effort: Effort, seed: int, progress: Progress) -> None:
-        self.effort, self.seed, self.progress = effort, seed, progress
-
-    def _each(self, items: Iterable[T], total: int, what: str) -> list[T]:
-        return list(self.progress.track(items, total=total, description=what))
-
-    def _once(self, study: Callable[[], T], what: str) -> T:
-        (found,) = self._each((study() for _ in range(1)), 1, what)
-        return found
+    def __init__(self, effort: Effort, seed: int) -> None:
+        self.effort = effort
+        self.seed = seed
 
     def agreement(self) -> Report:
         """Compare the engines with each other."""
         e = self.effort
-        rows = self._once(
+        rows = _once(
             lambda: agreement.engines(e.robots, e.lane_robots, e.agreement_steps, self.seed),
             "engines",
         )
@@ -94,11 +86,12 @@ class Studies:
     def single_precision(self) -> Report:
         """Compare float32 with float64 over ever longer times."""
         e = self.effort
-        parts = self._each(
+        parts = track(
             agreement.single_precision(e.lane_robots, e.durations, self.seed),
-            -(-e.lane_robots // agreement.AT_ONCE), "float32",
-        )  # fmt: skip
-        return {"robots": e.lane_robots, "rows": agreement.quantiles(parts, e.durations)}
+            "float32",
+            -(-e.lane_robots // agreement.AT_ONCE),
+        )
+        return {"robots": e.lane_robots, "rows": agreement.quantiles(list(parts), e.durations)}
 
     @functools.cached_property
     def _trials(self) -> Trials:
@@ -108,7 +101,7 @@ class Studies:
     def _truths(self) -> NDArray[np.float64]:
         samples = round(self.effort.path_seconds / convergence.INTERVAL)
         paths = convergence.references(self._trials, samples)
-        return np.array(self._each(paths, len(self._trials), "RK4"))
+        return np.array(list(track(paths, "RK4", len(self._trials))))
 
     def convergence(self) -> Report:
         """Compare the scheme with RK4."""
@@ -117,17 +110,22 @@ class Studies:
             "robots": robots,
             "seconds": self.effort.path_seconds,
             "path": convergence.path_length(truths),
-            "reference": convergence.reference_error(self._trials, truths, min(3, robots)),
-            "rows": convergence.study(self._trials, truths),
+            "reference": _once(
+                lambda: convergence.reference_error(self._trials, truths, min(3, robots)),
+                "RK4's own error",
+            ),
+            "rows": _once(lambda: convergence.study(self._trials, truths), "scheme"),
         }
 
     def quadrature(self) -> Report:
         """Compare the drag law's few points with the whole surface."""
         e = self.effort
-        gaps = self._each(
+        parts = track(
             convergence.surface_error(self._trials, self._truths, e.surface_robots),
-            e.surface_robots, "whole surface",
-        )  # fmt: skip
+            "whole surface",
+            e.surface_robots,
+        )
+        gaps = list(parts)
         return {
             "robots": e.surface_robots,
             "seconds": e.path_seconds,
@@ -136,7 +134,7 @@ class Studies:
                  "maximum": max(g[what] for g in gaps)}
                 for what, unit in convergence.WHAT.items()
             ],
-            "rows": self._once(
+            "rows": _once(
                 lambda: quadrature.study(e.quadrature_trials, self.seed, e.quadrature_points),
                 "quadrature",
             ),
@@ -147,8 +145,8 @@ class Studies:
         if not _has_mujoco():
             return None
         robots, seconds = self.effort.robots, self.effort.dry_seconds
-        found = self._each(mechanics.compare(robots, self.seed, seconds), robots, "MuJoCo")
-        return {"robots": robots, "seconds": seconds, "rows": mechanics.summary(found)}
+        found = track(mechanics.compare(robots, self.seed, seconds), "MuJoCo", robots)
+        return {"robots": robots, "seconds": seconds, "rows": mechanics.summary(list(found))}
 
     def foreign(self) -> Report | None:
         """Compare our water with MuJoCo's; None where that is not installed."""
@@ -159,8 +157,8 @@ class Studies:
         beating = foreign_water.BEATING if e.path_seconds > seconds else seconds
         waters = len(foreign_water.WITHOUT) + 2
         few = e.surface_robots
-        gaps = self._each(foreign_water.convergence(trials, few, seconds), few, "MuJoCo's steps")
-        rows = self._each(foreign_water.study(trials, seconds, beating), waters, "MuJoCo's water")
+        gaps = list(track(foreign_water.convergence(trials, few, seconds), "MuJoCo's steps", few))
+        rows = list(track(foreign_water.study(trials, seconds, beating), "MuJoCo's water", waters))
         return {
             "robots": e.robots, "seconds": seconds, "beating": beating, "rows": rows,
             "steps": foreign_water.step_rows(gaps),
@@ -168,17 +166,17 @@ class Studies:
 
     def strokes(self) -> Report:
         """Compare fins' strokes with what they must bring."""
-        return {"rows": strokes.study()}
+        return {"rows": _once(strokes.study, "strokes")}
 
     def reactive(self) -> Report:
         """Compare the reactive terms with potential flow."""
         quick = self.effort == QUICK
-        return self._once(lambda: reactive_terms.study(self.seed, quick), "reactive terms")
+        return _once(lambda: reactive_terms.study(self.seed, quick), "reactive terms")
 
     def real_fish(self) -> Report:
         """Compare how speed depends on the beat with published swims."""
         quick = self.effort == QUICK
-        return self._once(lambda: real_fish.study(quick), "real fish")
+        return _once(lambda: real_fish.study(quick), "real fish")
 
 
 STUDIES = (
@@ -187,9 +185,7 @@ STUDIES = (
 )  # fmt: skip
 
 
-def make_report(
-    effort: Effort, seed: int, progress: Progress, only: Iterable[str] = STUDIES
-) -> Report:
+def make_report(effort: Effort, seed: int, only: Iterable[str] = STUDIES) -> Report:
     """Run some of the ``STUDIES``; see :class:`Studies`.
 
     Raises
@@ -197,7 +193,7 @@ def make_report(
     EngineUnavailableError
         If PyBullet is missing and is to be compared.
     """
-    studies = Studies(effort, seed, progress)
+    studies = Studies(effort, seed)
     return {"seed": seed} | {name: getattr(studies, name)() for name in only}
 
 
@@ -211,6 +207,12 @@ def tables_of(report: Report) -> dict[str, tables.Table]:
     if report.get("foreign"):
         found |= foreign_water.make_tables(report["foreign"])
     return found
+
+
+def _once(study: Callable[[], T], what: str) -> T:
+    """Return a study's result, and show that it goes on."""
+    with show_progress(what, 1):
+        return study()
 
 
 def _has_mujoco() -> bool:
