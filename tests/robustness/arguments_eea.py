@@ -1,13 +1,11 @@
-"""Each argument of the algorithms for any robot refuses values of a wrong kind by its name."""
+"""The algorithms for any robot, with arguments with which they work."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
-from strange_values import CALLABLE, Call, cases, complaints, has_every_parameter, options
+from strange_values import CALLABLE, Call, options
 
 from eea import (
     EEA,
@@ -212,17 +210,3 @@ ROWS = [
         ),
     ),
 ]  # fmt: skip
-
-
-@pytest.mark.parametrize(("call", "argument"), cases(ROWS))
-def test_strange_values_are_refused_by_the_arguments_name(
-    call: Call, argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert not complaints(call, argument)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("call", ROWS, ids=lambda call: call.name)
-def test_row_has_every_parameter(call: Call) -> None:
-    assert has_every_parameter(call)

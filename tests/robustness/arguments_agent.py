@@ -1,12 +1,9 @@
-"""Each argument of the agent that models itself refuses values of a wrong kind by its name."""
+"""The agent that models itself, with arguments with which its functions work."""
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
-import pytest
-from strange_values import Call, cases, complaints, has_every_parameter, options
+from strange_values import Call, options
 
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine, load_library
@@ -84,17 +81,3 @@ ROWS = [
         {"body": "body"},
     ),
 ]  # fmt: skip
-
-
-@pytest.mark.parametrize(("call", "argument"), cases(ROWS))
-def test_strange_values_are_refused_by_the_arguments_name(
-    call: Call, argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert not complaints(call, argument)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("call", ROWS, ids=lambda call: call.name)
-def test_row_has_every_parameter(call: Call) -> None:
-    assert has_every_parameter(call)

@@ -1,22 +1,17 @@
-"""Each argument of the simulator's public functions refuses values of a wrong kind by its name."""
+"""The simulator's public functions, with arguments with which they work."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import gymnasium as gym
 import numpy as np
-import pytest
 from strange_values import (
     CALLABLE,
     NO_BODY,
     NO_DAMAGE,
     STRANGE,
     Call,
-    cases,
-    complaints,
-    has_every_parameter,
     options,
 )
 
@@ -259,17 +254,3 @@ ROWS = [
         ),
     ),
 ]  # fmt: skip
-
-
-@pytest.mark.parametrize(("call", "argument"), cases(ROWS))
-def test_strange_values_are_refused_by_the_arguments_name(
-    call: Call, argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert not complaints(call, argument)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("call", ROWS, ids=lambda call: call.name)
-def test_row_has_every_parameter(call: Call) -> None:
-    assert has_every_parameter(call)

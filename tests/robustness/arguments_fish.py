@@ -1,20 +1,15 @@
-"""Each argument of the fish's inference refuses values of a wrong kind by its name."""
+"""The functions of the fish's inference, with arguments with which they work."""
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from strange_values import (
     CALLABLE,
     NO_BODY,
     NO_DAMAGE,
     Call,
-    cases,
-    complaints,
-    has_every_parameter,
     options,
 )
 
@@ -192,17 +187,3 @@ ROWS = [
     Call(BELIEF.table, {"mass": 0.9}, options(mass="fraction")),
     Call(BELIEF.sample, {"count": 1, "rng": np.random.default_rng(0)}),
 ]  # fmt: skip
-
-
-@pytest.mark.parametrize(("call", "argument"), cases(ROWS))
-def test_strange_values_are_refused_by_the_arguments_name(
-    call: Call, argument: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert not complaints(call, argument)
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("call", ROWS, ids=lambda call: call.name)
-def test_row_has_every_parameter(call: Call) -> None:
-    assert has_every_parameter(call)
