@@ -20,14 +20,12 @@ from aquafish_gym.runs.command_line import (
 )
 from aquafish_gym.runs.manifest import LOCK, lock, write_manifest
 from aquafish_gym.utils.storage import ensure_writable_directory
-from aquafish_gym.utils.validation import one_of
 from eea.cli.outcome import draw_outcome, file_lines, write_outcome
 from eea.cli.progress import plain_console, waiting
 from eea.core.config import FitConfig
 from eea.core.session import streams
 from eea.fish import infer_log, read_log
-from eea.fish.joint import fish_joint
-from eea.fish.simulator import EngineSimulator
+from eea.fish.joint import check_groups
 from eea.fish.statement import belief_lines, end_lines, size_table, verdict_lines
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
@@ -69,9 +67,7 @@ class Infer:
         """Infer and print the report; nothing is written if an option is wrong."""
         log, moving = read_log(self.log), self.start == "moving"
         windows = log_windows(log, moving)
-        groups = fish_joint(EngineSimulator(windows.steps), windows).groups
-        for name in self.nuisances or ():
-            one_of("nuisances", name, groups)
+        check_groups(self.nuisances, windows)
         joint = FitConfig(noise=self.noise, nuisances=self.nuisances)
         truth = None if self.truth is None else read_morphology(self.truth, "truth")
         streams(self.seed)  # refuses a wrong seed

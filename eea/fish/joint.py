@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -15,6 +16,7 @@ from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.storage import read_packaged
 from aquafish_gym.world_config import MAXIMUM_SUBSTEPS
 from eea.core.angles import Floats
+from eea.core.checks import choice
 from eea.fish.simulator import EngineSimulator, fish_problem
 from eea.fish.windows import LogWindows
 from eea.joint.problem import (
@@ -25,6 +27,7 @@ from eea.joint.problem import (
     JointProblem,
     Nuisance,
     Part,
+    groups_of,
 )
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
@@ -223,21 +226,38 @@ def _at_known_start(nuisance: Nuisance) -> Nuisance:
     return replace(nuisance, low=-1.0) if nuisance.name == SERVO["caudal"] else nuisance
 
 
+def fish_nuisances(windows: LogWindows | None = None) -> tuple[Nuisance, ...]:
+    """Return the nuisances of trials from rest, or of the windows of a log."""
+    if windows is not None and windows.start is not None:
+        return tuple(map(_at_known_start, NUISANCES))
+    if windows is not None and windows.begun:
+        return (*STARTS[:3], *NUISANCES[3:], *STARTS[3:])
+    return NUISANCES
+
+
+def check_groups(chosen: Iterable[str] | None, windows: LogWindows) -> None:
+    """Raise a ConfigurationError if a log has no such group of nuisances; None is all of them.
+
+    It needs no simulator, so it is quick where nothing is compiled yet.
+    """
+    groups = groups_of(fish_nuisances(windows))
+    for name in chosen or ():
+        choice("nuisances", name, groups)
+
+
 def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) -> JointProblem:
     """Return the fish as a joint problem, for trials from rest or for the windows of a log.
 
     The commands of a log's windows (E,) are their numbers from 0.
     """
-    nuisances, hypotheses, known = NUISANCES, HYPOTHESES, False
-    if windows is not None and windows.start is not None:
-        nuisances, known = tuple(map(_at_known_start, NUISANCES)), True
+    known = windows is not None and windows.start is not None
+    hypotheses = HYPOTHESES
+    if known:
         hypotheses = tuple(replace(h, shared_angles=()) for h in HYPOTHESES)
-    elif windows is not None and windows.begun:
-        nuisances = (*STARTS[:3], *NUISANCES[3:], *STARTS[3:])
     return JointProblem(
         fish_problem(),
         partial(fish_signal, simulator=simulator, windows=windows),
-        nuisances,
+        fish_nuisances(windows),
         hypotheses,
         {
             word: Part(

@@ -19,7 +19,7 @@ from eea.core.config import FitConfig, JointConfig
 from eea.core.result import RoundRecord
 from eea.core.session import MAXIMUM_SEED, streams
 from eea.fish.estimate import MorphologyEstimate
-from eea.fish.joint import fish_joint
+from eea.fish.joint import check_groups, fish_joint
 from eea.fish.log_checks import LogCheck, check_log
 from eea.fish.prior import check_belief, since
 from eea.fish.readings import NEAR
@@ -108,6 +108,7 @@ def infer_log(
     windows = log_windows(log, moving, start=start)
     settings = vars(FitConfig() if joint is None else joint)
     config = JointConfig(**settings | {"steps": windows.gyro.shape[1], "rounds": 1})
+    check_groups(config.nuisances, windows)
     body = None if truth is None else Morphology.coerce(truth).to_array()
     fish = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
     if prior is not None:

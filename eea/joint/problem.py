@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import numbers
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -303,5 +303,10 @@ class JointProblem:
     @property
     def groups(self) -> tuple[str, ...]:
         """The groups of nuisances that can be inferred or not."""
-        chosen = (n.group for n in self.nuisances if not n.switch and not n.start)
-        return tuple(dict.fromkeys(chosen))
+        return groups_of(self.nuisances)
+
+
+def groups_of(nuisances: Iterable[Nuisance]) -> tuple[str, ...]:
+    """Return the groups of nuisances that can be inferred or not."""
+    chosen = (n.group for n in nuisances if not n.switch and not n.start)
+    return tuple(dict.fromkeys(chosen))

@@ -14,7 +14,15 @@ from aquafish_gym.bodies import read_bodies
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.storage import read_document
-from eea import RecordedLog, SwimLog, infer_log, load_posterior, write_log
+from eea import (
+    ConfigurationError,
+    FitConfig,
+    RecordedLog,
+    SwimLog,
+    infer_log,
+    load_posterior,
+    write_log,
+)
 from eea.__main__ import main
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -43,6 +51,16 @@ def infer(log, tmp_path, capsys, *options):
     write_log(tmp_path / "swim.csv", log)
     assert main(["infer", "--log", str(tmp_path / "swim.csv"), "--threads", "1", *options]) == 0
     return capsys.readouterr().out.splitlines()
+
+
+@pytest.fixture
+def uncompiled(monkeypatch):
+    """Fail a test that simulates a fish: a first simulation compiles for half a minute."""
+
+    def simulated(*_arguments, **_options):
+        pytest.fail("a fish was simulated before the refusal")
+
+    monkeypatch.setattr("eea.fish.simulator.simulate", simulated)
 
 
 def test_the_example_is_written_again_to_the_same_bytes(tmp_path):
@@ -88,6 +106,7 @@ def test_without_the_truth_there_is_no_fitness(tmp_path, capsys):
     assert float(said[3].split()[1]) == pytest.approx(0.8, abs=0.05)
 
 
+@pytest.mark.usefixtures("uncompiled")
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -108,6 +127,14 @@ def test_a_wrong_option_is_one_line(options, message, tmp_path, monkeypatch, cap
     assert len(said) == 1
     assert message in said[0]
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.usefixtures("uncompiled")
+@pytest.mark.parametrize(("moving", "name"), [(False, "curent"), (True, "current")])
+def test_infer_log_refuses_nuisances_that_a_log_has_not(moving, name):
+    log = swum([LEFT], FAST[:1])
+    with pytest.raises(ConfigurationError, match="nuisances must be one of"):
+        infer_log(log, FitConfig(nuisances=(name,)), moving=moving)
 
 
 @pytest.mark.parametrize("noise", [0.01, 0.0])
