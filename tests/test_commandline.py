@@ -148,6 +148,8 @@ def test_damage_has_one_name_and_keeps_the_old_one(capsys: pytest.CaptureFixture
         ("--fish few", "--fish must be a whole number; got 'few'"),
         ("--far", "Missing value for argument '--far'. Expected 1 values."),
         ("far", "unexpected argument 'far'"),
+        ("-- --far 2", "unexpected argument '--'; leave it out"),
+        ("--far 2 --", "unexpected argument '--'; leave it out"),
         ("--fish 0", "fish must be a whole number of at least 1 and at most 1000000; got 0"),
         ("--far=", "--far must not be empty"),
     ],

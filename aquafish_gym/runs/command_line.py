@@ -271,6 +271,8 @@ def parse(
     if word := asked_help(words):
         print_help(command, prog, word in FULL_HELP)
         raise SystemExit(0)
+    if "--" in words:  # tyro overlooks it at the end, and knows no option after it
+        raise InvalidArgumentError("unexpected argument '--'; leave it out")
     box = io.StringIO()
     try:
         with contextlib.redirect_stderr(box):
