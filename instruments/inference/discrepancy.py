@@ -146,7 +146,8 @@ def measure(trials: int, rng: np.random.Generator) -> tuple[float, float]:
     nothing = np.empty((0, 3))
     commands = np.array([fast_command(fish_problem().actions, nothing, rng) for _ in bodies])
     angles = rng.uniform(-np.pi, np.pi, (trials, 3))
-    ours = simulate(bodies, commands, angles, STEPS, engine="numba", dtype="float64").gyro
+    log = simulate(bodies, commands, angles, STEPS, engine="numba", dtype="float64")
+    ours = np.asarray(log.gyro, np.float64)
     each = zip(bodies, commands, angles, strict=True)
     apart = (
         np.array([simulate_law(*trial, STEPS) for trial in track(each, "trials", trials)]) - ours

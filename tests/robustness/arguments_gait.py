@@ -26,14 +26,14 @@ from gait import (
     swim,
     swim_all,
 )
-from gait.agent import ControllerAgent
-from gait.evaluation import interquartile_mean
-from gait.export import export_c
-from gait.fitness import swim_scores
-from gait.learning import LearningConfig, dense_network, train
-from gait.network import Senses
+from gait.controllers.agent import ControllerAgent
+from gait.controllers.export import export_c
+from gait.controllers.network import Senses
+from gait.learning.train import LearningConfig, dense_network, train
+from gait.scores.evaluation import interquartile_mean
+from gait.scores.fitness import swim_scores
+from gait.scores.transfer import TransferConfig, score, transfer
 from gait.search.neat import genome_to_controller, load_config
-from gait.transfer import TransferConfig, score, transfer
 
 BODY = Morphology.nominal()
 CONTROLLER = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, BODY, 0)
