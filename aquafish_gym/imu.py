@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,10 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.floating]
-
-# Micro-electromechanical gyros saturate at 2000 degrees/s, and an observation must be bounded.
-GYRO_RANGE = math.radians(2000.0)
-GOAL_RANGE = 100.0  # units, beyond which a goal is observed at this distance along each axis
 
 
 @dataclass(frozen=True, repr=False)

@@ -6,7 +6,7 @@ edits of a :class:`Scenario`'s fields. Engines simulate it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from numbers import Real
@@ -168,6 +168,19 @@ class Scenario:
         schedule = tuple(change for change in changes if len(change.rows))
         return replace(self, **taken, schedule=schedule)
 
+    def segments(self, steps: int) -> Iterator[Segment]:
+        """Yield the stretches of ``steps`` steps of 0.01 s in which no robot changes, in order.
+
+        The robots begin as the scenario says. Each later stretch begins with a change of the
+        schedule; one at step 0 comes first.
+        """
+        changes = [change for change in self.schedule if change.step < steps]
+        ends = [change.step for change in changes] + [steps]
+        if ends[0] > 0:
+            yield Segment(0, ends[0], None)
+        for change, end in zip(changes, ends[1:], strict=True):
+            yield Segment(change.step, end, change)
+
     @staticmethod
     def concatenate(scenarios: Sequence[Scenario]) -> Scenario:
         """Return the robots of several scenarios, one after another, in one."""
@@ -192,6 +205,14 @@ class Scenario:
             for step, those in sorted(changes.items())
         )
         return replace(scenarios[0], **joined, schedule=schedule)
+
+
+class Segment(NamedTuple):
+    """Steps of 0.01 s, from ``begin`` to before ``end``, in which no robot changes."""
+
+    begin: int
+    end: int
+    change: Change | None  #: What changes when it begins, if anything.
 
 
 class Change(NamedTuple):

@@ -24,9 +24,9 @@ from aquafish.online.self_model import (
     predict,
 )
 from aquafish.online.watch import ERROR_SCALES, WATER, Calibration, Readings
-from aquafish_gym.envs.episode import limits, valid_readings
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
+from aquafish_gym.sense import limits, valid_readings
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,

@@ -14,8 +14,16 @@ from scipy.spatial.transform import Rotation
 
 from aquafish_gym.command import scale_action
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.physics.layout import FIELDS, LEFT, RATES, angles_of_rows, start_rows
+from aquafish_gym.physics.layout import (
+    FIELDS,
+    LEFT,
+    RATES,
+    angles_of_rows,
+    start_rows,
+    state_from_numbers,
+)
 from aquafish_gym.scenario import MAXIMUM_CURRENT, MAXIMUM_SPIN, Scenario
+from aquafish_gym.sense import imu
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     finite_array,
@@ -199,10 +207,7 @@ def noise_of(robot: Scenario) -> Floats:
 
 def observe(states: Floats) -> Floats:
     """Return what the inertial measurement unit observes, (N, 9), in states (25, N)."""
-    x, y, z, w = states[FIELDS["orientation"]]
-    up = 2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)
-    north = 2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
-    return np.array([*up, *north, *states[FIELDS["spin"]]]).T
+    return np.array(imu(state_from_numbers(states))).T
 
 
 def moved(state: Floats, errors: Floats) -> Floats:

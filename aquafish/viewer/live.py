@@ -18,12 +18,12 @@ from aquafish_gym.damage import Damage, Fault, edit_each
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.engines.compiled.lanes import LaneBatch
-from aquafish_gym.envs import episode
 from aquafish_gym.morphology import FINS, Morphology
 from aquafish_gym.physics.dynamics import Water, Wrench, forces, on_body
 from aquafish_gym.physics.kinematics import rotation, to_world
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
+from aquafish_gym.sense import limits, observe
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from gait.controllers.controller import Controller
 from gait.controllers.pilots import Pilot as Agent
@@ -228,9 +228,9 @@ class LiveSwim:
         return edit_each(whole, damages, self._stride)
 
     def _observe(self) -> None:
-        truth = episode.observe(state_from_numbers(self.states))
-        limits = episode.limits(False, False)
-        self.observed = self._sensors.observe(truth, -limits, limits, self._rng, self._everyone)
+        truth = observe(state_from_numbers(self.states))
+        most = limits(observe_fins=False, has_goal=False)
+        self.observed = self._sensors.observe(truth, -most, most, self._rng, self._everyone)
 
 
 @cache  # ``edit_each`` edits robots of one damage together

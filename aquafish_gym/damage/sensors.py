@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
+from aquafish_gym.sense import faulty
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -166,20 +167,49 @@ class Sensors:
         now = self.readings.take(rows)
         observed = truth.copy()
         felt = observed[:, : now.bias.shape[1]]  # a view
-        if (now.scale != 1.0).any():
-            with np.errstate(over="ignore"):  # it saturates
-                felt *= now.scale
-        felt += now.bias
         noisy = now.noise > 0.0
-        if noisy.any():
-            felt[noisy] += now.noise[noisy] * _draw(rngs, rows, noisy.sum(axis=1))
+        white = _draw(rngs, rows, noisy.sum(axis=1)) if noisy.any() else None
+        _misread(felt, now, noisy, white)
         felt[:] = self._lines.carry(felt, rows)
-        self._held[rows] = np.where(self._fresh[rows], felt, self._held[rows])
+        felt[:], self._held[rows] = faulty(
+            felt, self._held[rows], self._fresh[rows], now.stuck, now.dropped
+        )
         self._fresh[rows] = False
-        np.copyto(felt, self._held[rows], where=now.stuck)
-        felt[now.dropped] = 0.0
         np.clip(observed, low, high, out=observed)
         return observed
+
+    def record(self, truth: Floats, rng: np.random.Generator) -> Floats:
+        """Return the observations (T, C) of a single robot in T steps, without limits.
+
+        They are those of T calls of :meth:`observe`, to the last bit.
+        """
+        rows = np.zeros(1, np.intp)
+        now = Readings(*(np.repeat(table, len(truth), axis=0) for table in self.readings))
+        noisy = now.noise > 0.0
+        felt = truth.copy()
+        _misread(felt, now, noisy, rng.standard_normal(np.count_nonzero(noisy)))
+        if self._lines.active:
+            steps = np.split(felt, len(felt))
+            felt = np.concatenate([self._lines.carry(step, rows) for step in steps])
+        held = np.where(self._fresh, felt[:1], self._held)
+        observed, _ = faulty(felt, held, np.zeros_like(felt), now.stuck, now.dropped)
+        self._held[:] = held
+        self._fresh[:] = False
+        found: Floats = observed
+        return found
+
+
+def _misread(felt: Observations, now: Readings, noisy: Flags, white: Floats | None) -> None:
+    """Scale true readings (n, C), and add bias and noise, in place.
+
+    ``white`` are normal numbers for the ``noisy`` channels (n, C), one after another.
+    """
+    if (now.scale != 1.0).any():
+        with np.errstate(over="ignore"):  # it saturates
+            felt *= now.scale
+    felt += now.bias
+    if white is not None:
+        felt[noisy] += now.noise[noisy] * white
 
 
 def _draw(

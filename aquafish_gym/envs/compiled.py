@@ -15,13 +15,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym import command
+from aquafish_gym import command, sense
 from aquafish_gym.command import servo_speeds
 from aquafish_gym.engines.worlds import RUNAWAY
-from aquafish_gym.envs import senses, tasks
-from aquafish_gym.envs.senses import MOTION, motion, up_and_north
+from aquafish_gym.envs import motion as motions
+from aquafish_gym.envs import tasks
+from aquafish_gym.envs.motion import MOTION, motion
 from aquafish_gym.envs.tasks import REMEMBERED, Step, Task, compiled_task
-from aquafish_gym.imu import GYRO_RANGE
 from aquafish_gym.physics.arithmetic import Vector, clip
 from aquafish_gym.physics.compiling import compiled, register, register_module, source_stamp
 from aquafish_gym.physics.layout import (
@@ -34,12 +34,12 @@ from aquafish_gym.physics.layout import (
     angles_of_rows,
 )
 from aquafish_gym.physics.simd import inlined
+from aquafish_gym.sense import GYRO_RANGE, up_and_north
 
 Floats = NDArray[np.floating]
 Mask = NDArray[np.bool_]
 
 _AFTER_SPEEDS = FIELDS["spin"].stop
-_GYRO_RANGE = float(np.float32(GYRO_RANGE))  # the observation space's bound
 # Division by zero is infinity, as in rows, and no exception.
 _OPTIONS: dict[str, Any] = {"slow": True, "nogil": True, "error_model": "numpy"}
 
@@ -127,7 +127,7 @@ class Judge:
 @functools.cache
 def _register() -> None:
     register()
-    for module in (command, senses, tasks, sys.modules[__name__]):
+    for module in (command, sense, motions, tasks, sys.modules[__name__]):
         register_module(module)
 
 
@@ -215,7 +215,7 @@ def _look(now: Any, seen: Any, begin: int, end: int) -> None:
         for k in range(3):
             seen[i, k] = clip(up[k], 1.0)
             seen[i, 3 + k] = clip(north[k], 1.0)
-            seen[i, 6 + k] = clip(gyro[k], _GYRO_RANGE)
+            seen[i, 6 + k] = clip(gyro[k], GYRO_RANGE)
 
 
 def _trace(before: Any, now: Any, dt: float, moved: Any, begin: int, end: int) -> None:

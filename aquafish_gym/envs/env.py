@@ -13,7 +13,7 @@ from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import episode
-from aquafish_gym.envs.senses import motion_info
+from aquafish_gym.envs.motion import motion_info
 from aquafish_gym.envs.specification import read_class
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
@@ -27,6 +27,7 @@ from aquafish_gym.rendering import (
     usable_modes,
 )
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.sense import observe
 from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
@@ -285,7 +286,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         fins = None
         if self._observe_fins:
             fins = self._reckoned if self._reckons else self._fin_angles
-        seen = episode.observe(self._state, fins, goal)
+        seen = observe(self._state, fins, goal)
         sensors = self._robots.sensors
         if sensors.broken:
             most, rngs = self._limits, [self.np_random]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -16,14 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.damage import Damage, edit_each
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.sensors import Readings, Sensors
-from aquafish_gym.envs.senses import up_and_north, way_to
 from aquafish_gym.envs.specification import FishSpec, check_limit, limit_asked_for
 from aquafish_gym.envs.tasks import Task, check_task
-from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.morphology import Morphology
-from aquafish_gym.physics.arithmetic import Number, Vector
-from aquafish_gym.physics.kinematics import State
+from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.scenario import LATE, TIMESTEP, Scenario, check_row
+from aquafish_gym.sense import limits
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -326,68 +323,7 @@ def action_space() -> Box[np.float32]:
     return Box(-1.0, 1.0, (3,), np.float32)
 
 
-@cache
-def limits(observe_fins: bool, has_goal: bool) -> Floats:
-    """Return the largest values of an observation: up, north, gyro, fins, goal."""
-    most = [1.0] * 6 + [np.float32(GYRO_RANGE)] * 3  # the space's bound
-    most += [1.0] * 6 * observe_fins + [GOAL_RANGE] * 3 * has_goal
-    found = np.array(most, np.float64)
-    found.setflags(write=False)
-    return found
-
-
-@cache
-def bounds(observe_fins: bool, has_goal: bool) -> tuple[Floats, Floats]:
-    """Return the smallest and the largest values of an observation."""
-    most = limits(observe_fins, has_goal)
-    return -most, most
-
-
-RANGE_TOLERANCE = 1.0 + 1e-6  # of the range of a reading: single precision rounds
-
-
-def valid_readings(readings: ArrayLike, most: Floats) -> Floats:
-    """Return readings (..., k), NaN where they lie outside of the observation space.
-
-    No sensor reads such a number, so its transmission failed. ``most`` (k,) are the ``limits``.
-    """
-    values = np.asarray(readings, np.float64)
-    inside = np.abs(values) <= most * RANGE_TOLERANCE
-    return np.where(inside, values, np.nan)
-
-
 def observation_space(observe_fins: bool, has_goal: bool) -> Box[np.float32]:
     """Return the space of observations; see ``AquaFishEnv``."""
     high = limits(observe_fins, has_goal).astype(np.float32)
     return Box(-high, high, dtype=np.float32)
-
-
-def observe(
-    state: State, fin_angles: ArrayLike | None = None, goal: Vector | None = None
-) -> NDArray[np.float32]:
-    """Return the observation of whole sensors, (9,), or more with the fins' angles or a goal.
-
-    Every number may be a row (B,) instead; the result is then (B, 9) or more. Values saturate at
-    the bounds of the observation space. The angles are in rad, the goal in the world.
-    """
-    up, north = up_and_north(state.orientation)
-    senses = [*up, *north, *state.spin]
-    if fin_angles is not None or goal is not None:
-        senses += further_senses(state, fin_angles, goal)
-    seen = np.array(senses).T
-    least, most = bounds(fin_angles is not None, goal is not None)
-    np.maximum(seen, least, out=seen)
-    np.minimum(seen, most, out=seen)
-    return seen.astype(np.float32, "C")
-
-
-def further_senses(
-    state: State, fin_angles: ArrayLike | None = None, goal: Vector | None = None
-) -> list[Number]:
-    """Return what is observed after the nine channels, if asked for: the fins, and the way."""
-    found: list[Number] = []
-    if fin_angles is not None:
-        found += [*np.sin(fin_angles), *np.cos(fin_angles)]
-    if goal is not None:
-        found += way_to(goal, state.position, state.orientation)
-    return found

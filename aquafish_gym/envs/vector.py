@@ -18,7 +18,7 @@ from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.attributes import RobotAttributes
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
-from aquafish_gym.envs.senses import MOTION, motion_info
+from aquafish_gym.envs.motion import MOTION, motion_info
 from aquafish_gym.envs.specification import check_limit
 from aquafish_gym.envs.tasks import Step, Task
 from aquafish_gym.morphology import Morphology
@@ -26,6 +26,7 @@ from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows, state_from_numbers
 from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.sense import beyond_imu, observe
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, integer, one_of
 
 if TYPE_CHECKING:
@@ -328,7 +329,7 @@ class AquaFishVectorEnv(
 
     def _truth(self, rows: Rows) -> Observations:
         """Return what whole sensors of these robots observe."""
-        return episode.observe(state_from_numbers(self.states[:, rows]), *self._further(rows))
+        return observe(state_from_numbers(self.states[:, rows]), *self._further(rows))
 
     def _further(self, rows: Rows | slice) -> tuple[Floats | None, Vector | None]:
         """Return what these robots observe beyond nine channels: fins (3, n) in rad, the goal."""
@@ -344,7 +345,7 @@ class AquaFishVectorEnv(
         """Let the robots observe what comes after the nine channels."""
         if seen.shape[1] > len(CHANNELS):
             now = state_from_numbers(self.states)
-            more = np.transpose(episode.further_senses(now, *self._further(slice(None))))
+            more = np.transpose(beyond_imu(now, *self._further(slice(None))))
             most = self._limits[len(CHANNELS) :]
             seen[:, len(CHANNELS) :] = np.clip(more, -most, most)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -51,20 +50,19 @@ def swim_all(
         _set_sensors(loop, slice(None), scenario)
     flows = plan.task is not None and type(plan.task).current is not Task.current
     weights = pack_rows(program.weights, dtype, lanes.width)
-    edges = {0, plan.steps, *(step for step, *_ in scenario.schedule if step < plan.steps)}
-    for begin, until in pairwise(sorted(edges)):
-        for _, rows, to in (change for change in scenario.schedule if change.step == begin):
-            lanes.update(rows, to, keep_current=flows)
+    for begin, end, change in scenario.segments(plan.steps):
+        if change is not None:
+            lanes.update(change.rows, change.to, keep_current=flows)
             if loop.broken:
-                _set_sensors(loop, rows, to)
+                _set_sensors(loop, change.rows, change.to)
         lanes.run(
-            program.function, weights, program.layout, until - begin, program.interval, loop=loop
+            program.function, weights, program.layout, end - begin, program.interval, loop=loop
         )
-        if loop.broken and any(t % plan.interval == 0 for t in range(begin, until)):
+        if loop.broken and any(t % plan.interval == 0 for t in range(begin, end)):
             loop["fresh"] = 0.0  # they are observed
     diverged = lanes.diverged() | (loop["alive"][0] == 0.0)
-    end = np.where(diverged[:, None], np.nan, lanes.rows()[FIELDS["position"]].T)
-    return Trajectories(loop["total"][0], diverged, end)
+    reached = np.where(diverged[:, None], np.nan, lanes.rows()[FIELDS["position"]].T)
+    return Trajectories(loop["total"][0], diverged, reached)
 
 
 def _set_sensors(loop: Any, rows: Any, robots: Scenario) -> None:

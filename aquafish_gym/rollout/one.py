@@ -12,14 +12,13 @@ from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.sensors import Readings, Sensors
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.tasks import Memory, Step, Task
-from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
-from aquafish_gym.physics.arithmetic import TAU, Number, Vector, subtract
-from aquafish_gym.physics.kinematics import State, rotation, to_body
+from aquafish_gym.physics.arithmetic import TAU, Number, Vector
+from aquafish_gym.physics.kinematics import State
 from aquafish_gym.rollout.plan import Act, Floats, Path, Plan, Program
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.sense import beyond_imu, imu, limits
 from aquafish_gym.utils.validation import finite_array
 
-_LIMITS = np.array([1.0] * 6 + [GYRO_RANGE] * 3)
 _ONLY = np.zeros(1, np.intp)
 
 
@@ -39,6 +38,7 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
     rngs = [copy.deepcopy(rng) for rng in plan.rngs[robot : robot + 1]]
     memory: Memory = tuple(plan.memory[robot].tolist())
     total = 0.0
+    most = limits(observe_fins=False, has_goal=False)
     path = np.full((-(-plan.steps // plan.interval) + 1, 10), math.nan)
     gyro, commands = np.full((2, plan.steps, 3), math.nan)
     sensors, servos = Sensors(1, np.float64, dt=plan.dt), DelayLines(1, 3, first=np.zeros(3))
@@ -58,14 +58,12 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
             if water is not None:
                 water = (float(water[0]), float(water[1]), float(water[2]))
                 world.set_current(water)
-            turn = rotation(state.orientation)
-            observation = np.array([*turn[2], *turn[1], *state.spin])
+            observation = np.array(imu(state))
             if sensors.broken:
-                observation = sensors.observe(observation[None], -_LIMITS, _LIMITS, rngs, _ONLY)[0]
+                observation = sensors.observe(observation[None], -most, most, rngs, _ONLY)[0]
             if task.has_goal:
-                way = to_body(turn, subtract(task.goal(memory), state.position))
-                limited = np.clip(way, -GOAL_RANGE, GOAL_RANGE)
-                observation = np.concatenate([observation, limited])
+                way = beyond_imu(state, goal=task.goal(memory))
+                observation = np.concatenate([observation, way])
             action = finite_array("action", act(observation, t * TIMESTEP), (3,))
             left, right, caudal = scale_action(action).tolist()
             follow = servos.carry(np.array([[left, right, caudal]]), _ONLY)[0].tolist()

@@ -148,16 +148,17 @@ class EngineTarget:
 
     def _observed(self, gyro: Floats, rng: np.random.Generator) -> Floats:
         """Return angular velocities (1, T, 3) as the damaged gyroscope records them."""
-        stages = {0: self._scenario} | {each.step: each.to for each in self._scenario.schedule}
-        sensors, unlimited = Sensors(1, np.float64), np.full(len(CHANNELS), np.inf)
         truth = np.zeros((gyro.shape[1] + 1, len(CHANNELS)))
-        truth[0, GYRO], truth[1:, GYRO] = self._gap.gyro_bias, gyro[0]  # it begins at rest
-        observed = np.empty_like(truth)
-        for stage in stages.values():
-            sensors.remember(stage.sensor_delay)
-        for step in range(len(truth)):
-            if step in stages:
-                sensors.update(_ONLY, Readings.of(stages[step]))
-            row = truth[step : step + 1]
-            observed[step] = sensors.observe(row, -unlimited, unlimited, [rng], _ONLY)[0]
-        return observed[None, 1:, GYRO]
+        truth[0, GYRO] = self._gap.gyro_bias  # it begins at rest
+        truth[1:, GYRO] = gyro[0]
+        sensors = Sensors(1, np.float64)
+        sensors.remember(self._scenario.sensor_delay)
+        for later in self._scenario.schedule:
+            sensors.remember(later.to.sensor_delay)
+        sensors.update(_ONLY, Readings.of(self._scenario))
+        observed = []
+        for begin, end, change in self._scenario.segments(len(truth)):
+            if change is not None:
+                sensors.update(_ONLY, Readings.of(change.to))
+            observed.append(sensors.record(truth[begin:end], rng))
+        return np.concatenate(observed)[None, 1:, GYRO]

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import lane_servo_speeds, reckon
-from aquafish_gym.envs.episode import limits, valid_readings
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.sense import limits, valid_readings
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,

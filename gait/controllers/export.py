@@ -20,11 +20,11 @@ from tyro.conf import Positional, arg
 
 from aquafish_gym import command
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.envs.episode import RANGE_TOLERANCE, limits
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.compiling import compiled_function, register_module
 from aquafish_gym.physics.layout import fetch_vector, put_vector
 from aquafish_gym.physics.simd import zero_lanes
+from aquafish_gym.sense import RANGE_TOLERANCE, limits
 from aquafish_gym.utils.storage import output_file, write_bytes
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, instance
 from gait.controllers import network

@@ -17,9 +17,9 @@ from aquafish_gym.engines.worlds import WORLDS, make_world
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.envs.vector import AquaFishVectorEnv
-from aquafish_gym.imu import GYRO_RANGE
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.sense import GYRO_RANGE
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 NOMINAL = Morphology.nominal()

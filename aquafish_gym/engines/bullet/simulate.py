@@ -31,19 +31,19 @@ def simulate_bullet(
     fill = compiled(follow)
     for i in range(batch):
         one = scenario.take(i)
-        changes = {change.step: change.to for change in one.schedule}
         world = BulletWorld(substeps)
         try:
             world.reset(one)
             series = [triple(command) for command in commands[i].reshape(-1, 3)]
-            for t in range(steps):
-                if t in changes:
-                    world.update(changes[t])
-                world.advance(series[min(t // interval, len(series) - 1)])
-                position[i, t] = world.position
-                quaternion[i, t] = world.orientation
-                spins[t] = world.world_spin
-                fin_angles[i, t] = world.fin_angles
+            for begin, end, change in one.segments(steps):
+                if change is not None:
+                    world.update(change.to)
+                for t in range(begin, end):
+                    world.advance(series[min(t // interval, len(series) - 1)])
+                    position[i, t] = world.position
+                    quaternion[i, t] = world.orientation
+                    spins[t] = world.world_spin
+                    fin_angles[i, t] = world.fin_angles
             diverged[i] = world.diverged
         finally:
             world.close()

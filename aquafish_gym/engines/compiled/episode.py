@@ -12,19 +12,17 @@ from typing import Any
 
 from aquafish_gym.command import reckon
 from aquafish_gym.engines.worlds import RUNAWAY
-from aquafish_gym.imu import GOAL_RANGE, GYRO_RANGE
 from aquafish_gym.physics.arithmetic import (
     Number,
     Vector,
     clip,
-    cross,
     dot,
     fetch,
     put,
-    subtract,
     where_less,
 )
 from aquafish_gym.physics.layout import fetch_vector, put_vector
+from aquafish_gym.sense import GYRO_RANGE, faulty
 
 _SIZES = {
     "fins": 3,  # where the controller believes the fins to be, in turns
@@ -63,17 +61,7 @@ def put_memory(kept: Any, memory: tuple[Number, ...]) -> None:
     put_vector(kept, MEMORY + 3, 0, 1, (memory[3], memory[4], memory[5]))
 
 
-def way_to(goal: Vector, position: Vector, up: Vector, north: Vector) -> Vector:
-    """Return the way from a position to a goal in body axes, as the environments observe it."""
-    way, east = subtract(goal, position), cross(north, up)
-    return (
-        clip(dot(way, (east[0], north[0], up[0])), GOAL_RANGE),
-        clip(dot(way, (east[1], north[1], up[1])), GOAL_RANGE),
-        clip(dot(way, (east[2], north[2], up[2])), GOAL_RANGE),
-    )
-
-
-def sense(
+def sensed(
     kept: Any,
     noise: Any,
     broken: bool,
@@ -100,10 +88,14 @@ def sense(
         if i >= _FIRST_OF_GYRO and noise.size > 0:
             x = x + fetch(noise, 3 * step + i - _FIRST_OF_GYRO, like)
         x = clip(x, 1.0 if i < _FIRST_OF_GYRO else GYRO_RANGE)
-        held = where_less(0.0, fresh * fetch(kept, FRESH + i, like), x, fetch(kept, HELD + i, like))
+        x, held = faulty(
+            x,
+            fetch(kept, HELD + i, like),
+            fresh * fetch(kept, FRESH + i, like),
+            fetch(kept, STUCK + i, like),
+            fetch(kept, DROPPED + i, like),
+        )
         put(kept, HELD + i, held)
-        x = where_less(0.0, fetch(kept, STUCK + i, like), held, x)
-        x = where_less(0.0, fetch(kept, DROPPED + i, like), 0.0, x)
         put(kept, OBSERVED + i, x)
     return (
         fetch_vector(kept, OBSERVED, 0, 1, like),

@@ -28,7 +28,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym import command
+from aquafish_gym import command, sense
 from aquafish_gym.command import lane_servo_speeds
 from aquafish_gym.engines.compiled import episode, policies, recording
 from aquafish_gym.engines.compiled.episode import (
@@ -40,8 +40,7 @@ from aquafish_gym.engines.compiled.episode import (
     note_action,
     note_reward,
     put_memory,
-    sense,
-    way_to,
+    sensed,
 )
 from aquafish_gym.engines.compiled.policies import OPEN_LOOP
 from aquafish_gym.engines.compiled.recording import (
@@ -53,7 +52,7 @@ from aquafish_gym.engines.compiled.recording import (
 )
 from aquafish_gym.engines.compiled.spectrum import write_spectrum
 from aquafish_gym.physics import simd
-from aquafish_gym.physics.arithmetic import Vector, scale
+from aquafish_gym.physics.arithmetic import Vector, cross, scale
 from aquafish_gym.physics.attitude import attitude, continue_attitude, directions
 from aquafish_gym.physics.compiling import compiled, register, register_module, source_stamp
 from aquafish_gym.physics.dynamics import step
@@ -71,6 +70,7 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.physics.reactive import step_reactive
 from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.sense import way_to
 
 Policy = Callable[..., Vector]
 
@@ -90,7 +90,7 @@ def compile_kernel(
     ``begin`` to ``end`` and may be called from several threads at once.
     """
     register()
-    for module in (sys.modules[__name__], episode, recording, command, policies):
+    for module in (sys.modules[__name__], episode, recording, command, policies, sense):
         register_module(module)
     register_module(sys.modules[policy.__module__])
     simd.inlined(policy)
@@ -152,8 +152,8 @@ def compile_kernel(
                         if aims:
                             goal = goal_of(task, memory)
                         up, north = directions(rpy)
-                        way = way_to(goal, state.position, up, north)
-                        up, north, gyro = sense(
+                        way = way_to(goal, state.position, cross(north, up), north, up)
+                        up, north, gyro = sensed(
                             kept, noise, broken, (first_step + t) // interval, t < interval,
                             up, north, state.spin,
                         )  # fmt: skip

@@ -27,16 +27,13 @@ def simulate_lanes(
     if begun:
         rates = _joint_rates(scenario, commands, TIMESTEP / substeps, interval, begun)
     lanes = LaneBatch(scenario, dtype, substeps, threads, rates=rates)
-    changes = [change for change in scenario.schedule if change.step < steps]
-    ends = [change.step for change in changes] + [steps]
     logs = []
-    for change, begin, end in zip([None, *changes], [0, *ends], ends, strict=False):
+    for begin, end, change in scenario.segments(steps):
         if change is not None:
             lanes.update(change.rows, change.to)
-        if end > begin:
-            logs.append(
-                lanes.advance(commands, end - begin, record, scenario.servo_lag, interval, begun)
-            )
+        logs.append(
+            lanes.advance(commands, end - begin, record, scenario.servo_lag, interval, begun)
+        )
     return join_logs(logs)
 
 
