@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -116,11 +117,7 @@ class Controller:
         response = finite_array("controller.response", self.response, (nodes,))
         weights = finite_array("controller.weights", self.weights, (nodes, inputs + nodes))
         _check_sums(weights, bias, response)
-        if self.layers is None and np.triu(weights[:, inputs:]).any():
-            raise InvalidArgumentError(
-                "controller.weights must be zero from a node to itself or an earlier one, unless "
-                "controller.layers gives the layers of a network with memory"
-            )
+        _check_order(weights[:, inputs:], self.layers)
         layers = self.layers
         if layers is not None:
             if not isinstance(layers, list | tuple):
@@ -145,6 +142,41 @@ class Controller:
             instance("controller.sample", self.sample, str)
         one_of("controller.output", self.output, ("tanh", "clip"))
         integer("controller.interval", self.interval, 1, 1000)
+
+    def variants(self, weights: ArrayLike, bias: ArrayLike, clock: ArrayLike) -> list[Controller]:
+        """Return P controllers with other numbers, which are checked together.
+
+        A search makes tens of thousands: one by one, their checks take a third as long as their
+        swims.
+
+        Parameters
+        ----------
+        weights
+            (P, N, I + N).
+        bias
+            (P, N).
+        clock
+            (P,) in Hz.
+
+        Raises
+        ------
+        InvalidArgumentError
+            As of :class:`Controller`.
+        """
+        numbers = finite_array("controller.weights", weights, (None, *self.weights.shape))
+        count = len(numbers)
+        biases = finite_array("controller.bias", bias, (count, self.nodes))
+        clocks = finite_array("controller.clock", clock, (count,), 0.0, 50.0, "Hz")
+        _check_sums(numbers, biases, self.response)
+        _check_order(numbers[:, :, len(self.senses.names) :], self.layers)
+        for array in (numbers, biases):
+            array.setflags(write=False)
+        found = []
+        for own_weights, own_bias, own_clock in zip(numbers, biases, clocks.tolist(), strict=True):
+            one = copy.copy(self)
+            vars(one).update(weights=own_weights, bias=own_bias, clock=own_clock)
+            found.append(one)
+        return found
 
     @property
     def nodes(self) -> int:
@@ -330,16 +362,29 @@ def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
 def _check_sums(
     weights: NDArray[np.float64], bias: NDArray[np.float64], response: NDArray[np.float64]
 ) -> None:
-    """Refuse a node whose sum may overflow in float32, where infinities make NaN commands."""
+    """Refuse a node whose sum may overflow in float32, where infinities make NaN commands.
+
+    ``weights`` are those of one controller (N, I + N) or of P of them (P, N, I + N).
+    """
     with np.errstate(over="ignore", invalid="ignore"):
-        reach = np.abs(weights).sum(axis=1)
+        reach = np.abs(weights).sum(axis=-1)
         sums = np.maximum(reach, network.GAIN * (np.abs(bias) + np.abs(response) * reach))
     beyond = np.flatnonzero(~(sums <= MAXIMUM_SUM))
     if len(beyond):
-        node = int(beyond[0])
+        place = int(beyond[0])
         raise InvalidArgumentError(
             f"controller.weights, bias and response must keep every node's sum within "
-            f"{MAXIMUM_SUM:g}, as float32 must hold it; node {node} reaches {sums[node]:.3g}"
+            f"{MAXIMUM_SUM:g}, as float32 must hold it; node {place % len(response)} reaches "
+            f"{sums.flat[place]:.3g}"
+        )
+
+
+def _check_order(between: NDArray[np.float64], layers: object) -> None:
+    """Refuse weights between nodes (..., N, N) that need memory where no layers are given."""
+    if layers is None and np.triu(between).any():
+        raise InvalidArgumentError(
+            "controller.weights must be zero from a node to itself or an earlier one, unless "
+            "controller.layers gives the layers of a network with memory"
         )
 
 

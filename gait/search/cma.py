@@ -30,7 +30,7 @@ REFINING = 0.05  # that of a gait which already swims
 FINALS_EVERY = 4
 STAGES: Stages = ((6, 50), (3, 100))
 
-Build = Callable[[NDArray[np.float64]], Controller]
+Build = Callable[[NDArray[np.float64]], list[Controller]]  # of vectors (P, D)
 
 
 class Strategy:
@@ -67,10 +67,10 @@ class Strategy:
     def ask(self) -> Proposal:
         """Return a generation drawn from the distribution, and at times its mean."""
         self._vectors: list[NDArray[np.float64]] = self._strategy.ask()
-        finalists = []
+        finalists: list[Controller] = []
         if self._generation % FINALS_EVERY == 0:
-            finalists = [self._build(np.array(self._strategy.mean))]
-        return Proposal([self._build(x) for x in self._vectors], finalists)
+            finalists = self._build(np.array([self._strategy.mean]))
+        return Proposal(self._build(np.array(self._vectors)), finalists)
 
     def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:  # noqa: ARG002
         """Update the distribution."""
@@ -87,7 +87,7 @@ def tuner(
     template = Template.like(first)
     return Strategy(
         template.vector(first),
-        lambda x: template.controller(x, first.clock, first.morphology, first.seed),
+        lambda vectors: template.controllers(vectors, first.clock, first.morphology, first.seed),
         population,
         rng,
         sigma,
@@ -105,8 +105,7 @@ class Screening:
 
     def ask(self) -> Proposal:
         """Return all of them."""
-        controllers = [self._build(x) for x in self.vectors]
-        return Proposal(controllers, None, self._restarts, self._poses)
+        return Proposal(self._build(self.vectors), None, self._restarts, self._poses)
 
     def tell(self, fitness: Sequence[float], winner: Controller, final: float) -> None:  # noqa: ARG002
         """Keep the best."""

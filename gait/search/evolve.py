@@ -212,7 +212,7 @@ def make_search(config: EvolveConfig, body: Morphology, first: Controller | None
         rng = np.random.default_rng(stream(c.seed, 6))
         turns = cma.multistart(
             template.random(plan.random_candidates, rng),
-            lambda x: template.controller(x, plan.clock, body, c.seed),
+            lambda vectors: template.controllers(vectors, plan.clock, body, c.seed),
             plan.population,
             plan.restarts,
             c.poses,

@@ -84,15 +84,25 @@ class Template:
     def controller(
         self, vector: NDArray[np.float64], clock: float, morphology: Morphology, seed: int
     ) -> Controller:
-        """Return the controller of a vector, where ``clock`` is the initial one, in Hz."""
+        """Return the controller of one vector, as of :meth:`controllers`."""
+        return self.controllers(vector[None], clock, morphology, seed)[0]
+
+    def controllers(
+        self, vectors: NDArray[np.float64], clock: float, morphology: Morphology, seed: int
+    ) -> list[Controller]:
+        """Return the controllers of vectors (P, size), where ``clock`` is the initial one, in Hz.
+
+        A vector's own clock stays within :data:`CLOCK_OCTAVES` of it.
+        """
         nodes = len(self.free)
-        weights = np.zeros(self.free.shape)
-        weights[self.free] = vector[1 + nodes :]
-        return Controller(
-            weights=weights,
-            bias=vector[1 : 1 + nodes],
+        weights = np.zeros((len(vectors), *self.free.shape))
+        weights[:, self.free] = vectors[:, 1 + nodes :]
+        octaves = np.clip(vectors[:, 0], -CLOCK_OCTAVES, CLOCK_OCTAVES)
+        silent = Controller(
+            weights=np.zeros(self.free.shape),
+            bias=np.zeros(nodes),
             response=self.response,
-            clock=clock * 2.0 ** min(max(float(vector[0]), -CLOCK_OCTAVES), CLOCK_OCTAVES),
+            clock=clock,
             morphology=morphology,
             seed=seed,
             senses=self.senses,
@@ -100,3 +110,6 @@ class Template:
             output=self.output,
             interval=self.interval,
         )
+        # Powers one by one: numpy's differ in the last digit between processors.
+        clocks = [clock * 2.0**octave for octave in octaves.tolist()]
+        return silent.variants(weights, vectors[:, 1 : 1 + nodes], clocks)

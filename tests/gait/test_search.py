@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from aquafish_gym.morphology import Morphology
+from aquafish_gym.utils.validation import InvalidArgumentError
+from gait.controllers.controller import Controller
 from gait.controllers.network import Senses
 from gait.search.ask_tell import Proposal, Relay, Search, halve
 from gait.search.cma import multistart
@@ -36,7 +39,7 @@ def test_cma_climbs_a_hill() -> None:
     template = Template.of_class("linear", Senses(), 0)
     rng = np.random.default_rng(3)
     peak = np.where(template.free, rng.normal(size=template.free.shape), 0.0)
-    build = lambda x: template.controller(x, 0.7, BODY, 0)  # noqa: E731
+    build = lambda vectors: template.controllers(vectors, 0.7, BODY, 0)  # noqa: E731
     finals = climb(Relay(multistart(template.random(50, rng), build, 24, 6, 6, rng)), peak, 1201)
     assert finals[0] < -5.0
     assert finals[-1] > -0.01
@@ -104,3 +107,35 @@ def test_controller_is_its_vector(name: str) -> None:
     assert controller.memory is (name == "recurrent")
     first = template.controller(template.random(1, np.random.default_rng(0))[0], 0.7, BODY, 0)
     assert not first.memory
+
+
+def test_variants_are_controllers_with_these_numbers() -> None:
+    rng = np.random.default_rng(4)
+    base = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, BODY, 5, output="clip")
+    weights, bias = np.zeros((2, 3, 14)), rng.normal(size=(2, 3))
+    weights[:, :, :11] = rng.normal(size=(2, 3, 11))
+    found = base.variants(weights, bias, [0.5, 1.5])
+    for one, w, b, clock in zip(found, weights, bias, (0.5, 1.5), strict=True):
+        expected = replace(base, weights=w, bias=b, clock=clock)
+        assert one.to_dict() == expected.to_dict()
+        assert one.genes().tobytes() == expected.genes().tobytes()
+        assert not one.weights.flags.writeable
+    assert base.variants(weights[:0], bias[:0], []) == []
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        ((1, 2, 0), np.nan, "controller.weights must be finite"),
+        ((1, 2, 0), 1e31, "node 2 reaches"),
+        ((1, 0, 12), 1.0, "must be zero from a node to itself or an earlier one"),
+    ],
+)
+def test_variants_are_checked(place: tuple[int, ...], value: float, words: str) -> None:
+    base = Controller(np.zeros((3, 14)), np.zeros(3), np.ones(3), 0.7, BODY, 5)
+    weights = np.zeros((2, 3, 14))
+    weights[place] = value
+    with pytest.raises(InvalidArgumentError, match=words):
+        base.variants(weights, np.zeros((2, 3)), [0.7, 0.7])
+    with pytest.raises(InvalidArgumentError, match=r"controller\.clock"):
+        base.variants(np.zeros((2, 3, 14)), np.zeros((2, 3)), [0.7, 51.0])
