@@ -220,16 +220,7 @@ class Controller:
         For a batch of controllers of one :attr:`kind`, silent hidden nodes pad each to ``nodes``,
         and ``memory`` adds room for memory.
         """
-        padded = self._padded(nodes)
-        remembers = self.memory if memory is None else memory
-        inputs = len(self.senses.names)
-        table = np.empty((padded.nodes, 2 + padded.weights.shape[1]))
-        table[:, 0], table[:, 1], table[:, 2:] = padded.bias, padded.response, padded.weights
-        rows = [np.array([self.clock])]
-        for begin, end in pairwise((0, *padded._ends)):
-            sources = inputs + (padded.nodes if remembers else begin)
-            rows.append(table[begin:end, : 2 + sources].ravel())
-        return np.concatenate(rows, dtype=np.float64)
+        return _genes([self._padded(nodes)], self.memory if memory is None else memory)[:, 0]
 
     def _padded(self, nodes: int | None) -> Controller:
         """Return a controller with silent nodes between the hidden ones and the outputs."""
@@ -348,7 +339,7 @@ def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
         raise InvalidArgumentError("controllers must be one or more of one kind")
     first, nodes = controllers[0], max(c.nodes for c in controllers)
     memory = any(c.memory for c in controllers)
-    rows = np.stack([c.genes(nodes, memory) for c in controllers], axis=1)
+    rows = _genes([c._padded(nodes) for c in controllers], memory)
     return Program(
         network.respond,
         np.repeat(rows, swims, axis=1),
@@ -357,6 +348,21 @@ def program_of(controllers: Sequence[Controller], swims: int = 1) -> Program:
         first.interval,
         first.senses.goal,
     )
+
+
+def _genes(controllers: Sequence[Controller], memory: bool) -> NDArray[np.float64]:
+    """Return the genes of P controllers of one kind, equally large, as columns."""
+    first = controllers[0]
+    inputs, nodes = len(first.senses.names), first.nodes
+    table = np.empty((nodes, 2 + inputs + nodes, len(controllers)))
+    table[:, 0] = np.stack([c.bias for c in controllers], axis=-1)
+    table[:, 1] = np.stack([c.response for c in controllers], axis=-1)
+    table[:, 2:] = np.stack([c.weights for c in controllers], axis=-1)
+    rows = [np.array([[c.clock for c in controllers]])]
+    for begin, end in pairwise((0, *first._ends)):
+        sources = inputs + (nodes if memory else begin)
+        rows.append(table[begin:end, : 2 + sources].reshape(-1, len(controllers)))
+    return np.concatenate(rows, dtype=np.float64)
 
 
 def _check_sums(
