@@ -67,9 +67,11 @@ def streams(scene: dict[str, Any], task: str, seed: int) -> dict[str, np.ndarray
         rows = [seen] + [env.step(action)[0] for action in actions[:-1]]
         env.close()
         found[f"single, {engine}"] = np.array(rows)
-    envs = AquaFishVectorEnv(1, dtype="float64", frame_skip=HOLD, **options)
-    seen, _ = envs.reset(seed=seed)
-    found["batched"] = np.array([seen[0]] + [envs.step(a[None])[0][0] for a in actions[:-1]])
+        envs = AquaFishVectorEnv(1, engine=engine, dtype="float64", frame_skip=HOLD, **options)
+        seen, _ = envs.reset(seed=seed)
+        rows = [seen[0]] + [envs.step(action[None])[0][0] for action in actions[:-1]]
+        envs.close()
+        found[f"batched, {engine}"] = np.array(rows)
     # The first observation's noise is drawn after the reset; a copy of the generator comes later.
     if "noise" not in scene["damage"]:
         robot = Scenario.create(

@@ -10,11 +10,9 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import episode
 from aquafish_gym.envs.motion import motion_info
-from aquafish_gym.envs.specification import read_class
 from aquafish_gym.envs.tasks import Memory, Step
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import TAU, Vector
@@ -167,10 +165,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         self._config = episode.check_episode(
             self.task, morphology, damage, current, fin_angles, self.frame_skip
         )
-        if isinstance(engine, str) and ":" in engine:  # as a specification in JSON has a class
-            engine = read_class("engine", engine, World)
-        own = isinstance(engine, type) and issubclass(engine, World)
-        self._engine: str | type[World] = engine if own else check_engine(engine)
+        self._engine = episode.check_world(engine)
         self._reactive = flag("reactive", reactive)
         self.render_mode = check_render_mode(render_mode)
         # The class states which modes there are, the environment which of them work here.

@@ -15,7 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.damage import Damage, edit_each
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.sensors import Readings, Sensors
-from aquafish_gym.envs.specification import FishSpec, check_limit, limit_asked_for
+from aquafish_gym.engines.packages import check_engine
+from aquafish_gym.engines.worlds import World
+from aquafish_gym.envs.specification import FishSpec, check_limit, limit_asked_for, read_class
 from aquafish_gym.envs.tasks import Task, check_task
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
@@ -99,6 +101,15 @@ def check_episode(
     return whole.with_options(
         {"morphology": morphology, "damage": damage, "fin_angles": fin_angles}
     )
+
+
+def check_world(engine: object) -> str | type[World]:
+    """Return an engine's name, or the class of a world of one's own."""
+    if isinstance(engine, str) and ":" in engine:  # as a specification in JSON has a class
+        engine = read_class("engine", engine, World)
+    if isinstance(engine, type) and issubclass(engine, World):
+        return engine
+    return check_engine(engine)
 
 
 def check_options(options: object) -> dict[str, Any]:

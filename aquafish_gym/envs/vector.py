@@ -13,7 +13,9 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS, NAMES
+from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS
+from aquafish_gym.engines.world_batch import WorldBatch
+from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.attributes import RobotAttributes
 from aquafish_gym.envs.autoreset import AutoresetMode
@@ -27,9 +29,17 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows, state_from_numbe
 from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import beyond_imu, observe
-from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, integer, one_of
+from aquafish_gym.utils.validation import (
+    InvalidArgumentError,
+    brief,
+    finite_array,
+    flag,
+    integer,
+    one_of,
+)
 
 if TYPE_CHECKING:
+    from aquafish_gym.engines.compiled.lanes import LaneBatch
     from aquafish_gym.envs.compiled import Outcome
 
 Floats = NDArray[np.float64]
@@ -61,13 +71,15 @@ class AquaFishVectorEnv(
     morphology
         As the single environment's, for all; or (num_envs, 9) sizes, one body each.
     engine
-        ``"numba"``, the only batched one, and so what ``"auto"`` is here.
+        ``"numba"``, thousands at once, which ``"auto"`` is here; or what the single environment
+        takes: ``"pybullet"`` or a ``World``, one robot after another.
     render_mode
         ``"rgb_array"`` or None; ``render`` returns a frame a robot.
     dtype
-        ``"float32"`` or ``"float64"``: the precision of the simulation.
+        ``"float32"`` or ``"float64"``: the precision of the simulation. None is single precision,
+        and double on other engines than numba, which have no other.
     threads
-        None takes every core; no result depends on it.
+        Of the engine numba. None takes every core; no result depends on it.
     autoreset_mode
         An ``AutoresetMode`` or its name: ``"NextStep"``, ``"SameStep"`` or ``"Disabled"``.
     max_episode_steps
@@ -89,29 +101,23 @@ class AquaFishVectorEnv(
         num_envs: int = 1,
         morphology: object = None,
         damage: object = None,
-        engine: str = "numba",
+        engine: str | type[World] = "numba",
         current: ArrayLike = (0.0, 0.0, 0.0),
         fin_angles: object = "random",
         observe_fins: bool | str = False,
         frame_skip: int = 20,
         render_mode: str | None = None,
         task: object = "forward",
-        dtype: str = "float32",
+        dtype: str | None = None,
         threads: int | None = None,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         reactive: bool = False,
         max_episode_steps: int | None = None,
     ) -> None:
-        from aquafish_gym.engines.compiled.lanes import LaneBatch
         from aquafish_gym.envs.compiled import Judge
 
         super().__init__(task, frame_skip, observe_fins)
         self.num_envs = integer("num_envs", num_envs, 1, MAXIMUM_ROBOTS)
-        if one_of("engine", engine, (AUTO, *NAMES)) not in (AUTO, "numba"):
-            raise InvalidArgumentError(
-                f'the batched environment runs on engine="numba" alone; for engine={engine!r} '
-                'use gym.make_vec(..., vectorization_mode="sync")'
-            )
         name = getattr(autoreset_mode, "value", autoreset_mode)
         modes = [mode.value for mode in AutoresetMode]
         self.autoreset_mode = AutoresetMode(one_of("autoreset_mode", name, modes))
@@ -152,13 +158,9 @@ class AquaFishVectorEnv(
         late = any(config.damage.may_be_late for config in self._configs)
         self._robots = Robots(scenario, self.frame_skip, late)
         self._memory: Floats = np.zeros((0, self.num_envs))
-        self._lanes = LaneBatch(
-            scenario,
-            getattr(np, one_of("dtype", dtype, ("float32", "float64"))),
-            threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
-        )
+        self._swimmers = _swimmers(scenario, engine, dtype, threads)
         # The present states (25, num_envs), or the last ones before a robot diverged.
-        self._now: States = self._lanes.state_rows().copy()
+        self._now: States = self._swimmers.state_rows().copy()
         self._judge = Judge(self.task)
         self._steps: Counts = np.full(self.num_envs, self._last)
         self._rngs: list[np.random.Generator] = []
@@ -240,7 +242,7 @@ class AquaFishVectorEnv(
     def _command(self, actions: object) -> Floats:
         """Let the servos do actions (num_envs, 3); return what they obey, (3, num_envs)."""
         raw = episode.float_action(actions, (self.num_envs, 3))
-        gains, speeds = self._robots.now.servo_gain, self._lanes.command_rows()
+        gains, speeds = self._robots.now.servo_gain, self._swimmers.command_rows()
         action = self._judge.command(raw, gains, speeds)
         if action is None:
             return finite_array("action", raw, raw.shape)  # refuses
@@ -256,11 +258,11 @@ class AquaFishVectorEnv(
             water = self.task.current(tuple(self._memory), self._steps * self.dt)
         if water is not None:
             x, y, z = (np.broadcast_to(one, (self.num_envs,)) for one in water)
-            self._lanes.set_current(np.stack([x, y, z], axis=1))
+            self._swimmers.set_current(np.stack([x, y, z], axis=1))
         judge = self._judge = self._judge.of(self.task)
         outcome = judge.outcome(self._now, len(self._limits))
-        given = (self._lanes.state_rows(), self._now, over, action, self._memory, self.dt)
-        self._lanes.swim(self.frame_skip, lambda *robots: judge.fill(outcome, robots, *given))
+        given = (self._swimmers.state_rows(), self._now, over, action, self._memory, self.dt)
+        self._swimmers.swim(self.frame_skip, lambda *robots: judge.fill(outcome, robots, *given))
         self._now = outcome.now
         if self._reckons:
             speeds = servo_speeds(batching.three(action))
@@ -299,9 +301,9 @@ class AquaFishVectorEnv(
         if due.any():
             changed = np.flatnonzero(due & ~bad)
             self._robots.change(changed)
-            self._lanes.update(changed, self._lane_robots(changed))
+            self._swimmers.update(changed, self._engine_robots(changed))
 
-    def _lane_robots(self, rows: Rows) -> Scenario:
+    def _engine_robots(self, rows: Rows) -> Scenario:
         robots = self._robots.now.take(rows)
         return replace(robots, servo_gain=np.ones_like(robots.servo_gain))
 
@@ -315,8 +317,8 @@ class AquaFishVectorEnv(
             self._memory = np.zeros((memories.shape[1], self.num_envs))
         self._memory[:, rows] = memories.T
         self._reckoned[:, rows] = start.fin_angles.T
-        self._lanes.restart(rows, self._lane_robots(rows))
-        self._now[:, rows] = self._lanes.state_rows()[:, rows]
+        self._swimmers.restart(rows, self._engine_robots(rows))
+        self._now[:, rows] = self._swimmers.state_rows()[:, rows]
 
     def _begin_next(self, mask: Mask) -> None:
         """Put the robots under ``mask`` at the start of their next episodes."""
@@ -377,6 +379,10 @@ class AquaFishVectorEnv(
         nobody = np.zeros(self.num_envs, np.bool_)
         return self._info(still, nothing, nobody, angles_of_rows(self._now))
 
+    def close_extras(self, **kwargs: Any) -> None:  # noqa: ARG002
+        """Free what the engine holds; see ``close``."""
+        self._swimmers.close()
+
     def render(self) -> tuple[Any, ...] | None:
         """Return a frame (480, 640, 3) uint8 for each robot; None without a mode."""
         if self.render_mode is None:
@@ -386,3 +392,27 @@ class AquaFishVectorEnv(
             render_pose(Morphology.from_array(sizes), (pose[POSITION], pose[QUATERNION]), pose[-3:])
             for sizes, pose in zip(self._robots.now.body, poses, strict=True)
         )
+
+
+def _swimmers(
+    scenario: Scenario, engine: object, dtype: str | None, threads: object
+) -> LaneBatch | WorldBatch:
+    """Return the robots of a scenario on an engine; refuse what that engine has not."""
+    found = "numba" if engine == AUTO else episode.check_world(engine)
+    if found == "numba":
+        from aquafish_gym.engines.compiled.lanes import LaneBatch
+
+        return LaneBatch(
+            scenario,
+            getattr(np, one_of("dtype", dtype or "float32", ("float32", "float64"))),
+            threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
+        )
+    if dtype not in (None, "float64"):
+        raise InvalidArgumentError(
+            f'dtype must be "float64" or None on other engines than numba; got {brief(dtype)}'
+        )
+    if threads is not None:
+        raise InvalidArgumentError(
+            f"threads has no effect on other engines than numba; got {brief(threads)}"
+        )
+    return WorldBatch(scenario, found)

@@ -234,7 +234,7 @@ def test_divergence_terminates_one_robot(mode: str) -> None:
     action = actions(6, 1)[0]
     good = env.step(action)[0]
     other.step(action)
-    env._lanes._table(env._lanes._states, 25)[:, 1] = np.nan
+    env._swimmers._table(env._swimmers._states, 25)[:, 1] = np.nan
     seen, reward, terminated, truncated, info = env.step(action)
     expected = other.step(action)[0]
     assert terminated.tolist() == [False, True, False]
@@ -260,7 +260,7 @@ def test_divergence_is_detected_before_overflow(row: int, speed: float) -> None:
     single.reset(seed=1)
     good, *_ = env.step(action)
     single.step(action[1])
-    env._lanes._table(env._lanes._states, 25)[row, 1] = speed
+    env._swimmers._table(env._swimmers._states, 25)[row, 1] = speed
     single._world._numbers[row] = speed  # type: ignore[attr-defined]
     seen, reward, terminated, _, info = env.step(action)
     one, score, ended, _, told = single.step(action[1])
@@ -343,3 +343,41 @@ def test_a_task_states_its_length_in_the_class_or_as_a_field() -> None:
         assert AquaFishEnv(engine="numba", task=task)._last == 150
     with pytest.raises(InvalidArgumentError, match=r"^task.seconds must lie in \[0.01, 3600\] s"):
         AquaFishEnv(engine="numba", task=Field(seconds=0.0))
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
+def test_robots_of_pybullet_are_its_single_robots(mode: str) -> None:
+    pytest.importorskip("pybullet")
+    task = SwimForward(seconds=1.0)
+    options = {"engine": "pybullet", "damage": "random:severe@0.2-0.6; gyro:noise=0.02"}
+    both = [
+        make(num_envs=2, task=task, autoreset_mode=mode, **options),
+        gym.make_vec(
+            "AquaFish-v0",
+            num_envs=2,
+            vectorization_mode="sync",
+            vector_kwargs={"autoreset_mode": AutoresetMode(mode)},
+            task=task,
+            **options,
+        ),
+    ]
+    (one, _), (other, _) = (envs.reset(seed=9) for envs in both)
+    np.testing.assert_array_equal(one, other)
+    for action in np.random.default_rng(4).uniform(-1, 1, (12, 2, 3)).astype(np.float32):
+        for a, b in zip(*(envs.step(action)[:4] for envs in both), strict=True):
+            np.testing.assert_array_equal(a, b)
+    for envs in both:
+        envs.close()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"dtype": "float32"}, 'dtype must be "float64" or None'),
+        ({"threads": 2}, "threads has no effect"),
+    ],
+)
+def test_what_other_engines_have_not_is_refused(options: dict[str, Any], words: str) -> None:
+    pytest.importorskip("pybullet")
+    with pytest.raises(InvalidArgumentError, match=words):
+        make(engine="pybullet", **options)

@@ -73,7 +73,7 @@ def test_a_million_steps_of_extreme_robots_are_finite(bodies: str, dtype: str) -
     assert truncated.all()
     for name, value in info.items():
         assert value.dtype == object or np.isfinite(value).all(), name
-    state = env._lanes.state()
+    state = env._swimmers.state()
     for name, value in state.items():
         assert np.isfinite(value).all(), name
     np.testing.assert_allclose(np.linalg.norm(state["quaternion"], axis=1), 1.0, atol=1e-5)
@@ -121,7 +121,7 @@ BLOWS = {
 def state_rows(env: Any) -> NDArray[Any]:
     """View the compiled robots' own states, (22 or more, B), to be written to."""
     if isinstance(env, AquaFishVectorEnv):
-        return env._lanes._table(env._lanes._states, layout.STATE_ROWS)
+        return env._swimmers._table(env._swimmers._states, layout.STATE_ROWS)
     return env._world._numbers[STATE, None]
 
 

@@ -304,6 +304,9 @@ class LaneBatch:
         """Set the states (25, B), as :meth:`rows` returns them."""
         self._table(self._states, STATE_ROWS)[:] = rows
 
+    def close(self) -> None:
+        """Do nothing: lanes hold memory alone."""
+
     def state(self) -> dict[str, NDArray[np.float64]]:
         """Return copies of what the robots are now, (B, 3) or (B, 4) each.
 

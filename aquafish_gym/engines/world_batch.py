@@ -1,0 +1,73 @@
+"""Many robots on an engine for one, with the verbs of the compiled lanes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym.engines.worlds import World, make_world
+from aquafish_gym.physics.layout import STATE_ROWS, put_state
+from aquafish_gym.scenario import Scenario
+
+Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
+
+
+class WorldBatch:
+    """The B robots of a scenario, each in a :class:`~aquafish_gym.engines.worlds.World` of its own.
+
+    It is to the vector environment what :class:`~aquafish_gym.engines.compiled.lanes.LaneBatch`
+    is, one robot after another and in double precision.
+    """
+
+    def __init__(self, scenario: Scenario, engine: str | type[World]) -> None:
+        self.batch = len(scenario)
+        self._states = np.zeros((STATE_ROWS, self.batch))
+        self._commands = np.zeros((3, self.batch))
+        self._worlds = [make_world(engine, scenario.take(i)) for i in range(self.batch)]
+        for robot in range(self.batch):
+            self._read(robot)
+
+    def restart(self, rows: Rows, scenario: Scenario) -> None:
+        """Put the robots ``rows`` (n,) at the start of a scenario of n."""
+        for i, robot in enumerate(rows.tolist()):
+            self._worlds[robot].reset(scenario.take(i))
+            self._read(robot)
+
+    def update(self, rows: Rows, scenario: Scenario) -> None:
+        """Give the robots ``rows`` (n,) the bodies, water and servos of a scenario in mid-swim."""
+        for i, robot in enumerate(rows.tolist()):
+            self._worlds[robot].update(scenario.take(i))
+
+    def set_current(self, currents: Floats) -> None:
+        """Set the water's velocity for each robot, (B, 3), units/s in the world."""
+        for world, (x, y, z) in zip(self._worlds, currents.tolist(), strict=True):
+            world.set_current((x, y, z))
+
+    def command_rows(self) -> Floats:
+        """Return the table (3, B) of the commands that :meth:`swim` obeys, to be written to."""
+        return self._commands
+
+    def state_rows(self) -> Floats:
+        """Return the states (25, B) themselves, not a copy; NaN of robots that diverged."""
+        return self._states
+
+    def swim(self, steps: int, after: Callable[[int, int], None] | None = None) -> None:
+        """Hold the commands for ``steps``; then call ``after(0, B)``."""
+        for robot, (left, right, caudal) in enumerate(self._commands.T.tolist()):
+            self._worlds[robot].advance((left, right, caudal), steps)
+            self._read(robot)
+        if after is not None:
+            after(0, self.batch)
+
+    def close(self) -> None:
+        """Free what the worlds hold; closing twice does no harm."""
+        for world in self._worlds:
+            world.close()
+
+    def _read(self, robot: int) -> None:
+        put_state(self._states.reshape(-1), robot, self.batch, self._worlds[robot].state())
+        if self._worlds[robot].diverged:
+            self._states[:, robot] = np.nan
