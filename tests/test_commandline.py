@@ -122,6 +122,15 @@ def test_help_explains_the_options_that_matter_and_has_an_example(
     assert {"--warm", "--spare.length", "--lanes"} <= set(re.findall(r"--[\w.]+", full))
 
 
+@pytest.mark.parametrize("file", ["fish/__main__.py", "fish/swim.py"])
+def test_help_of_a_module_calls_it_by_its_name(
+    file: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", [f"/clone/{file}"])
+    run_command_line("fish.swim", Race, ["--help"])
+    assert "  python -m fish.swim --length 50\n" in capsys.readouterr().out
+
+
 def test_version_names_the_program(capsys: pytest.CaptureFixture[str]) -> None:
     assert run("--version") == 0
     name, version = capsys.readouterr().out.split()

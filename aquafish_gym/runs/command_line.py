@@ -163,7 +163,7 @@ def run_command_line(
     words = sys.argv[1:] if arguments is None else list(arguments)
     started = Path(sys.argv[0])
     prog = f"python {started}" if started.suffix == ".py" else program
-    if started.name == "__main__.py":
+    if started.name == "__main__.py" or "." in program:  # a module that python -m runs
         prog = f"python -m {program}"
     keep_streams()
     try:
