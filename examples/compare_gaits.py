@@ -19,6 +19,8 @@ from rich.console import Console
 from rich.table import Table
 from tyro.conf import arg
 
+sys.path.insert(0, str(Path(__file__).parents[1]))  # the clone, for ``experiments``
+
 from aquafish.recovery.held_out import DAMAGES
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.runs.command_line import Out, run_command_line
@@ -26,10 +28,11 @@ from aquafish_gym.utils.validation import finite_array, integer
 from eea import JointConfig
 from eea.core import streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
+from experiments.tables import do_table
 from gait import EvolveConfig, distances, evolve_gait, random_poses
-from tables import do_table
 
-BODIES, POSES = 50, 32
+BODIES = 50
+POSES = 32
 ORACLE = "the true body"
 ONE = "the median body"
 KINDS = (ONE, "fifty draws")
@@ -65,7 +68,8 @@ def compare(job: Job) -> dict[str, Any]:
     fitness: float | None = 1.0
     if job.kind != ORACLE:
         config = JointConfig(rounds=job.trials)
-        hidden, noisy = streams(job.seed)["target"], RealityGap(gyro_noise=job.noise)
+        hidden = streams(job.seed)["target"]
+        noisy = RealityGap(gyro_noise=job.noise)
         target = EngineTarget(None, damage, hidden, config.steps, "numba", gap=noisy)
         method = fish_eea(target, config, job.seed, target.morphology, threads=1)
         for record in method:

@@ -150,8 +150,7 @@ def agent_episode() -> Any:
 
 def league_row() -> Any:
     """Return the ways of two entrants in one short episode of the league."""
-    sys.path.append(str(ROOT / "examples"))
-    from league_episodes import Episode, play
+    from experiments.league.episodes import Episode, play
 
     rows = [play(Episode(name, "severe", 0, seconds=32.0)) for name in ("blind", "self-model")]
     return [

@@ -16,7 +16,7 @@ import gait.__main__
 from aquafish_gym.runs.command_help import print_help
 from aquafish_gym.runs.command_line import parse
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+ROOT = Path(__file__).parents[1]
 MOST_OPTIONS = 12
 COMMANDS: dict[str, str] = {
     "recover": aquafish.cli.CASE_STUDY[0],
@@ -24,10 +24,11 @@ COMMANDS: dict[str, str] = {
     **{name: str(place) for name, (place, _) in eea.__main__.COMMANDS.items()},
     **{name: str(place) for name, (place, _) in gait.__main__.COMMANDS.items()},
 }
-RUN = re.compile(r"run_command_line\(\s*\"\w+\",\s*(\w+)")
+RUN = re.compile(r"run_command_line\(\s*\"([\w.]+)\",\s*(\w+)")
 SCRIPTS = {
-    path.stem: f"{path.stem}:{found[1]}"
-    for path in sorted(EXAMPLES.glob("*.py"))
+    found[1]: f"{'.'.join(path.relative_to(ROOT).with_suffix('').parts)}:{found[2]}"
+    for folder in ("examples", "experiments")
+    for path in sorted((ROOT / folder).rglob("*.py"))
     if (found := RUN.search(path.read_text(encoding="utf-8")))
 }
 
@@ -35,7 +36,6 @@ SCRIPTS = {
 @pytest.fixture(params=[*COMMANDS, *SCRIPTS])
 def command(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> type[Any]:
     """Return the class of a command."""
-    monkeypatch.syspath_prepend(str(EXAMPLES))
     monkeypatch.setenv("COLUMNS", "300")
     found: type[Any] = resolve_name({**COMMANDS, **SCRIPTS}[request.param])
     return found
@@ -55,7 +55,12 @@ def options(text: str) -> list[str]:
 
 def test_all_commands_are_found() -> None:
     assert {"recover", "view", "run", "infer", "evolve", "film", "export"} <= set(COMMANDS)
-    assert {"recovery_league", "reference_scores", "reality_gap"} <= set(SCRIPTS)
+    experiments = {
+        "experiments.gaits", "experiments.gaits.library", "experiments.league",
+        "experiments.league.archive", "experiments.league.policies", "experiments.reality_gap",
+        "experiments.scores",
+    }  # fmt: skip
+    assert {"recovery_league"} | experiments <= set(SCRIPTS)
 
 
 def test_help_has_an_example_that_parses(

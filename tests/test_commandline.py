@@ -263,7 +263,7 @@ def test_a_reader_that_leaves_is_no_error(stream: str, buffering: str, tmp_path:
 
 def test_no_message_or_page_installs_a_package_that_is_not_published() -> None:
     root = Path(__file__).parents[1]
-    folders = ("aquafish", "aquafish_gym", "eea", "gait", "examples", "docs")
+    folders = ("aquafish", "aquafish_gym", "eea", "gait", "examples", "experiments", "docs")
     texts = [root / "README.md"]
     for folder in folders:
         texts += [p for suffix in ("py", "md") for p in (root / folder).rglob(f"*.{suffix}")]

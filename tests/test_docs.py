@@ -17,9 +17,13 @@ PAGES = sorted(
 )
 REFERENCE = (ROOT / "docs" / "reference" / "index.rst").read_text().split("All modules")[0]
 ROLE = re.compile(r"\{py:\w+\}`~?([\w.]+)`")
-SYMBOL = re.compile(r"`((?:aquafish|aquafish_gym|eea|gait|tests)(?:\.[A-Za-z_]\w*)+)`")
+SYMBOL = re.compile(
+    r"`((?:aquafish|aquafish_gym|eea|gait|tests|experiments|instruments)(?:\.[A-Za-z_]\w*)+)`"
+)
 LINK = re.compile(r"\]\(([^)#:\s]+)(?:#[^)]*)?\)")
-CODE_PATH = re.compile(r"`((?:aquafish|aquafish_gym|eea|gait|tests|examples|docs)/[\w./-]+)`")
+CODE_PATH = re.compile(
+    r"`((?:aquafish|aquafish_gym|eea|gait|tests|examples|experiments|instruments|docs)/[\w./-]+)`"
+)
 PLACEHOLDERS = ("EVIDENCE", "RRR", "PPP", "TODO", "FIXME", "XXX")
 # Constructions that make a reader stop; docs/results, docs/gap and docs/recovery are generated.
 BANNED = re.compile(

@@ -27,7 +27,7 @@ LARGEST = 30  # nodes of a network that CMA-ES refines in a second
 def read_library(path: Path | None = None) -> dict[str, Any]:
     """Return the content of a library: its ``gaits``, and what they took, ``offline``.
 
-    It is the packaged one for None. ``examples/gait_library.py`` made that.
+    It is the packaged one for None. ``experiments.gaits.library`` made that.
     """
     if path is not None:
         return read_document(path, SCHEMA, "library")

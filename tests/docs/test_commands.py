@@ -5,12 +5,18 @@ from __future__ import annotations
 import pathlib
 import re
 import shlex
+from functools import partial
 
 import pytest
 
 import aquafish.cli
 import eea.__main__
 import gait.__main__
+from aquafish_gym.runs.command_line import run_command_line
+from experiments.gaits.ceiling import Ceiling
+from experiments.league.command import League
+from experiments.reality_gap.command import Gap
+from experiments.scores.command import Scores
 
 ROOT = pathlib.Path(__file__).parents[2]
 PAGES = sorted(
@@ -19,6 +25,13 @@ PAGES = sorted(
     if "_build" not in page.parts
 )
 BLOCK = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+# Programs of one command, without a name.
+EXPERIMENTS = {
+    "python examples/recovery_league.py": League,
+    "python -m experiments.gaits": Ceiling,
+    "python -m experiments.reality_gap": Gap,
+    "python -m experiments.scores": Scores,
+}
 PROGRAMS = {
     "aquafish": (
         aquafish.cli.main,
@@ -26,6 +39,10 @@ PROGRAMS = {
     ),
     "python -m eea": (eea.__main__.main, eea.__main__.COMMANDS),
     "python -m gait": (gait.__main__.main, gait.__main__.COMMANDS),
+    **{
+        program: (partial(run_command_line, program, command), {""})
+        for program, command in EXPERIMENTS.items()
+    },
 }
 
 
@@ -37,7 +54,8 @@ def written(text: str) -> list[tuple[str, str, list[str]]]:
         for program in PROGRAMS:
             beginning = program.split()
             if words[: len(beginning)] == beginning:
-                name, *rest = words[len(beginning) :]
+                rest = words[len(beginning) :]
+                name = "" if program in EXPERIMENTS else rest.pop(0)
                 options = [word for word in rest if word.startswith("--")]
                 found.append((program, name, options))
     return found
@@ -62,7 +80,7 @@ def test_a_page_names_commands_and_options_that_exist(
         main, commands = PROGRAMS[program]
         assert name in commands
         if (program, name) not in described:
-            assert main([name, "-H"]) == 0
+            assert main([*filter(None, [name]), "-H"]) == 0
             described[program, name] = capsys.readouterr().out
         for option in options:
             said = described[program, name]
@@ -70,5 +88,7 @@ def test_a_page_names_commands_and_options_that_exist(
 
 
 def test_commands_are_found_on_the_pages() -> None:
-    names = {name for commands in WRITTEN.values() for _, name, _ in commands}
+    commands = [command for found in WRITTEN.values() for command in found]
+    names = {name for _, name, _ in commands}
     assert {"recover", "study", "evolve", "transfer", "infer"} <= names
+    assert set(EXPERIMENTS) <= {program for program, _, _ in commands}

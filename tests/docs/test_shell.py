@@ -75,7 +75,6 @@ def test_pages_can_be_pasted_one_after_another(
     shutil.copytree(ROOT / "examples", tmp_path / "examples")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "argv", list(sys.argv))
-    monkeypatch.syspath_prepend(tmp_path / "examples")
     for page, lines in ALL.items():
         for line in lines:
             if not line.startswith(tuple(NOT_RUN)):

@@ -55,9 +55,10 @@ def outputs(
 
 @pytest.fixture(autouse=True)
 def _as_a_reader(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Run in an empty folder where the committed files under docs/ are found; forget new tiers."""
+    """Run in an empty folder where the pages' committed files are found; forget new tiers."""
     tiers = dict(TIERS)
-    (tmp_path / "docs").symlink_to(ROOT / "docs")
+    for folder in ("docs", "experiments"):
+        (tmp_path / folder).symlink_to(ROOT / folder)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(ROOT / "examples")
     monkeypatch.setattr("gymnasium.envs.registration.registry", dict(gym.registry))

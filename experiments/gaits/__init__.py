@@ -1,0 +1,1 @@
+"""How far bodies can swim, ``python -m experiments.gaits``, and the agent's library of gaits."""

@@ -1,0 +1,1 @@
+"""The recovery league: entrants swim on after damage, ``python -m experiments.league``."""

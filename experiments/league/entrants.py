@@ -1,0 +1,167 @@
+"""The entrants of the recovery league: agents that play one episode at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from aquafish.online.agent import AgentConfig, SelfModelAgent
+from aquafish.online.gaits import load_library, read_library
+from aquafish_gym.scenario import CHANNELS
+from eea.core.angles import Floats
+from experiments.league.policy import Offline, Policy, PolicyAgent
+from experiments.league.trials import DirectSearch, TrialAndError, load_archive
+from gait.controllers.controller import Controller
+
+#: What breaks, by its name in ``info``, and the field of a scenario that it is.
+TRUTH = ("morphology", "servo_gain", "sensor_noise", "sensor_bias", "sensor_lost")
+FIELDS = ("body", "servo_gain", "gyro_noise", "sensor_bias", "sensor_dropped")
+MADE = Path(__file__).parent / "data"
+
+
+class Entrant(Protocol):
+    """An agent in one episode.
+
+    The initial fin angles (3,), rad, are None where it cannot know them. It may also have
+    ``measure(y_position)``. The league then calls it after each step with the true distance along
+    +y, which no observation contains.
+    """
+
+    def begin(self, fin_angles: ArrayLike | None) -> None: ...
+    def act(self, observation: ArrayLike) -> ArrayLike: ...
+
+
+class FixedGait:
+    """One controller throughout, which takes unknown fin angles for 0."""
+
+    def __init__(self, controller: Controller) -> None:
+        self._controller = controller
+
+    def begin(self, fin_angles: ArrayLike | None) -> None:
+        """Begin an episode."""
+        angles = np.zeros(3) if fin_angles is None else fin_angles
+        self._policy = self._controller.policy(angles)
+        self._steps = 0
+
+    def act(self, observation: ArrayLike) -> ArrayLike:
+        """Return the gait's action."""
+        action = self._policy(np.asarray(observation, float), 0.2 * self._steps)
+        self._steps += 1
+        return action
+
+
+class Still:
+    """No servo moves."""
+
+    def begin(self, fin_angles: ArrayLike | None) -> None:
+        """Begin an episode."""
+
+    def act(self, observation: ArrayLike) -> ArrayLike:  # noqa: ARG002
+        """Hold every servo."""
+        return (0.0, 0.0, -1.0)
+
+
+class Blind(SelfModelAgent):
+    """The agent that never looks for damage: it only refines the whole robot's gait."""
+
+    def _notice(self, observed: Floats, square: float) -> None:
+        """Notice nothing."""
+
+
+class Oracle(SelfModelAgent):
+    """The agent that learns the truth about its body, servos and sensors when they change."""
+
+    truth: dict[str, Any] | None = None
+
+    def learn(self, info: dict[str, Any]) -> None:
+        """Become the robot that ``info`` describes, from the next action on."""
+        names = dict(zip(TRUTH, FIELDS, strict=True))
+        self.truth = {field: np.asarray(info[name])[None] for name, field in names.items()}
+
+    def _observe(self, observed: Floats) -> None:
+        if self.truth is None:
+            super()._observe(observed)
+            return
+        stuck = np.zeros((1, len(CHANNELS)), np.bool_)
+        robot = replace(self.model.robot, **self.truth, sensor_stuck=stuck)
+        # Its sensors have changed already; the rest of it does so now.
+        sensors: dict[str, Any] = {
+            name: getattr(robot, name) for name in (*FIELDS[2:], "sensor_stuck")
+        }
+        self.model.become(replace(self.model.robot, **sensors), self.model.state)
+        super()._observe(observed)
+        self.truth = None
+        self.model.become(robot, self.model.state)
+        self._change_gait()
+
+    def _infer(self, case: object) -> None:
+        """Infer nothing."""
+
+
+def _policy(name: str) -> Policy:
+    return Policy.load(MADE / f"policies/{name}.json")
+
+
+def _library(*gaits: int) -> Offline:
+    """Return what some gaits of the library took; without numbers, all."""
+    spent = read_library()["offline"]
+    chosen = gaits or range(len(spent["steps"]))
+    return Offline(*(sum(spent[name][i] for i in chosen) for name in Offline._fields))
+
+
+@dataclass(frozen=True)
+class Entry:
+    """How an entrant is made, and what was spent on it before its first episode.
+
+    ``make`` takes settings of ``AgentConfig``, which tell what an agent may know of its sensors;
+    ``spent`` reads the entrant's file.
+    """
+
+    make: Callable[..., Entrant]
+    spent: Callable[[], Offline] = Offline
+
+    @property
+    def offline(self) -> Offline:
+        """Simulated robot steps of 0.01 s, and CPU time in s."""
+        return self.spent()
+
+
+def _self_model(kind: type[SelfModelAgent] = SelfModelAgent, **more: Any) -> Entry:
+    return Entry(lambda **known: kind(config=AgentConfig(**known, **more)), _library)
+
+
+def _gait(number: int) -> Entry:
+    return Entry(lambda **_: FixedGait(load_library()[number]), lambda: _library(number))
+
+
+def _learned(name: str) -> Entry:
+    return Entry(lambda **_: PolicyAgent(_policy(name)), lambda: _policy(name).offline)
+
+
+def _archive() -> tuple[tuple[Controller, ...], Floats, Floats, Offline]:
+    return load_archive(MADE / "archive.json")
+
+
+_FREE: dict[str, Any] = {"inference_seconds": 0.0, "refinement_seconds": 0.0}
+ENTRANTS: dict[str, Entry] = {
+    "still": Entry(lambda **_: Still()),
+    "CMA-ES, fins": _gait(1),
+    "PPO, fins": _gait(0),
+    "PPO, damaged": _learned("plain"),
+    "PPO, damaged, 8 frames": _learned("frames"),
+    "PPO, damaged, LSTM": _learned("lstm"),
+    "trial and error": Entry(lambda **_: TrialAndError(*_archive()[:3]), lambda: _archive()[3]),
+    "direct search": Entry(
+        lambda seed, **_: DirectSearch(load_library()[0], seed), lambda: _library(0)
+    ),
+    "blind": _self_model(Blind),
+    "self-model": _self_model(),
+    "self-model, library only": _self_model(refinements=0),
+    "self-model, thinking free": _self_model(**_FREE),
+    "oracle": _self_model(Oracle, **_FREE),
+}

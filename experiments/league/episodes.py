@@ -1,0 +1,175 @@
+"""The episodes of the recovery league: what breaks, in which water, and what is sensed."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import gymnasium as gym
+import numpy as np
+from numpy.typing import NDArray
+
+import aquafish_gym  # noqa: F401  registers the environments
+from aquafish_gym.engines.worlds import World
+from aquafish_gym.envs.tasks import SwimForward
+from aquafish_gym.scenario import CHANNELS
+from experiments.league.entrants import ENTRANTS, TRUTH, Oracle
+from gait.scores.evaluation import FIRST_SEED
+
+NAME = "AquaFishRecovery-v0"
+DT = 0.2  # s of an action
+Water = Literal["still", "current", "reactive", "mujoco", "mujoco-lift", "pybullet"]
+Sensing = Literal["fins", "imu", "gyroscope"]
+
+#: Frozen before any agent was tried on them: drawn once from the tiers (numpy seed 2411), then some
+#: by hand. Those under UNKNOWN cannot be said in the agent's words: three fins, thickness, a servo
+#: that turns too fast, and a tail that recovers half of what it lost.
+DRAWN = (
+    "right_pectoral:seized@23.8; caudal:seized@23.8",
+    "right_pectoral:missing@22.6; left_pectoral:length=0.36@22.6",
+    "north_y:dropped@25.0; gyro_x:dropped@25.0",
+    "right_pectoral:length=0.27@18.0; left_pectoral:reversed@18.0",
+    "left_pectoral:length=0.13@22.0; right_pectoral:seized@22.0",
+    "right_pectoral:dead@29.1; left_pectoral:length=0.18@29.1",
+    "right_pectoral:length=0.16@16.2; north_z:dropped@16.2",
+    "caudal:missing@28.0; left_pectoral:length=0.17@28.0",
+    "right_pectoral:length=0.46@20.6",
+    "caudal:weak=0.4@28.1",
+    "right_pectoral:length=0.49@21.9",
+    "caudal:length=0.45@28.0",
+    "right_pectoral:width=0.48@19.4",
+    "gyro:noise=0.021@28.4",
+    "gyro:noise=0.032@16.7",
+    "left_pectoral:length=0.76@24.8",
+)
+IN_A_ROW = (
+    "left_pectoral:length=0.3@16.0; caudal:weak=0.5@27.0",
+    "caudal:width=0.4@18.0; right_pectoral:seized@24.0",
+    "gyro_y:bias=0.2@15.0; left_pectoral:missing@22.0",
+)
+ENDING = ("left_pectoral:seized@16.0+15.0", "caudal:missing@18.0+12.0")
+UNKNOWN = (
+    "left_pectoral:length=0.5@17.0; right_pectoral:width=0.5@17.0; caudal:length=0.5@17.0",
+    "left_pectoral:missing@21.0; right_pectoral:weak=0.5@21.0; caudal:weak=0.5@21.0",
+    "left_pectoral:thickness=0.1@19.0; right_pectoral:thickness=3.0@19.0",
+    "right_pectoral:weak=1.6@23.0; caudal:entangled=0.5@23.0",
+    "caudal:length=0.2@16.0+10.0; caudal:length=0.6@26.0",
+)
+HELD_OUT = (*DRAWN, *IN_A_ROW, *ENDING, *UNKNOWN)
+TIERS: dict[str, tuple[str, ...]] = {
+    "severe": ("random:severe@15-30",),
+    "moderate": ("random:moderate@15-30",),
+    "mild": ("random:mild@15-30",),
+    "held-out": HELD_OUT,
+    "none": ("",),
+}
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode of an entrant: of a tier with D damages, number i has the (i mod D)-th."""
+
+    entrant: str
+    tier: str
+    number: int
+    noise: float = 0.01  #: Standard deviation of the gyroscope's noise, rad/s.
+    water: Water = "still"
+    sensing: Sensing = "fins"
+    seconds: float = 60.0
+
+    @property
+    def name(self) -> str:
+        """For people."""
+        return f"{self.entrant}, {self.tier}, episode {self.number}"
+
+    @property
+    def file(self) -> str:
+        """The path of its result."""
+        entrant, tier = (
+            "".join(c if c.isalnum() else "-" for c in text) for text in (self.entrant, self.tier)
+        )
+        return f"runs/{entrant}/{tier}/{self.number:03d}.json"
+
+    @property
+    def damage(self) -> str:
+        """All that breaks, the sensors that its tier of sensing lacks among them."""
+        faults = [f"gyro:noise={self.noise!r}"] if self.noise else []
+        if self.sensing == "gyroscope":
+            faults += [f"{channel}:dropped" for channel in CHANNELS[:6]]
+        damages = TIERS[self.tier]
+        return "; ".join(filter(None, [*faults, damages[self.number % len(damages)]]))
+
+
+def play(episode: Episode) -> dict[str, Any]:
+    """Play an episode; return the way along +y after each action, and what the agent noticed.
+
+    The way is relative to the water. The CPU time is the agent's.
+    """
+    rng = np.random.default_rng(episode.number)
+    current = 0.2 * rng.random() * _direction(rng) if episode.water == "current" else np.zeros(3)
+    options: dict[str, Any] = {"current": tuple(current.tolist())}
+    if episode.seconds != 60.0:
+        options["task"] = SwimForward(seconds=episode.seconds)
+    env = gym.make(
+        NAME,
+        damage=episode.damage or None,
+        engine=_engine(episode.water),
+        reactive=episode.water == "reactive",
+        **options,
+    )
+    observation, info = env.reset(seed=FIRST_SEED + episode.number)
+    agent = ENTRANTS[episode.entrant].make(
+        gyro_noise=episode.noise,
+        gyro_only=episode.sensing == "gyroscope",
+        seconds=episode.seconds,
+        seed=episode.number,
+    )
+    agent.begin(info["fin_angles"] if episode.sensing == "fins" else None)
+    measure = getattr(agent, "measure", None)
+    truth = _truth(info)
+    onsets = list[int]()
+    way = [0.0]
+    spent = [0.0]
+    truncated = False
+    terminated = False
+    while not (truncated or terminated):
+        before = time.process_time()
+        action = np.asarray(agent.act(observation), np.float32)
+        spent.append(time.process_time() - before)
+        observation, _, terminated, truncated, info = env.step(action)
+        way.append(float(info["y_position"]) - DT * len(way) * current[1])
+        if measure is not None:
+            measure(way[-1])
+        if _truth(info) != truth:
+            truth = _truth(info)
+            onsets.append(len(way) - 1)
+            if isinstance(agent, Oracle):
+                agent.learn(info)
+    env.close()
+    return {
+        "onsets": onsets,
+        "terminated": terminated,
+        "way": [round(y, 6) for y in way],
+        "events": [list(event[:3]) for event in getattr(agent, "events", [])],
+        "seconds": {"cpu": sum(spent), "slowest": max(spent)},
+    }
+
+
+def _truth(info: dict[str, Any]) -> dict[str, Any]:
+    """Return what is broken, as ``info`` says."""
+    return {name: np.asarray(info[name]).tolist() for name in TRUTH}
+
+
+def _engine(water: Water) -> str | type[World]:
+    """Return the engine that simulates a water."""
+    if not water.startswith("mujoco"):
+        return "pybullet" if water == "pybullet" else "numba"
+    from instruments.verification.mujoco_world import BoxWorld, MujocoWorld
+
+    return BoxWorld if water == "mujoco" else MujocoWorld
+
+
+def _direction(rng: np.random.Generator) -> NDArray[np.float64]:
+    vector = rng.standard_normal(3)
+    return np.asarray(vector / np.linalg.norm(vector))

@@ -1,0 +1,169 @@
+"""The statistics and the picture of the recovery league."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import trim_mean
+
+from aquafish_gym.rendering.pictures import new_figure
+from eea.study.drawing import grid, legend_below
+from experiments.league.episodes import DT
+
+Floats = NDArray[np.float64]
+Result = Mapping[str, Any]
+
+SHARES = (0.5, 0.8, 0.9)  # of the oracle's mean pace after the onset
+SUCCESS = 0.8  # of them
+WINDOW = round(5.0 / DT)  # actions over which a pace is taken at least
+HORIZON = 30.0  # s after the onset, which every episode has; recovery times are censored there
+FAR = 1.0  # units: an oracle that makes less cannot be compared with
+RESAMPLES = 2000
+COLOURS = 10  # of lines, before they are dashed
+
+
+def after_onset(result: Result) -> float:
+    """Return the way along +y from the first onset on, in units; the whole, if nothing broke."""
+    return float(result["way"][-1] - result["way"][(result["onsets"] or [0])[0]])
+
+
+def interval(values: Sequence[float], damages: int) -> tuple[float, float, float]:
+    """Return the interquartile mean of episodes and its 95% interval.
+
+    Of D damages, episode i has the (i mod D)-th. The bootstrap is stratified: it resamples the
+    episodes of each damage (Agarwal et al., "Deep reinforcement learning at the edge of the
+    statistical precipice", 2021). Where damage is drawn at random, or a damage has one episode,
+    all are of one stratum.
+
+    Examples
+    --------
+    >>> interval([1.0, 2.0, 3.0, 1000.0], 1)[0]
+    2.5
+    """
+    table = np.asarray(values, float)
+    rng = np.random.default_rng(0)
+    number = damages if len(table) >= 2 * damages else 1
+    strata = [np.arange(d, len(table), number) for d in range(number)]
+    drawn = [rng.choice(rows, (RESAMPLES, len(rows))) for rows in strata]
+    means = trim_mean(table[np.concatenate(drawn, axis=1)], 0.25, axis=1)
+    low, high = np.quantile(means, (0.025, 0.975)).tolist()
+    return float(trim_mean(table, 0.25)), low, high
+
+
+def recovered(way: Sequence[float], onset: int, pace: float) -> float:
+    """Return after how many s the pace is back to stay, at most ``HORIZON``.
+
+    From then on, the robot has made at least ``pace`` (units/s) on the mean up to every later
+    moment that is 5 s or more away.
+
+    Examples
+    --------
+    >>> waits = [0.0] * 26 + [0.1 * k for k in range(275)]
+    >>> recovered(waits, 0, 0.5), recovered(waits, 0, 0.25), recovered(waits, 0, 0.6)
+    (5.0, 2.6, 30.0)
+    """
+    lead = np.array(way[onset:]) - pace * DT * np.arange(len(way) - onset)
+    if len(lead) <= WINDOW:
+        return HORIZON
+    least = np.minimum.accumulate(lead[::-1])[::-1]  # of all later moments
+    back = np.flatnonzero(least[WINDOW:] >= lead[:-WINDOW] - 1e-9)
+    return float(min(HORIZON, round(DT * back[0], 9))) if len(back) else HORIZON
+
+
+def summary(
+    results: Sequence[Result],
+    damages: int,
+    oracle: Sequence[Result] | None,
+    hero: Sequence[Result] | None,
+) -> dict[str, Any]:
+    """Return what an entrant made in the episodes of a tier, beside the oracle and the self-model.
+
+    ``way_after_onset`` is the interquartile mean in units with its 95% interval; where nothing
+    breaks, of the whole way. ``lost`` is the oracle's way less its own, and ``hero_gain`` the
+    self-model's less its own, in the same episodes. ``seconds_to`` a share of the oracle's
+    mean pace: the median, and the mean restricted to 30 s. Of ``compared`` episodes, ``successes``
+    are those in which 80% of that pace is back within 30 s, and ``failures`` those in which half of
+    it is not, or the robot diverged.
+    """
+    ways = [after_onset(result) for result in results]
+    alarms = [[event[0] for event in r["events"] if event[1] == "alarm"] for r in results]
+    false = [
+        any(not r["onsets"] or t < DT * (r["onsets"][0] - 0.5) for t in times)
+        for r, times in zip(results, alarms, strict=True)
+    ]
+    found: dict[str, Any] = {
+        "episodes": len(results),
+        "way_after_onset": interval(ways, damages),
+        "mean": float(np.mean(ways)),
+        "ways": [round(way, 3) for way in ways],
+        "false_alarms": sum(false),
+        "cpu": float(np.mean([r["seconds"]["cpu"] for r in results])),
+        "slowest": max(r["seconds"]["slowest"] for r in results),
+    }
+    for name, others in (("lost", oracle), ("hero_gain", hero)):
+        if others is not None:
+            gains = [after_onset(o) - way for o, way in zip(others, ways, strict=True)]
+            found[name] = interval(gains, damages)
+    if oracle is not None:
+        pairs = [
+            (result, after_onset(best) / (DT * (len(best["way"]) - 1 - best["onsets"][0])))
+            for result, best in zip(results, oracle, strict=True)
+            if best["onsets"] and after_onset(best) > FAR
+        ]
+        if not pairs:
+            return found
+        times = {
+            share: [
+                recovered(r["way"], r["onsets"][0], share * pace) if r["onsets"] else HORIZON
+                for r, pace in pairs
+            ]
+            for share in SHARES
+        }
+        found["seconds_to"] = {
+            f"{share:.0%}": {"median": float(np.median(some)), "mean": float(np.mean(some))}
+            for share, some in times.items()
+        }
+        gone = [r["terminated"] for r, _ in pairs]
+        failed = {
+            share: sum(t == HORIZON or g for t, g in zip(some, gone, strict=True))
+            for share, some in times.items()
+        }
+        found["failures"] = failed[SHARES[0]]
+        found["successes"] = len(pairs) - failed[SUCCESS]
+        found["compared"] = len(pairs)
+    return found
+
+
+def pace_figure(
+    played: Mapping[tuple[str, str], Sequence[Result]],
+    entrants: Sequence[str],
+    tiers: Sequence[str],
+) -> Any:
+    """Draw the mean pace against the seconds since something broke, an entrant a line."""
+    figure = new_figure(1.0 + 3.4 * len(tiers), 3.6)
+    for axes, tier in zip(
+        figure.subplots(1, len(tiers), sharey=True, squeeze=False).flat, tiers, strict=True
+    ):
+        for i, entrant in enumerate(entrants):
+            lines = []
+            for result in played[entrant, tier]:
+                onset = (result["onsets"] or [100])[0]
+                way = np.array(result["way"][onset - WINDOW : onset + round(HORIZON / DT) + 1])
+                lines.append((way[WINDOW:] - way[:-WINDOW]) / (WINDOW * DT))
+            shortest = min(map(len, lines))
+            mean = np.mean([line[:shortest] for line in lines], axis=0)
+            hero = entrant.startswith("self-model")
+            seconds = DT * (np.arange(shortest) - WINDOW / 2)
+            width = 2.2 if hero else 1.2
+            style = "-" if i < COLOURS else "--"
+            axes.plot(seconds, mean, style, lw=width, label=entrant, zorder=2 + hero)
+        axes.axvline(0.0, color="0.6", lw=0.8)
+        axes.set_title(tier)
+        axes.set_xlabel("seconds since something broke")
+        grid(axes)
+    figure.axes[0].set_ylabel("pace, units/s, over 5 s")
+    legend_below(figure, figure.axes[0], 4)
+    return figure

@@ -1,0 +1,1 @@
+"""Reference scores of controllers at every task: ``python -m experiments.scores``."""

@@ -1,0 +1,102 @@
+"""The episodes of the reference scores, the same for every agent: whole, and under each tier."""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aquafish_gym import IDS
+from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.envs.vector import AquaFishVectorEnv
+from gait import Controller, evaluate
+from gait.controllers.agent import ControllerAgent
+from gait.scores.evaluation import EPISODES, FIRST_SEED, AgentLike
+
+WHOLE = "whole"
+COLUMNS = (WHOLE, *TIERS)
+
+
+def damage_of(name: str, column: str) -> str:
+    """Return the damage of an id's episodes in a column; its onset is the id's own."""
+    usual = IDS[name].get("damage", "")
+    onset = usual.partition("@")[2]
+    return "none" if column == WHOLE else f"random:{column}" + (f"@{onset}" if onset else "")
+
+
+def play(name: str, agent: AgentLike, episodes: int = EPISODES) -> dict[str, Any]:
+    """Return an agent's results in an id's episodes, by column.
+
+    Returns
+    -------
+    dict
+        For each of ``COLUMNS`` the ``returns`` (E,). Where damage strikes in mid-swim also
+        ``after`` (E,), the distance along +y from the onset on, and ``twin`` (E,), the same
+        distance in the episode without damage. A robot that diverged counts up to there.
+    """
+    whole = evaluate(agent, name, episodes=episodes, damage="none", threads=1)
+    found = {WHOLE: {"returns": whole.returns.tolist()}}
+    for tier in TIERS:
+        damage = damage_of(name, tier)
+        broken = evaluate(agent, name, episodes=episodes, damage=damage, threads=1)
+        found[tier] = {"returns": broken.returns.tolist()}
+        if "@" in damage:
+            found[tier]["after"] = broken.way_since(broken.onset).tolist()
+            found[tier]["twin"] = whole.way_since(broken.onset).tolist()
+    return found
+
+
+@dataclass(frozen=True)
+class Onset:
+    """An episode of one robot at the end of the step in which something broke.
+
+    Attributes
+    ----------
+    info
+        What the environment says of the robot then, its new body and servo gains included.
+    state
+        (25,) as of ``AquaFishVectorEnv.states``.
+    seconds
+        What is left of the episode.
+    """
+
+    info: dict[str, Any]
+    state: NDArray[np.float64]
+    seconds: float
+    _envs: AquaFishVectorEnv
+    _seen: NDArray[np.float32]
+    _y: float
+
+    def swim_on(self, gait: Controller) -> float:
+        """Return the distance along +y from the onset on with a gait that knows the servo gains."""
+        envs = copy.deepcopy(self._envs)
+        seen = self._seen
+        y = self._y
+        agent = ControllerAgent(gait, self.info["servo_gain"])
+        agent.reset({"fin_angles": self.info["fin_angles"][None]})
+        for _ in range(round(self.seconds / envs.dt)):
+            seen, _, terminated, _, info = envs.step(agent.act(seen))
+            if terminated[0]:
+                break
+            y = float(info["y_position"][0])
+        return y - self._y
+
+
+def swim_to_onset(name: str, tier: str, gait: Controller, episode: int) -> Onset:
+    """Return one episode at the onset, up to which the robot swims a gait."""
+    kwargs: dict[str, Any] = {**IDS[name], "damage": damage_of(name, tier)}
+    envs = AquaFishVectorEnv(1, threads=1, **kwargs)
+    seen, info = envs.reset(seed=FIRST_SEED + episode)
+    agent = ControllerAgent(gait)
+    seconds = envs.task.seconds
+    y = 0.0
+    agent.reset(info)
+    while not info["faults"][0]:
+        y = float(info["y_position"][0])
+        seen, _, _, _, info = envs.step(agent.act(seen))
+        seconds -= envs.dt
+    robot = {key: value[0] for key, value in info.items()}
+    return Onset(robot, envs.states[:, 0], seconds, envs, seen, y)

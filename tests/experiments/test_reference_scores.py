@@ -1,0 +1,105 @@
+"""Reference scores: the same episodes for all, a table of any rows, nothing done twice."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from aquafish_gym import IDS, WorldConfig
+from aquafish_gym.utils.storage import read_document
+from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError
+from experiments.scores.command import FIRST_SEED, Scores, share
+from experiments.scores.entries import ENTRIES
+from experiments.scores.episodes import COLUMNS, damage_of, play, swim_to_onset
+from gait import Controller, swim_all
+
+COMMITTED = Path(__file__).parents[2] / "experiments" / "scores" / "results" / "runs"
+
+
+def small(out: Path, *entries: str, episodes: int = 3) -> Scores:
+    return Scores(
+        out, entries=entries, tasks=("forward",), replicates=2, episodes=episodes,
+        budget_divisor=10_000, workers=1,
+    )  # fmt: skip
+
+
+def test_a_committed_controller_has_its_committed_scores() -> None:
+    # Processors differ in a last digit of NumPy's sines, and an episode of 100 s magnifies it.
+    kept = json.loads((COMMITTED / "forward" / "CMA-ES--fins" / "100.json").read_text())
+    found = play("AquaFishRecovery-v0", Controller.from_dict(kept["controller"]))
+    for column, scores in kept["scores"]["AquaFishRecovery-v0"].items():
+        for name, values in scores.items():
+            np.testing.assert_allclose(found[column][name], values, rtol=1e-3, atol=1e-3)
+
+
+def test_a_row_is_made_once_and_the_table_has_it(tmp_path: Path) -> None:
+    command = small(tmp_path, "zero", "CPG")
+    command.execute()
+    _, _, *lines = (tmp_path / "table.md").read_text().splitlines()
+    assert [line.split(" | ")[:2] for line in lines] == [
+        [f"| {name}", entry]
+        for name in ("AquaFish-v0", "AquaFishRecovery-v0", "AquaFishRecovery-v0, after the onset")
+        for entry in ("zero", "CPG")
+    ]
+    for picture in ("scores.png", "curves.png"):
+        assert (tmp_path / picture).stat().st_size > 10_000
+    made = tmp_path / "runs" / "forward" / "CPG" / f"{FIRST_SEED}.json"
+    before = {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")}
+    command.execute()
+    assert {file: file.stat().st_mtime_ns for file in tmp_path.rglob("*.json")} == before
+    result = read_document(made, "aquafish.result/1", "out")
+    assert set(result["scores"]["AquaFish-v0"]) == set(COLUMNS)
+
+
+def test_damage_strikes_at_the_onset_of_the_id() -> None:
+    assert damage_of("AquaFish-v0", "severe") == "random:severe"
+    assert damage_of("AquaFish-v0", "whole") == "none"
+    onset = IDS["AquaFishRecovery-v0"]["damage"].partition("@")[2]
+    assert damage_of("AquaFishRecovery-v0", "mild") == f"random:mild@{onset}"
+
+
+def test_a_share_is_of_the_mean_distance() -> None:
+    assert share([[1.0, 2.0], [3.0, 6.0]], [4.0, 4.0]) == "75%"
+    assert share([[1.0]], [0.5]) == "-"
+
+
+def test_a_learned_controller_can_be_made() -> None:
+    pytest.importorskip("stable_baselines3")
+    entry = ENTRIES["PPO, damaged"]
+    controller, curve = entry.make("forward", 0, 10**6)
+    assert controller is not None
+    assert controller.senses.fins
+    assert np.isfinite(curve[-1][1])
+
+
+def test_the_oracle_plays_the_same_episodes(tmp_path: Path) -> None:
+    name, tier = "AquaFishRecovery-v0", "severe"
+    gait, _ = ENTRIES["CPG"].make("forward", 0, 10_000)
+    assert gait is not None
+    one, other = (swim_to_onset(name, tier, gait, episode) for episode in (0, 1))
+    assert (one.info["morphology"] != other.info["morphology"]).any()
+    assert one.swim_on(gait) == one.swim_on(gait)
+    after = play(name, gait, 1)[tier]["after"]
+    assert np.isfinite([one.swim_on(gait), *after]).all()
+    world = WorldConfig(servo_gain=one.info["servo_gain"])
+    options = {"seconds": one.seconds, "world": world, "start": one.state}
+    far = swim_all([gait], one.info["morphology"], **options)[0, 0]
+    assert one.swim_on(gait) == pytest.approx(far, abs=0.1)  # and 0.2 s before the onset
+    small(tmp_path, "tail only", "oracle", episodes=1).execute()
+    *_, last = (tmp_path / "table.md").read_text().splitlines()
+    assert last.startswith("| AquaFishRecovery-v0, after the onset | oracle |")
+
+
+def test_unknown_rows_and_missing_packages_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with pytest.raises(InvalidArgumentError, match="did you mean 'PPO, fins'"):
+        small(tmp_path, "PPO, fin").execute()
+    monkeypatch.setitem(sys.modules, "stable_baselines3", None)
+    with pytest.raises(MissingExtraError):
+        small(tmp_path, "zero", "PPO").execute()
+    assert not list(tmp_path.iterdir())
