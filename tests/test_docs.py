@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import importlib
+import json
 import pathlib
 import re
 import tokenize
+import tomllib
+from itertools import chain
 
 import pytest
+from packaging.requirements import Requirement
+
+import aquafish_gym
 
 ROOT = pathlib.Path(__file__).parent.parent
+GUIDES = ("README.md", "CONTRIBUTING.md", "RELEASING.md", "paper/paper.md")
 PAGES = sorted(
     page
-    for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]
+    for page in [*(ROOT / guide for guide in GUIDES), *(ROOT / "docs").rglob("*.md")]
     if "_build" not in page.parts
 )
 REFERENCE = (ROOT / "docs" / "reference" / "index.rst").read_text().split("All modules")[0]
@@ -136,3 +143,44 @@ def test_a_file_is_in_plain_english(file: pathlib.Path) -> None:
 def test_the_map_finds_a_missing_symbol() -> None:
     with pytest.raises(AttributeError):
         resolve("eea.core.fitness.no_such_function")
+
+
+def test_the_version_and_the_citation_are_the_same_everywhere() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = (ROOT / "CITATION.cff").read_text()
+    zenodo = json.loads((ROOT / ".zenodo.json").read_text())
+    readme = (ROOT / "README.md").read_text().split("```bibtex\n")[1].split("```")[0]
+    of_software, of_paper = readme.split("@misc")
+
+    version = project["version"]
+    assert aquafish_gym.__version__ == version
+    assert f"\nversion: {version}\n" in citation
+    assert f"version = {{{version}}}" in of_software
+    assert f"\n## [{version}]" in (ROOT / "CHANGELOG.md").read_text()
+
+    title, paper = re.findall(r'title: "(.+)"', citation)
+    assert f"title   = {{{title}}}" in of_software
+    assert title == zenodo["title"]
+    assert f"title  = {{{paper}}}" in of_paper
+    for name in re.findall(r'family-names: (\w+)\n\s+given-names: "(.+)"', citation):
+        assert ", ".join(name) in of_paper
+    (author,) = re.findall(r'^  - name: "(.+)"', citation, re.MULTILINE)
+    assert f"{{{{{author}}}}}" in of_software
+    assert [author] == [one["name"] for one in project["authors"]]
+    assert [author] == [one["name"] for one in zenodo["creators"]]
+
+
+def test_the_constraints_pin_what_the_project_needs() -> None:
+    lines = (ROOT / "constraints.txt").read_text().splitlines()
+    pinned = dict(line.lower().split("==") for line in lines if not line.startswith("#"))
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"].values()
+    for needed in map(Requirement, [*project["dependencies"], *chain.from_iterable(extras)]):
+        if needed.name != project["name"]:
+            assert needed.specifier.contains(pinned[needed.name.lower().replace("_", "-")]), needed
+
+
+def test_the_paper_cites_what_its_bibliography_holds() -> None:
+    paper = (ROOT / "paper" / "paper.md").read_text()
+    held = re.findall(r"^@\w+\{(\w+),", (ROOT / "paper" / "paper.bib").read_text(), re.MULTILINE)
+    assert set(re.findall(r"@(\w+)[;\]]", paper)) == set(held)
