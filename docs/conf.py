@@ -62,7 +62,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["_build", "_templates", "results/gaits"]  # tables that a page includes
+exclude_patterns = ["_build", "_templates", "results/gaits", "results/inference"]  # tables for pages
 templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]

@@ -39,7 +39,7 @@ class Inference:
     out: Annotated[Path, tyro.conf.arg(metavar="DIRECTORY")] = Path("out/inference")
     """Directory of every robot's result, report.json and the pictures."""
     page: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
-    """A Markdown page whose marked tables to fill, such as docs/inference.md."""
+    """A Markdown page whose marked tables to fill, such as docs/validation.md."""
     bodies: Annotated[float, tyro.conf.arg(metavar="SHARE")] = 1.0
     """Number of robots, as a share of each setting's own."""
     seed: int = 0

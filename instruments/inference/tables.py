@@ -1,4 +1,4 @@
-"""The report's numbers as tables, for the terminal and for docs/inference.md."""
+"""The report's numbers as tables, for the terminal and for docs/validation.md."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from instruments.verification.mujoco_model import (
 )
 
 # MuJoCo's steps in one of 0.01 s. Its scheme is of first order, as ours is, and with these its gyro
-# is nearer to its limit than ours with one step: docs/physics.md has both.
+# is nearer to its limit than ours with one step: docs/physics_appendix.md has both.
 STEPS = 5
 
 
@@ -32,7 +32,7 @@ class MujocoWorld(World):
     """One robot in MuJoCo, in water whose law is MuJoCo's own: its ellipsoid model.
 
     It has the engines' robot, whose joints turn as theirs do, and agrees with them in nothing else:
-    ``docs/physics.md`` gives the differences.
+    ``docs/physics_appendix.md`` gives the differences.
 
     Parameters
     ----------

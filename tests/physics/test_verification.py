@@ -16,7 +16,7 @@ from instruments.verification.tables import TABLES, fill_page, make_tables
 
 ROOT = pathlib.Path(__file__).parents[2]
 REPORT = ROOT / "docs" / "physics" / "report.json"
-PAGES = (ROOT / "docs" / "physics.md", ROOT / "docs" / "real_fish.md")
+PAGES = [ROOT / "docs" / f"{page}.md" for page in ("physics", "physics_appendix", "real_fish")]
 PICTURES = ("strokes", "convergence", "quadrature", "single_precision", "real_fish")
 
 
@@ -73,7 +73,7 @@ def test_the_documentation_holds_the_tables_of_its_report() -> None:
         assert f"<!-- table: {name} -->" in text
     assert [fill_page(one, tables) for one in texts] == texts, (
         "run: python -m instruments.verification --out docs/physics "
-        "--page docs/physics.md docs/real_fish.md"
+        "--page docs/physics.md docs/physics_appendix.md docs/real_fish.md"
     )
     for name in PICTURES:
         assert (REPORT.parent / f"{name}.png").exists()

@@ -15,7 +15,7 @@ DOCS = Path(__file__).parents[3] / "docs"
 
 
 def test_page_shows_the_committed_report():
-    page = (DOCS / "inference.md").read_text(encoding="utf-8")
+    page = (DOCS / "validation.md").read_text(encoding="utf-8")
     committed = DOCS / "inference" / "report.json"
     report = json.loads(committed.read_text(encoding="utf-8"))
     assert list(report["settings"]) == list(SETTINGS)
