@@ -62,7 +62,8 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-exclude_patterns = ["_build", "_templates", "results/gaits", "results/inference"]  # tables for pages
+# The last two are tables that pages include.
+exclude_patterns = ["_build", "_templates", "results/gaits", "results/inference"]
 templates_path = ["_templates"]
 html_static_path = ["_static"]
 html_css_files = ["site.css"]

@@ -18,8 +18,9 @@ Rows = NDArray[np.intp]
 class WorldBatch:
     """The B robots of a scenario, each in a :class:`~aquafish_gym.engines.worlds.World` of its own.
 
-    It is to the vector environment what :class:`~aquafish_gym.engines.compiled.lanes.LaneBatch`
-    is, one robot after another and in double precision.
+    The vector environment uses it as it uses
+    :class:`~aquafish_gym.engines.compiled.lanes.LaneBatch`. Robots swim one after another, in
+    double precision.
     """
 
     def __init__(self, scenario: Scenario, engine: str | type[World]) -> None:

@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.damage.damage import is_list_of_faults
-from aquafish_gym.envs.episode import EpisodeConfig, Rows
+from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS
+from aquafish_gym.engines.world_batch import WorldBatch
+from aquafish_gym.envs.episode import EpisodeConfig, Rows, check_world
 from aquafish_gym.physics.arithmetic import Vector
-from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer
+from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer, one_of
+
+if TYPE_CHECKING:
+    from aquafish_gym.engines.compiled.lanes import LaneBatch
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -101,3 +107,30 @@ def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -
         observations[i] = last[i]
     finals = masked({"final_obs": observations}, ended)
     return info | finals | {"final_info": final, "_final_info": ended.copy()}
+
+
+def make_swimmers(
+    scenario: Scenario, engine: object, dtype: str | None, threads: object
+) -> LaneBatch | WorldBatch:
+    """Return the robots of a scenario on an engine; refuse what that engine has not.
+
+    The arguments are those of the vector environment.
+    """
+    found = "numba" if engine == AUTO else check_world(engine)
+    if found == "numba":
+        from aquafish_gym.engines.compiled.lanes import LaneBatch
+
+        return LaneBatch(
+            scenario,
+            getattr(np, one_of("dtype", dtype or "float32", ("float32", "float64"))),
+            threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
+        )
+    if dtype not in (None, "float64"):
+        raise InvalidArgumentError(
+            f'dtype must be "float64" or None on other engines than numba; got {brief(dtype)}'
+        )
+    if threads is not None:
+        raise InvalidArgumentError(
+            f"threads has no effect on other engines than numba; got {brief(threads)}"
+        )
+    return WorldBatch(scenario, found)

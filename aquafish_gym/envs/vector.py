@@ -13,8 +13,6 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
-from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS
-from aquafish_gym.engines.world_batch import WorldBatch
 from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.attributes import RobotAttributes
@@ -31,7 +29,6 @@ from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import beyond_imu, observe
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
-    brief,
     finite_array,
     flag,
     integer,
@@ -39,7 +36,6 @@ from aquafish_gym.utils.validation import (
 )
 
 if TYPE_CHECKING:
-    from aquafish_gym.engines.compiled.lanes import LaneBatch
     from aquafish_gym.envs.compiled import Outcome
 
 Floats = NDArray[np.float64]
@@ -158,7 +154,7 @@ class AquaFishVectorEnv(
         late = any(config.damage.may_be_late for config in self._configs)
         self._robots = Robots(scenario, self.frame_skip, late)
         self._memory: Floats = np.zeros((0, self.num_envs))
-        self._swimmers = _swimmers(scenario, engine, dtype, threads)
+        self._swimmers = batching.make_swimmers(scenario, engine, dtype, threads)
         # The present states (25, num_envs), or the last ones before a robot diverged.
         self._now: States = self._swimmers.state_rows().copy()
         self._judge = Judge(self.task)
@@ -392,27 +388,3 @@ class AquaFishVectorEnv(
             render_pose(Morphology.from_array(sizes), (pose[POSITION], pose[QUATERNION]), pose[-3:])
             for sizes, pose in zip(self._robots.now.body, poses, strict=True)
         )
-
-
-def _swimmers(
-    scenario: Scenario, engine: object, dtype: str | None, threads: object
-) -> LaneBatch | WorldBatch:
-    """Return the robots of a scenario on an engine; refuse what that engine has not."""
-    found = "numba" if engine == AUTO else episode.check_world(engine)
-    if found == "numba":
-        from aquafish_gym.engines.compiled.lanes import LaneBatch
-
-        return LaneBatch(
-            scenario,
-            getattr(np, one_of("dtype", dtype or "float32", ("float32", "float64"))),
-            threads=None if threads is None else integer("threads", threads, 1, MAXIMUM_THREADS),
-        )
-    if dtype not in (None, "float64"):
-        raise InvalidArgumentError(
-            f'dtype must be "float64" or None on other engines than numba; got {brief(dtype)}'
-        )
-    if threads is not None:
-        raise InvalidArgumentError(
-            f"threads has no effect on other engines than numba; got {brief(threads)}"
-        )
-    return WorldBatch(scenario, found)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import accumulate, pairwise
 from pathlib import Path
@@ -24,21 +24,19 @@ from aquafish_gym.utils.validation import (
     brief,
     file_path,
     finite_array,
-    flag,
     instance,
     integer,
     one_of,
 )
 from gait.controllers import network
+from gait.controllers.checks import check_fields, check_order, check_senses, check_sums
 from gait.controllers.network import OUTPUTS, Senses
 from gait.controllers.policy import Policy
 
 SCHEMA = "gait.controller/2"
 MAXIMUM_NODES = 1000
-MAXIMUM_HARMONICS = 32
 MAXIMUM_BYTES = 64 * 2**20  # of the largest network's file
 MAXIMUM_SEED = 2**64 - 1
-MAXIMUM_SUM = 1e30  # of a node whose inputs are 1: larger inputs do not overflow float32 either
 INTERVAL = 5  # physics steps that an action is held for, as in AquaFish-v0
 IMU_AND_CLOCK = Senses()
 OPTIONAL = ("senses", "layers", "output", "interval", "sample")  # a file omits them at default
@@ -106,7 +104,7 @@ class Controller:
     interval: int = INTERVAL
 
     def __post_init__(self) -> None:
-        _check_senses(self.senses)
+        check_senses(self.senses)
         inputs = len(self.senses.names)
         bias = finite_array("controller.bias", self.bias, (None,))
         nodes = len(bias)
@@ -116,8 +114,8 @@ class Controller:
             )
         response = finite_array("controller.response", self.response, (nodes,))
         weights = finite_array("controller.weights", self.weights, (nodes, inputs + nodes))
-        _check_sums(weights, bias, response)
-        _check_order(weights[:, inputs:], self.layers)
+        check_sums(weights, bias, response)
+        check_order(weights[:, inputs:], self.layers)
         layers = self.layers
         if layers is not None:
             if not isinstance(layers, list | tuple):
@@ -167,8 +165,8 @@ class Controller:
         count = len(numbers)
         biases = finite_array("controller.bias", bias, (count, self.nodes))
         clocks = finite_array("controller.clock", clock, (count,), 0.0, 50.0, "Hz")
-        _check_sums(numbers, biases, self.response)
-        _check_order(numbers[:, :, len(self.senses.names) :], self.layers)
+        check_sums(numbers, biases, self.response)
+        check_order(numbers[:, :, len(self.senses.names) :], self.layers)
         for array in (numbers, biases):
             array.setflags(write=False)
         found = []
@@ -296,17 +294,17 @@ class Controller:
     def from_dict(cls, data: object) -> Controller:
         """Return the controller of a :meth:`to_dict`; InvalidArgumentError names a wrong field."""
         names = {"inputs", "outputs", *cls.__dataclass_fields__}
-        fields = dict(_check_fields("controller", data, names, OPTIONAL))
+        fields = dict(check_fields("controller", data, names, OPTIONAL))
         senses = IMU_AND_CLOCK
         if "senses" in fields:
             known = Senses.__dataclass_fields__
-            given = _check_fields("controller.senses", fields["senses"], known, ("goal",))
+            given = check_fields("controller.senses", fields["senses"], known, ("goal",))
             fields["senses"] = senses = Senses(**given)
-            _check_senses(senses)
+            check_senses(senses)
         for name, expected in (("inputs", senses.names), ("outputs", OUTPUTS)):
             if fields.pop(name) != list(expected):
                 raise InvalidArgumentError(f"controller.{name} must be {', '.join(expected)}")
-        body = _check_fields("controller.morphology", fields["morphology"], FINS)
+        body = check_fields("controller.morphology", fields["morphology"], FINS)
         return cls(**{**fields, "morphology": Morphology.coerce(body)})
 
     def save(self, path: Path | str) -> None:
@@ -363,53 +361,3 @@ def _genes(controllers: Sequence[Controller], memory: bool) -> NDArray[np.float6
         sources = inputs + (nodes if memory else begin)
         rows.append(table[begin:end, : 2 + sources].reshape(-1, len(controllers)))
     return np.concatenate(rows, dtype=np.float64)
-
-
-def _check_sums(
-    weights: NDArray[np.float64], bias: NDArray[np.float64], response: NDArray[np.float64]
-) -> None:
-    """Refuse a node whose sum may overflow in float32, where infinities make NaN commands.
-
-    ``weights`` are those of one controller (N, I + N) or of P of them (P, N, I + N).
-    """
-    with np.errstate(over="ignore", invalid="ignore"):
-        reach = np.abs(weights).sum(axis=-1)
-        sums = np.maximum(reach, network.GAIN * (np.abs(bias) + np.abs(response) * reach))
-    beyond = np.flatnonzero(~(sums <= MAXIMUM_SUM))
-    if len(beyond):
-        place = int(beyond[0])
-        raise InvalidArgumentError(
-            f"controller.weights, bias and response must keep every node's sum within "
-            f"{MAXIMUM_SUM:g}, as float32 must hold it; node {place % len(response)} reaches "
-            f"{sums.flat[place]:.3g}"
-        )
-
-
-def _check_order(between: NDArray[np.float64], layers: object) -> None:
-    """Refuse weights between nodes (..., N, N) that need memory where no layers are given."""
-    if layers is None and np.triu(between).any():
-        raise InvalidArgumentError(
-            "controller.weights must be zero from a node to itself or an earlier one, unless "
-            "controller.layers gives the layers of a network with memory"
-        )
-
-
-def _check_senses(senses: object) -> None:
-    checked = instance("controller.senses", senses, Senses)
-    for sense in ("imu", "fins", "goal"):
-        flag(f"controller.senses.{sense}", getattr(checked, sense))
-    integer("controller.senses.clock", checked.clock, 0, MAXIMUM_HARMONICS)
-
-
-def _check_fields(
-    argument: str, data: object, names: Collection[str], optional: Collection[str] = ()
-) -> dict[str, Any]:
-    """Return ``data`` if it is an object with these fields; the error names the wrong ones."""
-    checked = instance(argument, data, dict)
-    wrong = {
-        name for name in checked.keys() ^ set(names) if name in checked or name not in optional
-    }
-    if wrong:
-        odd = ", ".join(sorted(map(str, wrong)))
-        raise InvalidArgumentError(f"{argument} has missing or unknown fields: {odd}")
-    return checked

@@ -15,7 +15,8 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-from gait.controllers.controller import INTERVAL, MAXIMUM_HARMONICS, MAXIMUM_SEED
+from gait.controllers.checks import MAXIMUM_HARMONICS
+from gait.controllers.controller import INTERVAL, MAXIMUM_SEED
 from gait.controllers.network import Senses
 from gait.scores.rollout import MAXIMUM_THREADS, SECONDS, step_count
 from gait.search import cma, neat

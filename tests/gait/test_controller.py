@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.storage import DamagedFileError, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.controllers.controller import MAXIMUM_SUM, Controller
+from gait.controllers.checks import MAXIMUM_SUM
+from gait.controllers.controller import Controller
 from gait.controllers.export import make_vectors
 from gait.controllers.network import HEADER, forward
 from gait.scores.rollout import swim_all
