@@ -62,7 +62,7 @@ extensions = [
     "sphinx.ext.mathjax",
     "sphinx.ext.napoleon",
 ]
-# The last two are tables that pages include.
+# Tables that a page includes are no pages.
 exclude_patterns = ["_build", "_templates", "results/gaits", "results/inference"]
 templates_path = ["_templates"]
 html_static_path = ["_static"]
