@@ -5,48 +5,7 @@
 that users import.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+import lazy_loader
 
-if TYPE_CHECKING:
-    from gait.controllers.controller import Controller
-    from gait.controllers.policy import ControllerLike, HasPolicy, Policy
-    from gait.scores.evaluation import Evaluation, evaluate
-    from gait.scores.fitness import distances
-    from gait.scores.rollout import Swim, random_poses, swim, swim_all
-    from gait.search.evolve import EvolveConfig, Evolved, damaged_at_random, evolve_gait
-
-__all__ = [
-    "Controller",
-    "ControllerLike",
-    "Evaluation",
-    "EvolveConfig",
-    "Evolved",
-    "HasPolicy",
-    "Policy",
-    "Swim",
-    "damaged_at_random",
-    "distances",
-    "evaluate",
-    "evolve_gait",
-    "random_poses",
-    "swim",
-    "swim_all",
-]
-
-
-def __getattr__(name: str) -> Any:
-    """Import a name when it is first used, so that a command handles Ctrl-C from the start."""
-    rooms = (
-        "controllers.controller", "controllers.policy", "scores.rollout", "scores.fitness",
-        "scores.evaluation", "search.evolve",
-    )  # fmt: skip
-    for room in rooms if name in __all__ else ():
-        module = import_module(f"gait.{room}")
-        if hasattr(module, name):
-            return getattr(module, name)
-    raise AttributeError(f"module 'gait' has no attribute {name!r}")
-
-
-def __dir__() -> list[str]:
-    return sorted([*globals(), *__all__])
+# The names of __init__.pyi, imported when first used, so that a command handles Ctrl-C early.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -36,5 +36,5 @@ def test_joint_inference_loads_its_statistics_when_it_is_used():
 def test_all_public_names_are_there_and_others_are_not():
     for name in eea.__all__:
         assert getattr(eea, name) is not None
-    with pytest.raises(AttributeError, match="no attribute 'estimate_morphologie'"):
+    with pytest.raises(AttributeError, match="No eea attribute estimate_morphologie"):
         _ = eea.estimate_morphologie

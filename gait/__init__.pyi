@@ -1,0 +1,15 @@
+from .controllers.controller import Controller as Controller
+from .controllers.policy import ControllerLike as ControllerLike
+from .controllers.policy import HasPolicy as HasPolicy
+from .controllers.policy import Policy as Policy
+from .scores.evaluation import Evaluation as Evaluation
+from .scores.evaluation import evaluate as evaluate
+from .scores.fitness import distances as distances
+from .scores.rollout import Swim as Swim
+from .scores.rollout import random_poses as random_poses
+from .scores.rollout import swim as swim
+from .scores.rollout import swim_all as swim_all
+from .search.evolve import EvolveConfig as EvolveConfig
+from .search.evolve import Evolved as Evolved
+from .search.evolve import damaged_at_random as damaged_at_random
+from .search.evolve import evolve_gait as evolve_gait
