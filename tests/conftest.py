@@ -3,7 +3,6 @@ later, macOS), no example is too slow on a shared machine, and kernels compile o
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import os
 import signal
@@ -14,6 +13,7 @@ from importlib.util import find_spec
 from typing import Any
 
 import pytest
+from filelock import lock_descriptor
 from hypothesis import settings
 
 from aquafish_gym.utils.validation import EngineUnavailableError
@@ -92,7 +92,7 @@ def _kernels_compile_once(tmp_path_factory: pytest.TempPathFactory) -> None:
         held.add(name)
         try:
             with (place / hashlib.sha256(name.encode()).hexdigest()).open("w") as lock:
-                fcntl.flock(lock, fcntl.LOCK_EX)
+                lock_descriptor(lock.fileno())
                 return compile_now(self, signature)
         finally:
             held.discard(name)

@@ -6,21 +6,23 @@ command with other settings is refused.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from platform import python_version
 from typing import Any
+
+from filelock import lock_descriptor
 
 from aquafish_gym.utils.storage import ensure_writable_directory, read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 LOCK, SETTINGS = ".aquafish.lock", "settings.json"
 SCHEMA = "aquafish.folder/1"
+REMOVES_OPEN_FILES = os.name != "nt"
 LIBRARIES = (
     "aquafish-gym", "cma", "gymnasium", "neat-python", "numba", "numpy", "pybullet", "scipy",
 )  # fmt: skip
@@ -36,27 +38,37 @@ def lock(folder: Path) -> Iterator[None]:
         If another process has it.
     """
     path = folder / LOCK
+    handle = _locked(path)
     try:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o666)
-    except OSError as error:
-        raise InvalidArgumentError(f"out: cannot lock {path}: {error.strerror}") from None
-    try:
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            found = os.fstat(handle)
-            free = found.st_nlink > 0  # else its last holder has just removed it
-        except OSError:
-            free = False
-        if free and found.st_size:  # it would be removed in the end
-            raise InvalidArgumentError(f"out: {path} is no lock of ours: it is not empty")
-        if not free:
-            raise InvalidArgumentError(f"out: {folder} is in use by another command")
-        try:
-            yield
-        finally:
-            path.unlink(missing_ok=True)
+        yield
     finally:
-        os.close(handle)
+        try:
+            if REMOVES_OPEN_FILES:  # while it is locked: later it may be another process's
+                path.unlink(missing_ok=True)
+        finally:
+            os.close(handle)
+        if not REMOVES_OPEN_FILES:
+            with suppress(OSError):  # another process has opened it, and will remove it
+                path.unlink()
+
+
+def _locked(path: Path) -> int:
+    """Return the descriptor of a file that this process has locked; see :func:`lock`."""
+    flags = os.O_RDWR | os.O_CREAT | getattr(os, "O_NOFOLLOW", 0)  # Windows has no O_NOFOLLOW
+    with ExitStack() as undo:
+        try:
+            handle = os.open(path, flags, 0o666)
+            undo.callback(os.close, handle)
+            free = lock_descriptor(handle, blocking=False)
+            found = os.fstat(handle)
+        except OSError as error:
+            raise InvalidArgumentError(f"out: cannot lock {path}: {error.strerror}") from None
+        if not free or not found.st_nlink:  # without a link, its last holder has just removed it
+            raise InvalidArgumentError(f"out: {path.parent} is in use by another command")
+        if found.st_size:  # it would be removed in the end
+            raise InvalidArgumentError(f"out: {path} is no lock of ours: it is not empty")
+        undo.pop_all()
+        return handle
 
 
 def versions() -> dict[str, str]:

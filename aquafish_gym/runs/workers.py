@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from typing import Any, Protocol
 
+from aquafish_gym.engines.packages import available_cores
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     integer,
@@ -83,8 +84,7 @@ def workers(count: int | None = None, scheduler: str | None = None) -> Iterator[
         with cluster_at(scheduler) as cluster:
             yield cluster
         return
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    pool = _Pool(count or cores or 1)
+    pool = _Pool(count or available_cores())
     try:
         yield pool
         pool.finish()
@@ -110,15 +110,13 @@ class _Pool(ProcessPoolExecutor):
     def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
         before = {name: os.environ[name] for name in _ENVIRONMENT if name in os.environ}
         os.environ.update(_ENVIRONMENT)
-        # Processes that this call starts inherit the mask.
-        signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         try:
-            future = super().submit(fn, *args, **kwargs)
+            with _interrupts_blocked():  # also in the processes that this call starts
+                future = super().submit(fn, *args, **kwargs)
         finally:
             for name in _ENVIRONMENT:
                 del os.environ[name]
             os.environ.update(before)
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
         self._futures.add(future)
         future.add_done_callback(self._futures.discard)
         return future
@@ -130,7 +128,7 @@ class _Pool(ProcessPoolExecutor):
         passed, self._checked = min(now - self._checked, 2 * POLL_SECONDS), now
         beating = set()
         while self._beats[0].poll():
-            beating.add(int.from_bytes(os.read(self._beats[0].fileno(), _BEAT_BYTES), "little"))
+            beating.add(int.from_bytes(self._beats[0].recv_bytes(), "little"))
         processes = dict(getattr(self, "_processes", None) or {})
         for number, process in processes.items():
             before = self._silent.get(number, 0.0)
@@ -158,7 +156,17 @@ class _Pool(ProcessPoolExecutor):
             end.close()
 
 
-_BEAT_BYTES = 8
+@contextmanager
+def _interrupts_blocked() -> Iterator[None]:
+    """Block Ctrl-C in a block, where the system can: Windows cannot."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
 
 
 def _say(sentence: str) -> None:
@@ -167,6 +175,7 @@ def _say(sentence: str) -> None:
 
 def _begin(closing: Connection, beats: Connection) -> None:
     """Have this process end when its parent closes the pipe, or dies; send beats till then."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # on Windows it was not blocked
 
     def watch() -> None:
         try:
@@ -175,9 +184,9 @@ def _begin(closing: Connection, beats: Connection) -> None:
             os._exit(1)
 
     def beat() -> None:
-        number = os.getpid().to_bytes(_BEAT_BYTES, "little")
+        number = os.getpid().to_bytes(8, "little")
         while True:
-            os.write(beats.fileno(), number)  # so few bytes are written whole
+            beats.send_bytes(number)  # so few bytes are written whole
             time.sleep(POLL_SECONDS)
 
     for task in (watch, beat):

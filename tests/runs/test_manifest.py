@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 
 import pytest
 
+from aquafish_gym.runs import manifest
 from aquafish_gym.runs.manifest import LOCK, lock, read_manifest, write_manifest
 from aquafish_gym.utils.storage import write_document
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -19,7 +21,9 @@ def refused(folder, message):
         pass
 
 
-def test_a_folder_is_locked_once(tmp_path):
+@pytest.mark.parametrize("removes_open_files", [True, False])  # as Windows does not
+def test_a_folder_is_locked_once(tmp_path, monkeypatch, removes_open_files):
+    monkeypatch.setattr(manifest, "REMOVES_OPEN_FILES", removes_open_files)
     with lock(tmp_path):
         refused(tmp_path, "in use by another command")
     assert not list(tmp_path.iterdir())
@@ -33,7 +37,17 @@ def test_the_lock_of_a_dead_process_is_taken_over(tmp_path):
         refused(tmp_path, "in use by another command")
 
 
-def test_a_file_of_the_user_is_no_lock(tmp_path):
+def test_a_file_system_without_locks_is_named(tmp_path, monkeypatch):
+    def fail(*_arguments, **_options):
+        raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+    monkeypatch.setattr(manifest, "lock_descriptor", fail)
+    refused(tmp_path, "cannot lock .*: No locks available")
+
+
+@pytest.mark.parametrize("removes_open_files", [True, False])
+def test_a_file_of_the_user_is_no_lock(tmp_path, monkeypatch, removes_open_files):
+    monkeypatch.setattr(manifest, "REMOVES_OPEN_FILES", removes_open_files)
     mine = tmp_path / "mine"
     mine.write_text("my notes")
     (tmp_path / "lock").write_text("my notes")
@@ -53,9 +67,9 @@ def test_a_manifest_is_written_once(tmp_path):
     before = (tmp_path / "settings.json").read_bytes()
     write_manifest(tmp_path, "a study", SETTINGS, ["settings.json"])
     assert (tmp_path / "settings.json").read_bytes() == before
-    manifest = read_manifest(tmp_path)
-    assert (manifest["kind"], manifest["settings"]) == ("a study", SETTINGS)
-    assert manifest["versions"]["numpy"]
+    held = read_manifest(tmp_path)
+    assert (held["kind"], held["settings"]) == ("a study", SETTINGS)
+    assert held["versions"]["numpy"]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,68 @@
+"""What Windows and macOS lack is not needed: no module imports it, and runs work without it."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+CODE = """
+import importlib
+import os
+import pkgutil
+import signal
+import sys
+
+import filelock  # it has a lock of its own for each system
+
+for module, names in {
+    os: ("sched_getaffinity", "O_NOFOLLOW", "O_CLOEXEC", "fork", "register_at_fork", "sysconf"),
+    signal: ("pthread_sigmask", "SIG_BLOCK", "SIG_UNBLOCK", "SIGHUP"),
+}.items():
+    for name in names:
+        delattr(module, name)
+# torch, which stable_baselines3 imports, goes by the name of the system.
+EXTRAS = {"distributed", "pybullet", "stable_baselines3", "viser"}
+for name in ("fcntl", "grp", "pwd", "resource", "termios", "pybullet", "stable_baselines3"):
+    sys.modules[name] = None
+
+count = 0
+for package in ("aquafish", "aquafish_gym", "eea", "gait"):
+    path = importlib.import_module(package).__path__
+    for found in pkgutil.walk_packages(path, package + "."):
+        try:
+            importlib.import_module(found.name)
+            count += 1
+        except ModuleNotFoundError as error:
+            if str(error.name).partition(".")[0] not in EXTRAS:
+                raise
+
+from pathlib import Path
+
+from aquafish_gym import simulate
+from aquafish_gym.runs import manifest, workers
+
+log = simulate(None, [[0.1, 0.1, 0.5]], steps=4, engine="numba", dtype="float32")
+manifest.REMOVES_OPEN_FILES = False
+with manifest.result_folder(sys.argv[1], "a test", {"steps": 4}, ()) as folder:
+    try:
+        with manifest.lock(folder):
+            raise AssertionError("locked twice")
+    except manifest.InvalidArgumentError as error:
+        print(error)
+with workers.workers(2) as pool:
+    sent = pool.submit(abs, -3).result()
+print(count, log.gyro.shape, sent, *sorted(path.name for path in Path(sys.argv[1]).iterdir()))
+"""
+
+
+def test_all_modules_import_and_runs_work_without_what_other_systems_lack(tmp_path: Path) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, str(tmp_path)], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    refused, result = done.stdout.splitlines()
+    assert refused == f"out: {tmp_path} is in use by another command"
+    count, rest = result.split(" ", 1)
+    assert int(count) > 150
+    assert rest == "(1, 4, 3) 3 settings.json"
