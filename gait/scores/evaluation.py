@@ -154,7 +154,7 @@ def interquartile_mean(runs: ArrayLike, seed: int = 0) -> Interval:
     """Return the interquartile mean of all episodes of runs (R, E) and its 95% interval.
 
     The bootstrap draws runs, and episodes of each (Agarwal et al., "Deep reinforcement learning at
-    the edge of the statistical precipice", 2021).
+    the edge of the statistical precipice", 2021). ``scipy.stats.bootstrap`` has one level only.
 
     Examples
     --------
