@@ -34,6 +34,7 @@ from aquafish_gym.runs.command_line import (
 )
 from aquafish_gym.runs.jobs import exit_if_failed, finished, read_result, run_jobs
 from aquafish_gym.runs.manifest import lock, read_manifest, write_manifest
+from aquafish_gym.runs.markdown import shown_format
 from aquafish_gym.runs.workers import check_workers
 from aquafish_gym.scenario import MAXIMUM_SPIN
 from aquafish_gym.utils.storage import ensure_writable_directory, write_bytes, write_document
@@ -218,7 +219,7 @@ class Recover(Given):
         versions = (read_manifest(folder) or {}).get("versions", {})
         report = build_report(settings, [versions], outcomes)
         write_document(folder / REPORT, report, SCHEMA)
-        shown = next(form for form in ("png", "svg", "pdf") if form in self.format)
+        shown = shown_format(self.format)
         text = to_markdown(report, [name for name in pictures if name.endswith((shown, "webp"))])
         write_bytes(folder / "report.md", text.encode())
         page = report_page(job_shown, outcomes, report, svgs, self._commands(job_shown))

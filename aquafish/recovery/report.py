@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from aquafish.recovery.treatment import MODELLED, TREATMENTS
+from aquafish_gym.runs.markdown import markdown_table
 from eea.study.statistics import FEWEST, paired_difference, ratio_interval, summarize
 
 UNIT_IN_M = 0.05
@@ -171,7 +172,7 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
         f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST else ''}. Trials on "
         f"the robot last {config['eea']['steps'] / 100:g} s, and its gyroscope has noise of "
         f"{config['gyro_noise']:g} rad/s.",
-        _table(_main_rows(report["treatments"], intervals=not short)),
+        markdown_table(_main_rows(report["treatments"], intervals=not short)),
         *headline(report),
     ]
     if short:
@@ -187,7 +188,7 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
     if diverged:
         parts.append(f"Swims on the damaged robot that diverged and count as 0 units: {diverged}.")
     if several:
-        parts += ["## Within replicates", _table(_paired_rows(report["paired"]))]
+        parts += ["## Within replicates", markdown_table(_paired_rows(report["paired"]))]
     if pictures:
         parts += ["## Figures", *(f"![{name.partition('.')[0]}]({name})" for name in pictures)]
     return "\n\n".join(parts) + "\n"
@@ -275,8 +276,3 @@ def _number(value: float | None, interval: Sequence[float] | None, form: str) ->
         return "none"
     low, high = interval or (0.0, 0.0)
     return f"{value:{form}}" + (f" [{low:{form}}, {high:{form}}]" if low < high else "")
-
-
-def _table(rows: Rows) -> str:
-    head, *body = (f"| {' | '.join(row)} |" for row in rows)
-    return "\n".join([head, "|" + "---|" * len(rows[0]), *body])

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from aquafish_gym.morphology import FINS
+from aquafish_gym.runs.markdown import markdown_table, shown_format
 from aquafish_gym.utils.storage import write_bytes, write_document
 from eea.study.arms import MINUS, angle_label, duration_name, signed, spoken
 from eea.study.figures import save_study_figures
@@ -38,9 +39,8 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
     results = read_study(path)
     summary = summarize_study(results)
     figures = save_study_figures(results, summary, path / "figures", formats)
-    # Not every reader of Markdown shows PDF.
-    best = next(form for form in ("png", "svg", "pdf") if form in formats)
-    names = [f"figures/{file.name}" for file in figures if file.suffix == f".{best}"]
+    shown = f".{shown_format(formats)}"
+    names = [f"figures/{file.name}" for file in figures if file.suffix == shown]
     written = [path / name for name in (CSV, "summary.json", "summary.md")]
     write_bytes(written[0], results.to_csv().encode())
     write_document(written[1], summary)
@@ -97,7 +97,11 @@ def _fitness(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
         rows.append([results.labels[row["arm"]], name, *cells, _signed_mean(row["rise"]), shown])
     since = f"rise since round {summary['rise_since_round']}"
     columns = ["condition", "duration", "replicates", "mean", "SD", "95% interval", since]
-    return ["## OBJ_FIT by condition and duration", _table([*columns, "MOD_FIT"], rows), note]
+    return [
+        "## OBJ_FIT by condition and duration",
+        markdown_table([[*columns, "MOD_FIT"], *rows]),
+        note,
+    ]
 
 
 def _paired(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
@@ -120,7 +124,7 @@ def _paired(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
         "Of OBJ_FIT within replicates: the target hides the same angles from every condition. "
         "*p* is the sign test's."
     )
-    return ["## Paired differences", text, _table([*columns, "mean over rounds"], rows)]
+    return ["## Paired differences", text, markdown_table([[*columns, "mean over rounds"], *rows])]
 
 
 def _dimensions(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
@@ -139,7 +143,7 @@ def _dimensions(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
         "the least that the genome's bits allow. An error is bold if its 95% interval lies below "
         "those of random bodies and of the mid-range body."
     )
-    return ["## Error of each dimension", text, _table(columns, rows)]
+    return ["## Error of each dimension", text, markdown_table([columns, *rows])]
 
 
 def _angles(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
@@ -158,12 +162,11 @@ def _angles(results: StudyResults, summary: Mapping[str, Any]) -> list[str]:
         "The distance, in degrees, of the true angle of the last trial from the middle of the "
         "range inferred for it, mean over replicates and durations. A guess is 90 off."
     )
-    return ["## The inferred angles", text, _table(["condition", *map(spoken, FINS)], rows)]
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    lines = [f"| {' | '.join(row)} |" for row in (columns, *rows)]
-    return "\n".join([lines[0], "|" + "---|" * len(columns), *lines[1:]])
+    return [
+        "## The inferred angles",
+        text,
+        markdown_table([["condition", *map(spoken, FINS)], *rows]),
+    ]
 
 
 def _signed_mean(summary: Mapping[str, Any]) -> str:
