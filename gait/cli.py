@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -83,34 +85,25 @@ class Evolve(Given):
 
     def execute(self) -> None:
         """Evolve to the last generation, with progress."""
-        from gait.plots import plot_progress
-
         if self.config.task != "forward":
             self.refuse_given(["seconds"], "except with --task forward")
         bodies = _bodies(self.morphology, Damage.parse(self.damage))
-        rows: list[Generation] = []
-        with show_progress("evolving", self.config.plan.rows) as show:
+        drawn = _drawn_progress(
+            "evolving",
+            self.config.plan.rows,
+            self.out / HISTORY_FILE,
+            ("final (the winner)", "mean (all)", "generation"),
+            lambda done: f"{RESUMES} from generation {done}",
+        )
+        with drawn as show:
 
             def report(row: Generation) -> None:
-                rows.append(row)
-                show(len(rows), f"final {row.final:6.2f}  mean {row.mean:6.2f}  nodes {row.nodes}")
+                text = f"final {row.final:6.2f}  mean {row.mean:6.2f}  nodes {row.nodes}"
+                show((row.generation, row.final, row.mean), text)
 
-            try:
-                evolved = evolve_gait(
-                    bodies, self.config, out=self.out, world=self.world, on_generation=report
-                )
-            except KeyboardInterrupt:
-                path = self.out / HISTORY_FILE
-                done = len(path.read_text().splitlines()) - 1 if path.exists() else 0
-                rest = f"{RESUMES} from generation {done}" if done else "nothing is kept yet"
-                raise KeyboardInterrupt(f"interrupted; {rest}") from None
-            finally:
-                if rows:
-                    x, final, mean = zip(
-                        *((row.generation, row.final, row.mean) for row in rows), strict=True
-                    )
-                    labels = ("final (the winner)", "mean (all)", "generation")
-                    plot_progress(self.out / "history.png", x, final, mean, labels)
+            evolved = evolve_gait(
+                bodies, self.config, out=self.out, world=self.world, on_generation=report
+            )
         network = evolved.controller
         print(
             f"swims {_result_text(evolved, self.config)} ({network.nodes} nodes, "
@@ -202,29 +195,23 @@ class BaselineCommand:
 
     def execute(self) -> None:
         """Learn to the last epoch, with progress."""
-        from gait.plots import plot_progress
-
-        config, points = self.config, list[CurvePoint]()
+        config = self.config
         own, schedule = Damage.parse(self.damage).split()
         bodies = _bodies(self.morphology, own)
-        with show_progress("PPO", config.epochs) as show:
+        drawn = _drawn_progress(
+            "PPO",
+            config.epochs,
+            self.out / CURVE_FILE,
+            ("score (fixed poses)", "training", "actions of all robots"),
+            lambda _done: f"the best controller so far is in {self.out}",
+        )
+        with drawn as show:
 
             def report(point: CurvePoint) -> None:
-                points.append(point)
-                show(len(points), f"training {point.training:6.2f}  score {point.score:6.2f}")
+                text = f"training {point.training:6.2f}  score {point.score:6.2f}"
+                show((point.steps, point.score, point.training), text)
 
-            try:
-                learned = train(bodies, config, damage=schedule, out=self.out, on_epoch=report)
-            except KeyboardInterrupt:
-                rest = f"the best controller so far is in {self.out}" if points else "nothing kept"
-                raise KeyboardInterrupt(f"interrupted; {rest}") from None
-            finally:
-                if points:
-                    x, score, training = zip(
-                        *((p.steps, p.score, p.training) for p in points), strict=True
-                    )
-                    labels = ("score (fixed poses)", "training", "actions of all robots")
-                    plot_progress(self.out / "curve.png", x, score, training, labels)
+            learned = train(bodies, config, damage=schedule, out=self.out, on_epoch=report)
         over = f"{len(bodies)} bodies" if len(bodies) > 1 else f"{FINAL_POSES} random poses"
         result = f"swims {learned.score:z.2f} units in 20 s"
         if config.task != "forward" or schedule:
@@ -233,6 +220,41 @@ class BaselineCommand:
             f"{result} on the mean over {over}; {CONTROLLER_FILE} and {CURVE_FILE} are in "
             f"{self.out}"
         )
+
+
+@contextmanager
+def _drawn_progress(
+    label: str,
+    total: int,
+    table: Path,
+    labels: tuple[str, str, str],
+    kept: Callable[[int], str],
+) -> Iterator[Callable[[tuple[int, float, float], str], None]]:
+    """Show the progress of a search, and draw it beside its table in the end, also after Ctrl-C.
+
+    The function that it yields takes the next row's (x, final, mean) and a line about it. For
+    ``labels`` see ``plot_progress``. ``kept`` returns what an interruption leaves when the table
+    has a number of rows, those of earlier runs included.
+    """
+    from gait.plots import plot_progress
+
+    rows: list[tuple[int, float, float]] = []
+    with show_progress(label, total) as show:
+
+        def report(row: tuple[int, float, float], text: str) -> None:
+            rows.append(row)
+            show(len(rows), text)
+
+        try:
+            yield report
+        except KeyboardInterrupt:
+            done = len(table.read_text().splitlines()) - 1 if table.exists() else 0
+            rest = kept(done) if done else "nothing is kept yet"
+            raise KeyboardInterrupt(f"interrupted; {rest}") from None
+        finally:
+            if rows:
+                x, final, mean = zip(*rows, strict=True)
+                plot_progress(table.with_suffix(".png"), x, final, mean, labels)
 
 
 def _bodies(file: Path | None, damage: Damage) -> list[Morphology]:
