@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -60,6 +61,11 @@ def test_no_imports_form_a_cycle() -> None:
     """Deferred and type-only imports included; the error names the cycle."""
     graph = grimp.build_graph(*PACKAGES, *IN_A_CLONE, cache_dir=None)
     imports = {name: graph.find_modules_directly_imported_by(name) for name in graph.modules}
+    root = Path(__file__).parents[1]
+    for package in ("eea", "eea.fish", "gait"):  # whose lazy imports are in stubs
+        stub = ast.parse((root / package.replace(".", "/") / "__init__.pyi").read_text())
+        lines = [line for line in stub.body if isinstance(line, ast.ImportFrom)]
+        imports[package] = imports[package] | {f"{package}.{line.module}" for line in lines}
     TopologicalSorter(imports).prepare()
 
 
