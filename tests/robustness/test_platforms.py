@@ -20,7 +20,7 @@ for module, names in {
     signal: ("pthread_sigmask", "SIG_BLOCK", "SIG_UNBLOCK", "SIGHUP"),
 }.items():
     for name in names:
-        delattr(module, name)
+        vars(module).pop(name, None)
 # torch, which stable_baselines3 imports, goes by the name of the system.
 EXTRAS = {"distributed", "pybullet", "stable_baselines3", "viser"}
 for name in ("fcntl", "grp", "pwd", "resource", "termios", "pybullet", "stable_baselines3"):
