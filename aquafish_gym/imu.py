@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.floating]
+from aquafish_gym.utils.array_types import Reals
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,11 +36,11 @@ class ImuLog:
     ImuLog(B=2, T=64: rpy, gyro, pose)
     """
 
-    rpy: Floats | None
-    gyro: Floats | None
-    position: Floats | None
-    quaternion: Floats | None
-    fin_angles: Floats | None
+    rpy: Reals | None
+    gyro: Reals | None
+    position: Reals | None
+    quaternion: Reals | None
+    fin_angles: Reals | None
     diverged: NDArray[np.bool_]
 
     def __len__(self) -> int:

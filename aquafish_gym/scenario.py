@@ -16,10 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.bodies import body_array
+from aquafish_gym.utils.array_types import Flags, Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, one_of
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 TIMESTEP = 0.01  # s, Sec. 4; the interval of the IMU's samples
 MAXIMUM_CURRENT = 20.0  # units/s: 1 m/s

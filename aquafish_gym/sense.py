@@ -21,8 +21,8 @@ from aquafish_gym.physics.arithmetic import (
     where_less,
 )
 from aquafish_gym.physics.kinematics import State
+from aquafish_gym.utils.array_types import Floats
 
-Floats = NDArray[np.float64]
 Quaternion = tuple[Number, Number, Number, Number]
 
 #: Gyroscopes saturate at 2000 degrees/s; in rad/s, as single precision has it.

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Self
 
 from aquafish_gym.scenario import Scenario, check_row
+from aquafish_gym.utils.array_types import Triple
 from aquafish_gym.utils.validation import flag, instance, integer
 
-Triple = tuple[float, float, float]
 MAXIMUM_SUBSTEPS = 64
 
 

@@ -27,6 +27,7 @@ from aquafish.online.watch import ERROR_SCALES, WATER, Calibration, Readings
 from aquafish_gym.physics.layout import angles_of_rows
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import limits, valid_readings
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -41,7 +42,6 @@ from gait.search.evolve import EvolveConfig, evolve_gait
 
 __all__ = ["AgentConfig", "Event", "SelfModelAgent"]
 
-Floats = NDArray[np.float64]
 
 WHOLE = Hypothesis((), ())
 BACK = {True: 5, False: 2}  # actions before an alarm in which it may have broken; ``gyro_only``

@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aquafish.online.recognition import GYRO, Hypothesis, Recognised, recognise
 from aquafish.online.self_model import predict
 from aquafish_gym.scenario import Scenario
-
-Floats = NDArray[np.float64]
+from aquafish_gym.utils.array_types import Floats
 
 SETTLED = 10  # actions after an alarm from which on what was inferred is trusted
 # A channel is broken if its rms error is more than this, and than these multiples of the model's

@@ -13,12 +13,11 @@ from aquafish.online.self_model import SelfModel, observe, predict
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import read_document, read_packaged
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import Controller, program_of
 from gait.scores.fitness import swim_scores
-
-Floats = NDArray[np.float64]
 
 SCHEMA = "aquafish.library/1"
 LARGEST = 30  # nodes of a network that CMA-ES refines in a second

@@ -17,16 +17,13 @@ from itertools import combinations, product
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aquafish.online.self_model import FLOOR, noise_of, predict
 from aquafish_gym.damage.faults import break_fin
 from aquafish_gym.morphology import FINS
 from aquafish_gym.physics.layout import start_rows
 from aquafish_gym.scenario import CHANNELS, Scenario
-
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
+from aquafish_gym.utils.array_types import Flags, Floats
 
 #: The numbers of each word that are tried first.
 GRID: dict[str, tuple[float, ...]] = {

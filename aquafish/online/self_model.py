@@ -24,6 +24,7 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.scenario import MAXIMUM_CURRENT, MAXIMUM_SPIN, Scenario
 from aquafish_gym.sense import imu
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     finite_array,
@@ -35,7 +36,6 @@ from aquafish_gym.utils.validation import (
 ROWS = max(rows.stop for rows in FIELDS.values())  # of a state
 MAXIMUM_HOLD = 1000  # physics steps of an action
 
-Floats = NDArray[np.float64]
 
 SIZE = 12  # of the error of a state
 ATTITUDE, VELOCITY, SPIN, FINS = slice(0, 3), slice(3, 6), slice(6, 9), slice(9, 12)

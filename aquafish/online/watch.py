@@ -12,6 +12,7 @@ from aquafish.online.case import Moment
 from aquafish.online.recognition import find_fins
 from aquafish.online.self_model import FINS, FLOOR, MODEL_ERROR, START_ERROR, SelfModel, predict
 from aquafish_gym.scenario import CHANNELS, Scenario
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     finite_array,
@@ -20,8 +21,6 @@ from aquafish_gym.utils.validation import (
     real_array,
     spelled,
 )
-
-Floats = NDArray[np.float64]
 
 WINDOWS = (1, 2, 4, 8, 16)  # actions over which surprise is summed
 ALARM = 1e-7  # probability of a false alarm in each window and action, of a model without error

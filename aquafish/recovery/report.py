@@ -27,7 +27,7 @@ MEASURES = {"target_distance": "zero pose", "target_distance_random_poses": "ran
 LONG_FIELDS = ("rounds", "generations", "controller", "swims", "bodies")  # not in the report
 
 Outcomes = Mapping[str, Sequence[Mapping[str, Any]]]  # treatment -> one outcome for each replicate
-Rows = list[list[str]]  # a table with its header
+Table = list[list[str]]  # a table with its header
 
 
 def build_report(
@@ -240,7 +240,7 @@ def _share_in_words(row: Mapping[str, Any]) -> str:
     return f"{text} ({('neither', 'one', 'both')[apart]} significantly different from 100%)"
 
 
-def _main_rows(treatments: dict[str, Any], intervals: bool) -> Rows:
+def _main_rows(treatments: dict[str, Any], intervals: bool) -> Table:
     columns = (  # field, header, form
         ("trials", "trials", "d"),
         ("objective_fitness", "OBJ_FIT", ".3f"),
@@ -258,7 +258,7 @@ def _main_rows(treatments: dict[str, Any], intervals: bool) -> Rows:
     return rows
 
 
-def _paired_rows(rows: list[dict[str, Any]]) -> Rows:
+def _paired_rows(rows: list[dict[str, Any]]) -> Table:
     return [["on the target", "is better than", "in", "sign test", "by (units)"]] + [
         [
             f"{row['first']}, {MEASURES[row['measure']]}",

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aquafish.online.agent import AgentConfig, SelfModelAgent
 from aquafish.online.gaits import imagine
@@ -15,11 +14,11 @@ from aquafish_gym.damage import Fault
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.tasks import SwimForward
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.array_types import Floats
 from gait.controllers.controller import Controller
 from gait.scores.rollout import random_poses
 from gait.scores.transfer import TransferConfig
 
-Floats = NDArray[np.float64]
 ONSET = 12.0  # s; in the first ten the agent measures its model's error
 
 

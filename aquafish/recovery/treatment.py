@@ -7,12 +7,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from aquafish.recovery.swimming_on import ONSET, swim_on
 from aquafish_gym import Damage, Morphology
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.physics.arithmetic import TAU
+from aquafish_gym.utils.array_types import Floats
 from eea.core import JointConfig, PaperConfig, Result, streams
 from eea.core.angles import wrap
 from eea.core.config import Condition, Config
@@ -24,8 +24,6 @@ from gait.controllers.controller import Controller
 from gait.scores.rollout import Swim
 from gait.scores.transfer import TransferConfig, transfer
 from gait.search.evolve import EvolveConfig, damaged_at_random, evolve_gait
-
-Floats = NDArray[np.float64]
 
 BODIES = 50  # of a posterior's sample, or randomly damaged, that one gait is evolved for
 MASS = 0.9  # of the posterior intervals in an outcome

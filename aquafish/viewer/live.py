@@ -9,7 +9,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aquafish.online import AgentConfig, SelfModelAgent
 from aquafish.online.self_model import SIZE, moved, predict
@@ -24,13 +24,12 @@ from aquafish_gym.physics.kinematics import rotation, to_world
 from aquafish_gym.physics.layout import robot_from_column, robot_parameters, state_from_numbers
 from aquafish_gym.scenario import TIMESTEP, Scenario, check_field, check_row
 from aquafish_gym.sense import limits, observe
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from gait.controllers.controller import Controller
 from gait.controllers.pilots import Pilot as Agent
 from gait.controllers.pilots import make_pilot
 from gait.scores.rollout import held_steps
-
-Floats = NDArray[np.float64]
 
 MAXIMUM_ROBOTS = 64
 MAXIMUM_FAULTS = 30  # of a robot

@@ -20,7 +20,7 @@ from aquafish.online.self_model import FINS as FIN_ANGLES
 from aquafish.online.watch import CALIBRATION
 from aquafish.viewer import live
 from aquafish.viewer.door import as_code, checked_message, guarded
-from aquafish.viewer.live import SAMPLES, UPDATE, Floats, LiveSwim, Pilot
+from aquafish.viewer.live import SAMPLES, UPDATE, LiveSwim, Pilot
 from aquafish.viewer.shapes import BOXES, Shapes, robots_in
 from aquafish_gym.damage import Fault
 from aquafish_gym.damage.faults import PARTS
@@ -29,6 +29,7 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.scene import CM_PER_UNIT, Robots
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, install_advice
 
 MN_PER_UNIT = 6.25

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aquafish.viewer.live import Floats
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering.scene import BODY, PARTS, Colour, Robots, place_robots
+from aquafish_gym.utils.array_types import Floats
 
 BOXES = PARTS[1:]
 

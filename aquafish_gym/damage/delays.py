@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from aquafish_gym.utils.array_types import Rows
+
 Numbers = NDArray[Any]
-Rows = NDArray[np.intp]
 ROUNDING = 1e-9  # of a step: what rounding may take from a count of steps
 
 #: Steps by which a channel may be late: what it is given in all of them is kept.

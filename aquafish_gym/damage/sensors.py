@@ -11,11 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.scenario import CHANNELS, TIMESTEP, Scenario
 from aquafish_gym.sense import faulty
+from aquafish_gym.utils.array_types import Flags, Floats, Reals, Rows
 
-Floats = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Observations = NDArray[np.floating]
-Rows = NDArray[np.intp]
 LARGEST_PRODUCT = 1e200  # of factors: times any reading it stays finite
 GYRO = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
 
@@ -147,12 +144,12 @@ class Sensors:
 
     def observe(
         self,
-        truth: Observations,
+        truth: Reals,
         low: ArrayLike,
         high: ArrayLike,
         rngs: Sequence[np.random.Generator] | np.random.Generator,
         rows: Rows,
-    ) -> Observations:
+    ) -> Reals:
         """Return the observations (n, k) of the robots ``rows``, which begin with the C channels.
 
         Parameters
@@ -199,7 +196,7 @@ class Sensors:
         return found
 
 
-def _misread(felt: Observations, now: Readings, noisy: Flags, white: Floats | None) -> None:
+def _misread(felt: Reals, now: Readings, noisy: Flags, white: Floats | None) -> None:
     """Scale true readings (n, C), and add bias and noise, in place.
 
     ``white`` are normal numbers for the ``noisy`` channels (n, C), one after another.

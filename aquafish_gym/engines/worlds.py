@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import State
 from aquafish_gym.scenario import TIMESTEP, Scenario
-
-Triple = tuple[float, float, float]
+from aquafish_gym.utils.array_types import Triple
 
 # A robot has diverged once the squares of its velocity (units/s) and spin (rad/s) sum to this,
 # though its numbers may stay finite for some steps more. (Bullet cuts speeds off, so that a robot

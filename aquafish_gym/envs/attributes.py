@@ -11,9 +11,9 @@ from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils import seeding
 from gymnasium.vector import VectorEnv
 
-from aquafish_gym.damage.sensors import Rows
 from aquafish_gym.envs.batching import of_each
 from aquafish_gym.rendering import usable_modes
+from aquafish_gym.utils.array_types import Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 #: What all robots of a batch have in common, by the single environment's names.

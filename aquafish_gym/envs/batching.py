@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 from aquafish_gym.damage.damage import is_list_of_faults
 from aquafish_gym.engines.packages import AUTO, MAXIMUM_THREADS
 from aquafish_gym.engines.world_batch import WorldBatch
-from aquafish_gym.envs.episode import EpisodeConfig, Rows, check_world
+from aquafish_gym.envs.episode import EpisodeConfig, check_world
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.array_types import Flags, Floats, Info, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, integer, one_of
 
 if TYPE_CHECKING:
     from aquafish_gym.engines.compiled.lanes import LaneBatch
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
-Info = dict[str, Any]
 
 
 def three(rows: Floats) -> Vector:
@@ -76,9 +73,9 @@ def check_seeds(seed: object, count: int) -> list[int | None]:
     return [None if s is None else integer(f"seed[{i}]", s, 0) for i, s in enumerate(seed)]
 
 
-def check_mask(mask: object, count: int) -> Mask:
+def check_mask(mask: object, count: int) -> Flags:
     """Return a mask (count,) of the robots to reset, at least one."""
-    found: Mask = mask if isinstance(mask, np.ndarray) else np.zeros(0, np.bool_)
+    found: Flags = mask if isinstance(mask, np.ndarray) else np.zeros(0, np.bool_)
     if found.dtype != np.bool_ or found.shape != (count,) or not found.any():
         raise InvalidArgumentError(
             f'options["reset_mask"] must be ({count},) of bool with at least one True; '
@@ -87,14 +84,14 @@ def check_mask(mask: object, count: int) -> Mask:
     return found
 
 
-def masked(info: Info, mask: Mask) -> Info:
+def masked(info: Info, mask: Flags) -> Info:
     """Add the mask that Gymnasium wants beside each key."""
     masks = np.empty((len(info), len(mask)), np.bool_)
     masks[:] = mask
     return info | dict(zip([f"_{name}" for name in info], masks, strict=True))
 
 
-def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Mask) -> Info:
+def put_final(info: Info, fresh: Info, last: NDArray[np.float32], ended: Flags) -> Info:
     """Return ``info`` of new episodes, with that of the ended ones in ``final_info``."""
     final = {
         name: value & ended if name.startswith("_") else value.copy()

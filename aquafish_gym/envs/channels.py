@@ -14,14 +14,13 @@ from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
 from aquafish_gym.damage.faults import CHANNEL_WORDS, RANDOM, Fault, break_servo
 from aquafish_gym.damage.sensors import (
     LARGEST_PRODUCT,
-    Floats,
     Readings,
-    Rows,
     Sensors,
     break_link,
     break_sensor,
 )
 from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.utils.array_types import Floats, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
 NEVER = 2**62

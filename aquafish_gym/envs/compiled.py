@@ -35,9 +35,7 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.physics.simd import inlined
 from aquafish_gym.sense import GYRO_RANGE, up_and_north
-
-Floats = NDArray[np.floating]
-Mask = NDArray[np.bool_]
+from aquafish_gym.utils.array_types import Flags, Reals
 
 _AFTER_SPEEDS = FIELDS["spin"].stop
 # Division by zero is infinity, as in rows, and no exception.
@@ -47,8 +45,8 @@ _OPTIONS: dict[str, Any] = {"slow": True, "nogil": True, "error_model": "numpy"}
 class Outcome(NamedTuple):
     """What B robots are after a step, and how it was."""
 
-    now: Floats  #: (25, B) states; of robots that diverged their last ones
-    lost: Mask  #: (B,) whether each diverged
+    now: Reals  #: (25, B) states; of robots that diverged their last ones
+    lost: Flags  #: (B,) whether each diverged
     seen: NDArray[np.float32]  #: (B, 9 or more) what whole sensors observe: the first nine
     moved: NDArray[np.float64]  #: (7, B) ``motion``
     terms: NDArray[np.float64]  #: (T, B) terms of a built-in task's reward, 0 if it does not count
@@ -78,7 +76,7 @@ class Judge:
         """Return the judge of a task: this one, if it is its own."""
         return self if task is self.task else Judge(task)
 
-    def command(self, actions: Floats, gains: Floats, speeds: Floats) -> NDArray[np.float64] | None:
+    def command(self, actions: Reals, gains: Reals, speeds: Reals) -> NDArray[np.float64] | None:
         """Set servos' ``speeds`` (3, B), in rev/s, rev/s and Hz, by actions and gains (B, 3).
 
         Return the actions (3, B) clipped to [-1, 1]; None if some are not finite.
@@ -86,7 +84,7 @@ class Judge:
         action = np.empty((3, len(actions)))
         return action if _set_servos()(actions, gains, action, speeds) else None
 
-    def outcome(self, before: Floats, channels: int) -> Outcome:
+    def outcome(self, before: Reals, channels: int) -> Outcome:
         """Return an outcome, to be filled, of states ``before`` a step and of some channels."""
         count = before.shape[1]
         return Outcome(
@@ -103,11 +101,11 @@ class Judge:
         self,
         outcome: Outcome,
         robots: tuple[int, int],
-        states: Floats,
-        before: Floats,
-        over: Mask,
-        action: Floats,
-        memory: Floats,
+        states: Reals,
+        before: Reals,
+        over: Flags,
+        action: Reals,
+        memory: Reals,
         dt: float,
     ) -> None:
         """Fill the outcome of the robots from one to before another.

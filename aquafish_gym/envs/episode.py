@@ -23,6 +23,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.scenario import LATE, TIMESTEP, Scenario, check_row
 from aquafish_gym.sense import limits
+from aquafish_gym.utils.array_types import Floats, Rows, Triple
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -31,10 +32,6 @@ from aquafish_gym.utils.validation import (
     integer,
     one_of,
 )
-
-Floats = NDArray[np.float64]
-Rows = NDArray[np.intp]
-Triple = tuple[float, float, float]
 
 NEVER = 2**62
 OPTIONS = ("fin_angles", "morphology", "damage")

@@ -17,7 +17,7 @@ from aquafish_gym.engines.worlds import World
 from aquafish_gym.envs import batching, episode
 from aquafish_gym.envs.attributes import RobotAttributes
 from aquafish_gym.envs.autoreset import AutoresetMode
-from aquafish_gym.envs.episode import EpisodeConfig, Robots, Rows
+from aquafish_gym.envs.episode import EpisodeConfig, Robots
 from aquafish_gym.envs.motion import MOTION, motion_info
 from aquafish_gym.envs.specification import check_limit
 from aquafish_gym.envs.tasks import Step, Task
@@ -27,6 +27,7 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows, state_from_numbe
 from aquafish_gym.rendering import check_render_mode, render_pose
 from aquafish_gym.scenario import CHANNELS, Scenario
 from aquafish_gym.sense import beyond_imu, observe
+from aquafish_gym.utils.array_types import Flags, Floats, Info, Observations, Rows
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     finite_array,
@@ -38,12 +39,8 @@ from aquafish_gym.utils.validation import (
 if TYPE_CHECKING:
     from aquafish_gym.envs.compiled import Outcome
 
-Floats = NDArray[np.float64]
 States = NDArray[np.floating]  # (25, num_envs), of the engine's precision
-Observations = NDArray[np.float32]
-Mask = NDArray[np.bool_]
 Counts = NDArray[np.int64]
-Info = dict[str, Any]
 Terms = dict[str, Floats]
 
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
@@ -189,7 +186,7 @@ class AquaFishVectorEnv(
         self._look(rows)
         return self._seen.copy(), batching.masked(self._first_info(), mask)
 
-    def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Mask, Mask, Info]:
+    def step(self, actions: NDArray[np.float32]) -> tuple[Observations, Floats, Flags, Flags, Info]:
         """Set every robot's servos, actions (num_envs, 3), for ``frame_skip`` physics steps.
 
         Raises
@@ -247,7 +244,7 @@ class AquaFishVectorEnv(
             speeds[:] = gains.T * np.array(driven)
         return action
 
-    def _swim(self, action: Floats, over: Mask) -> Outcome:
+    def _swim(self, action: Floats, over: Flags) -> Outcome:
         """Swim one step; return its outcome. Robots that diverge keep their last states."""
         water = None
         if type(self.task).current is not Task.current:
@@ -275,7 +272,7 @@ class AquaFishVectorEnv(
         return Step(here, now.position, now.orientation, batching.three(actions), memory, self.dt)
 
     def _reward(
-        self, before: States, action: Floats, outcome: Outcome, bad: Mask
+        self, before: States, action: Floats, outcome: Outcome, bad: Flags
     ) -> tuple[Terms, Floats]:
         """Return the reward's terms and their sum, 0 under ``bad``; let the task remember."""
         names, reward = self._judge.names, outcome.reward
@@ -291,7 +288,7 @@ class AquaFishVectorEnv(
             self._memory = np.array([np.where(bad, old, new) for old, new in pairs])
         return terms, reward
 
-    def _change(self, bad: Mask) -> None:
+    def _change(self, bad: Flags) -> None:
         """Let robots become what their schedules say, except those under ``bad``."""
         due = self._robots.next_change == self._steps
         if due.any():
@@ -316,7 +313,7 @@ class AquaFishVectorEnv(
         self._swimmers.restart(rows, self._engine_robots(rows))
         self._now[:, rows] = self._swimmers.state_rows()[:, rows]
 
-    def _begin_next(self, mask: Mask) -> None:
+    def _begin_next(self, mask: Flags) -> None:
         """Put the robots under ``mask`` at the start of their next episodes."""
         rows = np.flatnonzero(mask)
         self._begin(rows, [self._configs[i] for i in rows.tolist()])
@@ -356,7 +353,7 @@ class AquaFishVectorEnv(
         self._seen[slice(None) if len(rows) == self.num_envs else rows] = seen
 
     def _info(
-        self, moved: dict[str, Floats], terms: Terms, diverged: Mask, fin_angles: Floats
+        self, moved: dict[str, Floats], terms: Terms, diverged: Flags, fin_angles: Floats
     ) -> Info:
         """Return ``info`` with what ``motion_info`` says of the step, and fin angles (3, B)."""
         return moved | {

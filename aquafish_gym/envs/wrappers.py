@@ -14,15 +14,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.damage.faults import LONGEST, SHORTEST
-from aquafish_gym.damage.sensors import Rows
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.batching import check_seeds, masked, of_each
 from aquafish_gym.envs.channels import Channels
 from aquafish_gym.envs.episode import Setting, check_options
+from aquafish_gym.utils.array_types import Info, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
 
 Array = NDArray[Any]
-Info = dict[str, Any]
 ONLY = np.zeros(1, np.intp)
 if TYPE_CHECKING:
     _VectorWrapper = VectorWrapper[Array, Array, Array, Array, Array]

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.rendering.scene import Floats
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import finite_array
 
 Frame = NDArray[np.uint8]

@@ -15,7 +15,8 @@ import numpy as np
 from aquafish_gym.physics.compiling import compiled
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.camera import NEAREST, Frame, View
-from aquafish_gym.rendering.scene import Floats, Robots
+from aquafish_gym.rendering.scene import Robots
+from aquafish_gym.utils.array_types import Floats
 
 _LIGHT = (0.3492, -0.2993, 0.8880)  # the direction towards it
 _VISIBILITY = 2.5  # of the camera's distance, where the floor has faded to 1/e

@@ -9,7 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour, Floats, floor_below
+from aquafish_gym.rendering.scene import CM_PER_UNIT, Colour, floor_below
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     fits,

@@ -18,7 +18,8 @@ import numpy as np
 from aquafish_gym.rendering import scene
 from aquafish_gym.rendering.camera import Camera, Frame, View
 from aquafish_gym.rendering.course import FISH, FilmedSwim, lay_out
-from aquafish_gym.rendering.scene import CM_PER_UNIT, Floats
+from aquafish_gym.rendering.scene import CM_PER_UNIT
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.storage import write_bytes
 from aquafish_gym.utils.validation import (
     MissingExtraError,

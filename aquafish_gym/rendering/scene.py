@@ -9,13 +9,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from aquafish_gym.morphology import FINS
 from aquafish_gym.physics import robot
 from aquafish_gym.physics.kinematics import caudal_angle
+from aquafish_gym.utils.array_types import Floats
 
-Floats = NDArray[np.float64]
 Colour = tuple[int, int, int]
 
 CM_PER_UNIT = 5

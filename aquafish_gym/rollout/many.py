@@ -10,8 +10,9 @@ import numpy as np
 from aquafish_gym.envs.tasks import REMEMBERED, Task, compiled_task
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS
-from aquafish_gym.rollout.plan import Floats, Plan, Program, Trajectories, ever
+from aquafish_gym.rollout.plan import Plan, Program, Trajectories, ever
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 

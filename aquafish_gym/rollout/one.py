@@ -14,9 +14,10 @@ from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.tasks import Memory, Step, Task
 from aquafish_gym.physics.arithmetic import TAU, Number, Vector
 from aquafish_gym.physics.kinematics import State
-from aquafish_gym.rollout.plan import Act, Floats, Path, Plan, Program
+from aquafish_gym.rollout.plan import Act, Path, Plan, Program
 from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.sense import beyond_imu, imu, limits
+from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import finite_array
 
 _ONLY = np.zeros(1, np.intp)

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.envs.tasks import Task
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.array_types import Floats
 
-Floats = NDArray[np.float64]
 #: From an observation, (9,) or (12,) with a goal, and the time in s, to an action (3,) in [-1, 1].
 Act = Callable[[Floats, float], ArrayLike]
 

@@ -13,6 +13,7 @@ from matplotlib.ticker import MultipleLocator
 
 from aquafish_gym.morphology import FINS
 from aquafish_gym.rendering.pictures import new_figure, save_figure
+from eea.core.angles import Floats
 from eea.study.arms import FIGURES, angle_label, spoken
 from eea.study.drawing import (
     GREY,
@@ -26,7 +27,7 @@ from eea.study.drawing import (
     round_axis,
 )
 from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
-from eea.study.statistics import Floats, curve_interval
+from eea.study.statistics import curve_interval
 
 _ROUND = "round (experiments on the target)"
 

@@ -15,20 +15,18 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
 from aquafish_gym.damage import Damage
 from aquafish_gym.morphology import DIMENSIONS, FINS, Morphology
 from aquafish_gym.runs.jobs import read_result
 from aquafish_gym.utils.storage import DamagedFileError, read_bytes
+from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
 from eea.fish import RealityGap
 from eea.study.arms import arm_label, arm_order, spoken
 from eea.study.replicate import RUNS, ReplicateKey
 from eea.study.study import read_description, replicate_keys, target_of
-
-Floats = NDArray[np.float64]
 
 CSV = "results.csv"
 MOST_BYTES = 2**30  # of results.csv: two million rounds

@@ -6,9 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from aquafish_gym.morphology import FINS
+from eea.core.angles import Floats
 from eea.core.fitness import chance_errors, dimension_errors, quantisation_errors
 from eea.study.arms import comparisons
-from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, Floats, StudyResults
+from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
 from eea.study.statistics import paired_difference, summarize
 
 SCHEMA = "eea.summary/4"

@@ -13,8 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentFormatter
 
 from aquafish_gym.rendering.pictures import new_figure, save_figure
+from eea.core.angles import Floats
 from eea.study.drawing import GREY, MARKERS, SMALL, arm_style, grid, legend_below
-from eea.study.statistics import Floats, curve_interval
+from eea.study.statistics import curve_interval
 from experiments.reality_gap.job import METHODS, ORACLE
 from experiments.reality_gap.report import LEVELS, sure_to_swim
 from experiments.reality_gap.worlds import WORLDS

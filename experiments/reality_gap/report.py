@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from eea.study.statistics import FEWEST, Floats, interval, ratio_interval
+from eea.core.angles import Floats
+from eea.study.statistics import FEWEST, interval, ratio_interval
 from experiments.reality_gap.job import MASSES, METHODS, ORACLE, Settings
 from experiments.reality_gap.worlds import WORLDS
 

@@ -16,12 +16,11 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.scenario import TIMESTEP
+from aquafish_gym.utils.array_types import Observations
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
 from gait.controllers.policy import ControllerLike, HasPolicy, Policy, new_policy
-
-Observations = NDArray[np.float32]
 
 _OBSERVED, _FIN_WAVES = 9, 6  # numbers of an observation, and of fin angles as sines and cosines
 KINDS = (

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.arithmetic import TAU, Vector
+from aquafish_gym.utils.array_types import Flags
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
 from gait.controllers.network import Senses, observe
-from gait.learning.sb3_infos import Info, Table, copied, joined
+from gait.learning.sb3_infos import RobotInfo, Table, copied, joined
 
-Mask = NDArray[np.bool_]
 Options = dict[str, Any]
 
 # Any, so that neither type checker nor reader needs torch for this one class.
@@ -113,16 +113,16 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         self._reset_options()
         return observations
 
-    def _groups(self) -> list[tuple[Mask, Options]]:
+    def _groups(self) -> list[tuple[Flags, Options]]:
         """Return masks of the robots that share options, and these."""
-        groups: dict[int, tuple[Mask, Options]] = {}
+        groups: dict[int, tuple[Flags, Options]] = {}
         for robot, options in enumerate(self._options):
             nobody = np.zeros(self.num_envs, np.bool_)
             mask, _ = groups.setdefault(id(options) if options else 0, (nobody, options))
             mask[robot] = True
         return list(groups.values())
 
-    def _seed_of(self, mask: Mask) -> int | list[int | None] | None:
+    def _seed_of(self, mask: Flags) -> int | list[int | None] | None:
         """Return the seeds of the robots under ``mask``; one number if the others follow it."""
         seeds: list[int | None] = self._seeds
         own = [seed if chosen else None for seed, chosen in zip(seeds, mask, strict=True)]
@@ -133,7 +133,7 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
 
     def _begin(
         self,
-        mask: Mask,
+        mask: Flags,
         seed: int | Sequence[int | None] | None = None,
         options: Options | None = None,
     ) -> NDArray[np.float32]:
@@ -147,10 +147,10 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         table, everyone = Table(entries), bool(mask.all())
         for i in np.flatnonzero(mask).tolist():
             # Of a few, for none of them to keep the information of all.
-            self.reset_infos[i] = Info(table, i) if everyone else table.row(i)
+            self.reset_infos[i] = RobotInfo(table, i) if everyone else table.row(i)
         return self._of_space(self._observe(observations))
 
-    def _begun(self, mask: Mask, info: dict[str, Any]) -> None:
+    def _begun(self, mask: Flags, info: dict[str, Any]) -> None:
         """Note which episodes begin."""
 
     def _observe(self, observations: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -178,9 +178,9 @@ class SB3VecEnv(_VecEnv):  # type: ignore[misc]
         infos = self._infos(Table(entries), done)
         return observations, rewards.astype(np.float32), done, infos
 
-    def _infos(self, table: Table, done: Mask) -> list[dict[str, Any]]:  # noqa: ARG002
+    def _infos(self, table: Table, done: Flags) -> list[dict[str, Any]]:  # noqa: ARG002
         """Return the information of each robot."""
-        return [Info(table, i) for i in range(self.num_envs)]
+        return [RobotInfo(table, i) for i in range(self.num_envs)]
 
     def _of_space(self, observations: Any) -> NDArray[np.float32]:
         return np.asarray(observations, self.observation_space.dtype)
@@ -305,7 +305,7 @@ class LaneVecEnv(SB3VecEnv):
         )
         super().__init__(envs, Box(-1.0, 1.0, (len(senses.names),), np.float32))
 
-    def _begun(self, mask: Mask, info: dict[str, Any]) -> None:
+    def _begun(self, mask: Flags, info: dict[str, Any]) -> None:
         self._steps[mask] = 0.0
         self._fins[mask] = info["fin_angles"][mask]
 
@@ -317,7 +317,7 @@ class LaneVecEnv(SB3VecEnv):
         self._fins = np.stack(reckon(_columns(self._fins), speeds, TAU * dt), axis=1)
         self._steps += 1.0
 
-    def _infos(self, table: Table, done: Mask) -> list[dict[str, Any]]:
+    def _infos(self, table: Table, done: Flags) -> list[dict[str, Any]]:
         """Return how episodes ended, for the robots whose did: learning reads nothing else."""
         names = ("TimeLimit.truncated", "terminal_observation")
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]

@@ -86,7 +86,7 @@ def joined(infos: list[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
-class Info(dict[str, Any]):
+class RobotInfo(dict[str, Any]):
     """A row of a table, as a dictionary that is filled when it is first read.
 
     Examples
@@ -115,7 +115,7 @@ class Info(dict[str, Any]):
         return dict, (dict(self),)  # pickled and copied as what it holds
 
 
-def _fill(info: Info) -> None:
+def _fill(info: RobotInfo) -> None:
     table = info._table
     if table is not None:
         info._table = None
@@ -123,7 +123,7 @@ def _fill(info: Info) -> None:
 
 
 def _filling(method: Any) -> Callable[..., Any]:
-    def filled(self: Info, *args: Any, **kwargs: Any) -> Any:
+    def filled(self: RobotInfo, *args: Any, **kwargs: Any) -> Any:
         _fill(self)
         return method(self, *args, **kwargs)
 
@@ -134,5 +134,5 @@ def _filling(method: Any) -> Callable[..., Any]:
 # dict(info) and {**info} call them rather than look at what is stored.
 _OF_THE_TYPE = {"__new__", "__getattribute__", "__class_getitem__", "fromkeys"}
 for _name, _method in vars(dict).items():
-    if callable(_method) and _name not in _OF_THE_TYPE | set(vars(Info)):
-        setattr(Info, _name, _filling(_method))
+    if callable(_method) and _name not in _OF_THE_TYPE | set(vars(RobotInfo)):
+        setattr(RobotInfo, _name, _filling(_method))

@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.engines.api import TIMESTEP, check_engine
-from aquafish_gym.engines.worlds import Triple
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.layout import FIELDS, STATE_ROWS, angles_of_rows
 from aquafish_gym.rollout import rollout
 from aquafish_gym.scenario import Scenario
+from aquafish_gym.utils.array_types import Floats, Triple
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
     brief,
@@ -41,8 +41,6 @@ from gait.controllers.pilots import (
     takes_time,
 )
 from gait.controllers.policy import new_policy
-
-Floats = NDArray[np.float64]
 
 SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
 FRAME_SKIP = 20  # steps of 0.01 s for which the environments hold an action by default

@@ -15,7 +15,7 @@ from gymnasium.wrappers import vector as several
 
 from aquafish_gym import VectorFaultWrapper
 from aquafish_gym.utils.validation import InvalidArgumentError
-from gait.learning.sb3_infos import Info, Table
+from gait.learning.sb3_infos import RobotInfo, Table
 
 pytest.importorskip("stable_baselines3")
 from stable_baselines3.common.vec_env import DummyVecEnv, VecMonitor, VecVideoRecorder
@@ -115,8 +115,8 @@ def test_an_unread_information_is_a_dictionary_in_every_way() -> None:
     table = {"x": np.array([1.0, 2.0]), "there": np.array([False, True]), "late": np.zeros(2)}
     table["_late"] = np.zeros(2, np.bool_)
 
-    def fresh() -> Info:
-        return Info(Table(table), 1)
+    def fresh() -> RobotInfo:
+        return RobotInfo(Table(table), 1)
 
     assert fresh() == whole
     assert whole == fresh()

@@ -20,7 +20,7 @@ import numpy as np
 
 from aquafish_gym.engines.bullet.push import compiled, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet
-from aquafish_gym.engines.worlds import RUNAWAY, Triple, World
+from aquafish_gym.engines.worlds import RUNAWAY, World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.kinematics import (
     Joints,
@@ -41,6 +41,7 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.physics.robot import BODY_INERTIA, BODY_MASS, CAUDAL_Y, PECTORAL_X, PECTORAL_Y
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.array_types import Triple
 from aquafish_gym.utils.validation import EngineUnavailableError
 
 # A client costs megabytes and connecting leaks, so clients are kept for the next world: one at a

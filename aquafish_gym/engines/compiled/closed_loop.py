@@ -9,8 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.compiled import episode
 
-Floats = NDArray[np.floating]
-
 
 class ClosedLoop:
     """The state of policies that observe, and of their task, for B robots.

@@ -34,10 +34,10 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.physics.simd import register_bytes
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.array_types import Reals
 from aquafish_gym.utils.validation import InvalidArgumentError
 
-Floats = NDArray[np.floating]
-Rows = NDArray[np.bool_] | NDArray[np.intp]
+Selection = NDArray[np.bool_] | NDArray[np.intp]
 
 _RECORDS = {
     "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
@@ -52,7 +52,7 @@ def lane_width(dtype: type[np.floating]) -> int:
     return register_bytes() // np.dtype(dtype).itemsize
 
 
-def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -> Floats:
+def pack_rows(rows: NDArray[np.float64], dtype: type[np.floating], width: int) -> Reals:
     """Pad a table (rows, B) to whole groups by repeating its last column, and flatten it."""
     batch = rows.shape[1]
     table = np.empty((len(rows), batch + -batch % width), dtype)
@@ -112,12 +112,12 @@ class LaneBatch:
         self._states = pack(_states(scenario, rates))
         self._commands = pack(np.zeros((3, self.batch)))
 
-    def restart(self, rows: Rows, scenario: Scenario) -> None:
+    def restart(self, rows: Selection, scenario: Scenario) -> None:
         """Put the robots ``rows``, a mask (B,) or numbers (n,), at the start of a scenario of n."""
         self.update(rows, scenario)
         self._table(self._states, STATE_ROWS)[:, rows] = _states(scenario)
 
-    def update(self, rows: Rows, scenario: Scenario, keep_current: bool = False) -> None:
+    def update(self, rows: Selection, scenario: Scenario, keep_current: bool = False) -> None:
         """Give the robots ``rows`` the bodies, drag, water and servos of a scenario in mid-swim.
 
         They stay where they are and keep their velocities; with ``keep_current`` their water also
@@ -160,7 +160,7 @@ class LaneBatch:
         early = (count - 1) * interval - begun + latest + 1 - self.steps_done
         return self.run(perform, weights, layout, steps, steps, record, early)
 
-    def command_rows(self) -> Floats:
+    def command_rows(self) -> Reals:
         """Return the table (3, B) of the commands that :meth:`swim` obeys, to be written to."""
         return self._table(self._commands, 3)
 
@@ -175,7 +175,7 @@ class LaneBatch:
     def run(
         self,
         policy: Policy,
-        weights: Floats,
+        weights: Reals,
         layout: NDArray[np.int64],
         steps: int,
         interval: int,
@@ -205,7 +205,7 @@ class LaneBatch:
             diverged=self.diverged(),
         )
 
-    def spectra(self, commands: NDArray[np.float64], steps: int, scale: float = 1.0) -> Floats:
+    def spectra(self, commands: NDArray[np.float64], steps: int, scale: float = 1.0) -> Reals:
         """Hold commands (B, 3) for ``steps``, a power of two; return the spectra of the gyroscope.
 
         They are (B, 2, F') as in ``spectrum.py``, of ``scale`` times the rad/s about x, y and z.
@@ -225,17 +225,17 @@ class LaneBatch:
         self._run(hold, program, steps, (steps, 0), output, SPECTRUM)
         return spectra[: self.batch]
 
-    def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Floats, ...]:
+    def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Reals, ...]:
         return tuple(
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
             for bit, n in CHANNELS.items()
         )
 
-    def _without_spectra(self, logs: tuple[Floats, ...]) -> Any:
+    def _without_spectra(self, logs: tuple[Reals, ...]) -> Any:
         # Read-only, as those of a spectrum are: numba would compile the loop twice for them.
         return logs, np.empty((0, 2, 0), self.dtype), roots_of_unity(0, self._dtype_name), 1.0
 
-    def _pack_commands(self, commands: NDArray[np.float64], *more: NDArray[np.float64]) -> Floats:
+    def _pack_commands(self, commands: NDArray[np.float64], *more: NDArray[np.float64]) -> Reals:
         """Return a policy's weights: commands (B, ...), and ``more`` tables (rows, B)."""
         if len(commands) != self.batch:  # a shorter table would be read beyond its end
             raise InvalidArgumentError(
@@ -296,7 +296,7 @@ class LaneBatch:
         """Return a copy of the states (25, B): the numbers of ``State``, then rpy."""
         return self._table(self._states, STATE_ROWS).astype(np.float64)
 
-    def state_rows(self) -> Floats:
+    def state_rows(self) -> Reals:
         """Return the states (25, B) themselves, not a copy."""
         return self._table(self._states, STATE_ROWS)
 
@@ -323,9 +323,9 @@ class LaneBatch:
             "rpy": rows[FIELDS["rpy"]].T,
         }
 
-    def _table(self, flat: Floats, rows: int) -> Floats:
+    def _table(self, flat: Reals, rows: int) -> Reals:
         """View a flat table as (rows, B)."""
-        view: Floats = flat.reshape(rows, self.groups * self.width)[:, : self.batch]
+        view: Reals = flat.reshape(rows, self.groups * self.width)[:, : self.batch]
         return view
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.engines.worlds import RUNAWAY, Triple, World
+from aquafish_gym.engines.worlds import RUNAWAY, World
 from aquafish_gym.physics.arithmetic import Vector
 from aquafish_gym.physics.compiling import compiled, register, source_stamp
 from aquafish_gym.physics.dynamics import step
@@ -33,6 +33,7 @@ from aquafish_gym.physics.layout import (
 )
 from aquafish_gym.physics.reactive import step_reactive
 from aquafish_gym.scenario import TIMESTEP, Scenario
+from aquafish_gym.utils.array_types import Triple
 
 # Where things stand in the array: the state, the robot, and the current.
 STATE = slice(0, STATE_NUMBERS)
