@@ -13,7 +13,7 @@ from aquafish_gym.morphology import FINS, MAXIMA, Morphology, MorphologyLike
 from aquafish_gym.utils.storage import read_document, write_document
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
 
-SCHEMA = "aquafish.bodies/1"
+BODIES_SCHEMA = "aquafish.bodies/1"
 
 # One body, a list of them, or an array (M, 9).
 MorphologiesLike = MorphologyLike | Sequence[MorphologyLike]
@@ -71,7 +71,7 @@ def write_bodies(path: str | os.PathLike[str], bodies: MorphologiesLike) -> None
     True
     """
     rows = [Morphology.from_array(row).to_dict() for row in body_array(bodies)]
-    write_document(path, {"morphologies": rows}, SCHEMA)
+    write_document(path, {"morphologies": rows}, BODIES_SCHEMA)
 
 
 def read_bodies(path: str | os.PathLike[str], argument: str = "file") -> tuple[Morphology, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aquafish_gym.bodies import SCHEMA, body_array, read_bodies, write_bodies
+from aquafish_gym.bodies import BODIES_SCHEMA, body_array, read_bodies, write_bodies
 from aquafish_gym.morphology import MAXIMA, Morphology
 from aquafish_gym.runs.command_line import read_morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
@@ -44,7 +44,7 @@ def test_bodies_read_back_exactly(tmp_path: Path) -> None:
     back = read_bodies(path)
     np.testing.assert_array_equal([body.to_array() for body in back], BODIES)
     document = json.loads(path.read_text())
-    assert document["schema"] == "aquafish.bodies/1" == SCHEMA
+    assert document["schema"] == "aquafish.bodies/1" == BODIES_SCHEMA
     assert document["morphologies"][1] == back[1].to_dict()
     changed = path.read_text().replace("caudal", "Caudal", 1)
     path.write_text(changed)

@@ -14,7 +14,7 @@ import pytest
 from numpy.typing import NDArray
 
 from aquafish_gym.command import COMMAND_HIGH, COMMAND_LOW
-from aquafish_gym.engines.bullet.push import compiled, push
+from aquafish_gym.engines.bullet.push import compiled_push, push
 from aquafish_gym.engines.bullet.simulate import simulate_bullet
 from aquafish_gym.engines.bullet.world import BulletWorld
 from aquafish_gym.engines.packages import load_pybullet
@@ -158,7 +158,7 @@ def test_a_reset_forgets_everything(world: BulletWorld) -> None:
 
 def test_the_compiled_wrench_is_the_plain_one_to_the_last_bit(world: BulletWorld) -> None:
     ends = []
-    for either in (compiled(push), push):
+    for either in (compiled_push(push), push):
         world.reset(start(NOMINAL, (0.1, 0.2, 0.3)))
         world._push = either
         world.advance((0.4, -0.3, 0.6), 100)

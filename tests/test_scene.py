@@ -28,7 +28,7 @@ def placed(
     """Return size, colour and pose of each part that is drawn, by name."""
     marked = [fin in broken for fin in FINS]
     robots = scene.place_robots([body.to_array()], [marked], [pose], [turn], [angles])
-    parts = zip(scene.PARTS, *(field[0] for field in robots), strict=True)
+    parts = zip(scene.DRAWN_PARTS, *(field[0] for field in robots), strict=True)
     return {name: part for name, *part in parts if part[0].any()}
 
 

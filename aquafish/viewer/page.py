@@ -27,7 +27,7 @@ from aquafish_gym.damage.faults import PARTS
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.rendering import scene
-from aquafish_gym.rendering.scene import CM_PER_UNIT, Robots
+from aquafish_gym.rendering.scene import CM_PER_UNIT, DrawnRobots
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError, MissingExtraError, install_advice
@@ -116,7 +116,7 @@ class Viewer:
         )  # fmt: skip
         alike = robots_in(self.swim.states[:, :1], self.swim.robots.body[:1])
         several, samples = (
-            Robots(*(np.repeat(field, count, axis=0) for field in alike))
+            DrawnRobots(*(np.repeat(field, count, axis=0) for field in alike))
             for count in (self.swim.count, SAMPLES)
         )
         self.robots = Shapes(api, "/world/robots", several)

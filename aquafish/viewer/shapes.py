@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from aquafish_gym.physics.layout import FIELDS, angles_of_rows
-from aquafish_gym.rendering.scene import BODY, PARTS, Colour, Robots, place_robots
+from aquafish_gym.rendering.scene import BODY, DRAWN_PARTS, Colour, DrawnRobots, place_robots
 from aquafish_gym.utils.array_types import Floats
 
-BOXES = PARTS[1:]
+BOXES = DRAWN_PARTS[1:]
 
 
-def robots_in(states: Floats, bodies: Floats, broken: ArrayLike = False) -> Robots:
+def robots_in(states: Floats, bodies: Floats, broken: ArrayLike = False) -> DrawnRobots:
     """Return robots of bodies (B, 9) with broken fins (B, 3) in states (25, B)."""
     position, quaternion = (states[FIELDS[name]].T for name in ("position", "orientation"))
     marked = np.broadcast_to(broken, (len(bodies), 3))
@@ -31,7 +31,7 @@ class Shapes:
         self,
         api: Any,
         name: str,
-        robots: Robots,
+        robots: DrawnRobots,
         colour: Colour | None = None,
         opacity: float | None = None,
     ) -> None:
@@ -56,7 +56,7 @@ class Shapes:
         self.boxes = add("boxes", trimesh.creation.box((1, 1, 1)), len(BOXES))
         self._look: Floats = np.zeros(0)
 
-    def show(self, robots: Robots) -> None:
+    def show(self, robots: DrawnRobots) -> None:
         """Draw robots, as many as at the start."""
         look = np.stack([robots.sizes[:, 1:], robots.colours[:, 1:]]).reshape(2, -1, 3)
         if not np.array_equal(look, self._look):

@@ -22,9 +22,9 @@ from aquafish_gym.scenario import TIMESTEP, Change, Scenario
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance, integer, positive
 
 Parts = Mapping[str, Mapping[str, Range | None]]
-MAXIMUM_HOLD = 10**6  # physics steps in a control step
+MAXIMUM_HOLD_STEPS = 10**6  # physics steps in a control step
 MAXIMUM_FAULTS = 100  # that one robot may have
-SCALED = 0.2, 0.9  # of what a size was, where any fin may break
+CHANCE_SCALES = 0.2, 0.9  # of what a size was, where any fin may break
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,11 @@ class Damage:
         instance("rng", rng, np.random.Generator)
         faults = []
         for fin in rng.permutation(FINS)[: rng.integers(1, 3)].tolist():
-            missing, size, factor = rng.random() < 0.25, rng.choice(SIZES), rng.uniform(*SCALED)
+            missing, size, factor = (
+                rng.random() < 0.25,
+                rng.choice(SIZES),
+                rng.uniform(*CHANCE_SCALES),
+            )
             faults.append(Fault(fin, "missing") if missing else Fault(fin, str(size), factor))
         return cls(tuple(faults))
 
@@ -165,7 +169,7 @@ class Damage:
             If a fault does not fit a body, or is random.
         """
         instance("scenario", scenario, Scenario)
-        integer("hold", hold, 1, MAXIMUM_HOLD)
+        integer("hold", hold, 1, MAXIMUM_HOLD_STEPS)
         if not self.faults:
             return scenario
         rows = np.arange(len(scenario))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from aquafish_gym.utils.array_types import Rows
 
 Numbers = NDArray[Any]
-ROUNDING = 1e-9  # of a step: what rounding may take from a count of steps
+STEP_ROUNDING = 1e-9  # of a step: what rounding may take from a count of steps
 
 #: Steps by which a channel may be late: what it is given in all of them is kept.
 MAXIMUM_DELAY_STEPS = 10_000
@@ -98,7 +98,7 @@ class DelayLines:
         held = hold > 0.0
         if held.any():
             since, period = count - self._began[rows], np.where(held, hold, 1.0)
-            turn, before = (np.floor((since - back) / period + ROUNDING) for back in (0, 1))
+            turn, before = (np.floor((since - back) / period + STEP_ROUNDING) for back in (0, 1))
             numbers = np.where(held & (turn == before), self._kept[rows], numbers)
         self._kept[rows] = numbers
         depth = len(self._past)

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.damage.delays import MAXIMUM_DELAY_STEPS, ROUNDING
-from aquafish_gym.damage.sensors import GYRO, Readings, break_link, break_sensor
+from aquafish_gym.damage.delays import MAXIMUM_DELAY_STEPS, STEP_ROUNDING
+from aquafish_gym.damage.sensors import GYRO_CHANNELS, Readings, break_link, break_sensor
 from aquafish_gym.damage.tiers import TIERS
 from aquafish_gym.morphology import DIMENSIONS, FINS, SIZES
 from aquafish_gym.scenario import CHANNELS, LARGEST_SCALE, LONGEST_DELAY, MAXIMUM_SPIN, Scenario
@@ -27,8 +27,9 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 
-SHORTEST, LONGEST = 1e-3, 1e6  # s
-LARGEST = 1e30  # of a number of an environment whose units are its own, in any precision
+SHORTEST_SECONDS = 1e-3
+LONGEST_SECONDS = 1e6
+LARGEST_NUMBER = 1e30  # of a number of an environment whose units are its own, in any precision
 RANDOM = "random"
 _COLUMNS = {(d.fin, d.size): i for i, d in enumerate(DIMENSIONS)}
 
@@ -51,7 +52,7 @@ _BODY: dict[str, Range | None] = {
 
 def _link(scale: float, longest: float) -> dict[str, Range | None]:
     """Return the words about what a channel carries, and when."""
-    late = Range(SHORTEST, longest, "s")
+    late = Range(SHORTEST_SECONDS, longest, "s")
     return {"scale": Range(-scale, scale), "delay": late, "hold": late}
 
 
@@ -82,10 +83,11 @@ PARTS: Mapping[str, Mapping[str, Range | None]] = {
 #: The same about the channels of any environment, such as ``action_0``, ``observation_3-5``
 #: (from 3 to 5) or ``observation`` (all of them).
 CHANNEL_WORDS: Mapping[str, Mapping[str, Range | None]] = {
-    "action": _actuator(Range(-LARGEST, LARGEST, optional=True)) | _link(LARGEST, LONGEST),
-    "observation": {"noise": Range(0.0, LARGEST)}
-    | _sensor(Range(-LARGEST, LARGEST))
-    | _link(LARGEST, LONGEST),
+    "action": _actuator(Range(-LARGEST_NUMBER, LARGEST_NUMBER, optional=True))
+    | _link(LARGEST_NUMBER, LONGEST_SECONDS),
+    "observation": {"noise": Range(0.0, LARGEST_NUMBER)}
+    | _sensor(Range(-LARGEST_NUMBER, LARGEST_NUMBER))
+    | _link(LARGEST_NUMBER, LONGEST_SECONDS),
 }
 _CHANNEL = re.compile(r"(action|observation)(?:_([0-9]{1,9})(?:-([0-9]{1,9}))?)?")
 
@@ -138,16 +140,20 @@ class Fault:
                 f"{name} needs a number, for example {self.part}:{self.word}=0.5"
             )
         if isinstance(self.onset, list | tuple):
-            early, late = finite_array("damage onset", self.onset, (2,), 0.0, LONGEST, "s").tolist()
+            early, late = finite_array(
+                "damage onset", self.onset, (2,), 0.0, LONGEST_SECONDS, "s"
+            ).tolist()
             if early > late:
                 raise InvalidArgumentError(
                     f"damage onset must be the earliest and the latest; got {early:g} and {late:g}"
                 )
             object.__setattr__(self, "onset", (early, late))
         else:
-            self._check("onset", "damage onset", Range(0.0, LONGEST, "s"))
+            self._check("onset", "damage onset", Range(0.0, LONGEST_SECONDS, "s"))
         if self.duration is not None:
-            self._check("duration", "damage duration", Range(SHORTEST, LONGEST, "s"))
+            self._check(
+                "duration", "damage duration", Range(SHORTEST_SECONDS, LONGEST_SECONDS, "s")
+            )
         angle = self.word == "seized" and self.number is not None and self.part in FINS
         if angle and self.onset != 0.0:
             raise InvalidArgumentError(
@@ -197,7 +203,9 @@ class Fault:
         steps, wanted = self.number / dt, f"at least a step, {dt:g} s"
         if self.word == "hold":
             wanted = f"longer than a step, {dt:g} s"
-        short = steps < 1.0 - ROUNDING if self.word == "delay" else steps <= 1.0 + ROUNDING
+        short = (
+            steps < 1.0 - STEP_ROUNDING if self.word == "delay" else steps <= 1.0 + STEP_ROUNDING
+        )
         if short or steps > MAXIMUM_DELAY_STEPS:
             wanted = wanted if short else f"at most {MAXIMUM_DELAY_STEPS} steps of {dt:g} s"
             raise InvalidArgumentError(
@@ -231,7 +239,7 @@ class Fault:
         else:
             # Its tables are the robots' own, but for noise, which all axes of the gyro share.
             sensors = Readings.of(robots)._replace(noise=robots.gyro_noise[:, None])
-            channels = GYRO if self.part == "gyro" else CHANNELS.index(self.part)
+            channels = GYRO_CHANNELS if self.part == "gyro" else CHANNELS.index(self.part)
             break_sensor(sensors, 0 if self.word == "noise" else channels, self.word, number)
 
     def __str__(self) -> str:

@@ -14,7 +14,9 @@ from aquafish_gym.sense import faulty
 from aquafish_gym.utils.array_types import Flags, Floats, Reals, Rows
 
 LARGEST_PRODUCT = 1e200  # of factors: times any reading it stays finite
-GYRO = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
+GYRO_CHANNELS = slice(CHANNELS.index("gyro_x"), len(CHANNELS))
+#: The rows of a batch of one robot.
+ONLY_ROBOT: Rows = np.zeros(1, np.intp)
 
 
 class Readings(NamedTuple):
@@ -40,7 +42,7 @@ class Readings(NamedTuple):
     def of(cls, robots: Scenario) -> Self:
         """Return how the sensors ``CHANNELS`` of robots read; the gyro alone has noise."""
         noise = np.zeros(robots.sensor_bias.shape)
-        noise[:, GYRO] = robots.gyro_noise[:, None]
+        noise[:, GYRO_CHANNELS] = robots.gyro_noise[:, None]
         return cls(
             noise,
             robots.sensor_bias,

@@ -17,7 +17,7 @@ from aquafish_gym.utils.array_types import Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief
 
 #: What all robots of a batch have in common, by the single environment's names.
-COMMON = {
+BATCH_ATTRIBUTES = {
     "action_space": "single_action_space",
     "observation_space": "single_observation_space",
     "dt": "dt",
@@ -25,13 +25,13 @@ COMMON = {
     "task": "task",
     "render_mode": "render_mode",
 }
-OWN = ("metadata", "np_random", "np_random_seed", "spec")
-ASKED = ("has_wrapper_attr", "get_wrapper_attr", "set_wrapper_attr")
+OWN_ATTRIBUTES = ("metadata", "np_random", "np_random_seed", "spec")
+ATTRIBUTE_METHODS = ("has_wrapper_attr", "get_wrapper_attr", "set_wrapper_attr")
 #: Arguments of a batch that are none of a robot's.
-OF_BATCH = (
+BATCH_ARGUMENTS = (
     "num_envs", "vectorization_mode", "dtype", "threads", "autoreset_mode", "max_episode_steps"
 )  # fmt: skip
-OF_EACH = ("morphology", "damage", "fin_angles")
+ROBOT_ARGUMENTS = ("morphology", "damage", "fin_angles")
 
 
 class RobotAttributes(VectorEnv[Any, Any, Any]):
@@ -53,7 +53,7 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
                 f"call must not be of {name!r}, as robots of a batch have no {name} of their own: "
                 f"use {name} of the batch, which takes a reset_mask among its options"
             )
-        if name not in ASKED:
+        if name not in ATTRIBUTE_METHODS:
             found = self._attributes(name)
             return tuple(one(*args, **kwargs) if callable(one) else one for one in found)
         return self._ask(name, *args, **kwargs)
@@ -62,7 +62,12 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
         if question == "get_wrapper_attr":
             return self._attributes(name)
         if question == "has_wrapper_attr":
-            known = name in self._added or name in (*COMMON, *OWN, *ASKED, "render")
+            known = name in self._added or name in (
+                *BATCH_ATTRIBUTES,
+                *OWN_ATTRIBUTES,
+                *ATTRIBUTE_METHODS,
+                "render",
+            )
             return (known,) * self.num_envs
         (value,) = values or (options["value"],)
         self.set_attr(name, [value] * self.num_envs)
@@ -90,7 +95,11 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
                     )
             self._seeded = [(rng, -1) for rng in each]  # -1 is unknown, as in Gymnasium
             self._rngs[:] = each if self._rngs else []
-        elif hasattr(type(self), name) or name in (*COMMON, *OWN, *ASKED):
+        elif hasattr(type(self), name) or name in (
+            *BATCH_ATTRIBUTES,
+            *OWN_ATTRIBUTES,
+            *ATTRIBUTE_METHODS,
+        ):
             raise InvalidArgumentError(
                 f"{name} of robots cannot be set, as the batch is made with it: make another one"
             )
@@ -128,17 +137,17 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
     def _attributes(self, name: str) -> tuple[Any, ...]:
         if name in self._added:
             return tuple(self._added[name])
-        if name in COMMON:
-            return (getattr(self, COMMON[name]),) * self.num_envs
+        if name in BATCH_ATTRIBUTES:
+            return (getattr(self, BATCH_ATTRIBUTES[name]),) * self.num_envs
         if name == "metadata":
             single = {"render_modes": usable_modes(), "render_fps": self.metadata["render_fps"]}
             return tuple(dict(single) for _ in range(self.num_envs))
         if name == "spec":
             return self._specs()
-        if name in OWN:
+        if name in OWN_ATTRIBUTES:
             found: tuple[Any, ...] = getattr(self, name)
             return found
-        known = ", ".join((*COMMON, *OWN, *self._added))
+        known = ", ".join((*BATCH_ATTRIBUTES, *OWN_ATTRIBUTES, *self._added))
         raise AttributeError(f"robots of a batch have no attribute {name!r}; they have {known}")
 
     def _specs(self) -> tuple[EnvSpec | None, ...]:
@@ -146,10 +155,12 @@ class RobotAttributes(VectorEnv[Any, Any, Any]):
         spec = self.spec
         if spec is None:
             return (None,) * self.num_envs
-        alone = {name: one for name, one in spec.kwargs.items() if name not in OF_BATCH}
+        alone = {name: one for name, one in spec.kwargs.items() if name not in BATCH_ARGUMENTS}
         alone["engine"] = "numba"
         each = {
-            name: of_each(name, alone[name], self.num_envs) for name in OF_EACH if name in alone
+            name: of_each(name, alone[name], self.num_envs)
+            for name in ROBOT_ARGUMENTS
+            if name in alone
         }
         return tuple(
             replace(spec, kwargs=alone | {name: values[i] for name, values in each.items()})

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from aquafish_gym.engines.compiled.lanes import LaneBatch
 
 
-def three(rows: Floats) -> Vector:
+def components(rows: Floats) -> Vector:
     x, y, z = rows
     return (x, y, z)
 

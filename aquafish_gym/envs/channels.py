@@ -20,10 +20,9 @@ from aquafish_gym.damage.sensors import (
     break_sensor,
 )
 from aquafish_gym.damage.tiers import TIERS
+from aquafish_gym.envs.episode import NO_CHANGE_STEP
 from aquafish_gym.utils.array_types import Floats, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array
-
-NEVER = 2**62
 
 
 class Channels:
@@ -91,7 +90,7 @@ class Channels:
         self._faults, self._step = np.zeros((2, count), np.int64)
         # Per robot: the steps at which other faults are active, and the next of them.
         self._stages: list[list[tuple[int, tuple[Fault, ...]]]] = [[] for _ in range(count)]
-        self._next = np.full(count, NEVER)
+        self._next = np.full(count, NO_CHANGE_STEP)
         self._everyone = np.arange(count)
 
     def check(self, value: object, last_step: int | None = None) -> Damage:
@@ -235,7 +234,7 @@ class Channels:
         for i, robot in enumerate(rows.tolist()):
             stages = self._stages[robot]
             _, faults = stages.pop(0)
-            self._next[robot] = stages[0][0] if stages else NEVER
+            self._next[robot] = stages[0][0] if stages else NO_CHANGE_STEP
             self._faults[robot] = len(faults)
             stood = self._seized[robot].copy()  # and stands there still
             self._gain[robot], self._seized[robot] = 1.0, False

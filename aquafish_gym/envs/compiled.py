@@ -21,7 +21,7 @@ from aquafish_gym.engines.worlds import RUNAWAY
 from aquafish_gym.envs import motion as motions
 from aquafish_gym.envs import tasks
 from aquafish_gym.envs.motion import MOTION, motion
-from aquafish_gym.envs.tasks import REMEMBERED, Step, Task, compiled_task
+from aquafish_gym.envs.tasks import MEMORY_NUMBERS, Step, Task, compiled_task
 from aquafish_gym.physics.arithmetic import Vector, clip
 from aquafish_gym.physics.compiling import compiled, register, register_module, source_stamp
 from aquafish_gym.physics.layout import (
@@ -114,8 +114,8 @@ class Judge:
         No reward counts of a robot that diverged, or whose episode was ``over`` (B,).
         """
         finish = _finish(self._rewards, len(memory) > 0)
-        if 0 < len(memory) < REMEMBERED:  # the compiled loop reads this many numbers
-            memory = np.concatenate([memory, np.zeros((REMEMBERED - len(memory), len(over)))])
+        if 0 < len(memory) < MEMORY_NUMBERS:  # the compiled loop reads this many numbers
+            memory = np.concatenate([memory, np.zeros((MEMORY_NUMBERS - len(memory), len(over)))])
         *compiled, fin_angles = outcome
         finish(states, before, over, action, memory, dt, self._numbers, tuple(compiled), *robots)
         part = slice(*robots)

@@ -10,6 +10,7 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.command import reckon, servo_speeds
+from aquafish_gym.damage.sensors import ONLY_ROBOT
 from aquafish_gym.engines.worlds import World, make_world
 from aquafish_gym.envs import episode
 from aquafish_gym.envs.motion import motion_info
@@ -29,7 +30,6 @@ from aquafish_gym.sense import observe
 from aquafish_gym.utils.validation import flag, integer
 
 Observation = NDArray[np.float32]
-ONLY = np.zeros(1, np.intp)  # the one robot among all
 
 
 class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
@@ -204,7 +204,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
             self._world = make_world(self._engine, start)
         else:
             self._world.reset(start)
-        self._robots.start(ONLY, start)
+        self._robots.start(ONLY_ROBOT, start)
         self._read_robot()
         self._state, self._fin_angles = self._world.state(), self._world.fin_angles
         self._reckoned = self._fin_angles
@@ -271,7 +271,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
 
     def _change(self) -> None:
         """Let the robot become what its schedule says."""
-        self._robots.change(ONLY)
+        self._robots.change(ONLY_ROBOT)
         self._read_robot()
         if self._world is not None:
             self._world.update(self._robots.now)
@@ -285,7 +285,7 @@ class AquaFishEnv(episode.Setting, gym.Env[Observation, NDArray[np.float32]]):
         sensors = self._robots.sensors
         if sensors.broken:
             most, rngs = self._limits, [self.np_random]
-            seen = sensors.observe(seen[None], -most, most, rngs, ONLY)[0]
+            seen = sensors.observe(seen[None], -most, most, rngs, ONLY_ROBOT)[0]
         return seen
 
     def _read_robot(self) -> None:

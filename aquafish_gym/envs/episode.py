@@ -33,7 +33,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 
-NEVER = 2**62
+NO_CHANGE_STEP = 2**62
 OPTIONS = ("fin_angles", "morphology", "damage")
 
 
@@ -158,7 +158,7 @@ class Robots:
     now
         The scenario (B robots) as it is.
     next_change
-        (B,) the control step in which each robot changes next; ``NEVER`` if it does not.
+        (B,) the control step in which each robot changes next; ``NO_CHANGE_STEP`` if it does not.
     sensors
         What broken sensors make of observations.
     late
@@ -169,7 +169,7 @@ class Robots:
     def __init__(self, scenario: Scenario, hold: int, late: bool = False) -> None:
         self.late = late
         self.now = scenario.copy()
-        self.next_change = np.full(len(scenario), NEVER)
+        self.next_change = np.full(len(scenario), NO_CHANGE_STEP)
         self.sensors = Sensors(len(scenario), dt=TIMESTEP * hold)
         self._servos = DelayLines(len(scenario), 3, first=np.zeros(3))
         self._hold = hold
@@ -211,7 +211,9 @@ class Robots:
         delays = delay_steps(scenario.servo_delay, dt)
         self._servos.update(rows, delays, scenario.servo_hold / dt)
         changes = self._changes
-        self.next_change[rows] = [changes[i][0][0] if changes[i] else NEVER for i in rows.tolist()]
+        self.next_change[rows] = [
+            changes[i][0][0] if changes[i] else NO_CHANGE_STEP for i in rows.tolist()
+        ]
 
     @property
     def acts_late(self) -> bool:

@@ -30,24 +30,24 @@ from aquafish_gym.physics.arithmetic import (
 from aquafish_gym.scenario import MAXIMUM_CURRENT, TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, finite_array, flag, one_of
 
-LONGEST = 3600.0  # s
-MOST = 1e6  # of a weight: a reward must stay finite
-LEAST = 1e-3  # units, of a distance that others are divided by
+LONGEST_TASK_SECONDS = 3600.0
+LARGEST_ARGUMENT = 1e6  # a reward must stay finite
+SHORTEST_DISTANCE = 1e-3  # units, of a distance that others are divided by
 # The least and the greatest value of each number that a built-in task may have, and its unit.
-RANGES = {
-    "seconds": (TIMESTEP, LONGEST, "s"),
-    "ctrl_weight": (0.0, MOST, ""),
-    "forward_weight": (-MOST, MOST, ""),
+ARGUMENT_RANGES = {
+    "seconds": (TIMESTEP, LONGEST_TASK_SECONDS, "s"),
+    "ctrl_weight": (0.0, LARGEST_ARGUMENT, ""),
+    "forward_weight": (-LARGEST_ARGUMENT, LARGEST_ARGUMENT, ""),
     "slowest": (0.0, MAXIMUM_CURRENT, "units/s"),
     "fastest": (0.0, MAXIMUM_CURRENT, "units/s"),
-    "half": (LEAST, MOST, "units"),
-    "turning": (0.0, MOST, "rad/s"),
-    "apart": (0.0, MOST, "units"),
-    "radius": (0.0, MOST, "units"),
-    "reached_weight": (-MOST, MOST, ""),
+    "half": (SHORTEST_DISTANCE, LARGEST_ARGUMENT, "units"),
+    "turning": (0.0, LARGEST_ARGUMENT, "rad/s"),
+    "apart": (0.0, LARGEST_ARGUMENT, "units"),
+    "radius": (0.0, LARGEST_ARGUMENT, "units"),
+    "reached_weight": (-LARGEST_ARGUMENT, LARGEST_ARGUMENT, ""),
 }
 # Lanes give every task the same count of remembered numbers, so that a memory is read by index.
-REMEMBERED = 6
+MEMORY_NUMBERS = 6
 # Multiples of these, modulo 1, are spread evenly over the unit square, wherever they begin (the
 # R2 sequence of M. Roberts, 2018).
 _SPREAD = (0.7548776662466927, 0.5698402909980532)
@@ -97,7 +97,7 @@ class BuiltIn(Task):
     ctrl_weight: float = 1e-4
 
     def __post_init__(self) -> None:
-        for name, (low, high, unit) in RANGES.items():
+        for name, (low, high, unit) in ARGUMENT_RANGES.items():
             if hasattr(self, name):
                 value = float(finite_array(name, getattr(self, name), (), low, high, unit))
                 object.__setattr__(self, name, value)
@@ -314,5 +314,5 @@ def check_task(task: object) -> Task:
             f"task must be a Task or one of {', '.join(TASKS)}; got {brief(task)}"
         )
     flag("task.has_goal", task.has_goal)
-    finite_array("task.seconds", task.seconds, (), *RANGES["seconds"])
+    finite_array("task.seconds", task.seconds, (), *ARGUMENT_RANGES["seconds"])
     return task

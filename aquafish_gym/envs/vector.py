@@ -46,7 +46,7 @@ Terms = dict[str, Floats]
 MAXIMUM_ROBOTS = 1_000_000  # a slip of the finger should not fill the memory
 
 # Rows of a table of states.
-QUATERNION, POSITION = FIELDS["orientation"], FIELDS["position"]
+QUATERNION_ROWS, POSITION_ROWS = FIELDS["orientation"], FIELDS["position"]
 
 
 class AquaFishVectorEnv(
@@ -240,7 +240,7 @@ class AquaFishVectorEnv(
         if action is None:
             return finite_array("action", raw, raw.shape)  # refuses
         if self._robots.acts_late:
-            driven = self._robots.drive(servo_speeds(batching.three(action)))
+            driven = self._robots.drive(servo_speeds(batching.components(action)))
             speeds[:] = gains.T * np.array(driven)
         return action
 
@@ -258,18 +258,20 @@ class AquaFishVectorEnv(
         self._swimmers.swim(self.frame_skip, lambda *robots: judge.fill(outcome, robots, *given))
         self._now = outcome.now
         if self._reckons:
-            speeds = servo_speeds(batching.three(action))
-            reckoned = reckon(batching.three(self._reckoned), speeds, TAU * self.dt)
+            speeds = servo_speeds(batching.components(action))
+            reckoned = reckon(batching.components(self._reckoned), speeds, TAU * self.dt)
             self._reckoned = np.where(outcome.lost, self._reckoned, reckoned)
         return outcome
 
     def _step_from(self, before: States, actions: Floats) -> Step:
         here, now = (
-            batching.three(before[POSITION].astype(np.float64)),
+            batching.components(before[POSITION_ROWS].astype(np.float64)),
             state_from_numbers(self.states),
         )
         memory = tuple(self._memory)
-        return Step(here, now.position, now.orientation, batching.three(actions), memory, self.dt)
+        return Step(
+            here, now.position, now.orientation, batching.components(actions), memory, self.dt
+        )
 
     def _reward(
         self, before: States, action: Floats, outcome: Outcome, bad: Flags
@@ -382,6 +384,10 @@ class AquaFishVectorEnv(
             return None
         poses = np.concatenate([self.states, angles_of_rows(self._now)]).T
         return tuple(
-            render_pose(Morphology.from_array(sizes), (pose[POSITION], pose[QUATERNION]), pose[-3:])
+            render_pose(
+                Morphology.from_array(sizes),
+                (pose[POSITION_ROWS], pose[QUATERNION_ROWS]),
+                pose[-3:],
+            )
             for sizes, pose in zip(self._robots.now.body, poses, strict=True)
         )

@@ -13,7 +13,8 @@ from gymnasium.vector import VectorEnv, VectorWrapper
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.damage import Damage
-from aquafish_gym.damage.faults import LONGEST, SHORTEST
+from aquafish_gym.damage.faults import LONGEST_SECONDS, SHORTEST_SECONDS
+from aquafish_gym.damage.sensors import ONLY_ROBOT
 from aquafish_gym.envs.autoreset import AutoresetMode
 from aquafish_gym.envs.batching import check_seeds, masked, of_each
 from aquafish_gym.envs.channels import Channels
@@ -22,12 +23,13 @@ from aquafish_gym.utils.array_types import Info, Rows
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, instance, integer
 
 Array = NDArray[Any]
-ONLY = np.zeros(1, np.intp)
 if TYPE_CHECKING:
     _VectorWrapper = VectorWrapper[Array, Array, Array, Array, Array]
 else:
     _VectorWrapper = VectorWrapper  # generic from Gymnasium 1.4 on
-TWICE = "env must have no FaultWrapper yet; got one that has: join the faults by ';' in one wrapper"
+WRAPPED_TWICE_MESSAGE = (
+    "env must have no FaultWrapper yet; got one that has: join the faults by ';' in one wrapper"
+)
 
 
 class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArgs):
@@ -94,7 +96,7 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
         given = check_options(options)
         damage = self._channels.check(given.pop("damage", self._damage))
         observation, info = self.env.reset(seed=seed, options=given or None)
-        self._channels.start(ONLY, [damage.sample(self.np_random, self._channels.parts)])
+        self._channels.start(ONLY_ROBOT, [damage.sample(self.np_random, self._channels.parts)])
         return self._observe(observation), self._with_truth(info)
 
     def step(self, action: Array) -> tuple[Array, Any, bool, bool, Info]:
@@ -109,7 +111,7 @@ class FaultWrapper(gym.Wrapper[Array, Array, Array, Array], RecordConstructorArg
 
     def _observe(self, observation: Array) -> Array:
         batch = np.asarray(observation)[None]
-        seen: Array = self._channels.observe(batch, [self.np_random], ONLY)
+        seen: Array = self._channels.observe(batch, [self.np_random], ONLY_ROBOT)
         return observation if seen is batch else seen.reshape(self._channels.observation.shape)
 
     def _with_truth(self, info: Info) -> Info:
@@ -181,7 +183,7 @@ class VectorFaultWrapper(_VectorWrapper):
         mask = np.array(given.get("reset_mask", self._everyone >= 0))
         observations, info = self.env.reset(seed=seed, options=given or None)  # type: ignore[arg-type]
         if "action_gain" in info:  # of environments that are wrapped inside of the vector
-            raise InvalidArgumentError(TWICE)
+            raise InvalidArgumentError(WRAPPED_TWICE_MESSAGE)
         if seed is not None:
             # Not the streams of the environments, which the seeds themselves begin.
             own = [one for one in (seeds[:1] if np.ndim(seed) == 0 else seeds) if one is not None]  # type: ignore[arg-type]
@@ -261,7 +263,7 @@ class VectorFaultWrapper(_VectorWrapper):
 def _refuse_twice(env: object) -> None:
     while isinstance(env, gym.Wrapper | VectorWrapper):
         if isinstance(env, FaultWrapper | VectorFaultWrapper):
-            raise InvalidArgumentError(TWICE)
+            raise InvalidArgumentError(WRAPPED_TWICE_MESSAGE)
         env = env.env
 
 
@@ -287,7 +289,7 @@ def _last_steps(env: VectorEnv[Any, Any, Any]) -> list[int | None]:
 def _time_step(env: gym.Env[Any, Any] | VectorEnv[Any, Any, Any], dt: object) -> float | None:
     """Return the length of a step in s: as given, or as the environment tells; or None."""
     if dt is not None:
-        return float(finite_array("dt", dt, (), SHORTEST, LONGEST, "s"))  # type: ignore[arg-type]
+        return float(finite_array("dt", dt, (), SHORTEST_SECONDS, LONGEST_SECONDS, "s"))  # type: ignore[arg-type]
     one: Any = env.unwrapped
     step = None
     if hasattr(one, "get_attr"):  # of Gymnasium's vector environments, also of worker processes

@@ -36,7 +36,9 @@ _COSINES, _SINES = slice(LEFT, RATES, 2), slice(LEFT + 1, RATES, 2)
 
 FIN_ROWS = 8
 ROBOT_ROWS = 3 * FIN_ROWS + 1
-CURRENT, SERVO_GAIN, CONDITION_ROWS = 0, 3, 6
+CURRENT = 0
+SERVO_GAIN = 3
+CONDITION_ROWS = 6
 # The columns of (width, length, thickness) of each fin among the nine dimensions.
 _COLUMNS: NDArray[np.intp] = np.array([(0, 1, 2), (3, 4, 5), (8, 7, 6)])
 

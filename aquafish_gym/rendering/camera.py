@@ -13,7 +13,7 @@ from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import finite_array
 
 Frame = NDArray[np.uint8]
-NEAREST = 0.1  # depth, in units, from which on something is drawn
+NEAREST_DEPTH = 0.1  # depth, in units, from which on something is drawn
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Camera:
         if self.target is not None:
             finite_array("camera.target", self.target, (3,))
 
-    def look(self, robot: Floats) -> View:
+    def look(self, robot: Floats) -> CameraView:
         """Return the view that follows a robot at this position (3,)."""
         target = robot if self.target is None else np.array(self.target)
         a, e = math.radians(self.azimuth), math.radians(self.elevation)
@@ -60,10 +60,10 @@ class Camera:
         right = np.array([math.cos(a), math.sin(a), 0.0])
         slope = math.tan(math.radians(self.field_of_view) / 2)
         eye, up = target + self.distance * back, np.cross(back, right)
-        return View(eye, right, up, -back, slope, self.distance)
+        return CameraView(eye, right, up, -back, slope, self.distance)
 
 
-class View(NamedTuple):
+class CameraView(NamedTuple):
     """A camera's eye and axes, (3,) each, in the world."""
 
     eye: Floats
@@ -76,5 +76,5 @@ class View(NamedTuple):
     def project(self, points: Floats, width: int, height: int) -> Floats:
         """Return the pixels (..., 2), column and row, and the depth (..., 1) of points (..., 3)."""
         x, y, depth = np.moveaxis((points - self.eye) @ np.array(self[1:4]).T, -1, 0)
-        scale = height / (2 * self.slope) / np.maximum(depth, NEAREST)
+        scale = height / (2 * self.slope) / np.maximum(depth, NEAREST_DEPTH)
         return np.stack([width / 2 + scale * x, height / 2 - scale * y, depth], axis=-1)

@@ -14,8 +14,8 @@ import numpy as np
 
 from aquafish_gym.physics.compiling import compiled
 from aquafish_gym.rendering import scene
-from aquafish_gym.rendering.camera import NEAREST, Frame, View
-from aquafish_gym.rendering.scene import Robots
+from aquafish_gym.rendering.camera import NEAREST_DEPTH, CameraView, Frame
+from aquafish_gym.rendering.scene import DrawnRobots
 from aquafish_gym.utils.array_types import Floats
 
 _LIGHT = (0.3492, -0.2993, 0.8880)  # the direction towards it
@@ -28,7 +28,9 @@ _WATER, _SHADOW, _UNSEEN = -1, -2, -3
 _jit = functools.partial(compiled, error_model="numpy", nogil=True)
 
 
-def draw(view: View, floor: float, robots: Robots, width: int, height: int) -> tuple[Frame, Floats]:
+def draw(
+    view: CameraView, floor: float, robots: DrawnRobots, width: int, height: int
+) -> tuple[Frame, Floats]:
     """Return a picture (height, width, 3) of robots in their water, over the ruled floor.
 
     And how much of each pixel (height, width) the robots cover, 0 to 1.
@@ -50,11 +52,11 @@ def draw(view: View, floor: float, robots: Robots, width: int, height: int) -> t
         fallen = corners - np.outer((corners[:, 2] - floor) / _LIGHT[2], _LIGHT)
         for points in (corners, fallen):
             x, y, depth = view.project(points, width, height).T
-            if depth.min() > NEAREST:
+            if depth.min() > NEAREST_DEPTH:
                 left, right = np.clip([x.min() - 1, x.max() + 2], 0, width).astype(int)
                 top, bottom = np.clip([y.min() - 1, y.max() + 2], 0, height).astype(int)
                 shown[top:bottom, left:right] = _WATER
-            elif depth.max() > NEAREST:
+            elif depth.max() > NEAREST_DEPTH:
                 shown[:] = _WATER
     picture, cover = np.empty((height, width, 3), np.uint8), np.zeros((height, width))
     frame = tuple(tuple(axis.tolist()) for axis in view[:4])

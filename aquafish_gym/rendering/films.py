@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from aquafish_gym.rendering import scene
-from aquafish_gym.rendering.camera import Camera, Frame, View
+from aquafish_gym.rendering.camera import Camera, CameraView, Frame
 from aquafish_gym.rendering.course import FISH, FilmedSwim, lay_out
 from aquafish_gym.rendering.scene import CM_PER_UNIT
 from aquafish_gym.utils.array_types import Floats
@@ -125,7 +125,7 @@ def film_frames(
         yield np.array(image)
 
 
-def fitting_view(points: Floats, aspect: float) -> View:
+def fitting_view(points: Floats, aspect: float) -> CameraView:
     """Return a view from the right and above in which fish at all points (n, 3) are seen."""
     camera = Camera(azimuth=90.0, elevation=54.0, field_of_view=24.0)
     view = camera.look(np.zeros(3))
@@ -141,7 +141,7 @@ def fitting_view(points: Floats, aspect: float) -> View:
     return view._replace(eye=eye, distance=float(max(far)))
 
 
-def _line(view: View, points: Floats, cover: Floats) -> Image.Image:
+def _line(view: CameraView, points: Floats, cover: Floats) -> Image.Image:
     """Return the mask of a line through points (n, 3), which robots cover."""
     from PIL import Image, ImageDraw
 

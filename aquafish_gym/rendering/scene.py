@@ -30,13 +30,13 @@ SAND: Colour = (146, 199, 217)
 GRID: Colour = (96, 158, 186)
 INK: Colour = (28, 60, 84)  # the start line, and text
 
-FLOOR = -3.0  # height of the floor, z
+FLOOR_HEIGHT = -3.0  # height of the floor, z
 CLEARANCE = 2.0  # the floor is at least this far below a robot that dives
 GRID_SPACING = 2.0  # 10 cm
 MAIN_GRID_SPACING = 10.0  # 50 cm
 
 #: The first is a capsule along its y axis, the others are boxes.
-PARTS = ("body", "left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
+DRAWN_PARTS = ("body", "left_mount", "right_mount", *FINS, *(f"{fin}_break" for fin in FINS))
 FIN_PARTS = slice(3, 6)
 
 _SIZES = np.array(  # of the parts that do not break
@@ -58,8 +58,8 @@ _RIM = 0.12  # a break stands out of its fin by this much, and is this long
 _LOST = 0.3  # size of the break where a whole fin is missing
 
 
-class Robots(NamedTuple):
-    """The ``PARTS`` of N robots, or of one at N moments.
+class DrawnRobots(NamedTuple):
+    """The ``DRAWN_PARTS`` of N robots, or of one at N moments.
 
     A fin that has no area, and the break of a whole fin, have size 0.
     """
@@ -77,7 +77,7 @@ def place_robots(
     positions: ArrayLike,
     quaternions: ArrayLike,
     fin_angles: ArrayLike,
-) -> Robots:
+) -> DrawnRobots:
     """Return robots as they are drawn.
 
     Broken fins have another colour and a dark break at their end. Of a broken fin without area only
@@ -111,12 +111,12 @@ def place_robots(
     turns = np.concatenate([upright, joints, joints], axis=1)
     position, turn = (np.array(each, float)[:, None] for each in (positions, quaternions))
     poses = [position + _rotate(turn, centres), _multiply(turn, turns)]
-    return Robots(sizes, np.concatenate(colours, axis=1), np.concatenate(poses, axis=-1))
+    return DrawnRobots(sizes, np.concatenate(colours, axis=1), np.concatenate(poses, axis=-1))
 
 
 def floor_below(positions: Floats) -> float:
     """Return the height of the floor under robots at positions (N, 3)."""
-    return min(FLOOR, float(positions[:, 2].min()) - CLEARANCE)
+    return min(FLOOR_HEIGHT, float(positions[:, 2].min()) - CLEARANCE)
 
 
 def _multiply(p: Floats, q: Floats) -> Floats:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.packages import check_engine
 from aquafish_gym.envs.tasks import Task, compiled_task
-from aquafish_gym.rollout.many import swim_all
+from aquafish_gym.rollout.many import swim_many
 from aquafish_gym.rollout.one import act_alone, swim_one
 from aquafish_gym.rollout.plan import Act, Path, Plan, Program, Trajectories, ever, is_ever_late
 from aquafish_gym.scenario import TIMESTEP, Scenario
@@ -149,7 +149,7 @@ def rollout(
         fins = scenario.fin_angles if believed is None else _rows("believed", believed, batch)
         known = task is None or compiled_task(task) is not None
         if engine == "numba" and known and not is_ever_late(scenario):
-            return swim_all(policy, plan, fins, gains, dtype, threads, start)
+            return swim_many(policy, plan, fins, gains, dtype, threads, start)
         policy = [act_alone(policy, b, fins[b], gains[b]) for b in range(batch)]
     if start is not None:
         raise InvalidArgumentError(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.envs.tasks import REMEMBERED, Task, compiled_task
+from aquafish_gym.envs.tasks import MEMORY_NUMBERS, Task, compiled_task
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.physics.layout import FIELDS
 from aquafish_gym.rollout.plan import Plan, Program, Trajectories, ever
@@ -16,7 +16,7 @@ from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import InvalidArgumentError
 
 
-def swim_all(
+def swim_many(
     program: Program,
     plan: Plan,
     fins: Floats,
@@ -43,7 +43,7 @@ def swim_all(
     compiled = compiled_task(plan.task)
     if compiled is not None:
         loop.functions, loop.task = compiled
-        loop["memory"] = np.pad(plan.memory.T, ((0, REMEMBERED - plan.memory.shape[1]), (0, 0)))
+        loop["memory"] = np.pad(plan.memory.T, ((0, MEMORY_NUMBERS - plan.memory.shape[1]), (0, 0)))
     loop.broken = ever(scenario, "gyro_noise", "sensor_bias", "sensor_stuck", "sensor_dropped")
     if loop.broken:
         if ever(scenario, "gyro_noise"):

@@ -9,7 +9,7 @@ import numpy as np
 
 from aquafish_gym.command import lane_servo_speeds, reckon, scale_action
 from aquafish_gym.damage.delays import DelayLines, delay_steps, longest
-from aquafish_gym.damage.sensors import Readings, Sensors
+from aquafish_gym.damage.sensors import ONLY_ROBOT, Readings, Sensors
 from aquafish_gym.engines.worlds import make_world
 from aquafish_gym.envs.tasks import Memory, Step, Task
 from aquafish_gym.physics.arithmetic import TAU, Number, Vector
@@ -19,8 +19,6 @@ from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.sense import beyond_imu, imu, limits
 from aquafish_gym.utils.array_types import Floats
 from aquafish_gym.utils.validation import finite_array
-
-_ONLY = np.zeros(1, np.intp)
 
 
 class _NoTask(Task):
@@ -61,13 +59,13 @@ def swim_one(act: Act, plan: Plan, robot: int, engine: str) -> tuple[float, bool
                 world.set_current(water)
             observation = np.array(imu(state))
             if sensors.broken:
-                observation = sensors.observe(observation[None], -most, most, rngs, _ONLY)[0]
+                observation = sensors.observe(observation[None], -most, most, rngs, ONLY_ROBOT)[0]
             if task.has_goal:
                 way = beyond_imu(state, goal=task.goal(memory))
                 observation = np.concatenate([observation, way])
             action = finite_array("action", act(observation, t * TIMESTEP), (3,))
             left, right, caudal = scale_action(action).tolist()
-            follow = servos.carry(np.array([[left, right, caudal]]), _ONLY)[0].tolist()
+            follow = servos.carry(np.array([[left, right, caudal]]), ONLY_ROBOT)[0].tolist()
             for k in range(t, min(t + plan.interval, plan.steps)):
                 if k > t and k in changes:
                     world.update(changes[k])
@@ -100,8 +98,8 @@ def _sample(state: State) -> tuple[float, ...]:
 
 def _set_channels(robot: Scenario, sensors: Sensors, servos: DelayLines, dt: float) -> None:
     """Let a robot's sensors and the links to its servos become what a scenario says."""
-    sensors.update(_ONLY, Readings.of(robot))
-    servos.update(_ONLY, delay_steps(robot.servo_delay, dt), robot.servo_hold / dt)
+    sensors.update(ONLY_ROBOT, Readings.of(robot))
+    servos.update(ONLY_ROBOT, delay_steps(robot.servo_delay, dt), robot.servo_hold / dt)
 
 
 def act_alone(program: Program, robot: int, fins: Floats, gains: Floats) -> Act:

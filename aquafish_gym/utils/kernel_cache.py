@@ -28,7 +28,7 @@ from numba.core.caching import (
 )
 from platformdirs import user_cache_path
 
-MOST_BYTES = 256 * 2**20  # of kernels on disk; those of one version take some 10 MB
+MAXIMUM_CACHE_BYTES = 256 * 2**20  # of kernels on disk; those of one version take some 10 MB
 KEPT_SECONDS = 3600.0  # younger files are never removed
 ADVICE = "set NUMBA_CACHE_DIR to a folder that can be written"
 
@@ -156,7 +156,7 @@ class _IndexOfEach(IndexDataCacheFile):  # type: ignore[misc]
         return IndexDataCacheFile(self._cache_path, f"{base}.{name}", self._source_stamp)
 
 
-def prune(folder: Path, most_bytes: int = MOST_BYTES) -> None:
+def prune(folder: Path, most_bytes: int = MAXIMUM_CACHE_BYTES) -> None:
     """Remove the files that were not used for the longest time, until the others fit.
 
     A process that was about to read one compiles its kernel instead.

@@ -22,7 +22,7 @@ import numpy as np
 
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, file_path, parse_json
 
-MOST_BYTES = 32 * 2**20  # of a document
+MAXIMUM_DOCUMENT_BYTES = 32 * 2**20  # of a document
 _CHECKSUM, _CHECKSUM_DIGITS = "checksum", 16  # its key, and hexadecimal digits of SHA-256
 
 
@@ -143,7 +143,7 @@ def read_document(
     path: str | os.PathLike[str],
     schema: str | None = None,
     argument: str = "file",
-    most_bytes: int = MOST_BYTES,
+    most_bytes: int = MAXIMUM_DOCUMENT_BYTES,
 ) -> dict[str, Any]:
     """Return the content of a document, without its schema.
 

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 _MOST_PARTS = 2_000_000  # lists, objects and strings in a text in JSON; each takes 70 bytes
 Shape = tuple[int | None, ...]  # None is any length
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 class InvalidArgumentError(ValueError):
@@ -144,7 +144,7 @@ def flag(argument: str, value: object) -> bool:
     return bool(value)
 
 
-def instance(argument: str, value: object, kind: type[T]) -> T:
+def instance(argument: str, value: object, kind: type[_T]) -> _T:
     """Return ``value`` if it is an instance of ``kind``; the error names both."""
     if not isinstance(value, kind):
         raise InvalidArgumentError(

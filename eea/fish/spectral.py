@@ -17,8 +17,8 @@ from aquafish_gym.engines.compiled.lanes import LaneBatch
 from aquafish_gym.engines.compiled.spectrum import (
     coefficients,
     disagreements,
-    distances,
     pack_spectra,
+    spectral_distances,
 )
 from aquafish_gym.scenario import Scenario
 from eea.core.angles import Floats
@@ -43,7 +43,7 @@ class SpectralComparer(NamedTuple):
         """See ``Comparer``."""
         spectra = self._spectra(trials)
         packed = pack_spectra(observed, spectra.dtype.type)
-        return distances(spectra, packed, which) / coefficients(self.steps)
+        return spectral_distances(spectra, packed, which) / coefficients(self.steps)
 
     def between_models(self, trials: Trials, models: int) -> Floats:
         """See ``Comparer``."""

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from aquafish_gym.command import check_commands
 from aquafish_gym.damage import CHANNELS, Damage
-from aquafish_gym.damage.sensors import GYRO, Readings, Sensors
+from aquafish_gym.damage.sensors import GYRO_CHANNELS, ONLY_ROBOT, Readings, Sensors
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.packages import resolve_engine
 from aquafish_gym.imu import ImuLog
@@ -22,7 +22,6 @@ from eea.core.checks import instance
 from eea.fish.gap import RealityGap
 
 NO_GAP = RealityGap()
-_ONLY = np.zeros(1, np.intp)
 
 
 class EngineTarget:
@@ -149,16 +148,16 @@ class EngineTarget:
     def _observed(self, gyro: Floats, rng: np.random.Generator) -> Floats:
         """Return angular velocities (1, T, 3) as the damaged gyroscope records them."""
         truth = np.zeros((gyro.shape[1] + 1, len(CHANNELS)))
-        truth[0, GYRO] = self._gap.gyro_bias  # it begins at rest
-        truth[1:, GYRO] = gyro[0]
+        truth[0, GYRO_CHANNELS] = self._gap.gyro_bias  # it begins at rest
+        truth[1:, GYRO_CHANNELS] = gyro[0]
         sensors = Sensors(1, np.float64)
         sensors.remember(self._scenario.sensor_delay)
         for later in self._scenario.schedule:
             sensors.remember(later.to.sensor_delay)
-        sensors.update(_ONLY, Readings.of(self._scenario))
+        sensors.update(ONLY_ROBOT, Readings.of(self._scenario))
         observed = []
         for begin, end, change in self._scenario.segments(len(truth)):
             if change is not None:
-                sensors.update(_ONLY, Readings.of(change.to))
+                sensors.update(ONLY_ROBOT, Readings.of(change.to))
             observed.append(sensors.record(truth[begin:end], rng))
-        return np.concatenate(observed)[None, 1:, GYRO]
+        return np.concatenate(observed)[None, 1:, GYRO_CHANNELS]

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.damage import Damage
+from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.envs.episode import begin_episodes, check_episode
 from aquafish_gym.envs.tasks import check_task
 from aquafish_gym.rollout import rollout
@@ -22,7 +23,7 @@ from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, integer
 from aquafish_gym.world_config import WorldConfig
 from gait.controllers.controller import MAXIMUM_SEED, Controller, check_controllers, program_of
-from gait.scores.rollout import MAXIMUM_THREADS, SECONDS, ZERO_POSE, pair_swims, swim_all
+from gait.scores.rollout import SECONDS, ZERO_POSE, pair_swims, swim_all
 
 # A diverged robot scores as if it had swum backwards at this speed (units/s), faster than any does.
 DIVERGED_SPEED = -5.0

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.bodies import MorphologiesLike, body_array
 from aquafish_gym.engines.api import TIMESTEP, check_engine
+from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.morphology import Morphology, MorphologyLike
 from aquafish_gym.physics.layout import FIELDS, STATE_ROWS, angles_of_rows
 from aquafish_gym.rollout import rollout
@@ -46,7 +47,6 @@ SECONDS = 20.0  # Sec. 5: "as far forward as possible in 20 seconds"
 FRAME_SKIP = 20  # steps of 0.01 s for which the environments hold an action by default
 MAXIMUM_INTERVAL = 2000
 MAXIMUM_POSES = 10_000
-MAXIMUM_THREADS = 1024
 _MODEL_WORLD = WorldConfig()  # made once: its checks take as long as a short swim
 GOLDEN_RATIO = 1.2207440846057596  # of three dimensions: the root of x^4 = x + 1
 ZERO_POSE = (0.0, 0.0, 0.0)  # both flippers arms-back, the tail straight

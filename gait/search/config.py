@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal, NamedTuple, get_args
 
 from aquafish_gym.engines.api import TIMESTEP
+from aquafish_gym.engines.packages import MAXIMUM_THREADS
 from aquafish_gym.envs.tasks import TASKS
 from aquafish_gym.utils.validation import (
     InvalidArgumentError,
@@ -18,7 +19,7 @@ from aquafish_gym.utils.validation import (
 from gait.controllers.checks import MAXIMUM_HARMONICS
 from gait.controllers.controller import INTERVAL, MAXIMUM_SEED
 from gait.controllers.network import Senses
-from gait.scores.rollout import MAXIMUM_THREADS, SECONDS, step_count
+from gait.scores.rollout import SECONDS, step_count
 from gait.search import cma, neat
 from gait.search.ask_tell import generation_count, halving_stages
 

@@ -8,9 +8,9 @@ import pytest
 from aquafish_gym.engines.compiled.spectrum import (
     coefficients,
     disagreements,
-    distances,
     pack_spectra,
     padded,
+    spectral_distances,
 )
 from aquafish_gym.utils.validation import InvalidArgumentError
 from instruments.verification.trials import lane_batch, random_trials, rotations
@@ -61,7 +61,7 @@ def test_the_transform_is_numpys(steps: int, dtype: type[np.floating]) -> None:
 def test_distances_are_those_of_the_coefficients(dtype: type[np.floating]) -> None:
     found, expected = spectra(64, dtype), by_numpy(64, dtype)
     observed, which = expected[5:9], np.arange(COUNT) % 4
-    apart = distances(found, pack_spectra(observed, dtype), which)
+    apart = spectral_distances(found, pack_spectra(observed, dtype), which)
     np.testing.assert_allclose(
         apart, abs(expected - observed[which]).sum(axis=1), rtol=1e-5, atol=ROUNDING[dtype] * 1e4
     )
@@ -108,7 +108,7 @@ def test_a_robot_that_diverges_has_no_finite_spectrum_and_spoils_no_other() -> N
     batch = lane_batch(t.morphologies, t.fin_angles)
     batch._table(batch._states, 25)[10, 3] = 1e30  # spins
     found = batch.spectra(t.commands, 32, 2.0)
-    assert not np.isfinite(distances(found, found[:1].copy(), np.zeros(COUNT, int))[3])
+    assert not np.isfinite(spectral_distances(found, found[:1].copy(), np.zeros(COUNT, int))[3])
     others = np.arange(COUNT) != 3
     np.testing.assert_array_equal(found[others], spectra(32, np.float32)[others])
 

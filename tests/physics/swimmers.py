@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import TIMESTEP
-from aquafish_gym.engines.compiled.single import STATE, CompiledWorld
+from aquafish_gym.engines.compiled.single import STATE_ENTRIES, CompiledWorld
 from aquafish_gym.physics.kinematics import State, rotation, to_world
 from aquafish_gym.physics.layout import LEFT, STATE_NUMBERS, angles_of_rows
 from aquafish_gym.scenario import Scenario
@@ -129,7 +129,7 @@ class Single(Swimmer):
         ends, world = [], CompiledWorld()
         for body, row, command in zip(bodies, states.T, commands, strict=True):
             world.reset(Scenario.create(body, current=current))
-            world._numbers[STATE] = row[STATE]
+            world._numbers[STATE_ENTRIES] = row[STATE_ENTRIES]
             world.advance(tuple(command.tolist()), steps)
             ends.append(flatten(world.state()))
         return np.array(ends).T

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from aquafish_gym.engines.api import simulate_scenario
 from aquafish_gym.engines.compiled import lanes
-from aquafish_gym.engines.compiled.single import STATE
+from aquafish_gym.engines.compiled.single import STATE_ENTRIES
 from aquafish_gym.envs.env import AquaFishEnv
 from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.morphology import MAXIMA, Morphology
@@ -122,7 +122,7 @@ def state_rows(env: Any) -> NDArray[Any]:
     """View the compiled robots' own states, (22 or more, B), to be written to."""
     if isinstance(env, AquaFishVectorEnv):
         return env._swimmers._table(env._swimmers._states, layout.STATE_ROWS)
-    return env._world._numbers[STATE, None]
+    return env._world._numbers[STATE_ENTRIES, None]
 
 
 def strike(env: Any, blow: str, robot: int = 0) -> None:

@@ -70,7 +70,7 @@ def follow(orientations: Any, world_spins: Any, rpy: Any, gyro: Any) -> None:
         gyro[t, 0], gyro[t, 1], gyro[t, 2] = to_body(r, (w[0], w[1], w[2]))
 
 
-def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
+def compiled_push(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return one of this module's functions compiled, to the same results."""
     from aquafish_gym.physics import compiling  # numba takes a second to load
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from aquafish_gym.engines.bullet.push import compiled, follow
+from aquafish_gym.engines.bullet.push import compiled_push, follow
 from aquafish_gym.engines.bullet.world import BulletWorld, triple
 from aquafish_gym.imu import ImuLog
 from aquafish_gym.scenario import Scenario
@@ -28,7 +28,7 @@ def simulate_bullet(
     fin_angles = np.empty((batch, steps, 3))
     spins = np.empty((steps, 3))
     diverged = np.zeros(batch, dtype=np.bool_)
-    fill = compiled(follow)
+    fill = compiled_push(follow)
     for i in range(batch):
         one = scenario.take(i)
         world = BulletWorld(substeps)

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from aquafish_gym.engines.bullet.push import compiled, push, push_reactive
+from aquafish_gym.engines.bullet.push import compiled_push, push, push_reactive
 from aquafish_gym.engines.packages import load_pybullet
 from aquafish_gym.engines.worlds import RUNAWAY, World
 from aquafish_gym.physics.arithmetic import Vector
@@ -72,7 +72,7 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_idle_clients.clear)
 
 HINGES = ((-PECTORAL_X, PECTORAL_Y, 0.0), (PECTORAL_X, PECTORAL_Y, 0.0), (0.0, CAUDAL_Y, 0.0))
-AXES = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+HINGE_AXES = ((1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0))
 
 # Bullet's defaults are 1000 and 100, and joints would lag behind their servos.
 _UNLIMITED = 1e9
@@ -117,7 +117,7 @@ class BulletWorld(World):
     def _start(self, scenario: Scenario) -> None:
         self._check_process()
         angles = triple(scenario.fin_angles[0])
-        self._push = compiled(push_reactive if scenario.reactive else push)
+        self._push = compiled_push(push_reactive if scenario.reactive else push)
         rest = at_rest(angles)
         put_joints(self._joints, 0, 0, 1, (rest.left, rest.right, rest.phase, rest.rates))
         self.diverged = False
@@ -183,7 +183,7 @@ class BulletWorld(World):
             linkInertialFrameOrientations=turns,
             linkParentIndices=[0] * 3,
             linkJointTypes=[p.JOINT_REVOLUTE] * 3,
-            linkJointAxis=AXES,
+            linkJointAxis=HINGE_AXES,
             physicsClientId=client,
         )
         # By link, the base's, -1, being last. The caudal fin's width axis is the body's z, its

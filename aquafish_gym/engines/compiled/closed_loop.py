@@ -34,7 +34,7 @@ class ClosedLoop:
         self.task: Any = ()
         self.broken = False
         self._batch = batch
-        groups, rows = -(-batch // width), episode.ROWS + scratch
+        groups, rows = -(-batch // width), episode.EPISODE_ROWS + scratch
         self._episodes = np.zeros((groups, rows * width), dtype)
         self._view = self._episodes.reshape(groups, rows, width)
         self._noise = np.zeros((groups, 0), dtype)
@@ -46,13 +46,13 @@ class ClosedLoop:
         return self._episodes, self._noise, self.broken
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
-        """Return rows (n, B) of the table by the name that ``episode.FIELDS`` has for them."""
-        found = self._view[:, episode.FIELDS[name]].transpose(1, 0, 2)
+        """Return the rows (n, B) of a field; ``episode.EPISODE_FIELDS`` has the names."""
+        found = self._view[:, episode.EPISODE_FIELDS[name]].transpose(1, 0, 2)
         return found.reshape(found.shape[0], -1)[:, : self._batch].astype(np.float64)
 
     def __setitem__(self, name: str, rows: ArrayLike) -> None:
         """Set rows (n, B) of the table; robots that fill up the last register stay as they are."""
-        view = self._view[:, episode.FIELDS[name]]
+        view = self._view[:, episode.EPISODE_FIELDS[name]]
         groups, count, width = view.shape
         table = np.broadcast_to(rows, (count, self._batch))
         whole = self._batch // width

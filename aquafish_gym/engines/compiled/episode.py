@@ -1,8 +1,8 @@
 """State that a closed loop keeps per robot between control steps, and its observations.
 
 An episode's numbers stand in a flat array of one register's robots, row r in entry r; the rows of
-the policy's own memory come after ``ROWS``. The functions are straight-line code for any scalar
-backend (``physics/arithmetic.py``).
+the policy's own memory come after ``EPISODE_ROWS``. The functions are straight-line code for any
+scalar backend (``physics/arithmetic.py``).
 """
 
 from __future__ import annotations
@@ -41,24 +41,37 @@ _SIZES = {
     "dropped": 9,  # 1 where it says 0
 }
 _FIRST = list(accumulate(_SIZES.values(), initial=0))
-FIELDS: dict[str, slice] = dict(zip(_SIZES, map(slice, _FIRST, _FIRST[1:]), strict=True))
-FINS, GAIN, BEFORE, ACTION, MEMORY, TOTAL, ALIVE, OBSERVED, HELD = _FIRST[:9]
-BIAS, FRESH, STUCK, DROPPED, ROWS = _FIRST[9:]
-CHANNELS = _SIZES["observed"]
+EPISODE_FIELDS: dict[str, slice] = dict(zip(_SIZES, map(slice, _FIRST, _FIRST[1:]), strict=True))
+# The first row of each.
+RECKONED_ROW = EPISODE_FIELDS["fins"].start
+GAIN_ROW = EPISODE_FIELDS["gain"].start
+BEFORE_ROW = EPISODE_FIELDS["before"].start
+ACTION_ROW = EPISODE_FIELDS["action"].start
+MEMORY_ROW = EPISODE_FIELDS["memory"].start
+TOTAL_ROW = EPISODE_FIELDS["total"].start
+ALIVE_ROW = EPISODE_FIELDS["alive"].start
+OBSERVED_ROW = EPISODE_FIELDS["observed"].start
+HELD_ROW = EPISODE_FIELDS["held"].start
+BIAS_ROW = EPISODE_FIELDS["bias"].start
+FRESH_ROW = EPISODE_FIELDS["fresh"].start
+STUCK_ROW = EPISODE_FIELDS["stuck"].start
+DROPPED_ROW = EPISODE_FIELDS["dropped"].start
+EPISODE_ROWS = _FIRST[-1]
+OBSERVED_CHANNELS = _SIZES["observed"]
 _FIRST_OF_GYRO = 6
 
 
 def fetch_memory(kept: Any, like: Number) -> tuple[Number, ...]:
     """Read the task's memory."""
-    x, y, z = fetch_vector(kept, MEMORY, 0, 1, like)
-    u, v, w = fetch_vector(kept, MEMORY + 3, 0, 1, like)
+    x, y, z = fetch_vector(kept, MEMORY_ROW, 0, 1, like)
+    u, v, w = fetch_vector(kept, MEMORY_ROW + 3, 0, 1, like)
     return (x, y, z, u, v, w)
 
 
 def put_memory(kept: Any, memory: tuple[Number, ...]) -> None:
     """Write the task's memory."""
-    put_vector(kept, MEMORY, 0, 1, (memory[0], memory[1], memory[2]))
-    put_vector(kept, MEMORY + 3, 0, 1, (memory[3], memory[4], memory[5]))
+    put_vector(kept, MEMORY_ROW, 0, 1, (memory[0], memory[1], memory[2]))
+    put_vector(kept, MEMORY_ROW + 3, 0, 1, (memory[3], memory[4], memory[5]))
 
 
 def sensed(
@@ -79,49 +92,50 @@ def sensed(
     if not broken:
         return up, north, gyro
     like = gyro[0]
-    put_vector(kept, OBSERVED, 0, 1, up)
-    put_vector(kept, OBSERVED + 3, 0, 1, north)
-    put_vector(kept, OBSERVED + 6, 0, 1, gyro)
+    put_vector(kept, OBSERVED_ROW, 0, 1, up)
+    put_vector(kept, OBSERVED_ROW + 3, 0, 1, north)
+    put_vector(kept, OBSERVED_ROW + 6, 0, 1, gyro)
     fresh = 1.0 if first else 0.0
-    for i in range(CHANNELS):
-        x = fetch(kept, OBSERVED + i, like) + fetch(kept, BIAS + i, like)
+    for i in range(OBSERVED_CHANNELS):
+        x = fetch(kept, OBSERVED_ROW + i, like) + fetch(kept, BIAS_ROW + i, like)
         if i >= _FIRST_OF_GYRO and noise.size > 0:
             x = x + fetch(noise, 3 * step + i - _FIRST_OF_GYRO, like)
         x = clip(x, 1.0 if i < _FIRST_OF_GYRO else GYRO_RANGE)
         x, held = faulty(
             x,
-            fetch(kept, HELD + i, like),
-            fresh * fetch(kept, FRESH + i, like),
-            fetch(kept, STUCK + i, like),
-            fetch(kept, DROPPED + i, like),
+            fetch(kept, HELD_ROW + i, like),
+            fresh * fetch(kept, FRESH_ROW + i, like),
+            fetch(kept, STUCK_ROW + i, like),
+            fetch(kept, DROPPED_ROW + i, like),
         )
-        put(kept, HELD + i, held)
-        put(kept, OBSERVED + i, x)
+        put(kept, HELD_ROW + i, held)
+        put(kept, OBSERVED_ROW + i, x)
     return (
-        fetch_vector(kept, OBSERVED, 0, 1, like),
-        fetch_vector(kept, OBSERVED + 3, 0, 1, like),
-        fetch_vector(kept, OBSERVED + 6, 0, 1, like),
+        fetch_vector(kept, OBSERVED_ROW, 0, 1, like),
+        fetch_vector(kept, OBSERVED_ROW + 3, 0, 1, like),
+        fetch_vector(kept, OBSERVED_ROW + 6, 0, 1, like),
     )
 
 
 def note_action(kept: Any, action: Vector, command: Vector, position: Vector, dt: float) -> None:
-    """Keep an action and where it begins, and reckon the fins at its end by the believed gains."""
+    """Store an action and its start position; dead-reckon the fin angles after it."""
     like = action[0]
-    fins, gain = fetch_vector(kept, FINS, 0, 1, like), fetch_vector(kept, GAIN, 0, 1, like)
+    fins = fetch_vector(kept, RECKONED_ROW, 0, 1, like)
+    gain = fetch_vector(kept, GAIN_ROW, 0, 1, like)
     speeds = (gain[0] * command[0], gain[1] * command[1], gain[2] * command[2])
-    put_vector(kept, FINS, 0, 1, reckon(fins, speeds, dt))
-    put_vector(kept, ACTION, 0, 1, action)
-    put_vector(kept, BEFORE, 0, 1, position)
+    put_vector(kept, RECKONED_ROW, 0, 1, reckon(fins, speeds, dt))
+    put_vector(kept, ACTION_ROW, 0, 1, action)
+    put_vector(kept, BEFORE_ROW, 0, 1, position)
 
 
 def note_reward(kept: Any, terms: tuple[Number, ...], velocity: Vector, spin: Vector) -> None:
     """Add the terms of a reward, unless the robot has diverged."""
     like = velocity[0]
     square = dot(velocity, velocity) + dot(spin, spin)
-    alive = where_less(square, RUNAWAY, fetch(kept, ALIVE, like), 0.0)
-    total = fetch(kept, TOTAL, like)
+    alive = where_less(square, RUNAWAY, fetch(kept, ALIVE_ROW, like), 0.0)
+    total = fetch(kept, TOTAL_ROW, like)
     reward = 0.0 * like
     for term in terms:
         reward = reward + term
-    put(kept, TOTAL, where_less(0.0, alive, total + reward, total))
-    put(kept, ALIVE, alive)
+    put(kept, TOTAL_ROW, where_less(0.0, alive, total + reward, total))
+    put(kept, ALIVE_ROW, alive)

@@ -32,10 +32,10 @@ from aquafish_gym import command, sense
 from aquafish_gym.command import lane_servo_speeds
 from aquafish_gym.engines.compiled import episode, policies, recording
 from aquafish_gym.engines.compiled.episode import (
-    ACTION,
-    BEFORE,
-    FINS,
-    ROWS,
+    ACTION_ROW,
+    BEFORE_ROW,
+    EPISODE_ROWS,
+    RECKONED_ROW,
     fetch_memory,
     note_action,
     note_reward,
@@ -45,8 +45,8 @@ from aquafish_gym.engines.compiled.episode import (
 from aquafish_gym.engines.compiled.policies import OPEN_LOOP
 from aquafish_gym.engines.compiled.recording import (
     BLOCK,
-    GYRO,
-    SPECTRUM,
+    GYRO_BIT,
+    SPECTRUM_BIT,
     put_sample,
     write_blocks,
 )
@@ -72,7 +72,7 @@ from aquafish_gym.physics.reactive import step_reactive
 from aquafish_gym.scenario import TIMESTEP
 from aquafish_gym.sense import way_to
 
-Policy = Callable[..., Vector]
+CompiledPolicy = Callable[..., Vector]
 
 
 def _no_function(_task: Any, memory: Any, _time: float = 0.0) -> Any:
@@ -81,7 +81,7 @@ def _no_function(_task: Any, memory: Any, _time: float = 0.0) -> Any:
 
 @functools.cache
 def compile_kernel(
-    policy: Policy, width: int, reactive: bool = False, functions: Any = None
+    policy: CompiledPolicy, width: int, reactive: bool = False, functions: Any = None
 ) -> Any:
     """Return the compiled loop for a policy at a lane width; it compiles lazily.
 
@@ -125,8 +125,8 @@ def compile_kernel(
             np.empty(3 * BLOCK * width, parameters.dtype),
             np.empty(10 * BLOCK * width, parameters.dtype),
         )
-        series = np.empty(3 * steps * width if record & SPECTRUM else 0, parameters.dtype)
-        rates_only = not closed and record in (0, GYRO, SPECTRUM)
+        series = np.empty(3 * steps * width if record & SPECTRUM_BIT else 0, parameters.dtype)
+        rates_only = not closed and record in (0, GYRO_BIT, SPECTRUM_BIT)
         dt = interval * TIMESTEP
         for group in range(begin, end):
             robot = fetch_robot(parameters, 0, group, groups, zero)
@@ -137,7 +137,7 @@ def compile_kernel(
             kept, noise = episodes[group], noises[group]
             speeds = (zero, zero, zero)
             if closed:  # that of an action which goes on from the call before
-                speeds = lane_servo_speeds(fetch_vector(kept, ACTION, 0, 1, zero))
+                speeds = lane_servo_speeds(fetch_vector(kept, ACTION_ROW, 0, 1, zero))
             by = drive((gain[0] * speeds[0], gain[1] * speeds[1], gain[2] * speeds[2]), h)
             in_block, held = 0, phase
             for t in range(steps):
@@ -157,9 +157,9 @@ def compile_kernel(
                             kept, noise, broken, (first_step + t) // interval, t < interval,
                             up, north, state.spin,
                         )  # fmt: skip
-                        fins = fetch_vector(kept, FINS, 0, 1, zero)
+                        fins = fetch_vector(kept, RECKONED_ROW, 0, 1, zero)
                         action = policy(
-                            weights, layout, kept[ROWS * width :], group, groups, time,
+                            weights, layout, kept[EPISODE_ROWS * width :], group, groups, time,
                             up, north, gyro, fins, way,
                         )  # fmt: skip
                         speeds = lane_servo_speeds(action)
@@ -179,14 +179,18 @@ def compile_kernel(
                 if judged and held == 0:
                     memory = fetch_memory(kept, zero)
                     done = make_step(
-                        fetch_vector(kept, BEFORE, 0, 1, zero), state.position, state.orientation,
-                        fetch_vector(kept, ACTION, 0, 1, zero), memory, dt,
-                    )  # fmt: skip
+                        fetch_vector(kept, BEFORE_ROW, 0, 1, zero),
+                        state.position,
+                        state.orientation,
+                        fetch_vector(kept, ACTION_ROW, 0, 1, zero),
+                        memory,
+                        dt,
+                    )
                     note_reward(kept, rewards(task, done), state.velocity, state.spin)
                     if remembers:
                         put_memory(kept, remember(task, done))
                 # ... and what is asked for is recorded.
-                if record & SPECTRUM:
+                if record & SPECTRUM_BIT:
                     put_vector(series, 0, t, steps, scale(unit, state.spin))
                 elif record:
                     put_sample(blocks, record, in_block, rpy, state)
@@ -194,7 +198,7 @@ def compile_kernel(
                     if in_block == BLOCK or t == steps - 1:
                         write_blocks(blocks, logs, record, t + 1 - in_block, in_block, group, zero)
                         in_block = 0
-            if record & SPECTRUM:
+            if record & SPECTRUM_BIT:
                 write_spectrum(series, roots, steps, spectra, group, zero)
             if rates_only:
                 rpy = continue_attitude(rpy, attitude(rotation(state.orientation)))

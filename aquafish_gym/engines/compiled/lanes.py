@@ -14,9 +14,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from aquafish_gym.engines.compiled.closed_loop import ClosedLoop
-from aquafish_gym.engines.compiled.kernel import Policy, compile_kernel
+from aquafish_gym.engines.compiled.kernel import CompiledPolicy, compile_kernel
 from aquafish_gym.engines.compiled.policies import hold, perform
-from aquafish_gym.engines.compiled.recording import CHANNELS, GYRO, POSE, RPY, SPECTRUM
+from aquafish_gym.engines.compiled.recording import (
+    GYRO_BIT,
+    POSE_BIT,
+    RECORDED_CHANNELS,
+    RPY_BIT,
+    SPECTRUM_BIT,
+)
 from aquafish_gym.engines.compiled.spectrum import padded, roots_of_unity
 from aquafish_gym.engines.packages import MAXIMUM_THREADS, available_cores
 from aquafish_gym.imu import ImuLog
@@ -40,8 +46,12 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 Selection = NDArray[np.bool_] | NDArray[np.intp]
 
 _RECORDS = {
-    "nothing": 0, "rpy": RPY, "gyro": GYRO, "attitude": RPY | GYRO, "pose": RPY | GYRO | POSE,
-}  # fmt: skip
+    "nothing": 0,
+    "rpy": RPY_BIT,
+    "gyro": GYRO_BIT,
+    "attitude": RPY_BIT | GYRO_BIT,
+    "pose": RPY_BIT | GYRO_BIT | POSE_BIT,
+}
 _NO_LAYOUT: NDArray[np.int64] = np.zeros(1, np.int64)
 # Steps of a group that are worth a thread, 0.06 ms of work: it takes 0.04 ms to wake.
 _WORTH_A_THREAD = 300
@@ -174,7 +184,7 @@ class LaneBatch:
 
     def run(
         self,
-        policy: Policy,
+        policy: CompiledPolicy,
         weights: Reals,
         layout: NDArray[np.int64],
         steps: int,
@@ -197,11 +207,11 @@ class LaneBatch:
         self._run(policy, (weights, layout), steps, (interval, early), output, bits, loop)
         rpy, gyro, pose = (log.transpose(0, 2, 1) for log in logs)
         return ImuLog(
-            rpy=rpy if bits & RPY and record != "gyro" else None,
-            gyro=gyro if bits & GYRO else None,
-            position=pose[:, :, :3] if bits & POSE else None,
-            quaternion=pose[:, :, 3:7] if bits & POSE else None,
-            fin_angles=pose[:, :, 7:] if bits & POSE else None,
+            rpy=rpy if bits & RPY_BIT and record != "gyro" else None,
+            gyro=gyro if bits & GYRO_BIT else None,
+            position=pose[:, :, :3] if bits & POSE_BIT else None,
+            quaternion=pose[:, :, 3:7] if bits & POSE_BIT else None,
+            fin_angles=pose[:, :, 7:] if bits & POSE_BIT else None,
             diverged=self.diverged(),
         )
 
@@ -222,13 +232,13 @@ class LaneBatch:
         spectra = np.empty((self.groups * self.width, 2, padded(steps)), self.dtype)
         program = (self._pack_commands(commands), _NO_LAYOUT)
         output = (self._logs(), spectra, roots_of_unity(steps, self._dtype_name), scale)
-        self._run(hold, program, steps, (steps, 0), output, SPECTRUM)
+        self._run(hold, program, steps, (steps, 0), output, SPECTRUM_BIT)
         return spectra[: self.batch]
 
     def _logs(self, steps: int = 0, bits: int = 0) -> tuple[Reals, ...]:
         return tuple(
             np.empty((self.batch, n, steps) if bits & bit else (0, n, 0), self.dtype)
-            for bit, n in CHANNELS.items()
+            for bit, n in RECORDED_CHANNELS.items()
         )
 
     def _without_spectra(self, logs: tuple[Reals, ...]) -> Any:
@@ -246,7 +256,7 @@ class LaneBatch:
 
     def _run(
         self,
-        policy: Policy,
+        policy: CompiledPolicy,
         program: Any,
         steps: int,
         asking: tuple[int, int],

@@ -16,20 +16,23 @@ from aquafish_gym.physics.layout import put_vector
 BLOCK = 16  # samples
 WIDTHS = (1, 2, 4, 8, 16)  # a block is transposed in squares, so they divide it
 
-# What to record, as bits. SPECTRUM is the gyroscope's. Where it or GYRO is recorded alone, the
+# What to record. The spectrum is the gyroscope's. Where it or the gyroscope is recorded alone, the
 # attitude is computed only at the end.
-RPY, GYRO, POSE, SPECTRUM = 1, 2, 4, 8
+RPY_BIT = 1
+GYRO_BIT = 2
+POSE_BIT = 4
+SPECTRUM_BIT = 8
 # The channels of each log, in the order of the logs.
-CHANNELS = {RPY: 3, GYRO: 3, POSE: 10}
+RECORDED_CHANNELS = {RPY_BIT: 3, GYRO_BIT: 3, POSE_BIT: 10}
 
 
 def put_sample(blocks: Any, record: int, at: int, rpy: Vector, state: State) -> None:
     """Put sample ``at`` of a block: roll, pitch and yaw, the gyroscope, the pose."""
-    if record & RPY:
+    if record & RPY_BIT:
         put_vector(blocks[0], 0, at, BLOCK, rpy)
-    if record & GYRO:
+    if record & GYRO_BIT:
         put_vector(blocks[1], 0, at, BLOCK, state.spin)
-    if record & POSE:
+    if record & POSE_BIT:
         q = state.orientation
         put_vector(blocks[2], 0, at, BLOCK, state.position)
         put_vector(blocks[2], 3, at, BLOCK, (q[0], q[1], q[2]))
@@ -41,11 +44,11 @@ def write_blocks(
     blocks: Any, logs: Any, record: int, first: int, count: int, group: int, zero: Number
 ) -> None:
     """Write ``count`` samples of every block to the logs, from sample ``first`` on."""
-    if record & RPY:
+    if record & RPY_BIT:
         write_block(blocks[0], logs[0], first, count, group, zero)
-    if record & GYRO:
+    if record & GYRO_BIT:
         write_block(blocks[1], logs[1], first, count, group, zero)
-    if record & POSE:
+    if record & POSE_BIT:
         write_block(blocks[2], logs[2], first, count, group, zero)
 
 

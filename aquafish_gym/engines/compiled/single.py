@@ -36,12 +36,12 @@ from aquafish_gym.scenario import TIMESTEP, Scenario
 from aquafish_gym.utils.array_types import Triple
 
 # Where things stand in the array: the state, the robot, and the current.
-STATE = slice(0, STATE_NUMBERS)
-ROBOT = slice(STATE.stop, STATE.stop + ROBOT_ROWS)
-CURRENT = slice(ROBOT.stop, ROBOT.stop + 3)
-SIZE = CURRENT.stop
+STATE_ENTRIES = slice(0, STATE_NUMBERS)
+ROBOT_ENTRIES = slice(STATE_ENTRIES.stop, STATE_ENTRIES.stop + ROBOT_ROWS)
+CURRENT_ENTRIES = slice(ROBOT_ENTRIES.stop, ROBOT_ENTRIES.stop + 3)
+TOTAL_NUMBERS = CURRENT_ENTRIES.stop
 
-_FIRST_OF_ROBOT, _FIRST_OF_CURRENT = ROBOT.start, CURRENT.start
+_FIRST_OF_ROBOT, _FIRST_OF_CURRENT = ROBOT_ENTRIES.start, CURRENT_ENTRIES.start
 
 
 @functools.cache
@@ -84,26 +84,26 @@ class CompiledWorld(World):
     def __init__(self, substeps: int = 1) -> None:
         self._substeps = substeps
         # The whole robot. No views of it are kept: a copy's would show the original.
-        self._numbers = np.zeros(SIZE)
+        self._numbers = np.zeros(TOTAL_NUMBERS)
         self._gains = (1.0, 1.0, 1.0)
         self._reactive = False
 
     def _start(self, scenario: Scenario) -> None:
-        self._numbers[STATE] = start_rows(scenario.fin_angles)[STATE, 0]
+        self._numbers[STATE_ENTRIES] = start_rows(scenario.fin_angles)[STATE_ENTRIES, 0]
         self._reactive = scenario.reactive
         self.diverged = False
         self.update(scenario)
 
     def update(self, scenario: Scenario) -> None:
-        self._numbers[ROBOT] = robot_parameters(scenario.body, scenario.drag, scenario.fin_density)[
-            :, 0
-        ]
-        self._numbers[CURRENT] = scenario.current[0]
+        self._numbers[ROBOT_ENTRIES] = robot_parameters(
+            scenario.body, scenario.drag, scenario.fin_density
+        )[:, 0]
+        self._numbers[CURRENT_ENTRIES] = scenario.current[0]
         left, right, caudal = scenario.servo_gain[0].tolist()
         self._gains = (left, right, caudal)
 
     def set_current(self, current: Triple) -> None:
-        self._numbers[CURRENT] = current
+        self._numbers[CURRENT_ENTRIES] = current
 
     def _swim(self, command: Vector, steps: int) -> None:
         (left, right, caudal), (a, b, c) = command, self._gains

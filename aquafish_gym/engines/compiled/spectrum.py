@@ -23,7 +23,7 @@ from aquafish_gym.physics import simd
 from aquafish_gym.physics.arithmetic import Number, fetch, fma, put
 from aquafish_gym.physics.compiling import compiled_function
 
-AXES = 3
+GYRO_AXES = 3
 # Sums over coefficients always run in sixteen partial sums, whatever the machine's registers:
 # their rounding does not depend on it.
 PARTIAL = 16
@@ -31,7 +31,7 @@ PARTIAL = 16
 
 def coefficients(samples: int) -> int:
     """Return how many coefficients a trial has: T / 2 + 1 for each of three signals."""
-    return AXES * (samples // 2 + 1)
+    return GYRO_AXES * (samples // 2 + 1)
 
 
 def padded(samples: int) -> int:
@@ -155,11 +155,11 @@ def write_spectrum(
     ``series`` is flat lanes, T samples of each signal in turn, and is overwritten; ``samples``
     is T, and ``roots`` is of :func:`roots_of_unity`.
     """
-    width = series.size // (AXES * samples)
+    width = series.size // (GYRO_AXES * samples)
     rows = spectra.shape[2]
     spare = np.empty(samples * width, series.dtype)
     planes = (np.zeros(rows * width, series.dtype), np.zeros(rows * width, series.dtype))
-    for axis in range(AXES):
+    for axis in range(GYRO_AXES):
         one = series[axis * samples * width : (axis + 1) * samples * width]
         found = _transform(one, spare, roots, samples, zero)
         first = axis * (samples // 2 + 1)
@@ -208,7 +208,7 @@ def _between_pairs(spectra: Any, models: int, out: Any) -> None:
         out[action] = total
 
 
-def distances(
+def spectral_distances(
     spectra: NDArray[np.floating], observed: NDArray[np.floating], which: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """Return sum |a - b| over coefficients, (B,), of spectra (B, 2, F') to observed ones.
