@@ -7,7 +7,7 @@ from pathlib import Path
 from aquafish_gym.bodies import write_bodies
 from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.storage import write_document
-from eea.core.result import SCHEMA, Result
+from eea.core.result import RUN_SCHEMA, Result
 from eea.fish import save_posterior
 
 RESULT, TIMES, MODEL, PICTURE = "result.json", "times.json", "morphology.json", "rounds.png"
@@ -22,7 +22,7 @@ def write_outcome(folder: Path, result: Result) -> None:
     """
     document = result.to_dict()
     seconds = [record.pop("seconds") for record in document["rounds"]]
-    write_document(folder / RESULT, document, SCHEMA)
+    write_document(folder / RESULT, document, RUN_SCHEMA)
     write_document(folder / TIMES, {"seconds": seconds})
     if result.rounds:
         write_document(folder / MODEL, Morphology.from_array(result.body).to_dict())

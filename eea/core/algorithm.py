@@ -44,7 +44,8 @@ class EEAState:
 
     experiments: Experiments
     genomes: Genomes  #: The models' population, shape (N, bits).
-    known: tuple[Known, ...] = ()  #: Of each experiment; models survive, and meet it again.
+    #: Cached similarities of each experiment: surviving models are not simulated again.
+    known: tuple[Known, ...] = ()
 
 
 class EEA(Session[EEAState]):

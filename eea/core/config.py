@@ -19,7 +19,7 @@ from eea.core.checks import (
 PaperCondition = Literal["ideal", "none", "in-band", "out-of-band"]
 Condition = Literal["ideal", "none", "in-band", "out-of-band", "joint"]
 CONDITIONS: tuple[PaperCondition, ...] = get_args(PaperCondition)
-MAXIMUM_STEPS = 2**20  # the paper's longest trial has 1024
+MAXIMUM_TRIAL_STEPS = 2**20  # the paper's longest trial has 1024
 MAXIMUM_ROUNDS = 10**4
 MAXIMUM_SIZE = 10**6  # of a search; a typing error is refused at once
 
@@ -84,7 +84,7 @@ class PaperConfig:
     #: "out-of-band" infer them.
     condition: PaperCondition = "out-of-band"
     #: Length of a trial in samples, a power of two.
-    steps: int = whole_field(256, 2, MAXIMUM_STEPS)
+    steps: int = whole_field(256, 2, MAXIMUM_TRIAL_STEPS)
     rounds: int = whole_field(25, 1, MAXIMUM_ROUNDS)  #: Number of rounds, each with one trial.
     exploration: ExplorationConfig = ExplorationConfig()
     estimation: EstimationConfig = EstimationConfig()
@@ -154,7 +154,7 @@ class JointConfig(FitConfig):
 
     condition: ClassVar[Literal["joint"]] = "joint"
 
-    steps: int = whole_field(256, 16, MAXIMUM_STEPS)  #: Length of a trial in samples.
+    steps: int = whole_field(256, 16, MAXIMUM_TRIAL_STEPS)  #: Length of a trial in samples.
     rounds: int = whole_field(3, 1, MAXIMUM_ROUNDS)  #: Number of rounds, each with one trial.
     #: Stop once the 90% interval of every dimension is at most this share of its range and the fit
     #: is good; None for never.

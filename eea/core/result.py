@@ -20,8 +20,10 @@ from eea.core.fitness import (
 )
 from eea.core.genome import BitLayout
 
-SCHEMA = "eea.result/1"
-DECIMALS = 4  # of a share of a range: an inferred size is handed on to other searches with as many
+RUN_SCHEMA = "eea.result/1"
+SHARE_DECIMALS = (
+    4  # of a share of a range: an inferred size is handed on to other searches with as many
+)
 
 
 def handed_on(bodies: Floats, layout: BitLayout) -> Floats:
@@ -36,7 +38,7 @@ def handed_on(bodies: Floats, layout: BitLayout) -> Floats:
     >>> handed_on(np.array([0.800000221]), model_layout([("length", 1.6, 6)]))
     array([0.8])
     """
-    shares = np.round((bodies - layout.low) / layout.span, DECIMALS)
+    shares = np.round((bodies - layout.low) / layout.span, SHARE_DECIMALS)
     return np.asarray(layout.low + shares * layout.span)
 
 
@@ -212,7 +214,7 @@ class Result:
     def to_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
         return {
-            "schema": SCHEMA,
+            "schema": RUN_SCHEMA,
             "config": self.config.to_dict(),
             "seed": self.seed,
             "stopped": self.stopped,

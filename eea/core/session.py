@@ -21,7 +21,7 @@ from eea.core.result import Result, RoundFit, RoundRecord
 STREAMS: tuple[str, ...] = ("target", "exploration", "estimation", "inference")
 MAXIMUM_SEED = 2**64 - 1
 
-State = TypeVar("State")
+SessionState = TypeVar("SessionState")
 Streams = dict[str, np.random.Generator]
 
 
@@ -44,11 +44,11 @@ class Trial(NamedTuple):
     true_angles: Floats | None  #: The hidden angles (h,) at its start, if the target reveals them.
 
 
-class Session(ABC, Generic[State]):
+class Session(ABC, Generic[SessionState]):
     """A run of a method against a target, round by round.
 
-    Subclasses implement ``_choose`` and ``_fit``, which take an immutable state of type ``State``
-    and return a new one. Random generators are copied for each round, so a round that raises, or is
+    Subclasses implement ``_choose`` and ``_fit``, which take an immutable state of type
+    ``SessionState`` and return a new one. Random generators are copied for each round, so a round that raises, or is
     interrupted by Ctrl-C, changes nothing, and a new loop continues after the last complete round.
     (The target has moved, of course: it performs that round's command again.)
 
@@ -73,7 +73,7 @@ class Session(ABC, Generic[State]):
         config: Config,
         seed: int,
         truth: Floats | None,
-        state: State,
+        state: SessionState,
         rngs: Streams,
     ) -> None:
         if not callable(getattr(target, "perform", None)):
@@ -83,7 +83,7 @@ class Session(ABC, Generic[State]):
         self._truth = None if truth is None else finite("truth", truth, (len(problem.models),))
         self._stopped = "interrupted"
         # All that a round changes, replaced in one assignment.
-        self._kept: tuple[State, Streams, tuple[RoundRecord, ...]] = state, rngs, ()
+        self._kept: tuple[SessionState, Streams, tuple[RoundRecord, ...]] = state, rngs, ()
 
     @property
     def result(self) -> Result:
@@ -100,18 +100,20 @@ class Session(ABC, Generic[State]):
         )
 
     @abstractmethod
-    def _choose(self, state: State, rngs: Streams) -> tuple[Floats, float | None]:
+    def _choose(self, state: SessionState, rngs: Streams) -> tuple[Floats, float | None]:
         """Return the next command (c,) and its ACT_FIT, if it has one."""
 
     @abstractmethod
-    def _fit(self, state: State, trial: Trial, rngs: Streams) -> tuple[State, RoundFit]:
+    def _fit(
+        self, state: SessionState, trial: Trial, rngs: Streams
+    ) -> tuple[SessionState, RoundFit]:
         """Return the state after another trial, and what was found."""
 
-    def _posterior(self, state: State) -> Any:  # noqa: ARG002
+    def _posterior(self, state: SessionState) -> Any:  # noqa: ARG002
         """Return the posterior, if the method has one."""
         return None
 
-    def _accurate(self, state: State) -> bool:  # noqa: ARG002
+    def _accurate(self, state: SessionState) -> bool:  # noqa: ARG002
         """Return whether the method has no need of another round."""
         return False
 

@@ -12,7 +12,7 @@ from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
 from eea.fish.joint import GAIN, LAG, SERVOS
-from eea.joint.joint_posterior import SAMPLES, JointPosterior
+from eea.joint.joint_posterior import INTERVAL_SAMPLES, JointPosterior
 
 
 class Fins(NamedTuple):
@@ -55,7 +55,7 @@ def fins_after(result: Result) -> Fins:
             "result must be of the condition joint, after a trial from unknown fin angles"
         )
     best = belief.branches[0]
-    theta = best.posterior.sample(SAMPLES, np.random.default_rng(0))
+    theta = best.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))
     last = best.parameters.local(theta)[:, -1]
     _, nuisances, angles = best.parameters.inputs(last)
     gains = nuisances[:, GAIN] * nuisances[:, SERVOS]

@@ -24,7 +24,7 @@ from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
 from eea.joint.inference import fit
-from eea.joint.initialization import SCANNED, scan
+from eea.joint.initialization import EVERY_FOURTH_SAMPLE, scan
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import COARSE, Regression, descend
 from eea.joint.observed import Observed
@@ -240,7 +240,7 @@ class _Log(NamedTuple):
         regression = Regression(parameters, observed, None)
         rng = np.random.default_rng(self.seed)
         theta = scan(regression, rng, SCREENING)
-        misfit = regression.misfit(COARSE if iterations else SCANNED)
+        misfit = regression.misfit(COARSE if iterations else EVERY_FOURTH_SAMPLE)
         if iterations:
             sigma = regression.sigma_near(misfit, theta)
             ended = descend(misfit, theta, sigma, iterations, 1e-2)

@@ -26,7 +26,7 @@ from eea.fish.readings import NEAR
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import Start, log_windows
-from eea.joint.change_detection import ALARM, ChangeDetector, WindowTest
+from eea.joint.change_detection import FALSE_ALARM_PROBABILITY, ChangeDetector, WindowTest
 from eea.joint.inference import fit
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.search import Optima
@@ -174,7 +174,7 @@ def watch_swim(
     log: SwimLog,
     belief: JointPosterior,
     *,
-    alarm: float = ALARM,
+    alarm: float = FALSE_ALARM_PROBABILITY,
     seed: int = 0,
     until_noticed: bool = False,
     progress: Callable[[int, int], None] | None = None,

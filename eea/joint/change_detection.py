@@ -28,11 +28,11 @@ from eea.joint.observed import Observed
 from eea.joint.parameters import Parameters
 from eea.joint.problem import JointProblem
 
-ALARM = 1e-6  # probability of a false alarm in each window
-LEAST_ALARM = 1e-100  # with 0 there would never be one
-EFFORTS = (64, 512, 4096)  # numbers of random starts, until one explains the window
-UNSUSPICIOUS = 1e-2  # p-value above which a window is not examined further
-STARTS = 6
+FALSE_ALARM_PROBABILITY = 1e-6  # probability of a false alarm in each window
+LEAST_FALSE_ALARM_PROBABILITY = 1e-100  # with 0 there would never be one
+START_COUNTS = (64, 512, 4096)  # of random starts, until one explains the window
+EXAMINED_P_VALUE = 1e-2  # a window with a greater one is not examined further
+POSE_SCANS = 6  # that share the random starts
 
 
 class WindowTest(NamedTuple):
@@ -45,7 +45,7 @@ class WindowTest(NamedTuple):
 
 def check_alarm(alarm: float) -> None:
     """Raise InvalidArgumentError unless ``alarm`` can be a probability of false alarms."""
-    real("alarm", alarm, LEAST_ALARM, 1.0)
+    real("alarm", alarm, LEAST_FALSE_ALARM_PROBABILITY, 1.0)
 
 
 class ChangeDetector:
@@ -65,7 +65,11 @@ class ChangeDetector:
     """
 
     def __init__(
-        self, joint: JointProblem, belief: JointPosterior, alarm: float = ALARM, seed: int = 0
+        self,
+        joint: JointProblem,
+        belief: JointPosterior,
+        alarm: float = FALSE_ALARM_PROBABILITY,
+        seed: int = 0,
     ) -> None:
         check_alarm(alarm)
         whole("seed", seed, 0)
@@ -89,14 +93,14 @@ class ChangeDetector:
         angles = len(self._one.angle_entries(0))
         freedom = observed.size - angles
         cost = np.inf
-        for effort in EFFORTS:
+        for effort in START_COUNTS:
             cost = min(cost, self._explained(observed, effort))
             ratio = 2.0 * cost / freedom
             if self._samples:
                 p = float(f.sf(ratio, freedom, self._samples))
             else:
                 p = float(chi2.sf(ratio * freedom, freedom))
-            if p >= max(UNSUSPICIOUS, self.alarm):
+            if p >= max(EXAMINED_P_VALUE, self.alarm):
                 break
         return WindowTest(p, p >= self.alarm, ratio)
 
@@ -104,8 +108,8 @@ class ChangeDetector:
         """Return the least cost found from ``effort`` random starts."""
         one, sigma = self._one, self._sigma
         window = Regression(one, observed, sigma)
-        typical, each = one.into_bounds(one.prior_mean[None]), -(-effort // STARTS)
-        starts = [pose(window, typical, each, self._rng)[0] for _ in range(STARTS)]
+        typical, each = one.into_bounds(one.prior_mean[None]), -(-effort // POSE_SCANS)
+        starts = [pose(window, typical, each, self._rng)[0] for _ in range(POSE_SCANS)]
         coarse = descend(window.misfit(COARSE), np.concatenate(starts), sigma, 12, 1e-2)
         near = coarse.theta[np.argsort(coarse.cost, kind="stable")[:2]]
         return float(descend(window.misfit(FINE), near, sigma, 10, 1e-3).cost.min())

@@ -12,20 +12,23 @@ from eea.core.angles import Floats
 from eea.joint.posterior import Posterior
 from eea.joint.problem import Hypothesis, JointProblem
 
-MASS = 0.9  # of the intervals that are judged
-ABSENT = 0.02  # a part is absent if its area's 95% quantile is below this share of the largest
-TIED, TIED_WIDTH = 0.8, 0.1  # correlation, and interval as a share of the range, of a trade-off
-UNTOLD = 0.5  # a wider interval, as a share of the range, says nothing
-LEAST_WEIGHT = 0.05  # less probable bodies are not reported
-LEAST_TOLD = 0.01  # less probable hypotheses are not reported
+DIAGNOSTIC_MASS = 0.9  # of the intervals that are judged
+# A part is absent if the 95% quantile of its area is below this share of the largest area.
+ABSENT_AREA_SHARE = 0.02
+# Sizes trade off above this correlation if both intervals exceed this share of their ranges.
+TRADE_OFF_CORRELATION = 0.8
+TRADE_OFF_WIDTH = 0.1
+UNINFORMATIVE_WIDTH = 0.5  # a wider interval, as a share of the range, says nothing
+LEAST_REPORTED_WEIGHT = 0.05  # less probable bodies are not reported
+LEAST_REPORTED_PROBABILITY = 0.01  # less probable hypotheses are not reported
 # In cost: hypotheses that fit alike. A missing part has three sizes fewer to fit noise with, which
 # costs less than this in 99% of cases.
-ALIKE = 5.7
-BEYOND = 4.0  # sd that the best fit lies outside the range
-AT_BOUND = 1e-6  # of a range
-DRAWS = 512  # of a mode, for the place of its body
-NOTHING = "the data tell next to nothing of the body: each size may be almost any"
-NOTHING_ELSE = "of the rest of the body the data tell next to nothing: each size may be almost any"
+EQUAL_FIT_COST = 5.7
+BEYOND_RANGE_SDS = 4.0  # by which the best fit lies outside the range
+BOUND_DISTANCE = 1e-6  # of a range
+MODE_DRAWS = 512  # of a mode, for the place of its body
+UNCONSTRAINED_BODY = "the data do not constrain the body: no size is determined"
+UNCONSTRAINED_REST = "the data do not constrain the rest of the body: no other size is determined"
 
 
 class _Size(NamedTuple):
@@ -36,7 +39,7 @@ class _Size(NamedTuple):
     place: int  # in the posterior, as a share of its range
     low: float
     high: float
-    hint: str  # as a clause: "; a faster tail would tell"
+    hint: str  # as a clause: "; move the tail faster to find out"
 
     @property
     def name(self) -> str:
@@ -68,22 +71,25 @@ def findings(posterior: Posterior, joint: JointProblem, fits: Sequence[Fit] = ()
     moot += [f for f in fits if f.hypothesis.part in removed and f.hypothesis is not best]
     said = faults([f for f in fits if f not in moot], joint)
     said += [absence for name, absence in absences.items() if name not in removed]
-    low, high = posterior.interval(MASS)
+    low, high = posterior.interval(DIAGNOSTIC_MASS)
     width = (high - low) / (posterior.high - posterior.low)
-    if len(present) > 1 and min(width[size.place] for size in present) > UNTOLD:
-        return [*said, NOTHING_ELSE if absences else NOTHING]
+    if len(present) > 1 and min(width[size.place] for size in present) > UNINFORMATIVE_WIDTH:
+        return [*said, UNCONSTRAINED_REST if absences else UNCONSTRAINED_BODY]
     said += _beyond(posterior, present)
     said += _bodies(posterior, present)
     trading = set()
     for first, second in combinations(present, 2):
         a, b = first.place, second.place
-        if abs(posterior.correlation[a, b]) > TIED and min(width[a], width[b]) > TIED_WIDTH:
+        if (
+            abs(posterior.correlation[a, b]) > TRADE_OFF_CORRELATION
+            and min(width[a], width[b]) > TRADE_OFF_WIDTH
+        ):
             trading |= {a, b}
             hint = (first if width[a] >= width[b] else second).hint
             other = second.label if first.part == second.part else second.name
             said.append(f"{first.name} and {other} trade off{hint}")
     for size in present:
-        if width[size.place] > UNTOLD and size.place not in trading:
+        if width[size.place] > UNINFORMATIVE_WIDTH and size.place not in trading:
             least, most = size.value(np.array([low[size.place], high[size.place]]))
             said.append(
                 f"the data do not tell {size.name}: anything from {least:.2g} to {most:.2g}"
@@ -138,10 +144,12 @@ def faults(fits: Sequence[Fit], joint: JointProblem) -> list[str]:
     Those about parts that fit alike differ only in the volume of their priors, and are one
     sentence, the most probable first; so are one and the nominal hypothesis.
     """
-    nominal = [f for f in fits if f.hypothesis.name == joint.nominal.name and f.excess < ALIKE]
+    nominal = [
+        f for f in fits if f.hypothesis.name == joint.nominal.name and f.excess < EQUAL_FIT_COST
+    ]
     odd = [f for f in fits if f.hypothesis.name != joint.nominal.name]
-    odd = [f for f in odd if f.probability > LEAST_TOLD]
-    alike = [f for f in odd if f.hypothesis.part and f.excess < ALIKE]
+    odd = [f for f in odd if f.probability > LEAST_REPORTED_PROBABILITY]
+    alike = [f for f in odd if f.hypothesis.part and f.excess < EQUAL_FIT_COST]
     said: list[str] = []
     for fit in odd:
         if fit not in alike or len(alike) + len(nominal) < 2:
@@ -163,7 +171,7 @@ def _absence(posterior: Posterior, area: Sequence[_Size]) -> str | None:
     one, other = area
     areas = one.value(posterior.draws[:, one.place]) * other.value(posterior.draws[:, other.place])
     most = float(np.quantile(areas, 0.95))
-    if most > ABSENT * (one.high * other.high):
+    if most > ABSENT_AREA_SHARE * (one.high * other.high):
         return None
     return f"{one.part} is absent: its area is at most {most:.2g}"
 
@@ -174,10 +182,10 @@ def _is_beyond(posterior: Posterior, index: int) -> bool:
     With the information A and the gradient g there, that optimum lies -A^-1 g away.
     """
     mode = posterior.modes[int(np.argmax(posterior.weights))]
-    if mode.gradient[index] >= 0.0 or mode.theta[index] < posterior.high[index] - AT_BOUND:
+    if mode.gradient[index] >= 0.0 or mode.theta[index] < posterior.high[index] - BOUND_DISTANCE:
         return False
     spread = np.linalg.pinv(mode.information, hermitian=True)
-    return bool(-spread[index] @ mode.gradient > BEYOND * np.sqrt(spread[index, index]))
+    return bool(-spread[index] @ mode.gradient > BEYOND_RANGE_SDS * np.sqrt(spread[index, index]))
 
 
 def _bodies(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
@@ -192,7 +200,7 @@ def _bodies(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
     reach = 0.01 * (posterior.high - posterior.low)[indices]
     bodies: list[tuple[float, Floats, Floats]] = []  # weight, median, sd
     for place in np.argsort(-posterior.weights, kind="stable"):
-        drawn = posterior.components[place].sample(DRAWS, np.random.default_rng(0))[:, indices]
+        drawn = posterior.components[place].sample(MODE_DRAWS, np.random.default_rng(0))[:, indices]
         middle, spread = np.median(drawn, axis=0), drawn.std(axis=0)
         weight = float(posterior.weights[place])
         for k, (known, there, wide) in enumerate(bodies):
@@ -201,7 +209,7 @@ def _bodies(posterior: Posterior, sizes: Sequence[_Size]) -> list[str]:
                 break
         else:
             bodies.append((weight, middle, spread))
-    bodies = sorted((b for b in bodies if b[0] >= LEAST_WEIGHT), key=lambda b: -b[0])
+    bodies = sorted((b for b in bodies if b[0] >= LEAST_REPORTED_WEIGHT), key=lambda b: -b[0])
     if len(bodies) < 2:
         return []
     apart = np.ptp([middle for _, middle, _ in bodies], axis=0)

@@ -25,7 +25,7 @@ from eea.joint.parameters import FIXED
 from eea.joint.posterior import Mode
 from eea.joint.problem import Discrepancy
 from eea.joint.search import Optima
-from eea.joint.slow_errors import NEGLIGIBLE
+from eea.joint.slow_errors import LEAST_EIGENVALUE_SHARE
 
 
 def doubted(optima: Optima, best: Optima, discrepancy: Discrepancy) -> list[Mode]:
@@ -108,6 +108,10 @@ def scaled(information: Floats, gradient: Floats, factors: Floats) -> tuple[Floa
     information = 0.5 * (information + information.T)
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     unit = information / np.outer(scale, scale)
-    step = np.linalg.pinv(unit, rcond=NEGLIGIBLE, hermitian=True) @ (gradient / scale) / scale
+    step = (
+        np.linalg.pinv(unit, rcond=LEAST_EIGENVALUE_SHARE, hermitian=True)
+        @ (gradient / scale)
+        / scale
+    )
     narrowed: Floats = information / np.outer(factors, factors)
     return narrowed, narrowed @ step

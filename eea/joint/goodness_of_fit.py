@@ -13,8 +13,8 @@ from eea.core.angles import Floats
 from eea.core.checks import ConfigurationError, finite
 
 LAGS = 10  # samples
-ALARM = 1e-3  # rate of false alarms
-FLOOR = 3e-6  # of the signal's rms: residuals of a smaller rms are rounding
+FALSE_ALARM_RATE = 1e-3  # rate of false alarms
+LEAST_RELATIVE_RMS = 3e-6  # of the signal's rms: residuals of a smaller rms are rounding
 #: rad/s. A gyroscope that costs a dollar has a hundredth of it; louder noise has to be given.
 LOUDEST_NOISE = 0.3
 
@@ -108,16 +108,16 @@ def goodness_of_fit(
     how_sure = f"p = {p:.2g}" if p >= 1e-6 else "p < 1e-6"
     words = f"the best fit leaves {rms:.3g} rad/s"
     loud = sigma is None and rms > LOUDEST_NOISE
-    if p >= ALARM and loud:
+    if p >= FALSE_ALARM_RATE and loud:
         words = (
             f"no body explains the log: {words}, more than a gyroscope's noise (if it is noise, "
             "its standard deviation must be given)"
         )
-    elif p >= ALARM:
+    elif p >= FALSE_ALARM_RATE:
         words += f", as noise would ({how_sure})"
     else:
         words = f"no body explains the log: {words}, which is {worst} ({how_sure})"
-    good = p >= ALARM and not loud
+    good = p >= FALSE_ALARM_RATE and not loud
     return Goodness(rms, size_p, whiteness_p, peak_p, p, good, words, slow_p)
 
 

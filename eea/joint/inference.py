@@ -19,13 +19,13 @@ from eea.joint.initialization import pose
 from eea.joint.joint_posterior import HypothesisPosterior, JointPosterior, WarmStart
 from eea.joint.least_squares import FINE, Regression
 from eea.joint.observed import Observed
-from eea.joint.parameters import SURE, Parameters
+from eea.joint.parameters import FIXED_PRECISION, Parameters
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem, Simulate
 from eea.joint.search import Optima, halved, improved, search
 
-ABSENT = 0.02  # of a range: a smaller part is hard to tell from one that does not move
-HOPELESS = 50.0  # in log evidence: hypotheses worse by this are not fitted again
+ABSENT_SIZE_SHARE = 0.02  # of a range: a smaller part is hard to tell from one that does not move
+HOPELESS_LOG_EVIDENCE = 50.0  # in log evidence: hypotheses worse by this are not fitted again
 LEAST_PROBABILITY = 1e-4  # less probable hypotheses are left out
 
 
@@ -136,7 +136,9 @@ def fit(
 
     # Leave what the fit of more trials starts from.
     optima = {**start.optima, **{h.name: o for h, o in fitted}}
-    hopeless = {fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS)}
+    hopeless = {
+        fitted[i][0].name for i in np.flatnonzero(evidence < evidence.max() - HOPELESS_LOG_EVIDENCE)
+    }
     dropped = (start.dropped | hopeless) - {joint.nominal.name}
     return JointPosterior(
         branches,
@@ -183,8 +185,8 @@ def _optimize(
 ) -> Optima:
     """Fit all trials under a hypothesis, also from ``earlier`` optima and those as commanded.
 
-    Trials that no body explained before are searched ``once``, not again and again. Most
-    alternatives are wrong: they too are searched once, and later with half the effort.
+    ``once``: one scan without restarts, where no body explained the trials before. Alternatives
+    get one scan, too; later rounds halve their descents, as most alternatives are wrong.
     """
     parameters, trials, starts = regression.parameters, len(regression.observed), None
     if earlier is not None:
@@ -225,7 +227,7 @@ def _plausible(
     absent = {
         name
         for name, part in joint.parts.items()
-        if any(least[place(dimension)] < ABSENT for dimension in part.area)
+        if any(least[place(dimension)] < ABSENT_SIZE_SHARE for dimension in part.area)
     }
     return [h for h in likely if h.name in probable or h.part in absent]
 
@@ -282,6 +284,6 @@ def carried_over(earlier: Optima, parameters: Parameters) -> Floats:
     for i, name in enumerate(parameters.names):
         sources = (name, name.partition("@")[0], f"{name}@1")
         source = next((column[source] for source in sources if source in column), None)
-        if source is not None and parameters.prior_precision[i] < SURE:
+        if source is not None and parameters.prior_precision[i] < FIXED_PRECISION:
             theta[:, i] = earlier.fits.theta[:, source]
     return theta

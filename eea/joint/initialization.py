@@ -15,11 +15,14 @@ from eea.core.config import FitConfig
 from eea.joint.least_squares import COARSE, Precision, Regression, descend
 from eea.joint.parameters import Parameters
 
-SCANNED = Precision(fine=False, stride=4, difference=0.0)
-EVERY = Precision(fine=False, stride=1, difference=0.0)  # a jerk is in one sample
+EVERY_FOURTH_SAMPLE = Precision(fine=False, stride=4, difference=0.0)
+EVERY_SAMPLE = Precision(fine=False, stride=1, difference=0.0)  # a jerk is in one sample
 SCANNED_TRIALS = 4  # that rank the bodies
 SHARED_VALUES = 16  # tried for an angle that all trials share
-HOP_STARTS, HOP_MODES, HOP_CLOSE, HOP_FITS = 32, 4, 20.0, 16
+HOP_STARTS = 32
+HOP_MODES = 4
+HOP_COST = 20.0
+HOP_FITS = 16
 
 
 def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) -> Floats:
@@ -37,7 +40,7 @@ def scan(regression: Regression, rng: np.random.Generator, effort: FitConfig) ->
         kept = pose(regression, kept, effort.poses, rng, rest)[0]
     if not _lined(parameters):
         return kept[: effort.descents]
-    seen = observed.sampled(some, regression.stride(SCANNED))
+    seen = observed.sampled(some, regression.stride(EVERY_FOURTH_SAMPLE))
     sigma = regression.noise or float(np.sqrt(squares.min() / seen))
     kept, cost = aligned(regression, kept, sigma)
     return kept[np.argsort(cost, kind="stable")[: effort.descents]]
@@ -78,7 +81,7 @@ def pose(
     """
     parameters, observed = regression.parameters, regression.observed
     trials = range(len(observed)) if trials is None else trials
-    misfit = regression.misfit(SCANNED)
+    misfit = regression.misfit(EVERY_FOURTH_SAMPLE)
     angles = parameters.angle_entries(0)
     common = np.isin(angles, parameters.angle_entries(len(observed) - 1)) & (len(observed) > 1)
     groups = SHARED_VALUES if common.any() else 1
@@ -153,7 +156,7 @@ def hop(regression: Regression, theta: Floats, sigma: float, rng: np.random.Gene
         for i in order:
             excess = 0.5 * (fits.squares[i] - fits.squares[order[0]]) / sigma**2
             excess *= regression.stride(COARSE)
-            if excess > HOP_CLOSE or len(valleys) > HOP_MODES:
+            if excess > HOP_COST or len(valleys) > HOP_MODES:
                 break
             angles = fits.theta[i, entries]
             if all(circular_distance(angles, valley).max() > 0.1 for valley in valleys):
@@ -205,6 +208,6 @@ def _along(
     line = np.repeat(theta[:, None], len(tried) + 1, axis=1)
     line[:, 1:, entry] = tried
     flat = line.reshape(-1, theta.shape[1])
-    squares = regression.misfit(EVERY).squares(flat)
+    squares = regression.misfit(EVERY_SAMPLE).squares(flat)
     cost = 0.5 * squares / sigma**2 + regression.parameters.prior_cost(flat)
     return line, cost.reshape(len(theta), -1)

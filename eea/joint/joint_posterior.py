@@ -19,7 +19,7 @@ from eea.joint.posterior import Posterior, holding, intervals
 from eea.joint.problem import Hypothesis, Prior
 from eea.joint.search import Optima
 
-SAMPLES = 4000  # for medians and intervals
+INTERVAL_SAMPLES = 4000  # for medians and intervals
 MAXIMUM_SAMPLES = 10**7
 LEAST_SD = 1e-6  # of a range, in a prior
 
@@ -53,7 +53,7 @@ class HypothesisPosterior:
         entries = [
             i for i, n in enumerate(names) if "@" not in n and not self.parameters.circular[i]
         ]
-        theta = self.posterior.sample(SAMPLES, np.random.default_rng(0))[:, entries]
+        theta = self.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))[:, entries]
         covariance = np.cov(theta, rowvar=False) + LEAST_SD**2 * np.eye(len(entries))
         return Prior(tuple(names[i] for i in entries), theta.mean(axis=0), covariance)
 
@@ -103,13 +103,15 @@ class JointPosterior:
 
     @cached_property
     def _bodies(self) -> Floats:
-        return self._drawn(SAMPLES, np.random.default_rng(0))
+        return self._drawn(INTERVAL_SAMPLES, np.random.default_rng(0))
 
     @cached_property
     def model(self) -> Floats:
         """The median body (n,) inside the model."""
         inside = [branch.posterior for branch in self.branches]
-        median: Floats = np.median(self._mixed(inside, SAMPLES, np.random.default_rng(0)), axis=0)
+        median: Floats = np.median(
+            self._mixed(inside, INTERVAL_SAMPLES, np.random.default_rng(0)), axis=0
+        )
         return median
 
     @property

@@ -30,16 +30,19 @@ from eea.core.angles import Floats
 from eea.joint.observed import Observed
 from eea.joint.parameters import FIXED, Parameters
 
-FLOOR = 1e-6  # of Marquardt's diagonal, as a share of its greatest entry
+LEAST_DIAGONAL_SHARE = 1e-6  # of Marquardt's diagonal, as a share of its greatest entry
 FACTORS = (0.1, 1.0, 10.0)  # of the damping, tried in one batch
 AFTER_FAILURE = 30.0
-FIRST_DAMPING, LEAST_DAMPING, MOST_DAMPING = 1e-2, 1e-12, 1e10
-LARGEST_SHARE, LARGEST_TURN = 0.3, 0.7  # of a step: share of a range, rad
+FIRST_DAMPING = 1e-2
+LEAST_DAMPING = 1e-12
+MOST_DAMPING = 1e10
+LARGEST_SHARE = 0.3  # of a range, in a step
+LARGEST_TURN = 0.7  # rad, in a step
 LOOK_AHEAD = 0.1  # h, of a step
 MOST_BEND = 0.75  # 2 |a| / |v|, above which the acceleration is ignored
-ENOUGH = 2  # small decreases in a row end a descent
+SMALL_DECREASES = 2  # in a row end a descent
 MOST_ROBOTS = 2**15  # in a batch, which limits memory
-LEAST_SIGMA = 3e-7  # of the signal's rms: smaller residuals are rounding
+LEAST_RELATIVE_SIGMA = 3e-7  # of the signal's rms: smaller residuals are rounding
 
 
 class Precision(NamedTuple):
@@ -225,7 +228,7 @@ class Regression:
     @property
     def least_sigma(self) -> float:
         """The standard deviation of rounding, rad/s."""
-        return LEAST_SIGMA * self.rms
+        return LEAST_RELATIVE_SIGMA * self.rms
 
     def sigma(self, squares: float, count: int) -> float:
         """Return the noise's standard deviation for the squares of ``count`` residuals."""
@@ -282,7 +285,9 @@ def descend(
         small[live] = np.where(better & (gain >= tolerance), 0, small[live] + 1)
         # Failures with too little damping are no sign of convergence.
         small[live] = np.where(better | (damping[live] > 1.0), small[live], small[live] - 1)
-        going = (small[live] < ENOUGH) & (damping[live] < MOST_DAMPING) & (cost[live] > 0.0)
+        going = (
+            (small[live] < SMALL_DECREASES) & (damping[live] < MOST_DAMPING) & (cost[live] > 0.0)
+        )
         live = live[going]
     return Fitted(parameters.into_bounds(theta), squares, cost)
 
@@ -299,7 +304,7 @@ def _stepped(
     """Return one damped step from each vector (L, P), within the bounds."""
     parameters = misfit.parameters
     diagonal = np.einsum("lpp->lp", normal)
-    scale = np.maximum(diagonal, FLOOR * diagonal.max(axis=1, keepdims=True))
+    scale = np.maximum(diagonal, LEAST_DIAGONAL_SHARE * diagonal.max(axis=1, keepdims=True))
     scale = np.maximum(scale, np.finfo(float).tiny)
     # Parameters at a bound do not move out of the box.
     held = (theta <= parameters.low) & (gradient > 0) | (theta >= parameters.high) & (gradient < 0)

@@ -17,7 +17,9 @@ from scipy.fft import dct
 
 from eea.core.angles import Floats
 
-EVEN = 0.5  # of the mean distance of two samples: readings within it of even times count as even
+EVEN_TIME_SHARE = (
+    0.5  # of the mean distance of two samples: readings within it of even times count as even
+)
 
 
 class SlowBasis(NamedTuple):
@@ -95,7 +97,7 @@ class Observed:
         weight = np.ones(count) if self.weight is None else self.weight[trial, :count]
         time = np.arange(count, dtype=float) if self.time is None else self.time[trial, :count]
         pace = float(np.diff(time).mean())
-        uneven = np.abs(time - time[0] - pace * np.arange(count)).max() > EVEN * pace
+        uneven = np.abs(time - time[0] - pace * np.arange(count)).max() > EVEN_TIME_SHARE * pace
         if not uneven and np.ptp(weight) == 0.0:
             return SlowBasis(weight[0] ** 2 * spectrum(count, duration / pace), None)
         covariance = np.exp(-np.abs(time[:, None] - time) / duration) * np.outer(weight, weight)

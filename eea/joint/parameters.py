@@ -12,7 +12,8 @@ from eea.core.angles import Floats, wrap
 from eea.joint.problem import Hypothesis, JointProblem, Prior
 
 FIXED = -1  # in ``slots``: a constant instead of a parameter
-SURE = 1e12  # the prior's precision of a dimension that a hypothesis fixes, which stays an entry
+# The prior's precision of a dimension that a hypothesis fixes. The dimension stays an entry.
+FIXED_PRECISION = 1e12
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +64,7 @@ class Parameters:
         for i, name in enumerate(models.names):
             if name in hypothesis.fixed:
                 constants[i] = (hypothesis.fixed[name] - low[i]) / span[i]
-                shared.append((name, i, constants[i], SURE))
+                shared.append((name, i, constants[i], FIXED_PRECISION))
             else:
                 shared.append((name, i, 0.5, 0.0))
         for i, nuisance in enumerate(nuisances, len(models)):

@@ -10,11 +10,12 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.parameters import Parameters
 from eea.joint.posterior import Mode
 
-LEAST_SIGMA, MOST_SIGMA = 1e-15, 1e3  # rad/s
-ROUNDING = 1e-6  # of a range, rad, or a share
+LEAST_SIGMA = 1e-15  # rad/s
+MOST_SIGMA = 1e3  # rad/s
+ROUNDING_TOLERANCE = 1e-6  # of a range, rad, or a share
 MOST_INFORMATION = 1e30  # 1/range^2 or 1/rad^2; a size that a hypothesis fixes has 1e12
 MOST_COST = 1e15
-LEFT_OUT = 0.01  # probability of all hypotheses that are less probable than 1e-4
+OMITTED_PROBABILITY = 0.01  # probability of all hypotheses that are less probable than 1e-4
 
 
 def check_posterior(belief: JointPosterior) -> None:
@@ -27,7 +28,7 @@ def check_posterior(belief: JointPosterior) -> None:
     shares = [branch.probability for branch in belief.branches]
     for share in shares:
         real("its probability", share, 0.0, 1.0)
-    real("its probabilities' sum", sum(shares), 1.0 - LEFT_OUT, 1.0 + ROUNDING)
+    real("its probabilities' sum", sum(shares), 1.0 - OMITTED_PROBABILITY, 1.0 + ROUNDING_TOLERANCE)
     _check_goodness(belief.goodness)
     for branch in belief.branches:
         for part in (branch.posterior, branch.doubted):
@@ -35,7 +36,7 @@ def check_posterior(belief: JointPosterior) -> None:
                 check_mode(mode, branch.parameters)
             with np.errstate(all="ignore"):
                 weights = part.weights
-            if not (np.isfinite(weights).all() and abs(weights.sum() - 1.0) < ROUNDING):
+            if not (np.isfinite(weights).all() and abs(weights.sum() - 1.0) < ROUNDING_TOLERANCE):
                 raise ConfigurationError("its modes must have probabilities that sum to 1")
 
 
@@ -52,7 +53,7 @@ def check_mode(mode: Mode, parameters: Parameters) -> None:
         if np.shape(array) != shape or not np.isfinite(array).all():
             raise ConfigurationError(f"its {name} must be finite, of shape {shape}")
     real("its cost", mode.cost, -MOST_COST, MOST_COST)
-    outside = (mode.theta < low - ROUNDING) | (mode.theta > high + ROUNDING)
+    outside = (mode.theta < low - ROUNDING_TOLERANCE) | (mode.theta > high + ROUNDING_TOLERANCE)
     if outside.any():
         i = int(outside.argmax())
         raise ConfigurationError(
@@ -60,16 +61,16 @@ def check_mode(mode: Mode, parameters: Parameters) -> None:
             f"it is {mode.theta[i]:.4g}"
         )
     diagonal = np.diag(mode.information)
-    if diagonal.min() < -ROUNDING or diagonal.max() > MOST_INFORMATION:
+    if diagonal.min() < -ROUNDING_TOLERANCE or diagonal.max() > MOST_INFORMATION:
         raise ConfigurationError(
             f"its information must be at least 0 and at most {MOST_INFORMATION:g} on the diagonal; "
             f"it is from {diagonal.min():.4g} to {diagonal.max():.4g}"
         )
     scale = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     unit = mode.information / np.outer(scale, scale)
-    if np.abs(unit - unit.T).max() > ROUNDING:
+    if np.abs(unit - unit.T).max() > ROUNDING_TOLERANCE:
         raise ConfigurationError("its information must be symmetric")
-    if np.linalg.eigvalsh(unit).min() < -ROUNDING * size:
+    if np.linalg.eigvalsh(unit).min() < -ROUNDING_TOLERANCE * size:
         raise ConfigurationError("its information must have no negative eigenvalue")
 
 

@@ -14,10 +14,12 @@ from eea.core.angles import TURN, Floats, wrap
 from eea.core.checks import real
 from eea.joint.truncated_normal import BoxNormal
 
-DRAWS = 4096  # for summaries: a 5% quantile is then one of 4.3 to 5.7%
+SUMMARY_DRAWS = 4096  # for summaries: a 5% quantile is then one of 4.3 to 5.7%
 #: Two equal normal densities have two peaks only if their centres are more than two sd apart.
-APART = 2.0
-PILED = 1.25  # ratio of the densities at a bound and at the far end, above which it is one-sided
+PEAK_DISTANCE_SDS = 2.0
+ONE_SIDED_DENSITY_RATIO = (
+    1.25  # ratio of the densities at a bound and at the far end, above which it is one-sided
+)
 
 
 class Mode(NamedTuple):
@@ -43,7 +45,7 @@ def distinct(modes: Sequence[Mode], circular: NDArray[np.bool_]) -> tuple[Mode, 
             way = mode.theta - better.theta
             way = np.where(circular, wrap(way), way)
             rise = better.gradient @ way + 0.5 * way @ better.information @ way
-            if rise <= 0.5 * APART**2:
+            if rise <= 0.5 * PEAK_DISTANCE_SDS**2:
                 break
         else:
             kept.append(mode)
@@ -121,7 +123,7 @@ class Posterior:
     @cached_property
     def draws(self) -> Floats:
         """The (4096, P) draws that all summaries use, always the same."""
-        return self.sample(DRAWS, np.random.default_rng(0))
+        return self.sample(SUMMARY_DRAWS, np.random.default_rng(0))
 
     def interval(self, mass: float = 0.9) -> tuple[Floats, Floats]:
         """Return the ends, (P,) and (P,), of each parameter's interval, which holds its median.
@@ -175,8 +177,8 @@ def intervals(
         draws, [0.05, 0.15, 0.1, tail, 1.0 - tail, 0.9, 0.85, 0.95], axis=0
     )
     # A tenth of the draws lies between each pair of these, whose distances are as 1/density.
-    at_low = four - three > PILED * (near - low)
-    at_high = two - one > PILED * (high - far)
+    at_low = four - three > ONE_SIDED_DENSITY_RATIO * (near - low)
+    at_high = two - one > ONE_SIDED_DENSITY_RATIO * (high - far)
     one_sided = (at_low != at_high) & ~circular
     to, since = np.quantile(draws, [mass, 1.0 - mass], axis=0)
     start = np.where(one_sided, np.where(at_low, low, since), start)

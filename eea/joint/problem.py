@@ -106,11 +106,11 @@ class Hypothesis:
     name: str  #: A clause, for people.
     #: Values of dimensions and nuisances that it fixes.
     fixed: Mapping[str, float] = field(default_factory=dict)
-    shared_angles: tuple[str, ...] = ()  #: Hidden angles that are then the same in all trials.
-    freed: tuple[str, ...] = ()  #: Switches that are then inferred.
+    shared_angles: tuple[str, ...] = ()  #: Hidden angles that are the same in all trials.
+    freed: tuple[str, ...] = ()  #: Switches that are inferred.
     part: str = ""  #: The name of the part that it concerns, if any.
-    changed: tuple[str, ...] = ()  #: What a ``Prior`` then says nothing of.
-    #: Those of more changes are only fitted where none of fewer explains the trials.
+    changed: tuple[str, ...] = ()  #: Parameters whose prior is dropped.
+    #: A hypothesis of more changes is fitted only where none of fewer explains the trials.
     changes: int = 1
     odds: float = 1.0  #: Its prior probability, relative to that of the others.
 
@@ -148,7 +148,7 @@ class Part:
 
 
 #: Takes bodies, nuisances, commands and angles of B trials; returns (B, K, T, axes), rad/s.
-Shapes = Callable[[Floats, Floats, NDArray[Any], Floats], Floats]
+DifferenceShapes = Callable[[Floats, Floats, NDArray[Any], Floats], Floats]
 
 
 @dataclass(frozen=True)
@@ -164,8 +164,7 @@ class Calibration:
     array([0.9, 0.8])
     """
 
-    #: sigma over the root of the sum of the signal's squares, ascending: by so much noise alone
-    #: leaves the size of the whole signal open.
+    #: Noise over the signal's norm, ascending, at which ``rows`` are given.
     levels: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]  #: A row for each level, a factor for each dimension.
 
@@ -191,7 +190,7 @@ class Discrepancy:
     #: After which it has changed by a factor of e, in the unit of the trials' times: in samples,
     #: where those have none.
     duration: float
-    shapes: Shapes | None = None  #: The differences of known shape, or none.
+    shapes: DifferenceShapes | None = None  #: The differences of known shape, or none.
     calibration: Calibration | None = None  #: None leaves the intervals as they are.
 
     def __post_init__(self) -> None:

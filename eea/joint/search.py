@@ -15,20 +15,21 @@ import numpy as np
 from eea.core.angles import Floats, circular_distance
 from eea.core.checks import TargetError
 from eea.core.config import FitConfig
-from eea.joint.goodness_of_fit import FLOOR, Goodness, goodness_of_fit
+from eea.joint.goodness_of_fit import LEAST_RELATIVE_RMS, Goodness, goodness_of_fit
 from eea.joint.initialization import hop, pose, relined, scan
 from eea.joint.least_squares import COARSE, FINE, Fitted, Regression, descend
 from eea.joint.parameters import Parameters
 from eea.joint.slow_errors import slow_errors
 
-CLOSE = 10.0  # in cost: optima farther from the best have less than 1/20,000 of its weight
-HOPS = 3  # maximum number, from the best optimum
-SOON = 8  # iterations after which the worse half of the starting points is dropped
-SAME = 1e-3  # of a range, or rad: closer optima are one
-VALLEY = 0.05  # of a range: bodies that differ by more in a size are kept beside a better one
-AGREE = 1e-3  # of the residuals: two scans that end so near each other have found the optimum
-WORSE = 1.5  # times the squares that another hypothesis leaves: not worth completing
-PROMISING = 1e-3  # rad/s: an exact fit leaves less in single precision
+CLOSE_COST = 10.0  # optima farther from the best have less than 1/20,000 of its weight
+MAXIMUM_HOPS = 3  # from the best optimum
+FIRST_ITERATIONS = 8  # after them the worse half of the starting points is dropped
+SAME_OPTIMUM_DISTANCE = 1e-3  # of a range, or rad: closer optima are one
+# As a share of a range: bodies that differ by more in a size are kept beside a better one.
+VALLEY_SIZE_DIFFERENCE = 0.05
+SCAN_TOLERANCE = 1e-3  # of sigma: two scans that agree within it have found the optimum
+RIVAL_SQUARES_RATIO = 1.5  # with more, relative to a rival hypothesis, a search is not completed
+EXACT_FIT_SIGMA = 1e-3  # rad/s: an exact fit leaves less in single precision
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,7 @@ class Optima:
     def goodness(self) -> Goodness:
         """Whether the best leaves nothing but noise."""
         regression = self.regression
-        parameters, floor = regression.parameters, FLOOR * regression.rms
+        parameters, floor = regression.parameters, LEAST_RELATIVE_RMS * regression.rms
         discrepancy = parameters.joint.discrepancy
         slow_p = None
         if discrepancy is not None:
@@ -93,7 +94,7 @@ def search(
             scanned = effort if attempt else halved(effort)
         starts = np.concatenate([starts, scan(regression, rng, scanned)])
         found = _refine(regression, starts, rng, effort, rival)
-        same = best is not None and abs(found.sigma / best.sigma - 1.0) < AGREE
+        same = best is not None and abs(found.sigma / best.sigma - 1.0) < SCAN_TOLERANCE
         best = found if best is None else _optima(regression, _together(best.fits, found.fits))
         if once or same or best.goodness.good:
             break
@@ -130,7 +131,7 @@ def _exact(regression: Regression, theta: Floats) -> Optima | None:
     fine = regression.misfit(FINE)
     squares = fine.squares(theta)
     sigma = regression.sigma(squares.min(), fine.count)
-    if regression.noise is not None or sigma > PROMISING:
+    if regression.noise is not None or sigma > EXACT_FIT_SIGMA:
         return None
     polished = descend(fine, theta[squares.argmin()][None], sigma, 400, 1e-9)
     if regression.sigma(polished.squares.min(), fine.count) > regression.least_sigma:
@@ -147,7 +148,7 @@ def _refine(
 ) -> Optima:
     """Descend from vectors (S, P), then hop from the best unless it is far worse than a rival."""
     parameters, fine = regression.parameters, regression.misfit(FINE)
-    begun = _downhill(regression, starts, SOON)
+    begun = _downhill(regression, starts, FIRST_ITERATIONS)
     some = _different(parameters, begun, -(-len(starts) // 2))
     ended = _downhill(regression, some.theta)
     first = _different(parameters, ended, 2 * effort.polished).theta
@@ -155,7 +156,7 @@ def _refine(
     if exact is not None:
         return exact
     squares = fine.squares(first)
-    if squares.min() > WORSE * rival:
+    if squares.min() > RIVAL_SQUARES_RATIO * rival:
         return _optima(regression, Fitted(first, squares, squares))
     again = pose(regression, first, 2 * effort.poses, rng)[0]
     moved = relined(regression, first, regression.sigma_near(fine, first), 1)
@@ -163,7 +164,7 @@ def _refine(
     chosen = _different(parameters, second, effort.polished).theta
     sigma = regression.sigma_near(fine, chosen)
     polished = _best(descend(fine, chosen, sigma, 40, 1e-6), effort.polished)
-    for _ in range(HOPS):
+    for _ in range(MAXIMUM_HOPS):
         sigma = regression.sigma(polished.squares.min(), fine.count)
         if sigma <= regression.least_sigma:  # there is nothing better
             break
@@ -189,7 +190,7 @@ def _optima(regression: Regression, fitted: Fitted) -> Optima:
     sigma = regression.sigma(fitted.squares.min(), regression.observed.size)
     cost = 0.5 * fitted.squares / sigma**2 + parameters.prior_cost(fitted.theta)
     found = _unique(parameters, fitted._replace(cost=cost))
-    near = found.cost <= found.cost[0] + CLOSE
+    near = found.cost <= found.cost[0] + CLOSE_COST
     return Optima(regression, found.of(near), sigma)
 
 
@@ -208,11 +209,14 @@ def _different(parameters: Parameters, fitted: Fitted, count: int) -> Fitted:
     A narrow corner may be slightly lower than a wide valley that has nearly all of the probability:
     many descents into the corner must not displace those into the valley.
     """
-    return _best(_unique(parameters, fitted, parameters.body, VALLEY), count)
+    return _best(_unique(parameters, fitted, parameters.body, VALLEY_SIZE_DIFFERENCE), count)
 
 
 def _unique(
-    parameters: Parameters, fitted: Fitted, entries: int | None = None, same: float = SAME
+    parameters: Parameters,
+    fitted: Fitted,
+    entries: int | None = None,
+    same: float = SAME_OPTIMUM_DISTANCE,
 ) -> Fitted:
     """Return each optimum once, best first: those that differ in the first entries (None: all)."""
     ordered = _best(fitted, len(fitted.cost))

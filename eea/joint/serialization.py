@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eea.core.checks import ConfigurationError, TargetError, brief, finite, whole
-from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_STEPS
+from eea.core.config import MAXIMUM_ROUNDS, MAXIMUM_TRIAL_STEPS
 from eea.core.genome import BitLayout, Variable
 from eea.core.problem import Problem
 from eea.joint.goodness_of_fit import Goodness
@@ -26,7 +26,7 @@ from eea.joint.plausibility import check_mode, check_posterior
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem, Nuisance, Part
 
-SCHEMA = "eea.posterior/4"
+POSTERIOR_SCHEMA = "eea.posterior/4"
 ARRAYS = ("header", "theta", "information", "cost", "gradient")
 MOST_SLOTS = 10**7  # numbers that all trials are simulated with
 
@@ -38,7 +38,7 @@ def to_arrays(posterior: JointPosterior) -> dict[str, NDArray[Any]]:
     parts = [part for branch in posterior.branches for part in (branch.posterior, branch.doubted)]
     modes = [mode for part in parts for mode in part.modes]
     header = {
-        "schema": SCHEMA,
+        "schema": POSTERIOR_SCHEMA,
         "models": [asdict(variable) for variable in problem.models.variables],
         "actions": [asdict(variable) for variable in problem.actions.variables],
         "hidden": problem.hidden,
@@ -89,14 +89,14 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
     try:
         header = json.loads(arrays["header"].tobytes())
         schema = header["schema"]
-        if schema == SCHEMA:
+        if schema == POSTERIOR_SCHEMA:
             return _read(header, arrays)
     except ConfigurationError:
         raise
     except (LookupError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ConfigurationError(f"it does not describe a posterior: {brief(error)}") from None
     raise ConfigurationError(
-        f"its schema must be {SCHEMA}; it is {brief(schema)}: infer again with this version"
+        f"its schema must be {POSTERIOR_SCHEMA}; it is {brief(schema)}: infer again with this version"
     )
 
 
@@ -119,7 +119,7 @@ def _read(header: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> Join
     whole("its number of trials", trials, 1, MAXIMUM_ROUNDS)
     slots = len(joint.problem.models) + len(joint.nuisances) + len(header["unknown"])
     whole("its numbers in all trials", trials * slots, 1, MOST_SLOTS)
-    whole("its samples", header["samples"], 0, trials * MAXIMUM_STEPS * joint.problem.axes)
+    whole("its samples", header["samples"], 0, trials * MAXIMUM_TRIAL_STEPS * joint.problem.axes)
     for name in ARRAYS[1:]:
         finite(f"its {name}", arrays[name], (None,))
     for row in header["branches"]:

@@ -20,7 +20,7 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.observed import Observed
 from eea.joint.problem import JointProblem
 
-MASS = 0.9  # of the intervals in the records, and of the stop rule
+SESSION_MASS = 0.9  # of the intervals in the records, and of the stop rule
 
 
 class JointState(NamedTuple):
@@ -108,7 +108,7 @@ class JointInference(Session[JointState]):
         posterior, widest = state.posterior, self.config.max_interval_width
         if widest is None or posterior is None or not posterior.good:
             return False
-        low, high = posterior.interval(MASS)
+        low, high = posterior.interval(SESSION_MASS)
         return bool(((high - low) <= widest * self._problem.models.span).all())
 
 
@@ -126,7 +126,7 @@ def round_fit(posterior: JointPosterior) -> RoundFit:
     return RoundFit(
         posterior.model,
         float(model_fitness(sim)),
-        Context(*posterior.angles(len(observed) - 1, MASS), confidence=MASS),
+        Context(*posterior.angles(len(observed) - 1, SESSION_MASS), confidence=SESSION_MASS),
         posterior.spread,
         start.robots,
     )

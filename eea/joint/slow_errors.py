@@ -15,8 +15,8 @@ from eea.core.angles import Floats
 from eea.joint.least_squares import FINE, Regression
 from eea.joint.parameters import FIXED
 
-NEGLIGIBLE = 1e-12  # of the largest scaled eigenvalue: directions without information
-AT_BOUND = 1e-9  # of a range
+LEAST_EIGENVALUE_SHARE = 1e-12  # of the largest scaled eigenvalue: directions without information
+ACTIVE_BOUND_DISTANCE = 1e-9  # of a range
 
 
 def slow_errors(regression: Regression, theta: Floats, duration: float) -> float:
@@ -34,7 +34,9 @@ def slow_errors(regression: Regression, theta: Floats, duration: float) -> float
     linear = misfit.linearise(theta[None])
     entries = parameters.slots[:, misfit.free]
     # What a bound holds takes nothing from the residuals.
-    inner = (theta > parameters.low + AT_BOUND) & (theta < parameters.high - AT_BOUND)
+    inner = (theta > parameters.low + ACTIVE_BOUND_DISTANCE) & (
+        theta < parameters.high - ACTIVE_BOUND_DISTANCE
+    )
     loud = np.array(
         [(one[:n] ** 2).mean() for one, n in zip(observed.signal, observed.counts, strict=True)]
     )
@@ -71,6 +73,8 @@ def _taken(sums: Floats, prior: Floats) -> Floats:
     """Return (J^T J + prior)^-1 J^T W^n J, (3, P, P), without directions of no information."""
     whole = sums[0] + prior
     scale = np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(whole / np.outer(scale, scale), rcond=NEGLIGIBLE, hermitian=True)
+    inverse = np.linalg.pinv(
+        whole / np.outer(scale, scale), rcond=LEAST_EIGENVALUE_SHARE, hermitian=True
+    )
     found: Floats = (inverse / np.outer(scale, scale)) @ sums
     return found

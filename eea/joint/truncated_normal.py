@@ -17,14 +17,15 @@ from scipy.special import log_ndtr, ndtri_exp
 
 from eea.core.angles import Floats
 
-ROUNDING = 1e-13  # of the largest eigenvalue, below which an eigenvalue is rounding
-FLAT = 0.01  # the least precision, in 1/range^2: its density falls by 0.5% over a range
-STEPS = 50  # of Newton's method, at most
-TRIED = 4096  # points that the mass is estimated from
-AT_ONCE = 65536  # points proposed at once, at most
-SCARCE = 0.01  # the share of accepted points below which chains are used
-SWEEPS = 60  # of a chain before a point is taken
-TAKEN, APART = 16, 5  # points of a chain, and sweeps from one to the next
+EIGENVALUE_ROUNDING = 1e-13  # of the largest eigenvalue, below which an eigenvalue is rounding
+LEAST_PRECISION = 0.01  # in 1/range^2: its density falls by 0.5% over a range
+NEWTON_STEPS = 50  # at most
+MASS_POINTS = 4096  # points that the mass is estimated from
+MAXIMUM_PROPOSALS = 65536  # points proposed at once, at most
+CHAIN_ACCEPTANCE = 0.01  # share of accepted points below which chains are used
+FIRST_SWEEPS = 60  # of a chain before a point is taken
+CHAIN_POINTS = 16  # taken from each chain
+SWEEPS_BETWEEN_POINTS = 5
 
 
 def log_mass(low: ArrayLike, high: ArrayLike) -> Floats:
@@ -59,7 +60,7 @@ def _root(information: Floats, floor: Floats) -> Floats:
     """
     scale = np.sqrt(np.maximum(np.diag(information), floor))
     values, vectors = np.linalg.eigh(information / np.outer(scale, scale))
-    values = np.where(values > ROUNDING * values[-1], values, 0.0)
+    values = np.where(values > EIGENVALUE_ROUNDING * values[-1], values, 0.0)
     return np.vstack([np.sqrt(values)[:, None] * vectors.T * scale, np.diag(np.sqrt(floor))])
 
 
@@ -91,7 +92,9 @@ class BoxNormal:
         held = ((gradient > 0.0) & (at - self.low < 1e-6 * span)) | (
             (gradient < 0.0) & (self.high - at < 1e-6 * span)
         )
-        factor = _root(information, FLAT * (span**-2.0 + np.where(held, gradient, 0.0) ** 2))
+        factor = _root(
+            information, LEAST_PRECISION * (span**-2.0 + np.where(held, gradient, 0.0) ** 2)
+        )
         whole = _triangle(factor)
         step = solve_triangular(whole, solve_triangular(whole, gradient, trans="T"))
         self._centre = at - step  # of the whole normal, maybe outside
@@ -105,8 +108,8 @@ class BoxNormal:
         self._tilt, self._bound = self._minimax(at)
         mass = 0.0
         if self._bound < -1e-9:  # a wall is near
-            weights = self._propose(TRIED, np.random.default_rng(0))[1]
-            mass = float(np.logaddexp.reduce(weights)) - np.log(TRIED)
+            weights = self._propose(MASS_POINTS, np.random.default_rng(0))[1]
+            mass = float(np.logaddexp.reduce(weights)) - np.log(MASS_POINTS)
             if not np.isfinite(self._bound):  # no tilt was found: the greatest weight seen
                 self._bound = float(weights.max())
         self._accepted = float(np.exp(min(mass - self._bound, 0.0)))
@@ -118,12 +121,12 @@ class BoxNormal:
 
         If less than 1% would be accepted, they come from Markov chains, 16 from each.
         """
-        if self._accepted < SCARCE:
+        if self._accepted < CHAIN_ACCEPTANCE:
             return self._chains(count, rng)
         kept, lacking = [np.empty((0, len(self.low)))], count
         while lacking > 0:
             wanted = int(1.1 * lacking / self._accepted) + 16
-            points, weights = self._propose(min(wanted, AT_ONCE), rng)
+            points, weights = self._propose(min(wanted, MAXIMUM_PROPOSALS), rng)
             kept.append(points[rng.exponential(size=len(points)) > self._bound - weights])
             lacking -= len(kept[-1])
         return np.concatenate(kept)[:count]
@@ -170,7 +173,7 @@ class BoxNormal:
         y = np.append(z[some], np.zeros(size - 1))
         with np.errstate(over="ignore", invalid="ignore"):
             value, jacobian = slope(y)
-            for _ in range(STEPS):
+            for _ in range(NEWTON_STEPS):
                 far = np.abs(value).max(initial=0.0)
                 if far < 1e-9 or not np.isfinite(jacobian).all():
                     break
@@ -206,15 +209,15 @@ class BoxNormal:
         Moves are along the axes, for the walls, and along the principal directions of the
         precision, for narrow valleys, in which 300 sweeps of Gibbs sampling hardly move.
         """
-        proposed, weights = self._propose(TRIED, rng)
+        proposed, weights = self._propose(MASS_POINTS, rng)
         share = np.exp(weights - weights.max())
-        points = proposed[rng.choice(TRIED, -(-count // TAKEN), p=share / share.sum())]
+        points = proposed[rng.choice(MASS_POINTS, -(-count // CHAIN_POINTS), p=share / share.sum())]
         inverse, span = np.empty_like(self._lower), self.high - self.low
         inverse[:, self._order] = solve_triangular(self._lower, np.eye(len(span)), lower=True)
         precision = inverse.T @ inverse
         principal = np.linalg.eigh(precision * np.outer(span, span))[1].T * span
         kept = []
-        for sweep in range(SWEEPS + TAKEN * APART):
+        for sweep in range(FIRST_SWEEPS + CHAIN_POINTS * SWEEPS_BETWEEN_POINTS):
             for way in (*np.eye(len(span)), *principal):
                 push, on = precision @ way, way != 0.0
                 sd = (way @ push) ** -0.5
@@ -225,6 +228,6 @@ class BoxNormal:
                 drawn = draw_between((least - mean) / sd, (most - mean) / sd, rng)
                 moved = np.clip(mean + sd * drawn, least, most)
                 points = np.clip(points + np.outer(moved, way), self.low, self.high)
-            if sweep >= SWEEPS and (sweep - SWEEPS) % APART == 0:
+            if sweep >= FIRST_SWEEPS and (sweep - FIRST_SWEEPS) % SWEEPS_BETWEEN_POINTS == 0:
                 kept.append(points)
         return np.concatenate(kept)[:count]

@@ -55,7 +55,7 @@ def test_of_data_that_tell_nothing_one_sentence_says_so():
     precision = KNOWN.copy()
     precision[:5] = 0.0
     said = said_of(known(mode(MIDDLE, np.diag(precision), 0.0)))
-    assert said == ["the data tell next to nothing of the body: each size may be almost any"]
+    assert said == ["the data do not constrain the body: no size is determined"]
 
 
 @pytest.mark.parametrize(("pull", "theta", "beyond"), [(6, 1, 1), (3, 1, 0), (-6, 0, 0)])

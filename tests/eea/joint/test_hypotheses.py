@@ -12,7 +12,7 @@ from eea.core.experiment import RecordedLog
 from eea.joint import inference
 from eea.joint.joint_posterior import JointPosterior
 from eea.joint.least_squares import Fitted, Regression
-from eea.joint.parameters import SURE
+from eea.joint.parameters import FIXED_PRECISION
 from eea.joint.problem import AS_COMMANDED, Hypothesis, Part
 from eea.joint.search import Optima, search
 from eea.joint.session import JointInference
@@ -59,7 +59,9 @@ def test_what_was_probable_is_weighed_on(monkeypatch: pytest.MonkeyPatch) -> Non
     rounds = iter(method)
     next(rounds)
     assert SLIPPERY in weighed(method)
-    monkeypatch.setattr(inference, "ABSENT", -1.0)  # from now on nothing seems to be absent
+    monkeypatch.setattr(
+        inference, "ABSENT_SIZE_SHARE", -1.0
+    )  # from now on nothing seems to be absent
     next(rounds)
     assert SLIPPERY in weighed(method)
     assert method.result.belief.branches[0].hypothesis.name == SLIPPERY
@@ -68,21 +70,21 @@ def test_what_was_probable_is_weighed_on(monkeypatch: pytest.MonkeyPatch) -> Non
 def test_a_part_may_be_absent_though_the_best_has_some_of_it(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(inference, "ABSENT", 1e-9)
+    monkeypatch.setattr(inference, "ABSENT_SIZE_SHARE", 1e-9)
     method = JointInference(Slippery(2), PROBLEM, CONFIG)
     next(iter(method))
     assert optima_of(method)[AS_COMMANDED.name].fits.theta[0, 1] > 1e-9
     assert SLIPPERY in weighed(method)
 
 
-def test_what_another_hypothesis_found_is_tried_as_commanded_too(
+def test_optimum_of_another_hypothesis_starts_the_search_without_fault(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Or a better search would pass for evidence."""
 
     def worse(regression: Regression, *args: Any, **settings: Any) -> Optima:
         found = search(regression, *args, **settings)
-        if regression.parameters.prior_precision[1] == SURE:  # the arm has no friction
+        if regression.parameters.prior_precision[1] == FIXED_PRECISION:  # the arm has no friction
             return found
         missed = found.fits.theta[:1].copy()
         missed[:, 0] = 0.1
