@@ -9,7 +9,12 @@ import numpy as np
 
 from aquafish.recovery.treatment import MODELLED, TREATMENTS
 from aquafish_gym.runs.markdown import markdown_table
-from eea.study.statistics import FEWEST, paired_difference, ratio_interval, summarize
+from eea.study.statistics import (
+    FEWEST_VALUES,
+    paired_difference,
+    ratio_interval,
+    summary_statistics,
+)
 
 UNIT_IN_M = 0.05
 HELD_OUT = "held-out"  # instead of a damage, if each replicate has another one
@@ -105,7 +110,7 @@ def _summary(config: Mapping[str, Any], outcomes: Outcomes, name: str) -> dict[s
     if None not in fitness:
         columns = {"objective_fitness": fitness} | columns
     spread: dict[str, Any] = {
-        field: summarize(values) | {"values": values} for field, values in columns.items()
+        field: summary_statistics(values) | {"values": values} for field, values in columns.items()
     }
     row: dict[str, Any] = {"trials": _trials(config, name), "objective_fitness": None}
     row |= {field: found["mean"] for field, found in spread.items()}
@@ -169,9 +174,9 @@ def to_markdown(report: dict[str, Any], pictures: Sequence[str] = (), short: boo
         f"{swims['seconds']:g} s on the damaged robot ({swims['target_engine']}). Distances "
         "forward are in units of 5 cm; the robot is 4 units long.",
         f"{len(seeds)} replicate{several}, seed{several} {', '.join(map(str, seeds))}"
-        f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST else ''}. Trials on "
-        f"the robot last {config['eea']['steps'] / 100:g} s, and its gyroscope has noise of "
-        f"{config['gyro_noise']:g} rad/s.",
+        f"{'; means, with 95% bootstrap intervals' if len(seeds) >= FEWEST_VALUES else ''}. "
+        f"Trials on the robot last {config['eea']['steps'] / 100:g} s, and its gyroscope has noise "
+        f"of {config['gyro_noise']:g} rad/s.",
         markdown_table(_main_rows(report["treatments"], intervals=not short)),
         *headline(report),
     ]

@@ -357,7 +357,7 @@ class Viewer:
     def _thoughts(self) -> str:
         agent = self.agent
         if agent is None:
-            return "one robot, steered by the self-model, has one"
+            return "choose one robot and 'self-model' to see its estimate"
         sd = np.sqrt(np.diag(agent.model.covariance))
         attitude, fins = np.degrees([sd[ATTITUDE].max(), sd[FIN_ANGLES].max()])
         lines = [

@@ -30,8 +30,6 @@ from eea.fish.statement import belief_lines, end_lines, size_table, verdict_line
 from eea.fish.swim_log import SwimLog
 from eea.fish.windows import log_windows
 
-KIND = "a body inferred from a recorded swim"
-
 
 @dataclass(frozen=True)
 class Infer:
@@ -106,4 +104,4 @@ class Infer:
             "truth": None if truth is None else truth.to_dict(),
         }
         others = sorted(path.name for path in folder.iterdir() if path.name != LOCK)
-        write_manifest(folder, KIND, settings, others)
+        write_manifest(folder, "a body inferred from a recorded swim", settings, others)

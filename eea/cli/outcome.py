@@ -10,9 +10,14 @@ from aquafish_gym.utils.storage import write_document
 from eea.core.result import RUN_SCHEMA, Result
 from eea.fish import save_posterior
 
-RESULT, TIMES, MODEL, PICTURE = "result.json", "times.json", "morphology.json", "rounds.png"
-POSTERIOR, BODIES, MARGINALS = "posterior.npz", "bodies.json", "posterior.png"
-SAMPLED = 50  # bodies from the posterior
+RESULT_FILE = "result.json"
+TIMES_FILE = "times.json"
+MODEL_FILE = "morphology.json"
+ROUNDS_PICTURE = "rounds.png"
+POSTERIOR_FILE = "posterior.npz"
+SAMPLE_FILE = "bodies.json"
+MARGINALS_PICTURE = "posterior.png"
+SAMPLED_BODIES = 50  # from the posterior
 
 
 def write_outcome(folder: Path, result: Result) -> None:
@@ -22,18 +27,26 @@ def write_outcome(folder: Path, result: Result) -> None:
     """
     document = result.to_dict()
     seconds = [record.pop("seconds") for record in document["rounds"]]
-    write_document(folder / RESULT, document, RUN_SCHEMA)
-    write_document(folder / TIMES, {"seconds": seconds})
+    write_document(folder / RESULT_FILE, document, RUN_SCHEMA)
+    write_document(folder / TIMES_FILE, {"seconds": seconds})
     if result.rounds:
-        write_document(folder / MODEL, Morphology.from_array(result.body).to_dict())
+        write_document(folder / MODEL_FILE, Morphology.from_array(result.body).to_dict())
     if result.rounds and result.belief is not None:
-        save_posterior(folder / POSTERIOR, result.belief)
-        write_bodies(folder / BODIES, result.sample(SAMPLED, result.seed))
+        save_posterior(folder / POSTERIOR_FILE, result.belief)
+        write_bodies(folder / SAMPLE_FILE, result.sample(SAMPLED_BODIES, result.seed))
 
 
 def remove_outcome(folder: Path) -> None:
     """Remove the files of an earlier run."""
-    for name in (RESULT, TIMES, MODEL, PICTURE, POSTERIOR, BODIES, MARGINALS):
+    for name in (
+        RESULT_FILE,
+        TIMES_FILE,
+        MODEL_FILE,
+        ROUNDS_PICTURE,
+        POSTERIOR_FILE,
+        SAMPLE_FILE,
+        MARGINALS_PICTURE,
+    ):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -43,18 +56,18 @@ def draw_outcome(folder: Path, result: Result, rounds: bool = True) -> None:
     from eea.fish.plots import fitness_figure, posterior_figure
 
     if rounds:
-        save_figure(fitness_figure(result), folder / PICTURE)
+        save_figure(fitness_figure(result), folder / ROUNDS_PICTURE)
     if result.belief is not None:
-        save_figure(posterior_figure(result), folder / MARGINALS)
+        save_figure(posterior_figure(result), folder / MARGINALS_PICTURE)
 
 
 def file_lines(folder: Path, result: Result) -> list[str]:
     """Return lines that name the body's files, with the command that uses them."""
     evolve = f"aquafish evolve --morphology {folder}"
     if result.belief is not None and not result.belief.good:
-        return [f"the best fit, which does not explain the trials, is in {folder / MODEL}"]
-    lines = [f"the inferred body is in {folder / MODEL}; a gait for it: {evolve}/{MODEL}"]
+        return [f"the best fit, which does not explain the trials, is in {folder / MODEL_FILE}"]
+    lines = [f"the inferred body is in {folder / MODEL_FILE}; a gait for it: {evolve}/{MODEL_FILE}"]
     if result.belief is not None:
-        found = f"{SAMPLED} bodies from the posterior are in {folder / BODIES}"
-        lines.append(f"{found}; one gait for all: {evolve}/{BODIES}")
+        found = f"{SAMPLED_BODIES} bodies from the posterior are in {folder / SAMPLE_FILE}"
+        lines.append(f"{found}; one gait for all: {evolve}/{SAMPLE_FILE}")
     return lines

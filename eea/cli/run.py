@@ -28,11 +28,10 @@ from eea.core.config import Config, config_for
 from eea.core.result import Result, RoundRecord
 from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
-from eea.fish.statement import MASS, belief_lines, end_lines, size_table, verdict_lines
+from eea.fish.statement import STATED_MASS, belief_lines, end_lines, size_table, verdict_lines
 
-KIND = "a run of the algorithm"
 # Why a session ended, in words.
-STOPPED = {
+STOP_REASONS = {
     "rounds": "all rounds are done",
     "narrow": "all intervals are narrow enough",
 }
@@ -112,7 +111,7 @@ class Run(Given):
         }
         with lock(ensure_writable_directory(self.out)):
             others = sorted(path.name for path in self.out.iterdir() if path.name != LOCK)
-            write_manifest(self.out, KIND, settings, others)
+            write_manifest(self.out, "a run of the algorithm", settings, others)
             _fill(self.out, session)
 
 
@@ -135,7 +134,7 @@ def _fill(folder: Path, session: Session[Any]) -> None:
             draw_outcome(folder, result)
             lines = [*verdict_lines(result), *size_table(result), *belief_lines(result)]
             lines += file_lines(folder, result)
-        why = STOPPED.get(result.stopped, result.stopped)
+        why = STOP_REASONS.get(result.stopped, result.stopped)
         lines.append(f"stopped: {why}; written to {folder}")
         if result.rounds and result.belief is not None:
             lines += end_lines(result)
@@ -146,7 +145,8 @@ def _fill(folder: Path, session: Session[Any]) -> None:
 def _round_line(record: RoundRecord, result: Result) -> str:
     found = f"best MOD_FIT {record.model_fitness:6.3f}"
     if result.belief is not None:
-        found = f"{MASS:.0%} intervals {100.0 * result.width(MASS):.2g}% of the ranges wide"
+        width = 100.0 * result.width(STATED_MASS)
+        found = f"{STATED_MASS:.0%} intervals {width:.2g}% of the ranges wide"
         if not result.belief.good:
             found = "no body explains the trials"
     counted, fitness = f"{record.round:2d}/{result.config.rounds}", record.objective_fitness

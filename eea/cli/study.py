@@ -28,7 +28,7 @@ from eea.core.checks import ConfigurationError
 from eea.core.config import Condition, Config, config_for
 from eea.fish import RealityGap
 from eea.study.presets import ARMS, FIGURE_ARMS, smoke
-from eea.study.replicate import World, replicate, warm_up
+from eea.study.replicate import StudyWorld, replicate, warm_up
 from eea.study.study import Study, extended, write_description
 
 Figure = Literal["5", "6", "7", "8", "9", "10", "all"]
@@ -99,7 +99,7 @@ class StudyCommand(Given):
             rounds=(3 if small else 25) if self.rounds is None else self.rounds,
             first_seed=self.seed,
             replicates=(2 if small else 25) if self.replicates is None else self.replicates,
-            world=World(
+            world=StudyWorld(
                 read_morphology(self.target_morphology, "target_morphology"),
                 Damage.parse(self.damage),
                 resolve_engine("target_engine", self.target_engine),

@@ -18,8 +18,9 @@ from eea.fish import load_posterior, read_log, watch_swim
 from eea.fish.swim_log import SwimLog
 from eea.joint.change_detection import check_alarm
 
-KIND = "a swim that was watched"
-WATCHED, PICTURE, SCHEMA = "watched.json", "watched.png", "eea.watched/1"
+WATCHED_FILE = "watched.json"
+WATCHED_PICTURE = "watched.png"
+WATCHED_SCHEMA = "eea.watched/1"
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,9 @@ class Watch:
             "alarm": self.alarm,
             "seed": self.seed,
         }
-        with result_folder(self.out, KIND, settings, (WATCHED, PICTURE)) as folder:
+        with result_folder(
+            self.out, "a swim that was watched", settings, (WATCHED_FILE, WATCHED_PICTURE)
+        ) as folder:
             self._watch(log, belief, folder)
 
     def _watch(self, log: SwimLog, belief: Any, folder: Path | None) -> None:
@@ -71,8 +74,8 @@ class Watch:
                 for end, look in zip(found.time, found.looks, strict=True)
             ]
             document = {"alarm": found.alarm, "noticed": found.noticed, "windows": windows}
-            write_document(folder / WATCHED, document, SCHEMA)
-            save_figure(watched_figure(found), folder / PICTURE)
+            write_document(folder / WATCHED_FILE, document, WATCHED_SCHEMA)
+            save_figure(watched_figure(found), folder / WATCHED_PICTURE)
             print(f"written to {folder}")
 
 

@@ -48,9 +48,9 @@ class Session(ABC, Generic[SessionState]):
     """A run of a method against a target, round by round.
 
     Subclasses implement ``_choose`` and ``_fit``, which take an immutable state of type
-    ``SessionState`` and return a new one. Random generators are copied for each round, so a round that raises, or is
-    interrupted by Ctrl-C, changes nothing, and a new loop continues after the last complete round.
-    (The target has moved, of course: it performs that round's command again.)
+    ``SessionState`` and return a new one. Random generators are copied for each round, so a round
+    that raises, or is interrupted by Ctrl-C, changes nothing, and a new loop continues after the
+    last complete round. (The target has moved, of course: it performs that round's command again.)
 
     Parameters
     ----------

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import Floats
 
-APART = 2.5  # times the shorter neighbouring step: a longer one separates bunches
-WIDE, NARROW = 2.0, 0.5  # times the wait: the longest bunch, and one that only packets have
-FEWEST = 4  # bunches in a row
-FEWEST_ROWS = 1.5  # per bunch, on average
+BUNCH_GAP_RATIO = 2.5  # of a step that separates bunches to its shorter neighbour
+LONGEST_BUNCH_WAITS = 2.0  # the longest bunch, times the wait
+PACKET_BUNCH_WAITS = 0.5  # a bunch that only packets have, times the wait
+FEWEST_BUNCHES = 4  # bunches in a row
+FEWEST_ROWS_PER_BUNCH = 1.5  # per bunch, on average
 
 
 class Bunches(NamedTuple):
@@ -47,18 +48,18 @@ def bunches_of(time: Floats) -> list[Bunches]:
     """
     steps = np.diff(time)
     near = np.minimum(np.append(np.inf, steps[:-1]), np.append(steps[1:], np.inf))
-    waits = np.flatnonzero((steps > APART * near) & (steps > 0.5 * TIMESTEP))
-    if len(waits) < FEWEST - 1:
+    waits = np.flatnonzero((steps > BUNCH_GAP_RATIO * near) & (steps > 0.5 * TIMESTEP))
+    if len(waits) < FEWEST_BUNCHES - 1:
         return []
     starts, ends = np.append(0, waits + 1), np.append(waits, len(time) - 1)
     wait = np.minimum(np.append(np.inf, steps[waits]), np.append(steps[waits], np.inf))
     length = time[ends] - time[starts]
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], length < WIDE * wait, [0]])))
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], length < LONGEST_BUNCH_WAITS * wait, [0]])))
     found = []
     for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         rows = ends[end - 1] + 1 - starts[begin]
-        if end - begin >= FEWEST and rows >= FEWEST_ROWS * (end - begin):
-            long = np.median(length[begin:end] / wait[begin:end]) > NARROW
+        if end - begin >= FEWEST_BUNCHES and rows >= FEWEST_ROWS_PER_BUNCH * (end - begin):
+            long = np.median(length[begin:end] / wait[begin:end]) > PACKET_BUNCH_WAITS
             loose = bool(long or np.median(wait[begin:end]) < TIMESTEP)
             found.append(Bunches(starts[begin:end], int(ends[end - 1]), loose))
     return found

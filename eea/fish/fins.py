@@ -11,7 +11,7 @@ from aquafish_gym.physics.arithmetic import TAU
 from eea.core.angles import Floats, wrap
 from eea.core.checks import ConfigurationError, instance
 from eea.core.result import Result
-from eea.fish.joint import GAIN, LAG, SERVOS
+from eea.fish.joint import GAIN_PLACES, LAG_PLACE, SERVO_PLACES
 from eea.joint.joint_posterior import INTERVAL_SAMPLES, JointPosterior
 
 
@@ -58,8 +58,8 @@ def fins_after(result: Result) -> Fins:
     theta = best.posterior.sample(INTERVAL_SAMPLES, np.random.default_rng(0))
     last = best.parameters.local(theta)[:, -1]
     _, nuisances, angles = best.parameters.inputs(last)
-    gains = nuisances[:, GAIN] * nuisances[:, SERVOS]
-    turning = result.config.steps * TIMESTEP - nuisances[:, LAG, None]
+    gains = nuisances[:, GAIN_PLACES] * nuisances[:, SERVO_PLACES]
+    turning = result.config.steps * TIMESTEP - nuisances[:, LAG_PLACE, None]
     command = np.array(result.rounds[-1].command)
     waves = np.exp(1j * (angles + TAU * gains * command * turning)).mean(axis=0)
     lengths = np.clip(np.abs(waves), 1e-12, 1.0)

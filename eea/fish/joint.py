@@ -31,9 +31,11 @@ from eea.joint.problem import (
 )
 
 DISCREPANCY_SCHEMA = "eea.discrepancy/1"
-FINER = 4  # steps for each of the simulator's, which show the error of its time step
-GYRO_SCALE, TURNED = 0.03, 0.03  # sd of a gyroscope's scale, and of its mounting about an axis, rad
-HULL, HEAVIER = 1.0, 1.1  # sd of the mass of the hull, of which little is known; and one to try
+FINER_STEPS = 4  # for each of the simulator's steps; they show the error of its time step
+GYRO_SCALE_SD = 0.03
+GYRO_MOUNTING_SD = 0.03  # rad, about each axis
+HULL_MASS_SD = 1.0  # of the nominal mass: little is known of the hull
+HEAVIER_HULL = 1.1  # times the nominal mass, to find the difference that mass makes
 
 #: The switch of each fin's servo.
 SERVO = {fin: f"servo of the {word}" for fin, word in FIN_WORDS.items()}
@@ -54,16 +56,22 @@ NUISANCES: tuple[Nuisance, ...] = (
     ),
     Nuisance("reactive water", 0.0, 1.0, 0.0, switch=True),
 )
-CURRENT, DRAG, GAIN, BIAS = slice(0, 3), slice(3, 5), slice(5, 6), slice(6, 9)
-LAG, SERVOS, REACTIVE = 9, slice(10, 13), 13
+CURRENT_PLACES = slice(0, 3)
+DRAG_PLACES = slice(3, 5)
+GAIN_PLACES = slice(5, 6)
+BIAS_PLACES = slice(6, 9)
+LAG_PLACE = 9
+SERVO_PLACES = slice(10, 13)
+REACTIVE_PLACE = 13
 
 # A window of a swim begins with a velocity relative to the water, which replaces the current. The
 # gyroscope measures the spin up to its noise.
-STARTS: tuple[Nuisance, ...] = (
+START_NUISANCES: tuple[Nuisance, ...] = (
     *(Nuisance(f"start velocity {axis}", -2.0, 2.0, 0.0, 0.5, start=True) for axis in "xyz"),
     *(Nuisance(f"start spin {axis}", -0.5, 0.5, 0.0, 0.1, start=True) for axis in "xyz"),
 )
-VELOCITY, SPIN = CURRENT, slice(14, 17)
+VELOCITY_PLACES = CURRENT_PLACES
+SPIN_PLACES = slice(14, 17)
 
 # A seized servo is stuck at one angle; a dead one does not move, but its angle differs from trial
 # to trial; a reversed one turns the other way; a weak one has any share of its speed, either way.
@@ -114,7 +122,7 @@ def fish_signal(
     on the hull's mass.
     """
     start = None if windows is None else windows.start
-    reactive = nuisances[:, REACTIVE] > 0.5
+    reactive = nuisances[:, REACTIVE_PLACE] > 0.5
     if reactive.any() and not reactive.all():  # an engine's call has one kind of water
         parts = [
             fish_signal(
@@ -135,23 +143,23 @@ def fish_signal(
     fields = {
         "body": bodies,
         "fin_angles": angles,
-        "current": np.asarray(simulator.current) + nuisances[:, CURRENT],
+        "current": np.asarray(simulator.current) + nuisances[:, CURRENT_PLACES],
         # A heavier hull moves as if all else weighed less and met less drag.
-        "drag": nuisances[:, DRAG] / hull,
+        "drag": nuisances[:, DRAG_PLACES] / hull,
         "fin_density": np.full(len(bodies), 1.0 / hull),
-        "servo_gain": nuisances[:, GAIN] * nuisances[:, SERVOS],
-        "servo_lag": nuisances[:, LAG],
+        "servo_gain": nuisances[:, GAIN_PLACES] * nuisances[:, SERVO_PLACES],
+        "servo_lag": nuisances[:, LAG_PLACE],
     }
     still = np.zeros((len(bodies), 3))
     if start is not None:
         known = {n: still + getattr(start, n) for n in ("fin_angles", "velocity", "spin")}
         fields |= {"current": still, **known}
     elif windows is not None and windows.begun:
-        spin = windows.spin[commands] - nuisances[:, BIAS] + nuisances[:, SPIN]
-        fields |= {"current": still, "velocity": nuisances[:, VELOCITY], "spin": spin}
+        spin = windows.spin[commands] - nuisances[:, BIAS_PLACES] + nuisances[:, SPIN_PLACES]
+        fields |= {"current": still, "velocity": nuisances[:, VELOCITY_PLACES], "spin": spin}
     scenario = Scenario.fill(fields, bool(reactive.any()))
     if start is not None:  # until then every servo obeyed its command
-        obeyed = replace(scenario, servo_gain=still + nuisances[:, GAIN])
+        obeyed = replace(scenario, servo_gain=still + nuisances[:, GAIN_PLACES])
         scenario = replace(obeyed, schedule=(Change(0, np.arange(len(bodies)), scenario),))
     gyro = simulate_scenario(
         scenario,
@@ -166,7 +174,7 @@ def fish_signal(
         begun=0 if windows is None else windows.begun,
     ).gyro
     assert gyro is not None
-    gyro += nuisances[:, None, BIAS].astype(gyro.dtype)
+    gyro += nuisances[:, None, BIAS_PLACES].astype(gyro.dtype)
     found: NDArray[np.floating] = gyro if windows is None else windows.sampled(gyro, commands)
     return found
 
@@ -186,13 +194,17 @@ def fish_discrepancy(
     """
     robots = (bodies, nuisances, commands, angles, True)
     now = fish_signal(*robots, simulator, windows)
-    finer = replace(simulator, substeps=min(FINER * simulator.substeps, MAXIMUM_SUBSTEPS))
+    finer = replace(simulator, substeps=min(FINER_STEPS * simulator.substeps, MAXIMUM_SUBSTEPS))
     # The scheme is of first order: what is left after n times finer steps is 1/n of the error.
     left = simulator.substeps / finer.substeps
     step = (fish_signal(*robots, finer, windows) - now) / max(1.0 - left, 0.5)
-    heavier = (fish_signal(*robots, simulator, windows, HEAVIER) - now) * HULL / (HEAVIER - 1.0)
-    turns = [np.cross(TURNED * axis, now) for axis in np.eye(3)]
-    return np.stack([step, heavier, GYRO_SCALE * now, *turns], axis=1)
+    heavier = (
+        (fish_signal(*robots, simulator, windows, HEAVIER_HULL) - now)
+        * HULL_MASS_SD
+        / (HEAVIER_HULL - 1.0)
+    )
+    turns = [np.cross(GYRO_MOUNTING_SD * axis, now) for axis in np.eye(3)]
+    return np.stack([step, heavier, GYRO_SCALE_SD * now, *turns], axis=1)
 
 
 def _discrepancy(simulator: EngineSimulator, windows: LogWindows | None) -> Discrepancy:
@@ -231,7 +243,7 @@ def fish_nuisances(windows: LogWindows | None = None) -> tuple[Nuisance, ...]:
     if windows is not None and windows.start is not None:
         return tuple(map(_at_known_start, NUISANCES))
     if windows is not None and windows.begun:
-        return (*STARTS[:3], *NUISANCES[3:], *STARTS[3:])
+        return (*START_NUISANCES[:3], *NUISANCES[3:], *START_NUISANCES[3:])
     return NUISANCES
 
 
@@ -263,7 +275,7 @@ def fish_joint(simulator: EngineSimulator, windows: LogWindows | None = None) ->
             word: Part(
                 {d.name: d.size for d in DIMENSIONS if d.fin == fin},
                 (f"{fin}.length", f"{fin}.width"),
-                f"a faster {word} would tell",
+                f"move the {word} faster to find out",
             )
             for fin, word in FIN_WORDS.items()
         },

@@ -22,7 +22,7 @@ from eea.fish.estimate import MorphologyEstimate
 from eea.fish.joint import check_groups, fish_joint
 from eea.fish.log_checks import LogCheck, check_log
 from eea.fish.prior import check_belief, since
-from eea.fish.readings import NEAR
+from eea.fish.readings import STEP_TIME_TOLERANCE
 from eea.fish.simulator import EngineSimulator, SimulatorOptions
 from eea.fish.swim_log import SwimLog, shown
 from eea.fish.windows import Start, log_windows
@@ -32,7 +32,7 @@ from eea.joint.joint_posterior import JointPosterior
 from eea.joint.search import Optima
 from eea.joint.session import round_fit
 
-WINDOW = 1.0  # s: a change shows in the first window that is all after it
+WINDOW_SECONDS = 1.0  # s: a change shows in the first window that is all after it
 
 
 def infer_log(
@@ -127,7 +127,7 @@ def infer_log(
 
     rng, doubts = streams(seed)["estimation"], doubt if check else None
     posterior = fit(windows.observed, fish, config, rng, progress=progress, doubt=doubts)
-    last = windows.time[-1].max() / TIMESTEP - NEAR / TIMESTEP
+    last = windows.time[-1].max() / TIMESTEP - STEP_TIME_TOLERANCE / TIMESTEP
     own = slice(windows.begun // windows.interval, ceil((windows.begun + last) / windows.interval))
     command = windows.series[-1, own].mean(axis=0)
     seconds, layout = time.monotonic() - began, fish.problem.models
@@ -219,7 +219,7 @@ def watch_swim(
     flag("until_noticed", until_noticed)
     callback("progress", progress)
     integer("seed", seed, 0, MAXIMUM_SEED)
-    windows = log_windows(log, True, WINDOW)
+    windows = log_windows(log, True, WINDOW_SECONDS)
     joint = fish_joint(EngineSimulator(windows.steps, **simulator), windows)
     check_belief("belief", belief, joint)
     if not windows.series.any():

@@ -16,11 +16,14 @@ from eea.fish.log_inference import Watched
 from eea.joint.joint_posterior import JointPosterior
 
 # Of Okabe and Ito's palette, which colour-blind readers can tell apart.
-BLUE, VERMILION, SKY = "#0072B2", "#D55E00", "#56B4E9"
-DRAWS = 4000
-BINS, SMOOTH = 400, 1.5  # of a range, for a density; sd of its smoothing, in bins
-TALL = 0.62  # of a row's height, for the highest density
-LEAST = 0.01  # probability of a hypothesis that is named
+BLUE = "#0072B2"
+VERMILION = "#D55E00"
+SKY = "#56B4E9"
+PLOT_DRAWS = 4000
+BINS = 400  # of a range, for a density
+SMOOTHING_BINS = 1.5  # sd
+DENSITY_HEIGHT = 0.62  # of a row's height, for the highest density
+LEAST_NAMED_PROBABILITY = 0.01  # less probable hypotheses are not named
 
 
 def fitness_figure(result: Result) -> Figure:
@@ -102,7 +105,7 @@ def posterior_figure(result: Result) -> Figure:
     figure = new_figure(5.4 * columns, 1.3 + 0.42 * most, dpi=150)
     sizes, *others = figure.subplots(1, columns, squeeze=False)[0]
 
-    draws = belief.sample(DRAWS, np.random.default_rng(0))
+    draws = belief.sample(PLOT_DRAWS, np.random.default_rng(0))
     (low, high), (lower, upper) = result.interval(0.9), result.interval(0.5)
     ends = np.column_stack([low, lower, result.model, upper, high])
     for i, (start, stop) in enumerate(zip(result.layout.low, result.layout.high, strict=True)):
@@ -113,7 +116,7 @@ def posterior_figure(result: Result) -> Figure:
     _finish(sizes, list(result.layout.names), most, "sizes")
 
     for axes in others:
-        theta = best.parameters.natural(best.doubted.sample(DRAWS, np.random.default_rng(0)))
+        theta = best.parameters.natural(best.doubted.sample(PLOT_DRAWS, np.random.default_rng(0)))
         wide, half = belief.table(0.9), belief.table(0.5)
         for i, n in enumerate(nuisances):
             middle, first, last = wide[n.name]
@@ -122,7 +125,7 @@ def posterior_figure(result: Result) -> Figure:
             _draw_row(axes, i, n.low, n.high, column, five, SKY)
             at = np.linspace(0.0, 1.0, BINS)
             prior = np.exp(-0.5 * ((n.low + (n.high - n.low) * at - n.nominal) / n.sd) ** 2)
-            axes.fill_between(at, i, i - TALL * prior, color="0.9", lw=0, zorder=0)
+            axes.fill_between(at, i, i - DENSITY_HEIGHT * prior, color="0.9", lw=0, zorder=0)
         _finish(axes, [n.name for n in nuisances], most, "nuisances; prior in grey")
 
     trials = len(best.parameters.slots)
@@ -130,7 +133,7 @@ def posterior_figure(result: Result) -> Figure:
     marked = "" if result.truth is None else ", truth (▼)"
     shown = "density, 50% and 90% interval" if belief.good else "no body fits; the best fit"
     figure.suptitle(f"{begin}, seed {result.seed}: {shown}{marked}")
-    probable = [b for b in belief.branches if b.probability > LEAST]
+    probable = [b for b in belief.branches if b.probability > LEAST_NAMED_PROBABILITY]
     named = "; ".join(f"{b.hypothesis.name} ({b.probability:.0%})" for b in probable)
     lines = [named, belief.verdict] if len(probable) > 1 and belief.good else [belief.verdict]
     figure.supxlabel("\n".join(lines), fontsize="small")
@@ -151,8 +154,8 @@ def _draw_row(
     if draws is not None:
         edges = np.linspace(0.0, 1.0, BINS + 1)
         counts, _ = np.histogram((draws - low) / (high - low), edges)
-        density = gaussian_filter1d(counts.astype(np.float64), SMOOTH, mode="reflect")
-        height = place - TALL * density / density.max()
+        density = gaussian_filter1d(counts.astype(np.float64), SMOOTHING_BINS, mode="reflect")
+        height = place - DENSITY_HEIGHT * density / density.max()
         centres = 0.5 * (edges[1:] + edges[:-1])
         axes.fill_between(centres, place, height, color=colour, alpha=0.45, lw=0)
         axes.plot([first, last], [place, place], color=colour, lw=1.6)

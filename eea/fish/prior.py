@@ -20,7 +20,7 @@ from eea.joint.plausibility import check_posterior
 from eea.joint.posterior import Mode, Posterior
 from eea.joint.problem import Hypothesis, JointProblem
 
-CHANCE = 0.1  # that a fin has changed, each by itself
+CHANGE_PROBABILITY = 0.1  # of each fin
 MOST_CHANGES = 2  # fins at once
 UNCHANGED = "nothing has changed"
 
@@ -98,15 +98,15 @@ def since(joint: JointProblem, prior: JointPosterior | Morphology) -> JointProbl
 
     Of a posterior the most probable hypothesis is used. Each fin has a chance of 0.1 of having
     changed: its sizes, its servo's speed, or it is missing. At most two fins change. Two are only
-    tried where no change of one explains the trials. The simulator is not doubted: the body that
-    it was given is one that this simulator explains.
+    tried where no change of one explains the trials. There is no model discrepancy: the prior was
+    fitted with this simulator.
     """
     if not isinstance(prior, JointPosterior):
         prior = known_body(Morphology.coerce(prior), 1.0, ())
     check_belief("prior", prior, joint)
     best = prior.branches[0]
     was = Hypothesis(UNCHANGED, best.hypothesis.fixed, freed=best.hypothesis.freed)
-    odds = CHANCE / (1.0 - CHANCE) / len(_changes(FINS[0]))
+    odds = CHANGE_PROBABILITY / (1.0 - CHANGE_PROBABILITY) / len(_changes(FINS[0]))
     hypotheses = [
         replace(_joined(was, ways), changes=count, odds=odds**count)
         for count in range(1, MOST_CHANGES + 1)

@@ -16,13 +16,13 @@ from aquafish_gym.engines.api import TIMESTEP
 from eea.core.angles import Floats
 from eea.fish.swim_log import SwimLog
 
-NEAR = 1e-4  # s between a sample and the end of a step that counts as its time
-ORDER = 4  # of the differences of samples 0.01 s apart that leave noise and no swimming
+STEP_TIME_TOLERANCE = 1e-4  # s, within which a sample is taken at the end of a step
+DIFFERENCE_ORDER = 4  # such differences of samples 0.01 s apart leave noise and no swimming
 FEWEST_DIFFERENCES = 20  # that show the noise
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class GyroReadings:
     """T readings of a trial, or of a window of it."""
 
     base: int  #: The log's row just before.
@@ -41,24 +41,24 @@ class Readings:
         """The log's row of the last reading."""
         return int(self.ends[-1])
 
-    def __getitem__(self, rows: slice) -> Readings:
+    def __getitem__(self, rows: slice) -> GyroReadings:
         start = rows.start or 0
         base = self.base if start == 0 else int(self.ends[start - 1])
         base_time = self.base_time if start == 0 else float(self.end_times[start - 1])
         return self._some(rows, base, base_time)
 
-    def after(self, time: float) -> Readings:
+    def after(self, time: float) -> GyroReadings:
         """Return the readings from a time on, with the same base."""
         return self._some(self.time >= time, self.base, self.base_time)
 
-    def _some(self, rows: slice | NDArray[np.bool_], base: int, base_time: float) -> Readings:
-        return Readings(
+    def _some(self, rows: slice | NDArray[np.bool_], base: int, base_time: float) -> GyroReadings:
+        return GyroReadings(
             base, base_time, self.time[rows], self.gyro[rows], self.weight[rows], self.ends[rows],
             self.end_times[rows],
         )  # fmt: skip
 
 
-def readings_of(log: SwimLog, rows: NDArray[np.intp], since: float) -> Readings:
+def readings_of(log: SwimLog, rows: NDArray[np.intp], since: float) -> GyroReadings:
     """Return the readings of some rows of a trial, ``since`` s after its first.
 
     A group is at most 0.01 s long, counting the time from the reading before.
@@ -67,7 +67,7 @@ def readings_of(log: SwimLog, rows: NDArray[np.intp], since: float) -> Readings:
     base = int(np.searchsorted(time, time[0] + since))
     starts = _groups(time[base + 1 :].tolist(), float(time[base])) if base < len(rows) else []
     if not starts:
-        return Readings(int(rows[-1]), float(time[-1]), *_nothing())
+        return GyroReadings(int(rows[-1]), float(time[-1]), *_nothing())
     at = base + 1 + np.array(starts)
     counts = np.diff(np.append(at, len(rows)))
     gyro = np.add.reduceat(log.gyro[rows], at, axis=0) / counts[:, None]
@@ -75,7 +75,9 @@ def readings_of(log: SwimLog, rows: NDArray[np.intp], since: float) -> Readings:
     mean = np.add.reduceat(time - time[0], at) / counts + time[0]
     mean = np.where(counts == 1, time[at], mean)
     weight = counts ** (0.5 * _whiteness(log.gyro[rows[ends]], gyro, counts))
-    return Readings(int(rows[base]), float(time[base]), mean, gyro, weight, rows[ends], time[ends])
+    return GyroReadings(
+        int(rows[base]), float(time[base]), mean, gyro, weight, rows[ends], time[ends]
+    )
 
 
 def _nothing() -> tuple[Floats, Floats, Floats, NDArray[np.intp], Floats]:
@@ -93,7 +95,7 @@ def _groups(time: list[float], before: float) -> list[int]:
             own = now - before
             if i + 1 < len(time):  # after a gap, as long as to the next
                 own = min(own, time[i + 1] - now)
-            until = now + TIMESTEP - own + min(NEAR, 0.5 * own)
+            until = now + TIMESTEP - own + min(STEP_TIME_TOLERANCE, 0.5 * own)
         before = now
     return starts
 
@@ -104,13 +106,13 @@ def _whiteness(single: Floats, mean: Floats, counts: NDArray[np.intp]) -> float:
     ``single`` (T, 3) is one reading of each group. Where the samples are 0.01 s apart, differences
     of the fourth order leave noise alone.
     """
-    if len(counts) <= ORDER:
+    if len(counts) <= DIFFERENCE_ORDER:
         return 0.0
-    several = np.lib.stride_tricks.sliding_window_view(counts > 1, ORDER + 1).all(axis=1)
+    several = np.lib.stride_tricks.sliding_window_view(counts > 1, DIFFERENCE_ORDER + 1).all(axis=1)
     if several.sum() < FEWEST_DIFFERENCES:
         return 0.0
     one, less = (
-        float(np.median((np.diff(each, ORDER, axis=0) ** 2).sum(axis=1)[several]))
+        float(np.median((np.diff(each, DIFFERENCE_ORDER, axis=0) ** 2).sum(axis=1)[several]))
         for each in (single, mean)
     )
     if not min(one, less) > 0.0:

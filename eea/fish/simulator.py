@@ -17,14 +17,14 @@ from eea.core.checks import instance, whole
 from eea.core.experiment import Comparer, Simulator, Trials
 from eea.core.genome import action_layout, model_layout
 from eea.core.problem import Problem
-from eea.fish.swim_log import FASTEST
+from eea.fish.swim_log import FASTEST_SPIN
 
 
 def fish_problem() -> Problem:
     """Return the fish as a problem: nine sizes, three servos, fins, and IMU axes."""
     models = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
     bounds = zip(SERVOS, COMMAND_LOW.tolist(), COMMAND_HIGH.tolist(), strict=True)
-    return Problem(models, action_layout(bounds), hidden=FINS, axes=3, fastest=FASTEST)
+    return Problem(models, action_layout(bounds), hidden=FINS, axes=3, fastest=FASTEST_SPIN)
 
 
 class SimulatorOptions(TypedDict, total=False):
@@ -80,9 +80,9 @@ class EngineSimulator(Simulator):
         if not own or resolve_engine("engine", self.engine) != "numba":
             return None
         # numba is imported here to keep `import eea.fish.simulator` quick.
-        from eea.fish.spectral import SHORTEST, SpectralComparer
+        from eea.fish.spectral import SHORTEST_SPECTRUM_STEPS, SpectralComparer
 
-        if steps < SHORTEST:
+        if steps < SHORTEST_SPECTRUM_STEPS:
             return None
         return SpectralComparer(
             steps, self.dtype or "float32", self.current, self.substeps, self.threads

@@ -25,7 +25,7 @@ from eea.core.angles import Floats
 from eea.core.behavior import DEGREES, Coefficients
 from eea.core.experiment import Trials
 
-SHORTEST = 4  # steps of a trial that the engine transforms
+SHORTEST_SPECTRUM_STEPS = 4  # steps of a trial that the engine transforms
 
 
 class SpectralComparer(NamedTuple):

@@ -17,11 +17,13 @@ from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.angles import Floats
 from eea.fish.bunches import Bunches, bunches_of
-from eea.fish.swim_log import GYRO, MOST_GAP, SwimLog, shown
+from eea.fish.swim_log import GYRO_COLUMNS, LONGEST_GAP_SECONDS, SwimLog, shown
 
-FAST = 0.9  # quantile of the squared changes of a signal: those in the fastest motion
-LASTING = 9  # bunches: if most of them are late, packets are missing; a single one may be late
-QUANTA = 4.0  # of a gyroscope's resolution: a repeated reading that then jumps by more is stale
+FAST_MOTION_QUANTILE = (
+    0.9  # quantile of the squared changes of a signal: those in the fastest motion
+)
+LASTING_BUNCHES = 9  # if most of them are late, packets are missing; a single one may be late
+STALE_JUMP_QUANTA = 4.0  # a repeated reading is stale if the next differs by more
 
 
 def restamped(log: SwimLog) -> tuple[SwimLog, list[str]]:
@@ -70,10 +72,12 @@ def _arrived(found: Bunches, time: Floats, gyro: Floats, name: str) -> bool:
     waits[found.starts[1:] - found.first - 1] = True
     apart = max(1, round(size))
     over = ((signal[apart:] - signal[:-apart]) ** 2).sum(axis=1)
-    inside, between, whole = (np.quantile(x, FAST) for x in (changes[~waits], changes[waits], over))
+    inside, between, whole = (
+        np.quantile(x, FAST_MOTION_QUANTILE) for x in (changes[~waits], changes[waits], over)
+    )
     if whole > (1.0 + 40.0 / len(found.starts)) * inside:
         return bool(between < np.sqrt(inside * whole))
-    if found.loose or time[own].max() - time[own].min() < MOST_GAP:
+    if found.loose or time[own].max() - time[own].min() < LONGEST_GAP_SECONDS:
         return False
     raise InvalidArgumentError(
         f"{name}: the times come in bunches, and the motion does not show whether the rows were "
@@ -91,7 +95,7 @@ def _even(found: Bunches, time: Floats) -> Floats | None:
     ends = np.append(found.starts[1:] - 1, found.last) - found.first
     pace, begun = np.polyfit(ends[:-1], arrived[:-1], 1)  # the last may be incomplete
     late = arrived[:-1] - (begun + pace * ends[:-1])
-    some = min(LASTING, len(late))
+    some = min(LASTING_BUNCHES, len(late))
     lasting = np.median(np.lib.stride_tricks.sliding_window_view(late, some), axis=1)
     if np.abs(lasting).max() > 0.5 * max(pace, TIMESTEP):
         return None
@@ -128,17 +132,17 @@ def new_readings(log: SwimLog, index: int) -> NewReadings:
     lengths = np.diff(np.append(starts, len(gyro)))
     still = (log.commands[block][starts] == 0.0).all(axis=1) | (starts == 0)
     moving = (lengths[:-1] > 1) & ~still[:-1]
-    jumps = (np.abs(gyro[starts[1:]] - gyro[starts[:-1]]) > QUANTA * quantum).any(axis=1)
+    jumps = (np.abs(gyro[starts[1:]] - gyro[starts[:-1]]) > STALE_JUMP_QUANTA * quantum).any(axis=1)
     if 2 * (moving & jumps).sum() <= moving.sum():  # none, or the gyroscope's resolution
         return NewReadings(rows, 0)
     longest = int(lengths[:-1][moving & jumps].max())
     kept = np.append(True, ~same) | np.repeat(still & (lengths > longest), lengths)
     new = rows[kept]
     gaps = np.diff(log.time[new])
-    if gaps.max() > MOST_GAP:
+    if gaps.max() > LONGEST_GAP_SECONDS:
         last = int(np.argmax(gaps))
         raise InvalidArgumentError(
-            f"row {new[last] + 2}: {', '.join(GYRO)} must be new readings while "
+            f"row {new[last] + 2}: {', '.join(GYRO_COLUMNS)} must be new readings while "
             f"{', '.join(SERVOS)} move; they repeat the row before for {shown(gaps[last])} s: "
             "leave those rows out and make what follows another trial"
         )

@@ -6,10 +6,10 @@ from aquafish_gym.morphology import DIMENSIONS, FIN_WORDS, Morphology
 from eea.core.angles import Floats
 from eea.core.result import Result
 
-MASS = 0.9  # of the intervals that are shown
-SURE = 0.99  # of the intervals by which a size is said to differ
+STATED_MASS = 0.9  # of the intervals that are shown
+DIFFERENCE_MASS = 0.99  # of the intervals that decide whether a size differs
 LEAST_CHANGE = 0.05  # of a size
-WIDEST = 0.5  # of a size: with a wider interval nothing is said of it
+WIDEST_STATED_INTERVAL = 0.5  # of a size: with a wider interval nothing is said of it
 
 
 def statement(result: Result) -> list[str]:
@@ -43,8 +43,8 @@ def size_table(result: Result) -> list[str]:
     columns = [[f" {size:6.3f}" for size in result.model]]
     heading = f"{'in units of 5 cm':26s}  found"
     if _explained(result):
-        heading += f"  {MASS:.0%} interval   "
-        columns.append(list(map(_ends, *result.interval(MASS))))
+        heading += f"  {STATED_MASS:.0%} interval   "
+        columns.append(list(map(_ends, *result.interval(STATED_MASS))))
     if result.truth is not None:
         heading += "    true"
         columns.append([f"  {size:6.3f}" for size in result.truth])
@@ -64,15 +64,17 @@ def belief_lines(result: Result) -> list[str]:
     if belief is None:
         return []
     lines = []
-    rows = belief.table(MASS)
+    rows = belief.table(STATED_MASS)
     others = [name for name in rows if name not in result.layout.names and "@" not in name]
     heading = f"{'besides the body':26s} {'found':>6s}"
     if _explained(result):
         if result.truth is not None:
-            low, high = result.interval(MASS)
+            low, high = result.interval(STATED_MASS)
             inside = int(((low <= result.truth) & (result.truth <= high)).sum())
-            lines.append(f"the {MASS:.0%} intervals contain {inside} of the {len(low)} true sizes")
-        lines += [f"{heading}  {MASS:.0%} interval"] if others else []
+            lines.append(
+                f"the {STATED_MASS:.0%} intervals contain {inside} of the {len(low)} true sizes"
+            )
+        lines += [f"{heading}  {STATED_MASS:.0%} interval"] if others else []
         lines += [f"{name:26s} {rows[name][0]:z6.3f}{_ends(*rows[name][1:])}" for name in others]
     else:
         lines += [heading] if others else []
@@ -98,8 +100,8 @@ def what_broke(result: Result) -> str:
     if joint.prior is not None:
         return _sentence("compared with the body before, ", clauses or ["nothing is broken"])
     whole = Morphology.nominal().to_array()
-    low, high = result.interval(SURE)
-    unknown = high - low > WIDEST * whole
+    low, high = result.interval(DIFFERENCE_MASS)
+    unknown = high - low > WIDEST_STATED_INTERVAL * whole
     for fin, word in FIN_WORDS.items():
         own = [i for i, d in enumerate(DIMENSIONS) if d.fin == fin]
         if best.hypothesis.part == word and all(result.model[own] == 0.0):
@@ -128,7 +130,7 @@ def _share(i: int, whole: Floats, low: Floats, high: Floats, found: Floats) -> f
     if (
         same
         or abs(found[i] / whole[i] - 1.0) < LEAST_CHANGE
-        or high[i] - low[i] > WIDEST * whole[i]
+        or high[i] - low[i] > WIDEST_STATED_INTERVAL * whole[i]
     ):
         return None
     return float(found[i] / whole[i])

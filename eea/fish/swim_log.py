@@ -30,18 +30,19 @@ from eea.core.angles import Floats
 from eea.core.behavior import Log, gyro_samples
 from eea.fish.bunches import bunches_of
 
-GYRO = ("gyro_x", "gyro_y", "gyro_z")
-COLUMNS = ("time", *GYRO, *SERVOS)  # of a table; "trial" may follow
-TRIAL = "trial"
-FASTEST = 10.0  # rad/s: of 20,000 random bodies at full speed none turns faster than 4.3
+GYRO_COLUMNS = ("gyro_x", "gyro_y", "gyro_z")
+LOG_COLUMNS = ("time", *GYRO_COLUMNS, *SERVOS)  # of a table; "trial" may follow
+TRIAL_COLUMN = "trial"
+FASTEST_SPIN = 10.0  # rad/s: of 20,000 random bodies at full speed none turns faster than 4.3
 #: s between two rows of a trial. The commands between them are known, so the simulation is exact
 #: there: rows need not follow the swim, only outnumber what is unknown. An environment's action
 #: lasts 0.2 s; in a gap that misses rows the servos may have done anything.
-MOST_GAP = 0.25
+LONGEST_GAP_SECONDS = 0.25
 #: Units of time that a logger may write, s, and the least time between two rows in them.
-UNITS, FEWEST_APART = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}, 5e-4
-FEWEST = 16  # samples of a trial: 48 numbers for some 30 unknowns
-MOST_BYTES = 64 * 2**20  # of a file: more than an hour at 100 rows a second
+UNITS = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
+SHORTEST_TIME_STEP = 5e-4
+FEWEST_SAMPLES = 16  # samples of a trial: 48 numbers for some 30 unknowns
+MAXIMUM_LOG_BYTES = 64 * 2**20  # of a file: more than an hour at 100 rows a second
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,23 +78,23 @@ class SwimLog:
         time = _rows("time", self.time, (None,), ("time",))
         if not len(time):
             raise InvalidArgumentError("time must have at least one row; it has none")
-        gyro = _rows("gyro", self.gyro, (len(time), 3), GYRO)
+        gyro = _rows("gyro", self.gyro, (len(time), 3), GYRO_COLUMNS)
         commands = _rows("commands", self.commands, (len(time), 3), SERVOS)
         unnumbered = isinstance(self.trial, np.ndarray) and not self.trial.size
         given = np.ones(len(time)) if unnumbered else self.trial
-        numbers = _rows(TRIAL, given, (len(time),), (TRIAL,))
+        numbers = _rows(TRIAL_COLUMN, given, (len(time),), (TRIAL_COLUMN,))
         trial = numbers.astype(np.int64)
-        _refuse(numbers != trial, numbers, (TRIAL,), "a whole number")
-        fields = {"time": time, "gyro": gyro, "commands": commands, TRIAL: trial}
+        _refuse(numbers != trial, numbers, (TRIAL_COLUMN,), "a whole number")
+        fields = {"time": time, "gyro": gyro, "commands": commands, TRIAL_COLUMN: trial}
         for name, value in fields.items():
             value.setflags(write=False)
             object.__setattr__(self, name, value)
         if len(np.unique(trial)) != len(self):
             raise InvalidArgumentError("trial must have the rows of each trial in one block")
-        rates = f"at most {FASTEST:g} rad/s, which no such fish exceeds (not degrees/s)"
+        rates = f"at most {FASTEST_SPIN:g} rad/s, which no such fish exceeds (not degrees/s)"
         for index, rows in enumerate(self.blocks):
             _check_time(time, rows, self.name(index))
-        _refuse(np.abs(gyro) > FASTEST, gyro, GYRO, rates)
+        _refuse(np.abs(gyro) > FASTEST_SPIN, gyro, GYRO_COLUMNS, rates)
         outside = (commands < COMMAND_LOW) | (commands > COMMAND_HIGH)
         _refuse(outside, commands, SERVOS, "in [-0.5, 0.5] rev/s, caudal in [0, 1] Hz")
 
@@ -194,7 +195,7 @@ def write_log(path: str | os.PathLike[str], log: SwimLog) -> None:
     instance("log", log, SwimLog)
     text = StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow([*COLUMNS, TRIAL])
+    table.writerow([*LOG_COLUMNS, TRIAL_COLUMN])
     numbers = np.column_stack([log.time, log.gyro, log.commands]).tolist()
     table.writerows([*row, trial] for row, trial in zip(numbers, log.trial.tolist(), strict=True))
     write_bytes(path, text.getvalue().encode())
@@ -212,7 +213,7 @@ def read_log(path: str | os.PathLike[str]) -> SwimLog:
         If the file cannot be read or has no such log; the message names the file, and the row,
         from 1, and column.
     """
-    content = read_bytes(path, "log", MOST_BYTES)
+    content = read_bytes(path, "log", MAXIMUM_LOG_BYTES)
     try:
         return SwimLog(*_table(content))
     except (csv.Error, UnicodeDecodeError) as error:
@@ -225,12 +226,12 @@ def _table(content: bytes) -> list[Floats]:
     """Return the fields of a ``SwimLog`` in a CSV; errors name the column, or the row from 1."""
     table = csv.DictReader(StringIO(content.decode("utf-8-sig")))
     names = table.fieldnames = [name.strip().lower() for name in table.fieldnames or ()]
-    for name in COLUMNS:
+    for name in LOG_COLUMNS:
         if names.count(name) != 1:
             raise InvalidArgumentError(
                 f"it must have one column {name}; it has {brief(', '.join(names))}"
             )
-    used = [*COLUMNS, *([TRIAL] if TRIAL in names else [])]
+    used = [*LOG_COLUMNS, *([TRIAL_COLUMN] if TRIAL_COLUMN in names else [])]
     rows = []
     for number, row in enumerate(table, 1):
         try:
@@ -238,7 +239,7 @@ def _table(content: bytes) -> list[Floats]:
         except (TypeError, ValueError):
             name = next(name for name in used if not _is_number(row[name]))
             found = "nothing" if not row[name] else brief(row[name])
-            hint = ": number the trials" if name == TRIAL else ""
+            hint = ": number the trials" if name == TRIAL_COLUMN else ""
             raise InvalidArgumentError(
                 f"row {number} must have numbers; {name} is {found}{hint}"
             ) from None
@@ -274,19 +275,23 @@ def _refuse(wrong: NDArray[np.bool_], values: Floats, columns: Sequence[str], wa
 def _check_time(time: Floats, rows: slice, name: str) -> None:
     """Refuse the times of one trial if they are too few, too slow, or not increasing."""
     steps = np.diff(time[rows])
-    if len(steps) < FEWEST:
+    if len(steps) < FEWEST_SAMPLES:
         raise InvalidArgumentError(
-            f"{name} must have at least {FEWEST + 1} rows; it has {len(steps) + 1}"
+            f"{name} must have at least {FEWEST_SAMPLES + 1} rows; it has {len(steps) + 1}"
         )
     typical = float(np.median(steps))
-    if typical > MOST_GAP:
-        units = [unit for unit, size in UNITS.items() if FEWEST_APART < typical * size < MOST_GAP]
+    if typical > LONGEST_GAP_SECONDS:
+        units = [
+            unit
+            for unit, size in UNITS.items()
+            if SHORTEST_TIME_STEP < typical * size < LONGEST_GAP_SECONDS
+        ]
         raise InvalidArgumentError(
-            f"{name} must have at least {1.0 / MOST_GAP:g} rows a second, with time in s; it has "
-            f"one in {shown(typical)} s"
+            f"{name} must have at least {1.0 / LONGEST_GAP_SECONDS:g} rows a second, with time in "
+            f"s; it has one in {shown(typical)} s"
             + "".join(f": is the time in {unit}?" for unit in units[:1])
         )
-    wrong = np.flatnonzero((steps <= 0.0) | (steps > MOST_GAP))
+    wrong = np.flatnonzero((steps <= 0.0) | (steps > LONGEST_GAP_SECONDS))
     if not len(wrong):
         return
     row, step = rows.start + int(wrong[0]) + 2, float(steps[wrong[0]])
@@ -301,5 +306,5 @@ def _check_time(time: Floats, rows: slice, name: str) -> None:
         hint = "; if a row was written twice, leave one out"
     raise InvalidArgumentError(
         f"row {row}: time must be later than the row before within {name}, by at most "
-        f"{MOST_GAP:g} s; it is {got} row {row - 1}{hint}"
+        f"{LONGEST_GAP_SECONDS:g} s; it is {got} row {row - 1}{hint}"
     )

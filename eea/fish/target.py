@@ -35,9 +35,9 @@ class EngineTarget:
     damage
         A ``Damage`` without random parts, its text, a list of them, or None. Each trial is an
         episode: a fault with an onset of 1 s begins at 1 s of every trial, before the trial's end.
-        A seized servo without an angle has its angle of the first trial in all; a dead one is
-        anywhere. Every sample of the log is an observation of the sensor. The ``gap`` adds to the
-        damage.
+        Without a given angle a seized servo keeps that of the first trial; a dead one starts each
+        trial at random. Every sample of the log is an observation of the sensor. The ``gap`` adds
+        to the damage.
     rng
         Draws the hidden angles: the pectorals' over the whole turn, the caudal fin's phase over
         the whole cycle.

@@ -22,17 +22,17 @@ from aquafish_gym.physics.layout import FIELDS, angles_of_rows
 from aquafish_gym.scenario import check_row
 from aquafish_gym.utils.validation import InvalidArgumentError, finite_array, flag, instance
 from eea.core.angles import Floats
-from eea.fish.readings import NEAR, Readings, readings_of
+from eea.fish.readings import STEP_TIME_TOLERANCE, GyroReadings, readings_of
 from eea.fish.stamps import new_readings, restamped
-from eea.fish.swim_log import FEWEST, SwimLog, shown
+from eea.fish.swim_log import FEWEST_SAMPLES, SwimLog, shown
 from eea.joint.observed import Observed
 
 #: Samples of the commands before a window that its servos may still obey: a lag of 0.2 s.
-BEFORE = 20
-LONGEST = {False: 1024, True: 512}  # samples of a trial from rest, and of a window of a swim
+LAG_SAMPLES = 20
+MAXIMUM_WINDOW_SAMPLES = {False: 1024, True: 512}  # from rest, and in motion
 MOST_WINDOWS = 8  # of swims: more tell little, slowly
-POINTS = 4  # of a cubic
-SLOWEST = 0.2  # s between the readings that the early stages of a search compare
+CUBIC_POINTS = 4
+LONGEST_READING_SECONDS = 0.2  # between the readings that the early stages of a search compare
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +97,7 @@ class LogWindows:
     def regular(self) -> bool:
         """Whether the samples are at the ends of the steps."""
         ends = TIMESTEP * np.arange(1, self.time.shape[1] + 1)
-        near = np.abs(self.time - ends) < NEAR
+        near = np.abs(self.time - ends) < STEP_TIME_TOLERANCE
         return bool((near if self.weight is None else near | (self.weight == 0.0)).all())
 
     @property
@@ -117,7 +117,7 @@ class LogWindows:
             rows = np.flatnonzero(windows == window)
             first, weights = cubic_weights(self.time[window] / TIMESTEP - 1.0, signal.shape[1])
             weights, one = weights.astype(signal.dtype)[:, :, None], signal[rows]
-            seen[rows] = sum(weights[:, k] * one[:, first + k] for k in range(POINTS))
+            seen[rows] = sum(weights[:, k] * one[:, first + k] for k in range(CUBIC_POINTS))
         return seen
 
 
@@ -158,9 +158,9 @@ def log_windows(
         raise InvalidArgumentError("moving must be False where start gives the state; got True")
     if start is not None:
         instance("start", start, Start)
-    lead = BEFORE if moving else 0
+    lead = LAG_SAMPLES if moving else 0
     log, remarks = restamped(log)
-    windows: list[tuple[int, Readings]] = []
+    windows: list[tuple[int, GyroReadings]] = []
     for index in range(len(log)):
         new = new_readings(log, index)
         if new.repeated:
@@ -168,28 +168,28 @@ def log_windows(
                 f"in {log.name(index)} {new.repeated} rows repeat the reading of the row before: "
                 "they are left out"
             )
-        readings = readings_of(log, new.rows, lead * TIMESTEP - NEAR)
-        if len(readings) < FEWEST:
+        readings = readings_of(log, new.rows, lead * TIMESTEP - STEP_TIME_TOLERANCE)
+        if len(readings) < FEWEST_SAMPLES:
             raise InvalidArgumentError(
-                f"{log.name(index)} must have at least {FEWEST} readings, 0.01 s or more apart, "
-                f"after the first {lead * TIMESTEP:g} s; it has {len(readings)}"
+                f"{log.name(index)} must have at least {FEWEST_SAMPLES} readings, 0.01 s or more "
+                f"apart, after the first {lead * TIMESTEP:g} s; it has {len(readings)}"
             )
         windows += [(index, each) for each in _cut(readings, moving, seconds)]
     windows = windows[: MOST_WINDOWS if moving and seconds is None else None]
     trial = np.array([index for index, _ in windows])
     first = np.array([readings.base for _, readings in windows])
     # The simulation has no sample before its first step.
-    parts = [one.after(log.time[one.base] + TIMESTEP - NEAR) for _, one in windows]
+    parts = [one.after(log.time[one.base] + TIMESTEP - STEP_TIME_TOLERANCE) for _, one in windows]
     time = _filled([one.time - log.time[one.base] for one in parts])
     gyro = _filled([one.gyro for one in parts])
     weight = _filled([one.weight for one in parts], 0.0)
-    steps = max(POINTS, int(np.ceil((time.max() - NEAR) / TIMESTEP)))
+    steps = max(CUBIC_POINTS, int(np.ceil((time.max() - STEP_TIME_TOLERANCE) / TIMESTEP)))
     begin = log.time[first] - lead * TIMESTEP
     series = np.array([
         _commands(log, *each, lead + steps) for each in zip(trial, begin, strict=True)
     ])  # fmt: skip
     if start is not None:
-        lead = BEFORE
+        lead = LAG_SAMPLES
         before = np.broadcast_to(start.command, (len(series), lead, 3))
         series = np.concatenate([before, series], axis=1)
     if not moving and not series.any():
@@ -219,26 +219,26 @@ def log_windows(
         begun=lead,
         time=time,
         weight=None if (weight == 1.0).all() else weight,
-        stride=max(1, int(SLOWEST / slowest + 1e-6)),
+        stride=max(1, int(LONGEST_READING_SECONDS / slowest + 1e-6)),
         ends=earlier[trial] + used,
         remarks=tuple(remarks),
         start=start,
     )
 
 
-def _cut(readings: Readings, moving: bool, seconds: float | None) -> list[Readings]:
+def _cut(readings: GyroReadings, moving: bool, seconds: float | None) -> list[GyroReadings]:
     """Return the windows of a trial's readings."""
     whole = len(readings)
     if seconds is None:
-        count = min(LONGEST[moving], whole)
+        count = min(MAXIMUM_WINDOW_SAMPLES[moving], whole)
         return [
             readings[count * i : count * (i + 1)] for i in range(whole // count if moving else 1)
         ]
-    found: list[Readings] = []
+    found: list[GyroReadings] = []
     first, times = 0, readings.end_times
-    while first + FEWEST <= whole:
-        end = readings[first:].base_time + seconds + NEAR
-        stop = max(int(np.searchsorted(times, end, "right")), first + FEWEST)
+    while first + FEWEST_SAMPLES <= whole:
+        end = readings[first:].base_time + seconds + STEP_TIME_TOLERANCE
+        stop = max(int(np.searchsorted(times, end, "right")), first + FEWEST_SAMPLES)
         if found and stop == whole and 2.0 * times[-1] - times[-2] <= end:
             break  # one more reading would still be within
         found.append(readings[first:stop])
@@ -264,8 +264,8 @@ def _commands(log: SwimLog, trial: int, begin: float, steps: int) -> Floats:
     rows = log.blocks[trial]
     time, commands = log.time[rows], log.commands[rows]
     edges = begin + TIMESTEP * np.arange(steps + 1)
-    at = np.clip(np.searchsorted(time, edges + NEAR, "right") - 1, 0, None)
-    until = np.clip(np.searchsorted(time, edges - NEAR, "right") - 1, 0, None)
+    at = np.clip(np.searchsorted(time, edges + STEP_TIME_TOLERANCE, "right") - 1, 0, None)
+    until = np.clip(np.searchsorted(time, edges - STEP_TIME_TOLERANCE, "right") - 1, 0, None)
     turned = np.zeros(commands.shape)
     turned[1:] = np.cumsum(commands[:-1] * np.diff(time)[:, None], axis=0)
     passed = np.stack([np.interp(edges, time, axis) for axis in turned.T], axis=1)
@@ -281,10 +281,10 @@ def cubic_weights(at: Floats, count: int) -> tuple[NDArray[np.intp], Floats]:
     Places are among ``count`` samples, the first at 0. For an oscillation at 2 Hz sampled every
     0.01 s the error is at most 1e-4 of the amplitude; linear interpolation has 2e-3.
     """
-    first = np.clip(np.floor(at).astype(np.intp) - 1, 0, count - POINTS)
-    away = (at - first)[:, None] - np.arange(POINTS)
-    weights = np.empty((len(at), POINTS))
-    for point in range(POINTS):
-        others = [k for k in range(POINTS) if k != point]
+    first = np.clip(np.floor(at).astype(np.intp) - 1, 0, count - CUBIC_POINTS)
+    away = (at - first)[:, None] - np.arange(CUBIC_POINTS)
+    weights = np.empty((len(at), CUBIC_POINTS))
+    for point in range(CUBIC_POINTS):
+        others = [k for k in range(CUBIC_POINTS) if k != point]
         weights[:, point] = np.prod(away[:, others], axis=1) / np.prod([point - k for k in others])
     return first, weights

@@ -96,7 +96,8 @@ def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> JointPosterior:
     except (LookupError, TypeError, ValueError, OverflowError, RecursionError) as error:
         raise ConfigurationError(f"it does not describe a posterior: {brief(error)}") from None
     raise ConfigurationError(
-        f"its schema must be {POSTERIOR_SCHEMA}; it is {brief(schema)}: infer again with this version"
+        f"its schema must be {POSTERIOR_SCHEMA}; it is {brief(schema)}: "
+        "infer again with this version"
     )
 
 

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from eea.study.presets import FIGURE_ARMS
 
 # The paper's arms in its order, and the names of their figures; other arms follow, by name.
-FIGURES = {arm: f"fig{number}" for number, arm in FIGURE_ARMS.items()}
-LABELS = {
+FIGURE_NAMES = {arm: f"fig{number}" for number, arm in FIGURE_ARMS.items()}
+ARM_LABELS = {
     "ideal": "Ideal",
     "none": "None",
     "in-band": "In-Band",
@@ -19,7 +19,7 @@ LABELS = {
 }
 MINUS = "\u2212"
 # First less second, where a study has both.
-COMPARISONS = (
+ARM_COMPARISONS = (
     ("joint", "out-of-band"),
     ("ideal", "out-of-band"),
     ("out-of-band", "in-band"),
@@ -31,7 +31,7 @@ COMPARISONS = (
 
 def arm_label(arm: str, models: int | None = None) -> str:
     """Return an arm's name for readers; ``models`` is its population, if known."""
-    label = LABELS.get(arm, arm)
+    label = ARM_LABELS.get(arm, arm)
     return arm if "{models}" in label and models is None else label.format(models=models)
 
 
@@ -47,13 +47,13 @@ def spoken(name: str) -> str:
 
 def arm_order(arm: str) -> tuple[int, str]:
     """Return a sort key: the paper's order, then names."""
-    order = list(FIGURES)
+    order = list(FIGURE_NAMES)
     return (order.index(arm) if arm in order else len(order), arm)
 
 
 def comparisons(arms: Sequence[str]) -> list[tuple[str, str]]:
     """Return which arms are compared, first less second."""
-    return [pair for pair in COMPARISONS if set(pair) <= set(arms)]
+    return [pair for pair in ARM_COMPARISONS if set(pair) <= set(arms)]
 
 
 def duration_name(durations: Sequence[int]) -> str:

@@ -23,7 +23,8 @@ _STYLES: dict[str, tuple[str, Any]] = {
     "joint": ("#882255", (0, (8, 1))),
 }
 MARKERS = ("o", "s", "^", "D", "v", "P")
-GREY, SMALL = "0.35", 8
+GREY = "0.35"
+SMALL_FONT = 8  # points
 GUESS_LINES = {"random bodies": "--", "mid-range body": ":", "quantisation limit": "-"}
 _NAME = 0.08  # of the height of axes, for a name of two small lines
 
@@ -55,7 +56,7 @@ def draw_levels(axes: Axes, guesses: Mapping[str, float]) -> None:
     for name, place in zip(names, inside, strict=True):
         axes.annotate(
             name.replace(" ", "\n"), (1.0, place), (4, 0), xycoords="axes fraction",
-            textcoords="offset points", va="center", fontsize=SMALL - 1, color=GREY,
+            textcoords="offset points", va="center", fontsize=SMALL_FONT - 1, color=GREY,
             linespacing=0.9, annotation_clip=False,
         )  # fmt: skip
 
@@ -65,7 +66,7 @@ def legend_below(figure: Figure, axes: Axes, columns: int) -> None:
     handles, labels = axes.get_legend_handles_labels()
     figure.legend(
         handles, labels, loc="outside lower center", ncols=min(columns, len(labels)),
-        fontsize=SMALL, frameon=False, handlelength=2.2, columnspacing=1.2,
+        fontsize=SMALL_FONT, frameon=False, handlelength=2.2, columnspacing=1.2,
     )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from matplotlib.ticker import MultipleLocator
 from aquafish_gym.morphology import FINS
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.core.angles import Floats
-from eea.study.arms import FIGURES, angle_label, spoken
+from eea.study.arms import FIGURE_NAMES, angle_label, spoken
 from eea.study.drawing import (
     GREY,
     GUESS_LINES,
@@ -52,7 +52,7 @@ def study_figures(results: StudyResults, summary: Mapping[str, Any]) -> dict[str
     """Return every figure that a study has the numbers for, by name."""
     arms = results.arms
     figures = {
-        FIGURES.get(arm, f"rounds-{arm}"): rounds_figure(results, summary, arm) for arm in arms
+        FIGURE_NAMES.get(arm, f"rounds-{arm}"): rounds_figure(results, summary, arm) for arm in arms
     }
     figures["final"] = final_figure(results, summary)
     if any(summary["dimension_error"].values()):

@@ -14,7 +14,7 @@ from eea.core.session import Session, streams
 from eea.fish import EngineTarget, RealityGap, fish_eea
 from eea.study.presets import smoke
 
-RUNS = "runs"
+RUNS_FOLDER = "runs"
 MASSES = (0.5, 0.8, 0.9)  # of the intervals whose coverage is measured
 
 
@@ -33,11 +33,11 @@ class ReplicateKey(NamedTuple):
     @property
     def file(self) -> str:
         """Its file, relative to the study's folder."""
-        return f"{RUNS}/{self.arm}/{self.steps}/{self.seed}.json"
+        return f"{RUNS_FOLDER}/{self.arm}/{self.steps}/{self.seed}.json"
 
 
 @dataclass(frozen=True)
-class World:
+class StudyWorld:
     """The target of a study and the water that it shares with its models."""
 
     morphology: Morphology  #: The target's body before the damage.
@@ -59,7 +59,7 @@ class Replicate:
     arm: str
     config: Config
     seed: int
-    world: World
+    world: StudyWorld
 
     @property
     def key(self) -> ReplicateKey:

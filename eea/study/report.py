@@ -15,7 +15,7 @@ from aquafish_gym.runs.markdown import markdown_table, shown_format
 from aquafish_gym.utils.storage import write_bytes, write_document
 from eea.study.arms import MINUS, angle_label, duration_name, signed, spoken
 from eea.study.figures import save_study_figures
-from eea.study.results import CSV, StudyResults, read_study
+from eea.study.results import StudyResults, read_study
 from eea.study.summary import summarize_study
 
 
@@ -41,7 +41,7 @@ def report(folder: str | os.PathLike[str], formats: Sequence[str] = ("png",)) ->
     figures = save_study_figures(results, summary, path / "figures", formats)
     shown = f".{shown_format(formats)}"
     names = [f"figures/{file.name}" for file in figures if file.suffix == shown]
-    written = [path / name for name in (CSV, "summary.json", "summary.md")]
+    written = [path / name for name in (RESULTS_FILE, "summary.json", "summary.md")]
     write_bytes(written[0], results.to_csv().encode())
     write_document(written[1], summary)
     write_bytes(written[2], markdown(results, summary, names).encode())

@@ -25,21 +25,21 @@ from eea.core.checks import ConfigurationError
 from eea.core.genome import BitLayout, model_layout
 from eea.fish import RealityGap
 from eea.study.arms import arm_label, arm_order, spoken
-from eea.study.replicate import RUNS, ReplicateKey
+from eea.study.replicate import RUNS_FOLDER, ReplicateKey
 from eea.study.study import read_description, replicate_keys, target_of
 
-CSV = "results.csv"
-MOST_BYTES = 2**30  # of results.csv: two million rounds
+RESULTS_FILE = "results.csv"
+MAXIMUM_RESULTS_BYTES = 2**30  # of results.csv: two million rounds
 LAYOUT: BitLayout = model_layout((d.name, d.maximum, d.bits) for d in DIMENSIONS)
 
-KEYS = ["arm", "steps", "seed"]  # of a replicate
+REPLICATE_KEYS = ["arm", "steps", "seed"]  # of a replicate
 ANGLE_ERRORS = [f"angle_error.{fin}" for fin in FINS]  # rad
 DIMENSION_ERRORS = [f"dimension_error.{name}" for name in LAYOUT.names]  # shares of the ranges
 # A record's fields, in the order of their columns.
 _NUMBERS = ("round", "objective_fitness", "model_fitness", "action_fitness", "trials")
 _LISTS = ("angle_error", "dimension_error", "spread")
-COLUMNS = [
-    *KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
+RESULT_COLUMNS = [
+    *REPLICATE_KEYS, "round", "obj_fit", "mod_fit", "act_fit", "trials",
     *ANGLE_ERRORS, *DIMENSION_ERRORS,
     *(f"spread.{name}" for name in LAYOUT.names),  # the population's SDs, shares of the ranges
 ]  # fmt: skip
@@ -49,9 +49,9 @@ COLUMNS = [
 class StudyResults:
     """The finished replicates of a study, and what was run."""
 
-    #: A row for each round of each finished replicate, with ``COLUMNS``; arms in the paper's order,
-    #: then steps, seeds and rounds ascending; numbers to 5 significant digits. ``act_fit`` is NaN
-    #: in the first round, whose action is random.
+    #: A row for each round of each finished replicate, with ``RESULT_COLUMNS``; arms in the paper's
+    #: order, then steps, seeds and rounds ascending; numbers to 5 significant digits. ``act_fit``
+    #: is NaN in the first round, whose action is random.
     table: pd.DataFrame
     rounds: int
     planned: int  #: How many replicates study.json plans.
@@ -63,7 +63,7 @@ class StudyResults:
     @cached_property
     def replicates(self) -> pd.DataFrame:
         """A row for each finished replicate, (arm, steps, seed): its last round."""
-        return self.table.groupby(KEYS, sort=False).tail(1).set_index(KEYS)
+        return self.table.groupby(REPLICATE_KEYS, sort=False).tail(1).set_index(REPLICATE_KEYS)
 
     @property
     def arms(self) -> list[str]:
@@ -81,7 +81,7 @@ class StudyResults:
         A replicate that stopped early keeps its last round's value. Of several durations (``None``:
         all that the arm has) the values are means, over seeds finished in all of them.
         """
-        rows = self._rows_of[arm].pivot(index=KEYS[1:], columns="round", values=column)
+        rows = self._rows_of[arm].pivot(index=REPLICATE_KEYS[1:], columns="round", values=column)
         every = rows.reindex(columns=range(1, self.rounds + 1)).ffill(axis=1)
         return _mean_over(every, durations or self.durations(arm))
 
@@ -150,9 +150,9 @@ def _in_words(body: Morphology, damage: Damage, gap: RealityGap) -> str:
 
 def _table(folder: Path, keys: Sequence[ReplicateKey]) -> pd.DataFrame:
     """Return the table of ``StudyResults``; raises as ``read_study``."""
-    source = folder / CSV
-    if source.exists() and not (folder / RUNS).exists():
-        content = read_bytes(source, "results", MOST_BYTES).decode(errors="replace")
+    source = folder / RESULTS_FILE
+    if source.exists() and not (folder / RUNS_FOLDER).exists():
+        content = read_bytes(source, "results", MAXIMUM_RESULTS_BYTES).decode(errors="replace")
     else:
         ordered = sorted(keys, key=lambda k: (arm_order(k.arm), k.steps, k.seed))
         rows = [row for key in ordered for row in _rows(folder, key)]
@@ -162,11 +162,13 @@ def _table(folder: Path, keys: Sequence[ReplicateKey]) -> pd.DataFrame:
                 "resumes it"
             )
         # The digits of results.csv are all that a report uses.
-        content = pd.DataFrame(rows, columns=COLUMNS).to_csv(index=False, float_format="%.5g")
+        content = pd.DataFrame(rows, columns=RESULT_COLUMNS).to_csv(
+            index=False, float_format="%.5g"
+        )
     try:
         table = pd.read_csv(io.StringIO(content), dtype={"arm": str})
-        numbers = table[COLUMNS[1:]].drop(columns="act_fit").to_numpy(dtype=np.float64)
-        sound = list(table.columns) == COLUMNS and bool(np.isfinite(numbers).all())
+        numbers = table[RESULT_COLUMNS[1:]].drop(columns="act_fit").to_numpy(dtype=np.float64)
+        sound = list(table.columns) == RESULT_COLUMNS and bool(np.isfinite(numbers).all())
     except (ValueError, KeyError):  # pandas' own errors are ValueErrors
         sound = False
     if not sound or table.empty:

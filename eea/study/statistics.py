@@ -17,13 +17,13 @@ from scipy import stats
 
 from eea.core.angles import Floats
 
-Interval = list[float]  # its two ends
+Ends = list[float]  # its two ends
 
-RESAMPLES = 10_000
-FEWEST = 5  # numbers, for an interval
+BOOTSTRAP_RESAMPLES = 10_000
+FEWEST_VALUES = 5  # for an interval
 
 
-def interval(values: ArrayLike) -> Interval | None:
+def interval(values: ArrayLike) -> Ends | None:
     """Return a 95% bootstrap interval of the mean of (n,) numbers, or None for under five.
 
     Bias-corrected and accelerated (Efron and Tibshirani 1993, 14.3), at the level that makes its
@@ -32,13 +32,13 @@ def interval(values: ArrayLike) -> Interval | None:
     is 92, 94 and 94%, and of numbers as skewed as a final OBJ_FIT 88, 92 and 93%.
     """
     data = np.asarray(values, dtype=np.float64)
-    return None if len(data) < FEWEST else [float(end) for end in _bootstrap(np.mean, data)]
+    return None if len(data) < FEWEST_VALUES else [float(end) for end in _bootstrap(np.mean, data)]
 
 
-def ratio_interval(above: ArrayLike, below: ArrayLike) -> Interval | None:
+def ratio_interval(above: ArrayLike, below: ArrayLike) -> Ends | None:
     """Return the interval of the ratio of two means of paired (n,) numbers, None for under five."""
     pairs = [np.asarray(values, dtype=np.float64) for values in (above, below)]
-    if len(pairs[0]) < FEWEST:
+    if len(pairs[0]) < FEWEST_VALUES:
         return None
 
     def ratio(first: Floats, second: Floats, axis: int) -> Floats:
@@ -50,13 +50,13 @@ def ratio_interval(above: ArrayLike, below: ArrayLike) -> Interval | None:
 
 def curve_interval(curves: Floats) -> tuple[Floats, Floats]:
     """Return the interval's ends at each point of curves (n, points); the mean for under five."""
-    if len(curves) < FEWEST:
+    if len(curves) < FEWEST_VALUES:
         return curves.mean(axis=0), curves.mean(axis=0)
     return _bootstrap(np.mean, curves, resamples=2000)
 
 
 def _bootstrap(
-    statistic: Callable[..., Any], *samples: Floats, resamples: int = RESAMPLES
+    statistic: Callable[..., Any], *samples: Floats, resamples: int = BOOTSTRAP_RESAMPLES
 ) -> tuple[Any, Any]:
     """Return the two ends of a statistic's interval over the first axis of paired samples."""
     count = len(samples[0])
@@ -74,7 +74,7 @@ def _bootstrap(
     return low, high
 
 
-def summarize(values: ArrayLike) -> dict[str, Any]:
+def summary_statistics(values: ArrayLike) -> dict[str, Any]:
     """Return the count, mean, SD (None for one number) and 95% interval (None under five)."""
     data = np.asarray(values, dtype=np.float64)
     return {
@@ -92,7 +92,7 @@ def paired_difference(first: Mapping[int, float], second: Mapping[int, float]) -
     """
     seeds = sorted(first.keys() & second.keys())
     gains = [first[seed] - second[seed] for seed in seeds]
-    return summarize(gains) | {
+    return summary_statistics(gains) | {
         "wins": sum(gain > 0 for gain in gains),
         "losses": sum(gain < 0 for gain in gains),
         "sign_test_p": sign_test(gains),

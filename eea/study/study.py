@@ -20,9 +20,10 @@ from aquafish_gym.utils.storage import DamagedFileError, read_document, write_do
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError, whole
 from eea.core.config import Config
-from eea.study.replicate import RUNS, Replicate, ReplicateKey, World
+from eea.study.replicate import RUNS_FOLDER, Replicate, ReplicateKey, StudyWorld
 
-STUDY, SCHEMA = "study.json", "eea.study/1"
+STUDY_FILE = "study.json"
+STUDY_SCHEMA = "eea.study/1"
 # Settings that are the study's.
 _NOT_AN_ARMS = ("steps", "rounds")
 _GROWING = ("replicates", "versions", "source", "arms")  # these may differ when a study is extended
@@ -45,7 +46,7 @@ class Study:
     rounds: int
     first_seed: int
     replicates: int  #: Seeds of each arm at each length; the same in all, so that arms are paired.
-    world: World
+    world: StudyWorld
 
     def __post_init__(self) -> None:
         whole("replicates", self.replicates, 1, MOST_REPLICATES)
@@ -110,13 +111,13 @@ def target_of(document: Mapping[str, Any]) -> tuple[Morphology, Damage]:
 
 def read_description(folder: Path) -> dict[str, Any]:
     """Return the content of a folder's study.json; refuse a missing or damaged one by name."""
-    path = folder / STUDY
+    path = folder / STUDY_FILE
     if not path.exists():
         raise ConfigurationError(
             f"{folder} must hold a study, which aquafish study --out {folder} begins; it has no "
-            f"{STUDY}"
+            f"{STUDY_FILE}"
         )
-    document = read_document(path, SCHEMA, "study")
+    document = read_document(path, STUDY_SCHEMA, "study")
     try:
         target_of(document)
         arms_have_settings = all("condition" in arm for arm in document["arms"].values())
@@ -140,10 +141,10 @@ def extended(folder: Path, study: Study) -> dict[str, Any]:
         first difference.
     """
     asked: dict[str, Any] = json.loads(json.dumps(study.to_dict()))
-    if not (folder / STUDY).exists():
+    if not (folder / STUDY_FILE).exists():
         other = read_manifest(folder)
-        held_by = other["kind"] if other else f"{RUNS} but no {STUDY}"
-        if other is not None or (folder / RUNS).exists():  # replicates of unknown settings
+        held_by = other["kind"] if other else f"{RUNS_FOLDER} but no {STUDY_FILE}"
+        if other is not None or (folder / RUNS_FOLDER).exists():  # replicates of unknown settings
             raise InvalidArgumentError(
                 f"out must be a new directory or hold a study; {folder} holds {held_by}"
             )
@@ -183,5 +184,5 @@ def _joined(old: Mapping[str, int], new: Mapping[str, int], holder: str) -> dict
 
 def write_description(folder: Path, document: dict[str, Any]) -> None:
     """Write study.json unless it already has this content."""
-    if not (folder / STUDY).exists() or read_description(folder) != document:
-        write_document(folder / STUDY, document, SCHEMA)
+    if not (folder / STUDY_FILE).exists() or read_description(folder) != document:
+        write_document(folder / STUDY_FILE, document, STUDY_SCHEMA)

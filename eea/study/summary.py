@@ -10,16 +10,16 @@ from eea.core.angles import Floats
 from eea.core.fitness import chance_errors, dimension_errors, quantisation_errors
 from eea.study.arms import comparisons
 from eea.study.results import ANGLE_ERRORS, DIMENSION_ERRORS, LAYOUT, StudyResults
-from eea.study.statistics import paired_difference, summarize
+from eea.study.statistics import paired_difference, summary_statistics
 
-SCHEMA = "eea.summary/4"
+SUMMARY_SCHEMA = "eea.summary/4"
 
 
 def summarize_study(results: StudyResults) -> dict[str, Any]:
     """Return every number of the report, ready for JSON."""
     guesses = guess_errors(results.truth)
     return {
-        "schema": SCHEMA,
+        "schema": SUMMARY_SCHEMA,
         "target": results.target,
         "rounds": results.rounds,
         "rise_since_round": _earlier(results),
@@ -68,9 +68,9 @@ def _fitness(results: StudyResults, arm: str) -> list[dict[str, Any]]:
                 {
                     "arm": arm,
                     "durations": durations,
-                    "objective_fitness": summarize(last),
-                    "model_fitness": summarize(model[results.rounds]),
-                    "rise": summarize(last - objective[_earlier(results)]),
+                    "objective_fitness": summary_statistics(last),
+                    "model_fitness": summary_statistics(model[results.rounds]),
+                    "rise": summary_statistics(last - objective[_earlier(results)]),
                 }
             )
     return rows
@@ -117,7 +117,7 @@ def _summaries(
 ) -> dict[str, dict[str, Any]]:
     """Return summaries of some columns of the last round, none without a seed in all durations."""
     last = results.last_rounds(arm)
-    return {name: summarize(last[column]) for name, column in columns.items() if len(last)}
+    return {name: summary_statistics(last[column]) for name, column in columns.items() if len(last)}
 
 
 def _by_dimension(values: Floats) -> dict[str, float]:

@@ -14,7 +14,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator, PercentF
 
 from aquafish_gym.rendering.pictures import new_figure, save_figure
 from eea.core.angles import Floats
-from eea.study.drawing import GREY, MARKERS, SMALL, arm_style, grid, legend_below
+from eea.study.drawing import GREY, MARKERS, SMALL_FONT, arm_style, grid, legend_below
 from eea.study.statistics import curve_interval
 from experiments.reality_gap.job import METHODS, ORACLE
 from experiments.reality_gap.report import LEVELS, sure_to_swim
@@ -82,9 +82,9 @@ def progress_figure(table: pd.DataFrame) -> Figure:
             axes.plot(papers, _shown(PAPERS_FITNESS), "*", ms=11, color=COLOURS["out-of-band"])
             axes.annotate(
                 "the paper's\nbest", (papers, float(_shown(PAPERS_FITNESS))), (-8, 0),
-                textcoords="offset points", ha="right", va="center", fontsize=SMALL,
+                textcoords="offset points", ha="right", va="center", fontsize=SMALL_FONT,
             )  # fmt: skip
-            axes.set_title(f"{world}: {WORLDS[world].difference}", fontsize=SMALL + 1)
+            axes.set_title(f"{world}: {WORLDS[world].difference}", fontsize=SMALL_FONT + 1)
         _fitness_axis(row[0], "y")
         grid(row[1])
         row[0].set_ylabel("OBJ_FIT")
@@ -132,7 +132,7 @@ def worlds_figure(rows: Rows, column: str) -> Figure:
             if world in oracles and not sure_to_swim(oracles[world]):
                 far = round(oracles[world]["mean"], 1) + 0.0  # which is never -0.0
                 text = f"no share: the oracle's gait swims {far:.1f} units"
-                axes.text(0.02, place, text, fontsize=SMALL, color=GREY, va="center")
+                axes.text(0.02, place, text, fontsize=SMALL_FONT, color=GREY, va="center")
     for i in range(1, len(worlds)):
         axes.axhline(i - 0.5, color="0.88", lw=0.8)
     _list_worlds(axes, worlds)

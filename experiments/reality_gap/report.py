@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from eea.core.angles import Floats
-from eea.study.statistics import FEWEST, interval, ratio_interval
+from eea.study.statistics import FEWEST_VALUES, interval, ratio_interval
 from experiments.reality_gap.job import MASSES, METHODS, ORACLE, Settings
 from experiments.reality_gap.worlds import WORLDS
 
@@ -119,7 +119,7 @@ def to_markdown(report: Mapping[str, Any], settings: Settings, pictures: Sequenc
         "# Reality gap",
         f"Targets whose world differs from the one that the methods simulate, with damages that no "
         f"method was developed on; {seeds} replicate{'s' if seeds != 1 else ''}"
-        f"{', means with 95% bootstrap intervals' if seeds >= FEWEST else ''}. Every method "
+        f"{', means with 95% bootstrap intervals' if seeds >= FEWEST_VALUES else ''}. Every method "
         f"performs {eea.rounds} trials of {eea.steps / 100:g} s of its own; what the target hides "
         "is the same for all of them.",
         "*Covered* is the share of dimensions that the 90% intervals hold, which only joint "

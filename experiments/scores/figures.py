@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from aquafish_gym.rendering.pictures import new_figure
-from eea.study.drawing import GREY, SMALL, grid, legend_below
+from eea.study.drawing import GREY, SMALL_FONT, grid, legend_below
 from experiments.scores.episodes import COLUMNS
 
 COLOURS = dict(zip(COLUMNS, ("#0072B2", "#009E73", "#E69F00", "#D55E00"), strict=True))
@@ -42,10 +42,10 @@ def scores_figure(scored: Scored) -> Figure:
                     label=column if row == 0 else None,
                 )  # fmt: skip
         axes.axvline(0.0, color=GREY, lw=0.8)
-        axes.set_yticks(range(len(entries)), entries, fontsize=SMALL + 1)
+        axes.set_yticks(range(len(entries)), entries, fontsize=SMALL_FONT + 1)
         axes.set_ylim(len(entries) - 0.5, -0.5)
-        axes.set_title(name, fontsize=SMALL + 2)
-        axes.set_xlabel("return", fontsize=SMALL + 1)
+        axes.set_title(name, fontsize=SMALL_FONT + 2)
+        axes.set_xlabel("return", fontsize=SMALL_FONT + 1)
         grid(axes, "x")
     for axes in panels.flat[len(environments) :]:
         axes.set_visible(False)
@@ -65,9 +65,9 @@ def curves_figure(curves: Curves) -> Figure:
                 x, y = np.transpose(curve)
                 best = np.maximum.accumulate(y)  # a search begins several times
                 axes.plot(x / x[-1], best, color=colours[entry], lw=0.9, label="" if i else entry)
-        axes.set_title(task, fontsize=SMALL + 2)
-        axes.set_xlabel("share of its budget", fontsize=SMALL + 1)
-        axes.set_ylabel("best score so far", fontsize=SMALL + 1)
+        axes.set_title(task, fontsize=SMALL_FONT + 2)
+        axes.set_xlabel("share of its budget", fontsize=SMALL_FONT + 1)
+        axes.set_ylabel("best score so far", fontsize=SMALL_FONT + 1)
         grid(axes)
     legend_below(figure, figure.axes[0], 5)
     return figure

@@ -154,7 +154,7 @@ def replicates(settings: Settings, _cleanup: ExitStack) -> Group:
 def _warm_up(seed: int) -> None:
     """Compile everything that the rows call: the loops are the same for any duration."""
     config = replace(
-        figure_config("fig5", eea.fish.spectral.SHORTEST, QUICK_ROUNDS),
+        figure_config("fig5", eea.fish.spectral.SHORTEST_SPECTRUM_STEPS, QUICK_ROUNDS),
         exploration=ExplorationConfig(population=2, generations=1),
         estimation=EstimationConfig(population=2, generations=1),
     )

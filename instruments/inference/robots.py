@@ -14,7 +14,14 @@ from aquafish_gym.imu import ImuLog
 from aquafish_gym.morphology import DIMENSIONS, FINS
 from eea.core.experiment import Performed
 from eea.fish.gap import RealityGap
-from eea.fish.joint import BIAS, CURRENT, DRAG, GAIN, LAG, NUISANCES
+from eea.fish.joint import (
+    BIAS_PLACES,
+    CURRENT_PLACES,
+    DRAG_PLACES,
+    GAIN_PLACES,
+    LAG_PLACE,
+    NUISANCES,
+)
 from eea.fish.simulator import fish_problem
 from eea.fish.target import EngineTarget
 from eea.joint.observed import Observed
@@ -56,9 +63,9 @@ def draw_world(setting: Setting, rng: np.random.Generator) -> Floats:
     values = NOMINAL.copy()
     if setting.world == "other numbers":
         way = rng.normal(size=3)
-        values[CURRENT] = 0.15 * way / np.linalg.norm(way)
-        values[DRAG] = 1.0 + 0.2 * rng.choice([-1.0, 1.0], 2)
-        values[GAIN] = 0.95
+        values[CURRENT_PLACES] = 0.15 * way / np.linalg.norm(way)
+        values[DRAG_PLACES] = 1.0 + 0.2 * rng.choice([-1.0, 1.0], 2)
+        values[GAIN_PLACES] = 0.95
     elif setting.world == "prior":
         for i, n in enumerate(NUISANCES):
             if not n.switch:
@@ -82,12 +89,12 @@ class Robot(EngineTarget):
         commanding: np.random.Generator,
     ) -> None:
         gap = RealityGap(
-            current=tuple(world[CURRENT]),
-            drag=tuple(world[DRAG]),
-            servo_gain=(world[GAIN].item(),) * 3,
-            lag=world[LAG].item(),
+            current=tuple(world[CURRENT_PLACES]),
+            drag=tuple(world[DRAG_PLACES]),
+            servo_gain=(world[GAIN_PLACES].item(),) * 3,
+            lag=world[LAG_PLACE].item(),
             reactive=setting.world == "reactive",
-            gyro_bias=tuple(world[BIAS]),
+            gyro_bias=tuple(world[BIAS_PLACES]),
             gyro_noise=0.0 if setting.world == "coloured" else setting.noise,
             substeps=4 if setting.world == "quarter" else 1,
         )

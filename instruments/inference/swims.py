@@ -17,7 +17,7 @@ from aquafish_gym.morphology import DIMENSIONS
 from aquafish_gym.physics.kinematics import rotation
 from aquafish_gym.scenario import Scenario
 from eea import RecordedLog, SwimLog, estimate_morphology_of, infer_log, watch_swim
-from eea.fish.windows import BEFORE
+from eea.fish.windows import LAG_SAMPLES
 from eea.joint.joint_posterior import JointPosterior
 from gait.controllers.controller import INTERVAL, Controller
 from gait.controllers.policy import new_policy
@@ -76,7 +76,7 @@ def _window(number: int, rng: np.random.Generator) -> dict[str, Any]:
         EvolveConfig(seed=number, generations=15, population=60, threads=1, paper=True),
     )
     swim = _swim(gait.controller, body, 2 * SECONDS, rng)
-    first = len(swim.time) - round(SECONDS / TIMESTEP) - BEFORE - 1
+    first = len(swim.time) - round(SECONDS / TIMESTEP) - LAG_SAMPLES - 1
     swim = SwimLog(swim.time[first:], swim.gyro[first:], swim.commands[first:])
     found = infer_log(swim, seed=number, truth=body, moving=True, threads=1)
     low, high = found.interval(0.9)

@@ -45,7 +45,7 @@ def write_study(folder: Path, arms=("ideal", "none"), steps=(128, 256), seeds=5,
             "versions": [{"numpy": "2.4"}],
             "source": ["0123abcd"],
         },
-        study.SCHEMA,
+        study.STUDY_SCHEMA,
     )
     for i, arm in enumerate(arms):
         for duration in steps:

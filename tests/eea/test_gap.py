@@ -13,7 +13,7 @@ from eea import EngineTarget, PaperConfig, RealityGap
 from eea.__main__ import main
 from eea.core.checks import ConfigurationError
 from eea.core.config import EstimationConfig, ExplorationConfig
-from eea.study.replicate import World
+from eea.study.replicate import StudyWorld
 from eea.study.study import Study
 
 DAMAGE = "left_pectoral:length=0.5"
@@ -123,5 +123,5 @@ def test_a_study_takes_a_gap_and_notes_it_only_if_there_is_one(tmp_path, monkeyp
     assert json.loads((out / "study.json").read_text())["gap"] == {"lag": 0.05}
     assert "differs from its models' in lag 0.05" in (out / "summary.md").read_text()
     assert main(["study", "--out", str(out), *options]) == 2  # another world than the folder's
-    plain = World(Morphology.nominal(), Damage())
+    plain = StudyWorld(Morphology.nominal(), Damage())
     assert "gap" not in Study({"none": QUICK}, (32,), 1, 0, 1, plain).to_dict()

@@ -13,7 +13,7 @@ from aquafish_gym.utils.storage import DamagedFileError
 from eea.core.checks import ConfigurationError
 from eea.core.fitness import chance_level, mid_range_level, quantisation_limit
 from eea.study.report import markdown, report
-from eea.study.results import COLUMNS, LAYOUT, read_study
+from eea.study.results import LAYOUT, RESULT_COLUMNS, read_study
 from eea.study.summary import summarize_study
 from study_folder import TRUTH, make_records, write_records, write_study
 
@@ -63,7 +63,7 @@ def test_runs_and_their_table_alone_give_the_same_bytes(folder, tmp_path):
 def test_the_table_holds_every_round(folder):
     rows = list(csv.DictReader((folder / "results.csv").read_text().splitlines()))
     assert len(rows) == 3 * 2 * 5 * 4
-    assert list(rows[0]) == COLUMNS
+    assert list(rows[0]) == RESULT_COLUMNS
     assert [r["arm"] for r in rows[::40]] == ["ideal", "none", "out-of-band"], "the paper's order"
     found = {(r["arm"], r["steps"], r["seed"], r["round"]): r for r in rows}
     row = found["out-of-band", "256", "3", "4"]

@@ -5,31 +5,31 @@ import pytest
 from scipy import stats
 
 from eea.study.statistics import (
-    FEWEST,
+    FEWEST_VALUES,
     curve_interval,
     interval,
     paired_difference,
     ratio_interval,
     sign_test,
-    summarize,
+    summary_statistics,
 )
 
 SKEWED = np.array([1.0, 1.1, 1.2, 1.2, 1.3, 1.5, 2.0, 3.5, 6.0, 9.0])
 
 
 def test_a_summary_by_hand():
-    assert summarize([1.0, 2.0, 6.0]) == {
+    assert summary_statistics([1.0, 2.0, 6.0]) == {
         "replicates": 3,
         "mean": 3.0,
         "sd": pytest.approx(7**0.5),
         "interval": None,
     }
-    assert summarize([2.0])["sd"] is None
-    assert len(summarize(np.arange(float(FEWEST)))["interval"]) == 2
+    assert summary_statistics([2.0])["sd"] is None
+    assert len(summary_statistics(np.arange(float(FEWEST_VALUES)))["interval"]) == 2
 
 
 def test_an_interval_is_of_enough_numbers_and_the_same_each_time():
-    assert interval(SKEWED[: FEWEST - 1]) is None
+    assert interval(SKEWED[: FEWEST_VALUES - 1]) is None
     assert interval(np.full(6, 0.3)) == [pytest.approx(0.3)] * 2
     assert interval(SKEWED) == interval(SKEWED.copy())
 

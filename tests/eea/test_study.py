@@ -11,7 +11,7 @@ from aquafish_gym.morphology import Morphology
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea.core.checks import ConfigurationError
 from eea.core.config import PaperConfig
-from eea.study.replicate import World
+from eea.study.replicate import StudyWorld
 from eea.study.study import (
     Study,
     extended,
@@ -20,7 +20,7 @@ from eea.study.study import (
     write_description,
 )
 
-WORLD = World(Morphology.nominal(), Damage.parse("none"))
+WORLD = StudyWorld(Morphology.nominal(), Damage.parse("none"))
 STUDY = Study({"none": PaperConfig(condition="none")}, (64, 128), 5, 2, 4, WORLD)
 
 

@@ -18,7 +18,7 @@ from eea.core.config import (
     OutOfBandConfig,
     PaperConfig,
 )
-from eea.study.replicate import Replicate, World, replicate, warm_up
+from eea.study.replicate import Replicate, StudyWorld, replicate, warm_up
 
 CONFIG = PaperConfig(
     condition="none",
@@ -28,7 +28,7 @@ CONFIG = PaperConfig(
     estimation=EstimationConfig(4, 3),
     out_of_band=OutOfBandConfig(period=2, inner_population=4, inner_generations=2, revisit=1),
 )
-WORLD = World(Morphology.nominal(), Damage.parse("left_pectoral:length=0.5"))
+WORLD = StudyWorld(Morphology.nominal(), Damage.parse("left_pectoral:length=0.5"))
 
 
 def make(seed=0, **changes):

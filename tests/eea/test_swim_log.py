@@ -11,11 +11,11 @@ from aquafish_gym import simulate
 from aquafish_gym.engines.api import TIMESTEP
 from aquafish_gym.utils.validation import InvalidArgumentError
 from eea import RecordedLog, SwimLog, infer_log, read_log, write_log
-from eea.fish.swim_log import COLUMNS
+from eea.fish.swim_log import LOG_COLUMNS
 from eea.fish.windows import cubic_weights, log_windows
 
 COMMANDS = [(0.5, -0.5, 1.0), (-0.3, 0.2, 0.5)]
-HEADING = ",".join(COLUMNS)
+HEADING = ",".join(LOG_COLUMNS)
 NAMES = ("time", "gyro", "commands", "trial")
 
 
@@ -142,7 +142,7 @@ def test_a_table_that_is_no_log_is_refused(name, tmp_path):
 def test_a_table_may_have_other_columns_in_any_order(tmp_path):
     log = recorded()
     columns = [log.trial, *log.commands.T, 20 + log.time, *log.gyro.T, log.time]
-    names = ["Trial", *COLUMNS[4:], "temperature", *COLUMNS[1:4], " time"]
+    names = ["Trial", *LOG_COLUMNS[4:], "temperature", *LOG_COLUMNS[1:4], " time"]
     path = tmp_path / "swim.csv"
     header = ",".join(names)
     np.savetxt(path, np.transpose(columns), "%.17g", ",", header=header, comments="\ufeff")

@@ -17,7 +17,7 @@ from eea.core.experiment import RecordedLog
 from eea.fish.estimate import MorphologyEstimate
 from eea.fish.log_inference import infer_log, watch_swim
 from eea.fish.swim_log import SwimLog
-from eea.fish.windows import BEFORE, log_windows
+from eea.fish.windows import LAG_SAMPLES, log_windows
 
 NOISE = 0.01
 BODY = Damage.parse("left_pectoral:length=0.6").apply(Morphology.nominal())
@@ -55,7 +55,7 @@ def together(*logs: SwimLog) -> SwimLog:
 
 @pytest.fixture(scope="module")
 def known() -> MorphologyEstimate:
-    log = together(*(swim(seed, 501 + BEFORE) for seed in (1, 2)))
+    log = together(*(swim(seed, 501 + LAG_SAMPLES) for seed in (1, 2)))
     return infer_log(log, PLAIN, truth=BODY, moving=True, threads=1)
 
 
@@ -94,10 +94,10 @@ def test_windows_are_cut_where_they_should_be() -> None:
     cut = log_windows(together(log, short), moving=True, seconds=2.5)
     assert cut.interval == 1  # of commands held for 25 rows, the first of which is cut at 24
     assert [len(part) for part in (cut.series, cut.spin, cut.gyro)] == [3, 3, 3]
-    np.testing.assert_array_equal(cut.gyro[1], log.gyro[BEFORE + 251 : BEFORE + 501])
-    np.testing.assert_array_equal(cut.spin[1], log.gyro[BEFORE + 250])
+    np.testing.assert_array_equal(cut.gyro[1], log.gyro[LAG_SAMPLES + 251 : LAG_SAMPLES + 501])
+    np.testing.assert_array_equal(cut.spin[1], log.gyro[LAG_SAMPLES + 250])
     held = np.repeat(cut.series, cut.interval, axis=1)
-    np.testing.assert_array_equal(held[1], log.commands[250 : 500 + BEFORE])
+    np.testing.assert_array_equal(held[1], log.commands[250 : 500 + LAG_SAMPLES])
     resting = log_windows(log)
     assert resting.gyro.shape == (1, 600, 3)
     assert resting.begun == 0
@@ -106,7 +106,7 @@ def test_windows_are_cut_where_they_should_be() -> None:
 def test_an_unchanged_body_raises_no_alarm_more_often_than_is_said(
     known: MorphologyEstimate,
 ) -> None:
-    watched = watch_swim(swim(7, BEFORE + 40 * SECOND + 1), known.belief, threads=1)  # type: ignore[arg-type]
+    watched = watch_swim(swim(7, LAG_SAMPLES + 40 * SECOND + 1), known.belief, threads=1)  # type: ignore[arg-type]
     chances = [look.p for look in watched.looks]
     assert watched.noticed is None
     assert "still the body" in str(watched)
@@ -119,8 +119,8 @@ def test_an_unchanged_body_raises_no_alarm_more_often_than_is_said(
 @pytest.mark.parametrize("damage", ["right_pectoral:length=0.7", "caudal:missing"])
 def test_a_change_of_body_is_noticed_at_once(known: MorphologyEstimate, damage: str) -> None:
     other = Damage.parse(damage).apply(BODY)
-    struck = BEFORE + 3 * SECOND + 40
-    log = swim(8, BEFORE + 8 * SECOND + 1, other, struck)
+    struck = LAG_SAMPLES + 3 * SECOND + 40
+    log = swim(8, LAG_SAMPLES + 8 * SECOND + 1, other, struck)
     watched = watch_swim(log, known.belief, threads=1, until_noticed=True)  # type: ignore[arg-type]
     assert watched.noticed is not None
     assert 0.0 < watched.noticed - 0.01 * struck < 3.0
