@@ -27,7 +27,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance,
 from gait.controllers.controller import INTERVAL, Controller
 from gait.scores.rollout import SECONDS, ZERO_POSE, Swim, step_count
 
-WHOLE = Damage()
+NO_DAMAGE = Damage()
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ class Film(Given):
 
 
 def filmed(
-    label: str, swim: Swim | RolloutPath, body: Morphology, damage: Damage = WHOLE
+    label: str, swim: Swim | RolloutPath, body: Morphology, damage: Damage = NO_DAMAGE
 ) -> FilmedSwim:
     """Return a recorded swim to film, of a body and what damage makes of it.
 

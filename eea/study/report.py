@@ -15,7 +15,7 @@ from aquafish_gym.runs.markdown import markdown_table, shown_format
 from aquafish_gym.utils.storage import write_bytes, write_document
 from eea.study.arms import MINUS, angle_label, duration_name, signed, spoken
 from eea.study.figures import save_study_figures
-from eea.study.results import StudyResults, read_study
+from eea.study.results import RESULTS_FILE, StudyResults, read_study
 from eea.study.summary import summarize_study
 
 

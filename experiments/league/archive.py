@@ -33,7 +33,7 @@ from aquafish_gym.utils.storage import write_document
 from experiments.league.policy import CLOCK, DT, SENSES, Offline, drive, inputs, reckoned
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import Controller
-from gait.controllers.network import GAIN
+from gait.controllers.network import OUTPUT_GAIN
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class Varied:
         """Return actions (B, 3)."""
         seen = inputs(observations.astype(float), CLOCK * DT * self._steps, self._fins)
         more = self._bias + np.einsum("bi,boi->bo", seen, self._weights)
-        actions = np.clip(drive(self._gait, seen) + GAIN * more, -1.0, 1.0)
+        actions = np.clip(drive(self._gait, seen) + OUTPUT_GAIN * more, -1.0, 1.0)
         self._fins = reckoned(self._fins, actions)
         self._steps += 1
         return np.asarray(actions)

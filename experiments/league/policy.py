@@ -18,7 +18,7 @@ from aquafish_gym.command import reckon, servo_speeds
 from aquafish_gym.physics.arithmetic import TAU
 from aquafish_gym.utils.storage import read_document, write_document
 from gait.controllers.controller import Controller
-from gait.controllers.network import GAIN, Senses, observe
+from gait.controllers.network import OUTPUT_GAIN, Senses, put_inputs
 
 Floats = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def inputs(observations: Floats, turns: Floats | float, fins: Floats) -> Floats:
     left, right, caudal = (fins / TAU).T
     values = np.empty((len(SENSES.names), len(observations)))
     clock = np.broadcast_to(turns, len(observations))
-    observe(values, SENSES.layout, clock, up, north, gyro, (left, right, caudal), up)
+    put_inputs(values, SENSES.layout, clock, up, north, gyro, (left, right, caudal), up)
     return values.T
 
 
@@ -66,7 +66,7 @@ def drive(gait: Controller, seen: Floats) -> Floats:
     begin = 0
     for count in gait.layers or ():
         rows = slice(begin, begin + count)
-        z = GAIN * (gait.bias[rows] + values @ gait.weights[rows, : values.shape[1]].T)
+        z = OUTPUT_GAIN * (gait.bias[rows] + values @ gait.weights[rows, : values.shape[1]].T)
         values = np.hstack([values, np.tanh(z)])
         begin = rows.stop
     return z

@@ -25,7 +25,7 @@ def check_sums(
     """
     with np.errstate(over="ignore", invalid="ignore"):
         reach = np.abs(weights).sum(axis=-1)
-        sums = np.maximum(reach, network.GAIN * (np.abs(bias) + np.abs(response) * reach))
+        sums = np.maximum(reach, network.OUTPUT_GAIN * (np.abs(bias) + np.abs(response) * reach))
     beyond = np.flatnonzero(~(sums <= MAXIMUM_SUM))
     if len(beyond):
         place = int(beyond[0])

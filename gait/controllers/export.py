@@ -31,9 +31,9 @@ from gait.controllers import network
 from gait.controllers.controller import Controller, program_of
 from gait.controllers.network import OUTPUTS, Senses
 
-VECTORS = 1000
-FIN_ANGLES = (0.5, -1.0, 2.0)  # rad, at the start of the test vectors
-SERVO_GAIN = (1.0, 0.75, 1.25)
+VECTOR_COUNT = 1000
+VECTOR_FIN_ANGLES = (0.5, -1.0, 2.0)  # rad, at the start of the test vectors
+VECTOR_SERVO_GAIN = (1.0, 0.75, 1.25)
 _FIRST_LINE = re.compile(rb"/\* Written by `aquafish export`")
 _HEADER = re.compile(rf"[\w,]*{','.join(OUTPUTS)}\n".encode())
 
@@ -83,7 +83,7 @@ def export_c(controller: Controller, path: Path | str) -> tuple[Path, Path]:
             )
         output_file(file, "c")
     text = c_source(controller, source.stem)
-    rows = np.concatenate(make_vectors(controller, VECTORS), axis=1)
+    rows = np.concatenate(make_vectors(controller, VECTOR_COUNT), axis=1)
     lines = [",".join((*_columns(controller.senses), *OUTPUTS))]
     lines += [",".join(map(str, row)) for row in rows]
     write_bytes(table, ("\n".join(lines) + "\n").encode())
@@ -137,8 +137,8 @@ def c_source(controller: Controller, name: str) -> str:
         "GOAL_LIMIT": _float(way),
         "RANGES": f"gyroscope {most[6]:.4g} rad/s, goal {most[9]:.4g}",
         "COLUMNS": len(_columns(senses)) + len(OUTPUTS),
-        "FIN_ANGLES": _floats(FIN_ANGLES),
-        "SERVO_GAIN": _floats(SERVO_GAIN),
+        "FIN_ANGLES": _floats(VECTOR_FIN_ANGLES),
+        "SERVO_GAIN": _floats(VECTOR_SERVO_GAIN),
     }
     parts = {
         "imu": senses.imu,
@@ -181,7 +181,7 @@ def make_vectors(
 def answers(controller: Controller, observations: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the commands (T, 3) that follow observations (T, 12): up, north, gyro, goal.
 
-    The swim begins with ``FIN_ANGLES`` and ``SERVO_GAIN``.
+    The swim begins with ``VECTOR_FIN_ANGLES`` and ``VECTOR_SERVO_GAIN``.
     """
     program = program_of([controller])
     commands = np.empty((len(observations), 3), np.float32)
@@ -191,8 +191,8 @@ def answers(controller: Controller, observations: NDArray[np.float32]) -> NDArra
         program.weights[:, 0].astype(np.float32),
         program.layout,
         np.zeros(program.scratch, np.float32),
-        (np.array(FIN_ANGLES) / TAU).astype(np.float32),
-        np.array(SERVO_GAIN, np.float32),
+        (np.array(VECTOR_FIN_ANGLES) / TAU).astype(np.float32),
+        np.array(VECTOR_SERVO_GAIN, np.float32),
         observations.ravel(),
         controller.interval,
         commands.ravel(),

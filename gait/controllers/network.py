@@ -24,16 +24,24 @@ from aquafish_gym.physics.arithmetic import (
 )
 
 OUTPUTS: tuple[str, ...] = ("left_pectoral", "right_pectoral", "caudal")
-GYRO_SCALE = 2.0  # rad/s
-GOAL_SCALE = 5.0  # units
+GYRO_INPUT_SCALE = 2.0  # rad/s
+GOAL_INPUT_SCALE = 5.0  # units
 
 # neat-python's activation is tanh(2.5 z); its clamp at 60 is far beyond where tanh is 1.
-GAIN = 2.5
+OUTPUT_GAIN = 2.5
 _TANH_LIMIT = 20.0  # 1 - tanh(20) = 8e-18
 
-# Of a controller's layout, see :func:`respond`.
-IMU, CLOCK, FINS, GOAL, INPUTS, NODES, MEMORY, CLIPPED, LAYERS = range(9)
-HEADER = 1  # rows of the genes before the nodes': the clock's frequency
+# Entries of a controller's layout, see :func:`respond`.
+IMU_ENTRY = 0
+CLOCK_ENTRY = 1
+FINS_ENTRY = 2
+GOAL_ENTRY = 3
+INPUTS_ENTRY = 4
+NODES_ENTRY = 5
+MEMORY_ENTRY = 6
+CLIPPED_ENTRY = 7
+LAYERS_ENTRY = 8
+HEADER_ROWS = 1  # rows of the genes before the nodes': the clock's frequency
 
 
 @dataclass(frozen=True)
@@ -93,12 +101,12 @@ def observe_imu(values: Any, at: int, up: Vector, north: Vector, gyro: Vector) -
     Attitude comes as direction cosines rather than as angles: they are bounded, never jump, and do
     not depend on which of its two triples (see imu.py) the log is in. They are the world's
     vertical, z, and its y, where the robot faces at the start, in body axes. The gyroscope's rad/s
-    about body axes are 1 at ``GYRO_SCALE``.
+    about body axes are 1 at ``GYRO_INPUT_SCALE``.
     """
     for i in range(3):
         put(values, at + i, up[i])
         put(values, at + 3 + i, north[i])
-        put(values, at + 6 + i, clip(gyro[i] * (1 / GYRO_SCALE), 1.0))
+        put(values, at + 6 + i, clip(gyro[i] * (1 / GYRO_INPUT_SCALE), 1.0))
 
 
 def observe_clock(values: Any, at: int, harmonics: int, turns: Number) -> None:
@@ -124,15 +132,15 @@ def observe_fins(values: Any, at: int, fins: Vector) -> None:
 
 def observe_goal(values: Any, at: int, way: Vector) -> None:
     """Put the way to a goal, units in body axes, scaled to the length d / sqrt(d^2 + s^2) for a
-    distance d and s = ``GOAL_SCALE``: it is bounded, and keeps the direction at any distance.
+    distance d and s = ``GOAL_INPUT_SCALE``: it is bounded, and keeps the direction at any distance.
     """
     x, y, z = way
-    shrink = 1.0 / square_root(fma(x, x, fma(y, y, fma(z, z, GOAL_SCALE * GOAL_SCALE))))
+    shrink = 1.0 / square_root(fma(x, x, fma(y, y, fma(z, z, GOAL_INPUT_SCALE * GOAL_INPUT_SCALE))))
     for i in range(3):
         put(values, at + i, way[i] * shrink)
 
 
-def observe(
+def put_inputs(
     values: Any,
     layout: Any,
     turns: Number,
@@ -147,16 +155,16 @@ def observe(
     ``turns`` is what the clock has made; see :func:`respond` for the others.
     """
     at = 0
-    if layout[IMU]:
+    if layout[IMU_ENTRY]:
         observe_imu(values, at, up, north, gyro)
         at += 9
-    if layout[CLOCK]:
-        observe_clock(values, at, layout[CLOCK], turns)
-        at += 2 * layout[CLOCK]
-    if layout[FINS]:
+    if layout[CLOCK_ENTRY]:
+        observe_clock(values, at, layout[CLOCK_ENTRY], turns)
+        at += 2 * layout[CLOCK_ENTRY]
+    if layout[FINS_ENTRY]:
         observe_fins(values, at, fins)
         at += 6
-    if layout[GOAL]:
+    if layout[GOAL_ENTRY]:
         observe_goal(values, at, way)
 
 
@@ -177,11 +185,16 @@ def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like:
     like
         Any number of the arithmetic.
     """
-    inputs, nodes, memory, clipped = layout[INPUTS], layout[NODES], layout[MEMORY], layout[CLIPPED]
-    at = HEADER * groups + group
+    inputs, nodes, memory, clipped = (
+        layout[INPUTS_ENTRY],
+        layout[NODES_ENTRY],
+        layout[MEMORY_ENTRY],
+        layout[CLIPPED_ENTRY],
+    )
+    at = HEADER_ROWS * groups + group
     begin = inputs
-    for layer in range(layout[LAYERS]):
-        end = inputs + layout[LAYERS + 1 + layer]
+    for layer in range(layout[LAYERS_ENTRY]):
+        end = inputs + layout[LAYERS_ENTRY + 1 + layer]
         sources = inputs + nodes if memory else begin
         for node in range(begin, end):
             bias = fetch(genes, at, like)
@@ -191,7 +204,7 @@ def forward(genes: Any, layout: Any, values: Any, group: int, groups: int, like:
             for i in range(sources):
                 total = total + fetch(genes, at, like) * fetch(values, i, like)
                 at += groups
-            z = GAIN * (bias + response * total)
+            z = OUTPUT_GAIN * (bias + response * total)
             if clipped and end == inputs + nodes:
                 put(values, node + nodes, clip(z, 1.0))
             else:
@@ -244,8 +257,8 @@ def respond(
     """
     like = gyro[0]
     if time == 0.0:
-        for i in range(layout[INPUTS] + 2 * layout[NODES]):
+        for i in range(layout[INPUTS_ENTRY] + 2 * layout[NODES_ENTRY]):
             put(scratch, i, 0.0 * like)
     turns = fetch(genes, group, like) * time
-    observe(scratch, layout, turns, up, north, gyro, fins, way)
+    put_inputs(scratch, layout, turns, up, north, gyro, fins, way)
     return forward(genes, layout, scratch, group, groups, like)

@@ -20,7 +20,7 @@ from aquafish_gym.envs.vector import AquaFishVectorEnv
 from aquafish_gym.physics.arithmetic import TAU, Vector
 from aquafish_gym.utils.array_types import Flags
 from aquafish_gym.utils.validation import InvalidArgumentError, brief, instance
-from gait.controllers.network import Senses, observe
+from gait.controllers.network import Senses, put_inputs
 from gait.learning.sb3_infos import RobotInfo, Table, copied, joined
 
 Options = dict[str, Any]
@@ -331,7 +331,7 @@ class LaneVecEnv(SB3VecEnv):
         up, north, gyro, way = (_columns(seen[:, i:][:, :3]) for i in (0, 3, 6, seen.shape[1] - 3))
         turns, fins = self._clock * self._dt * self._steps, _columns(self._fins / TAU)
         values = np.empty((len(self._senses.names), self.num_envs))
-        observe(values, self._senses.layout, turns, up, north, gyro, fins, way)
+        put_inputs(values, self._senses.layout, turns, up, north, gyro, fins, way)
         return np.ascontiguousarray(values.T, np.float32)
 
 

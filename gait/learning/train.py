@@ -34,7 +34,7 @@ from aquafish_gym.utils.validation import (
     one_of,
 )
 from gait.controllers.controller import MAXIMUM_SEED, Controller
-from gait.controllers.network import GAIN, OUTPUTS, Senses
+from gait.controllers.network import OUTPUT_GAIN, OUTPUTS, Senses
 from gait.files import CONTROLLER_FILE, run_folder, write_rows
 from gait.scores.fitness import swim_scores
 from gait.scores.rollout import random_poses, stream
@@ -42,12 +42,12 @@ from gait.search.config import Sense, TaskName, check_interval, check_senses, ma
 from gait.search.evolve import FINAL_POSES
 
 CURVE_FILE = "curve.csv"
-FILES = (CURVE_FILE, CONTROLLER_FILE)  # and a sample's bodies.json
-HIDDEN = (64, 64)  # widths of the hidden layers
-CLOCK = 0.7  # Hz
+TRAINING_FILES = (CURVE_FILE, CONTROLLER_FILE)  # and a sample's bodies.json
+HIDDEN_WIDTHS = (64, 64)  # widths of the hidden layers
+CLOCK_HZ = 0.7  # Hz
 GAMMA = 0.99
 MAXIMUM_BATCH = 1600
-HORIZON = 1000  # physics steps in a rollout of PPO, at least
+LEAST_ROLLOUT_STEPS = 1000  # physics steps in a rollout of PPO, at least
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -191,7 +191,7 @@ def train(
     settings |= {"damage": str(broken)} if broken else {}
     settings |= {"sample": sample_stamp(bodies)} if len(bodies) > 1 else {}
     best, curve = Learned(learner.controller(), -inf, ()), list[CurvePoint]()
-    with run_folder(out, "a baseline", settings, FILES, bodies) as folder:
+    with run_folder(out, "a baseline", settings, TRAINING_FILES, bodies) as folder:
         for epoch in range(1, config.epochs + 1):
             training = learner.learn(_seed(config, epoch - 1))
             controller = learner.controller()
@@ -220,14 +220,22 @@ class _Learner:
         logger = load_extra("stable_baselines3.common.logger")
         self.bodies, self.config = bodies, config
         self.robots = load_extra("gait.learning.sb3_env").LaneVecEnv(
-            config.environments, bodies, config.inputs, CLOCK, config.interval, config.task, damage,
-        )  # fmt: skip
+            config.environments,
+            bodies,
+            config.inputs,
+            CLOCK_HZ,
+            config.interval,
+            config.task,
+            damage,
+        )
         # Without a clip, which the exported weights could not express.
         self.normal = vec_env.VecNormalize(self.robots, gamma=GAMMA, clip_obs=inf, epsilon=1e-4)
         # More is learned from rollouts of ten seconds than from whole episodes.
         actions = config.episode_actions
         horizons = [
-            n for n in range(1, actions) if not actions % n and n * config.interval >= HORIZON
+            n
+            for n in range(1, actions)
+            if not actions % n and n * config.interval >= LEAST_ROLLOUT_STEPS
         ]
         horizon = min(horizons, default=actions)
         size = config.environments * horizon
@@ -240,7 +248,7 @@ class _Learner:
                 batch_size=max(n for n in range(1, MAXIMUM_BATCH + 1) if not size % n),
                 n_epochs=6,
                 learning_rate=1e-3,
-                policy_kwargs={"net_arch": list(HIDDEN), "activation_fn": torch.nn.Tanh},
+                policy_kwargs={"net_arch": list(HIDDEN_WIDTHS), "activation_fn": torch.nn.Tanh},
                 device="cpu",
                 seed=_seed(config),
             )
@@ -270,12 +278,12 @@ class _Learner:
             weights,
             bias,
             response=np.ones(len(bias)),
-            clock=CLOCK,
+            clock=CLOCK_HZ,
             morphology=median_body(self.bodies),
             seed=config.seed,
             sample=sample_stamp(self.bodies) if len(self.bodies) > 1 else None,
             senses=config.inputs,
-            layers=(*HIDDEN, len(OUTPUTS)),
+            layers=(*HIDDEN_WIDTHS, len(OUTPUTS)),
             output="clip",  # the environment clips PPO's actions
             interval=config.interval,
         )
@@ -318,8 +326,8 @@ def dense_network(
     begin, sources = 0, slice(0, inputs)
     for matrix, bias in layers:
         end = begin + len(bias)
-        weights[begin:end, sources] = matrix / GAIN
-        biases[begin:end] = bias / GAIN
+        weights[begin:end, sources] = matrix / OUTPUT_GAIN
+        biases[begin:end] = bias / OUTPUT_GAIN
         begin, sources = end, slice(inputs + begin, inputs + end)
     weights[:, :inputs] /= scale
     return weights, biases - weights[:, :inputs] @ mean

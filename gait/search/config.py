@@ -66,7 +66,7 @@ def check_senses(senses: object) -> tuple[Sense, ...]:
     return tuple(senses)
 
 
-class Plan(NamedTuple):
+class SearchPlan(NamedTuple):
     """The choices of a configuration, with the defaults of its search filled in."""
 
     search: Literal["cma", "neat"]
@@ -193,7 +193,7 @@ class EvolveConfig:
         return self.seconds if self.task == "forward" else TASKS[self.task].seconds
 
     @property
-    def plan(self) -> Plan:
+    def plan(self) -> SearchPlan:
         """The choices, with defaults filled in.
 
         Examples
@@ -214,11 +214,11 @@ class EvolveConfig:
         )
         if search == "neat":
             rows = restarts * generations
-            rows += generation_count(halving_stages(restarts, tuning, neat.STAGES))
+            rows += generation_count(halving_stages(restarts, tuning, neat.NEAT_STAGES))
         else:
             rows = len(cma.screenings(candidates, restarts, self.poses))
             rows += generation_count(halving_stages(restarts, generations, cma.STAGES))
-        return Plan(
+        return SearchPlan(
             search=search,
             controller=self.controller or "recurrent",
             hidden=6 if self.hidden is None else self.hidden,

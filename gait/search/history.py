@@ -15,7 +15,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.controller import Controller
 from gait.files import CONTROLLER_FILE, write_rows
 from gait.search.ask_tell import Proposal
-from gait.search.config import Plan
+from gait.search.config import SearchPlan
 
 # Fitness from random poses is noisy, and the best of many controllers is the luckiest. So the
 # leaders of each generation swim again, from poses that are fixed for the run.
@@ -101,7 +101,7 @@ def finalists_of(proposal: Proposal, fitness: NDArray[np.float64]) -> Sequence[C
     return [proposal.controllers[i] for i in np.argsort(-fitness, kind="stable")[:FINALISTS]]
 
 
-def read_checkpoint(folder: Path, plan: Plan) -> list[Scores]:
+def read_checkpoint(folder: Path, plan: SearchPlan) -> list[Scores]:
     """Return the scores of the generations that a folder holds."""
     path = folder / CHECKPOINT_FILE
     if not path.exists():

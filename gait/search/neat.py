@@ -23,9 +23,9 @@ from gait.search.ask_tell import Proposal, Stages, Turns, halve, halving_stages
 from gait.search.genome import genome_to_controller as genome_to_controller
 
 DEFAULT_INPUTS = len(Senses().names)
-STAGES: Stages = ((6, 50), (2, 60))  # of CMA-ES on the networks that the starts have found
+NEAT_STAGES: Stages = ((6, 50), (2, 60))  # of CMA-ES on the networks that the starts have found
 
-Build = Callable[[Any], Controller]  # from a genome
+GenomeBuilder = Callable[[Any], Controller]  # from a genome
 
 
 class Evolution:
@@ -33,7 +33,7 @@ class Evolution:
 
     def __init__(
         self,
-        build: Build,
+        build: GenomeBuilder,
         size: int,
         seed: int,
         inputs: int = DEFAULT_INPUTS,
@@ -102,7 +102,7 @@ def multistart(
     best = [start.best for start in starts if start.best]
     children = zip(best, rng.spawn(len(best)), strict=True)
     tuners = [cma.tuner(each, population, child) for each, child in children]
-    yield from halve(tuners, halving_stages(len(tuners), sys.maxsize, STAGES))
+    yield from halve(tuners, halving_stages(len(tuners), sys.maxsize, NEAT_STAGES))
 
 
 def load_config(size: int, inputs: int = DEFAULT_INPUTS, growing: bool = False) -> Any:

@@ -15,7 +15,7 @@ from gait.controllers.network import OUTPUTS, Senses
 CLOCK_OCTAVES = 4.0  # bounds of a tuned clock, relative to the initial one
 # Standard deviation of random weights, at which nodes saturate and fins turn. Memory weights start
 # at 0: from random ones the search ends at worse gaits.
-SPREAD = 0.5
+WEIGHT_SD = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class Template:
         inputs, nodes = len(self.senses.names), len(self.free)
         memory = np.zeros_like(self.free)
         memory[: -len(OUTPUTS), inputs : inputs + nodes - len(OUTPUTS)] = True
-        found = SPREAD * rng.standard_normal((count, self.size))
+        found = WEIGHT_SD * rng.standard_normal((count, self.size))
         found[:, 1 + nodes :][:, memory[self.free]] = 0.0
         return found
 

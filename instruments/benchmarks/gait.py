@@ -27,7 +27,7 @@ from aquafish_gym.scenario import Scenario
 from aquafish_gym.utils.validation import install_advice
 from gait.controllers.agent import ControllerAgent
 from gait.controllers.controller import INTERVAL, Controller
-from gait.controllers.network import GYRO_SCALE, Senses
+from gait.controllers.network import GYRO_INPUT_SCALE, Senses
 from gait.learning.train import LearningConfig
 from gait.scores.fitness import DIVERGED_SPEED, swim_scores
 from gait.scores.rollout import SECONDS, random_poses, step_count, swim_all
@@ -124,7 +124,7 @@ def swim_as_usual(world: Any, genome: Any, body: Morphology, steps: int) -> floa
         m = matrix(world.orientation)
         x, y, z = world.world_spin
         spin = [m[i] * x + m[i + 3] * y + m[i + 6] * z for i in range(3)]
-        gyro = [min(max(rate / GYRO_SCALE, -1.0), 1.0) for rate in spin]
+        gyro = [min(max(rate / GYRO_INPUT_SCALE, -1.0), 1.0) for rate in spin]
         angle = math.tau * CLOCK * t * TIMESTEP
         heard = (*m[6:9], *m[3:6], *gyro, math.sin(angle), math.cos(angle))
         action = network.activate(heard)

@@ -18,7 +18,7 @@ from aquafish_gym.utils.validation import InvalidArgumentError
 from gait.controllers.checks import MAXIMUM_SUM
 from gait.controllers.controller import Controller
 from gait.controllers.export import make_vectors
-from gait.controllers.network import HEADER, forward
+from gait.controllers.network import HEADER_ROWS, forward
 from gait.scores.rollout import swim_all
 from gait_fakes import INPUT_COUNT, make_controller
 
@@ -40,7 +40,7 @@ def test_padding_changes_no_output(seed: int, mutations: int, padding: int) -> N
     for nodes in (controller.nodes, controller.nodes + padding):
         genes = controller.genes(nodes)
         # Clock and fins, and each node's bias, response, and weights from all before it.
-        assert len(genes) == HEADER + sum(2 + INPUT_COUNT + n for n in range(nodes))
+        assert len(genes) == HEADER_ROWS + sum(2 + INPUT_COUNT + n for n in range(nodes))
         layout = controller.layout(nodes).tolist()
         outputs.append(forward(genes, layout, inputs + [0.0] * 2 * nodes, 0, 1, 0.0))
     assert outputs[0] == outputs[1]

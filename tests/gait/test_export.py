@@ -89,7 +89,7 @@ def build(source: Path, *flags: str) -> subprocess.CompletedProcess[str]:
 def test_ten_thousand_steps_are_equal_to_the_bit(
     kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(export, "VECTORS", 10_000)
+    monkeypatch.setattr(export, "VECTOR_COUNT", 10_000)
     source, table = export.export_c(KINDS[kind], tmp_path / f"{kind}.c")
     different = set(table.read_text(encoding="utf-8").splitlines())
     assert len(different) > (1 if kind == "silent" else 5000)
@@ -199,8 +199,8 @@ def test_vectors_are_what_the_time_loop_commands(kind: str) -> None:
     lanes = LaneBatch(Scenario.create(BODY), np.float32)
     program = program_of([controller])
     loop = ClosedLoop(1, lanes.width, np.float32, program.scratch)
-    loop["fins"] = np.array([export.FIN_ANGLES]).T / (2 * np.pi)
-    loop["gain"] = np.array([export.SERVO_GAIN]).T
+    loop["fins"] = np.array([export.VECTOR_FIN_ANGLES]).T / (2 * np.pi)
+    loop["gain"] = np.array([export.VECTOR_SERVO_GAIN]).T
     loop.broken = True
     loop["stuck"] = 1.0  # so that the sensors say what they held before: the observations
     weights = pack_rows(program.weights, np.float32, lanes.width)
@@ -220,7 +220,7 @@ def test_vectors_are_what_the_time_loop_commands(kind: str) -> None:
 def test_vectors_are_near_those_of_the_policy_in_double_precision(kind: str) -> None:
     controller = KINDS[kind]
     observations, commands = export.make_vectors(controller, 50)
-    act = controller.policy(export.FIN_ANGLES, export.SERVO_GAIN)
+    act = controller.policy(export.VECTOR_FIN_ANGLES, export.VECTOR_SERVO_GAIN)
     for step, (observed, expected) in enumerate(zip(observations, commands, strict=True)):
         imu = observed if controller.senses.imu else np.concatenate([np.zeros(9), observed])
         left, right, caudal = act(imu, step * controller.interval * 0.01)

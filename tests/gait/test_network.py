@@ -92,7 +92,7 @@ def test_upright_and_facing_north_reads_plainly() -> None:
     up, north = directions((0.0, 0.0, 0.0))
     layout = [True, 2, True, False]
     still = (0.0, 0.0, 0.0)
-    network.observe(
+    network.put_inputs(
         values, layout, 0.5 * 0.25, up, north, (1.0, -5.0, 0.5), (0.25, -0.25, 0.0), still
     )
     named = dict(zip(senses.names, values, strict=False))
